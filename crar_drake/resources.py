@@ -1,0 +1,28 @@
+"""Where the shipped data lies: robot models, scenarios and built-in motions."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_folder(kind: str) -> Path:
+    """Returns the folder of the shipped "models" or "diagrams".
+
+    In a wheel they lie inside the package; in a checkout (and so in an editable
+    install) beside it.
+
+    Raises:
+        FileNotFoundError: neither place exists, so the installation is broken.
+    """
+    for candidate in (_PACKAGE / kind, _PACKAGE.parent / kind):
+        if candidate.is_dir():
+            return candidate
+    raise FileNotFoundError(
+        f"crar_drake's {kind}/ folder is in neither {_PACKAGE} nor "
+        f"{_PACKAGE.parent}; reinstall the package"
+    )
+
+
+def builtin_motions_folder() -> Path:
+    """Returns the folder of the motions that this project authored."""
+    return _PACKAGE / "motion" / "builtin"

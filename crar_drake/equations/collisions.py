@@ -1,0 +1,131 @@
+"""The collision potential and its weight: Eqs. (19)-(26)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
+# d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
+DISTANCE_CLAMP = 1e-3
+
+
+def collision_potential(
+    d: np.ndarray,
+    rho: float | np.ndarray,
+    alpha: float | np.ndarray,
+    beta: float | np.ndarray,
+) -> np.ndarray:
+    """Eqs. (22), (24): f_j = rho_j exp(-alpha_j d_j) d_j^-beta_j.
+
+    Args:
+        d: (Nc,) signed distances, positive [m].
+        rho, alpha, beta: scalars or (Nc,); amplitude, decay [1/m], exponent.
+
+    Returns:
+        (Nc,) potentials.
+    """
+    return rho * np.exp(-alpha * d) * d**-beta
+
+
+def collision_potential_slope(
+    d: np.ndarray,
+    rho: float | np.ndarray,
+    alpha: float | np.ndarray,
+    beta: float | np.ndarray,
+) -> np.ndarray:
+    """Eq. (23): df/dd = -rho exp(-alpha d) d^-beta (beta/d + alpha).
+
+    Below DISTANCE_CLAMP, in contact and in penetration it is taken there.
+
+    Args:
+        d: (Nc,) signed distances [m].
+        rho, alpha, beta: scalars or (Nc,); amplitude, decay [1/m], exponent.
+
+    Returns:
+        (Nc,) slopes [1/m], never positive, always finite.
+    """
+    d = np.maximum(d, DISTANCE_CLAMP)
+    return -rho * np.exp(-alpha * d) * d**-beta * (beta / d + alpha)
+
+
+def distance_gradient(
+    normal: np.ndarray, J_a: np.ndarray, J_b: np.ndarray
+) -> np.ndarray:
+    """Eq. (20): dd/dq = n^T (J_a - J_b), with n = (p_a - p_b) / d.
+
+    The unit normal stands for (p_a - p_b) / d, which has no value at d = 0 and
+    the wrong sign inside. For geometry welded to the world J_b is 0.
+
+    Args:
+        normal: (Nc, 3) unit vectors from b towards a, in W.
+        J_a, J_b: (Nc, 3, n) translational Jacobians of the witness points, in W.
+
+    Returns:
+        (Nc, n) gradients [m/rad or 1].
+    """
+    return np.einsum("ci,cin->cn", normal, J_a - J_b)
+
+
+def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:
+    """Eqs. (19), (25): grad f_j = (df_j/dd_j) (dd_j/dq).
+
+    Args:
+        slope: (Nc,) Eq. (23).
+        dd_dq: (Nc, n) Eq. (20).
+
+    Returns:
+        (Nc, n).
+    """
+    return slope[:, None] * dd_dq
+
+
+def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """The |grad f_i| that Eq. (21) compares between steps, per pair and joint.
+
+    Down to DISTANCE_CLAMP it is the magnitude of Eq. (25); below, where the slope
+    is clamped, it goes on growing linearly with the depth, so that going deeper
+    is told from coming out.
+
+    Args:
+        gradient: (Nc, n) Eq. (25).
+        d: (Nc,) signed distances, not clamped [m].
+
+    Returns:
+        (Nc, n).
+    """
+    depth = np.maximum(DISTANCE_CLAMP - d, 0.0) / DISTANCE_CLAMP
+    return np.abs(gradient) * (1.0 + depth)[:, None]
+
+
+def pair_weights(
+    gradient: np.ndarray, proximity: np.ndarray, previous: np.ndarray | None
+) -> np.ndarray:
+    """Eq. (21): the diagonals of W_COL_j, one row per pair.
+
+    Args:
+        gradient: (Nc, n) Eq. (25) at the present step.
+        proximity: (Nc, n) `collision_proximity` at the present step.
+        previous: (Nc, n) the same at the previous step; None at the first step,
+            where the change counts as 0, that is as approaching.
+
+    Returns:
+        (Nc, n) 1 + |grad f_i| where the pair approaches, else 1.
+    """
+    magnitude = np.abs(gradient)
+    if previous is None:
+        return 1.0 + magnitude
+    return 1.0 + np.where(proximity >= previous, magnitude, 0.0)
+
+
+def collision_weights(W_COL_j: np.ndarray) -> np.ndarray:
+    """Eq. (26): the diagonal of W_COL, the mean of the pairs' W_COL_j.
+
+    Args:
+        W_COL_j: (Nc, n) Eq. (21).
+
+    Returns:
+        (n,); ones when no pair is watched.
+    """
+    if not len(W_COL_j):
+        return np.ones(W_COL_j.shape[1])
+    return W_COL_j.mean(axis=0)

@@ -1,0 +1,92 @@
+"""The joint-limit potential and its weight: Eqs. (17) and (18)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Nearer than this to a limit [rad or m] the gradient is taken at this distance:
+# at the limit it is infinite, and beyond it the printed formula shrinks again.
+LIMIT_CLAMP = 1e-4
+
+
+def joint_limit_potential(
+    q: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """The potential h whose gradient is Eq. (17): (u-l)^2 / (4 (u-q) (q-l)).
+
+    Defined between finite limits only; here for tests and plots.
+
+    Args:
+        q, lower, upper: (n,) positions and limits [rad or m].
+
+    Returns:
+        (n,) h_i [1]; 1 in the middle of the range, infinite at the limits.
+    """
+    return (upper - lower) ** 2 / (4.0 * (upper - q) * (q - lower))
+
+
+def joint_limit_gradient(
+    q: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """Eq. (17): the gradient of the joint-limit potential, per joint.
+
+    Inside by less than LIMIT_CLAMP, or outside, it is taken at LIMIT_CLAMP inside
+    (for a range narrower than four clamps, at a quarter of the range). Where a
+    limit is infinite the joint counts as unlimited and the gradient is 0.
+
+    Args:
+        q: (n,) positions [rad or m].
+        lower, upper: (n,) limits [rad or m], +-inf where there is none.
+
+    Returns:
+        (n,) gradient [1/rad or 1/m].
+    """
+    limited = np.isfinite(lower) & np.isfinite(upper)
+    lower = np.where(limited, lower, -1.0)
+    upper = np.where(limited, upper, 1.0)
+    span = upper - lower
+    clamp = np.minimum(LIMIT_CLAMP, 0.25 * span)
+    q = np.clip(q, lower + clamp, upper - clamp)
+    to_upper, to_lower = upper - q, q - lower
+    gradient = span**2 * (to_lower - to_upper) / (4.0 * (to_upper * to_lower) ** 2)
+    return np.where(limited, gradient, 0.0)
+
+
+def joint_limit_proximity(
+    q: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """The |grad h_i| that Eq. (18) compares between steps.
+
+    Inside the clamp it is the magnitude of Eq. (17). From there outwards the
+    printed formula jumps to infinity and then shrinks, so it would take going
+    further out for coming back; here it goes on growing linearly with q instead.
+
+    Args:
+        q: (n,) positions, not clamped [rad or m].
+        lower, upper: (n,) limits [rad or m], +-inf where there is none.
+
+    Returns:
+        (n,) monotone measure of nearness [1/rad or 1/m]; 0 for unlimited joints.
+    """
+    magnitude = np.abs(joint_limit_gradient(q, lower, upper))
+    beyond = np.maximum(lower + LIMIT_CLAMP - q, q - upper + LIMIT_CLAMP)
+    return magnitude * (1.0 + np.maximum(beyond, 0.0) / LIMIT_CLAMP)
+
+
+def joint_limit_weights(
+    gradient: np.ndarray, proximity: np.ndarray, previous: np.ndarray | None
+) -> np.ndarray:
+    """Eq. (18): the diagonal of W_JL.
+
+    Args:
+        gradient: (n,) Eq. (17) at the present step.
+        proximity: (n,) `joint_limit_proximity` at the present step.
+        previous: (n,) the same at the previous step; None at the first step,
+            where the change counts as 0, that is as approaching.
+
+    Returns:
+        (n,) 1 + |grad h_i| for a joint that approaches its limit, else 1.
+    """
+    if previous is None:
+        return 1.0 + np.abs(gradient)
+    return 1.0 + np.where(proximity >= previous, np.abs(gradient), 0.0)

@@ -1,0 +1,121 @@
+"""Constrained resolved acceleration: Eqs. (10), (12), (13), (15), (30)-(35).
+
+`J_star` is Eq. (34) everywhere (with zero damping, Eq. (16)). Where some joints
+are prescribed, the caller moves their share to the right-hand side: J_p v_p at the
+velocity level, J_p a_p at the acceleration level.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.weighted_inverse import null_space_projector
+
+
+def constrained_velocity(J_star: np.ndarray, v_r: np.ndarray) -> np.ndarray:
+    """Eq. (15): q_dot_c = J+ (v_d + K e), constrained by the weight in J+.
+
+    With W = I it is Eq. (9).
+
+    Args:
+        J_star: (n, m) Eq. (34).
+        v_r: (m,) v_d + K e of Eq. (9), less the prescribed joints' share.
+
+    Returns:
+        (n,) [rad/s].
+    """
+    return J_star @ v_r
+
+
+def velocity_level_acceleration(
+    qdot_c: np.ndarray, previous: np.ndarray | None, period: float
+) -> np.ndarray:
+    """Eq. (10): alpha = d/dt q_dot_r, as the difference over one control step.
+
+    Args:
+        qdot_c: (n,) Eq. (15) at this step [rad/s].
+        previous: (n,) the same at the previous step; None at the first step, where
+            there is no difference to take and alpha is 0 (no spike).
+        period: control period [s].
+
+    Returns:
+        (n,) [rad/s^2].
+    """
+    if previous is None:
+        return np.zeros_like(qdot_c)
+    return (qdot_c - previous) / period
+
+
+def null_space_motion(
+    qdot_c: np.ndarray, qdot: np.ndarray, GvN: float | np.ndarray
+) -> np.ndarray:
+    """Eq. (33): zeta = GvN (q_dot_c - q_dot), (n,) [rad/s^2]."""
+    return GvN * (qdot_c - qdot)
+
+
+def acceleration_level_acceleration(
+    J: np.ndarray,
+    J_star: np.ndarray,
+    a_r: np.ndarray,
+    Jdot_qdot: np.ndarray,
+    zeta: np.ndarray,
+) -> np.ndarray:
+    """Eqs. (13), (31), (35): alpha = J+ (a_r - Jdot qdot) [+ N zeta if m < n].
+
+    Args:
+        J: (m, n) task Jacobian.
+        J_star: (n, m) Eq. (34).
+        a_r: (m,) Eq. (14), less the prescribed joints' share [rad/s^2, m/s^2].
+        Jdot_qdot: (m,) bias acceleration of all joints [rad/s^2, m/s^2].
+        zeta: (n,) Eq. (33) [rad/s^2].
+
+    Returns:
+        (n,) [rad/s^2].
+    """
+    alpha = J_star @ (a_r - Jdot_qdot)
+    m, n = J.shape
+    if m < n:
+        alpha += null_space_projector(J, J_star) @ zeta
+    return alpha
+
+
+def constrained_resolved_acceleration(
+    alpha: np.ndarray,
+    qdot_c: np.ndarray,
+    qdot: np.ndarray,
+    Gv: float | np.ndarray,
+) -> np.ndarray:
+    """Eq. (30): alpha_c = alpha + Gv (q_dot_c - q_dot).
+
+    With alpha of Eq. (10) it is also Eq. (12) with K_qv = H Gv, the reading taken
+    here: both levels then differ in alpha only.
+
+    Args:
+        alpha: (n,) Eq. (10) or Eq. (35) [rad/s^2].
+        qdot_c: (n,) Eq. (15) [rad/s].
+        qdot: (n,) present velocity [rad/s].
+        Gv: gain, a scalar or (n,) [1/s].
+
+    Returns:
+        (n,) [rad/s^2].
+    """
+    return alpha + Gv * (qdot_c - qdot)
+
+
+def error_dynamics_residual(
+    e: np.ndarray,
+    e_dot: np.ndarray,
+    e_ddot: np.ndarray,
+    J: np.ndarray,
+    qdot_c: np.ndarray,
+    qdot: np.ndarray,
+    Kp: float,
+    Kv: float,
+    Gv: float,
+) -> np.ndarray:
+    """Eq. (32): e_dd + Kv e_d + Kp e + J Gv (q_dot_c - q_dot), which is 0.
+
+    Holds for full row rank, no damping and no orientation tasks; (m,). For
+    checking a simulation against the theory.
+    """
+    return e_ddot + Kv * e_dot + Kp * e + J @ (Gv * (qdot_c - qdot))

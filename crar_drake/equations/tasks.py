@@ -1,0 +1,244 @@
+"""Task variables and their error: Eqs. (4)-(8) and (11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+KINDS = ("position", "orientation", "pose")
+
+
+@dataclass(frozen=True)
+class TaskLayout:
+    """Eqs. (4), (7), (8): where each task stands in the stacked vectors.
+
+    The rows of v, a, e and J follow the tasks in order. A pose has six rows,
+    [omega; p_dot] as in Eq. (4), a position or an orientation three.
+
+    The vector of desired tasks is [x_d; v_d; a_d] (the layout that Drake's
+    TrajectorySource with two derivatives emits for position tasks):
+
+    * x_d: per task a position (x, y, z) [m], an orientation as a unit quaternion
+      (w, x, y, z), or for a pose the quaternion and then the position;
+    * v_d (m,): per task as in Eq. (4) [rad/s, m/s];
+    * a_d (m,): its derivative [rad/s^2, m/s^2].
+
+    All are expressed in the world frame W.
+
+    Attributes:
+        names: the tasks' names.
+        kinds: per task "position", "orientation" or "pose".
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+    # Derived in __post_init__.
+    m: int = field(init=False)  # rows of v, a, e, J
+    size_x: int = field(init=False)  # entries of x_d
+    angular_tasks: np.ndarray = field(init=False)  # task indices with a rotation
+    linear_tasks: np.ndarray = field(init=False)  # task indices with a position
+    angular_rows: np.ndarray = field(init=False)  # (Na, 3) their rows
+    linear_rows: np.ndarray = field(init=False)  # (Nl, 3) their rows
+    quaternion_entries: np.ndarray = field(init=False)  # (Na, 4) entries of x_d
+    position_entries: np.ndarray = field(init=False)  # (Nl, 3) entries of x_d
+
+    def __post_init__(self) -> None:
+        angular, linear = [], []
+        angular_rows, linear_rows = [], []
+        quaternions, positions = [], []
+        row = entry = 0
+        for index, kind in enumerate(self.kinds):
+            if kind not in KINDS:
+                raise ValueError(f"kind of task {self.names[index]}: {kind!r}")
+            if kind != "position":
+                angular.append(index)
+                angular_rows.append(range(row, row + 3))
+                quaternions.append(range(entry, entry + 4))
+                row, entry = row + 3, entry + 4
+            if kind != "orientation":
+                linear.append(index)
+                linear_rows.append(range(row, row + 3))
+                positions.append(range(entry, entry + 3))
+                row, entry = row + 3, entry + 3
+        derived = {
+            "m": row,
+            "size_x": entry,
+            "angular_tasks": np.array(angular, dtype=int),
+            "linear_tasks": np.array(linear, dtype=int),
+            "angular_rows": np.array(angular_rows, dtype=int).reshape(-1, 3),
+            "linear_rows": np.array(linear_rows, dtype=int).reshape(-1, 3),
+            "quaternion_entries": np.array(quaternions, dtype=int).reshape(-1, 4),
+            "position_entries": np.array(positions, dtype=int).reshape(-1, 3),
+        }
+        for name, value in derived.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def size(self) -> int:
+        """Number of entries of [x_d; v_d; a_d]."""
+        return self.size_x + 2 * self.m
+
+    def rows_of(self, task: int) -> slice:
+        """Returns the rows of task number `task` in v, a, e and J."""
+        sizes = [6 if kind == "pose" else 3 for kind in self.kinds]
+        start = sum(sizes[:task])
+        return slice(start, start + sizes[task])
+
+    def unpack(self, desired: np.ndarray) -> DesiredTasks:
+        """Splits [x_d; v_d; a_d] (size,) into its parts."""
+        x = desired[: self.size_x]
+        return DesiredTasks(
+            R=rotation_from_quaternion(x[self.quaternion_entries]),
+            p=x[self.position_entries],
+            v=desired[self.size_x : self.size_x + self.m],
+            a=desired[self.size_x + self.m :],
+        )
+
+    def pack(
+        self,
+        R: np.ndarray,
+        p: np.ndarray,
+        v: np.ndarray | None = None,
+        a: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Builds [x_d; v_d; a_d] (size,) from rotations (Na, 3, 3), positions
+        (Nl, 3), velocities (m,) and accelerations (m,); those left out are 0."""
+        desired = np.zeros(self.size)
+        desired[self.quaternion_entries] = quaternion_from_rotation(np.asarray(R))
+        desired[self.position_entries] = p
+        if v is not None:
+            desired[self.size_x : self.size_x + self.m] = v
+        if a is not None:
+            desired[self.size_x + self.m :] = a
+        return desired
+
+
+@dataclass(frozen=True)
+class DesiredTasks:
+    """The targets of one instant, in the order of a TaskLayout.
+
+    Attributes:
+        R: (Na, 3, 3) desired orientations R_WTd, of the tasks that have one.
+        p: (Nl, 3) desired positions p_WTd [m], of the tasks that have one.
+        v: (m,) desired velocities, Eq. (4) [rad/s, m/s].
+        a: (m,) desired accelerations [rad/s^2, m/s^2].
+    """
+
+    R: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
+    """Eq. (11), upper part: 1/2 (n x n_d + s x s_d + c x c_d).
+
+    Equals sin(theta) times the axis of the rotation from R to R_d, so it vanishes
+    at 180 degrees too: from exactly there it gives no direction.
+
+    Args:
+        R: (..., 3, 3) present orientations R_WT, columns n, s, c.
+        R_d: (..., 3, 3) desired orientations R_WTd.
+
+    Returns:
+        (..., 3) error, expressed in W [rad for small angles].
+    """
+    # Half the sum of the cross products of equal columns is the vector of the
+    # skew part of R_d R^T.
+    E = R_d @ np.swapaxes(R, -1, -2)
+    return 0.5 * np.stack(
+        [
+            E[..., 2, 1] - E[..., 1, 2],
+            E[..., 0, 2] - E[..., 2, 0],
+            E[..., 1, 0] - E[..., 0, 1],
+        ],
+        axis=-1,
+    )
+
+
+def task_error(
+    layout: TaskLayout,
+    R: np.ndarray,
+    p: np.ndarray,
+    R_d: np.ndarray,
+    p_d: np.ndarray,
+) -> np.ndarray:
+    """Eq. (11): the stacked error e, orientation above position per task.
+
+    Args:
+        layout: which rows belong to which task.
+        R: (Na, 3, 3) present orientations of the tasks that have one.
+        p: (Nl, 3) present positions [m] of the tasks that have one.
+        R_d: (Na, 3, 3) desired orientations.
+        p_d: (Nl, 3) desired positions [m].
+
+    Returns:
+        (m,) error [rad, m].
+    """
+    e = np.empty(layout.m)
+    if len(layout.angular_rows):
+        e[layout.angular_rows] = orientation_error(R, R_d)
+    e[layout.linear_rows] = p_d - p
+    return e
+
+
+def task_weights(
+    layout: TaskLayout,
+    position_weights: Sequence[float],
+    orientation_weights: Sequence[float],
+) -> np.ndarray:
+    """Row weights S of the tasks: J, v, a of Eqs. (5), (6) become S J, S v, S a.
+
+    With them the damped least squares of Eq. (34) weighs metres against radians.
+
+    Args:
+        layout: which rows belong to which task.
+        position_weights: per task, for its position rows [1].
+        orientation_weights: per task, for its orientation rows [m/rad].
+
+    Returns:
+        (m,) weights.
+    """
+    S = np.ones(layout.m)
+    S[layout.angular_rows] = np.asarray(orientation_weights)[layout.angular_tasks, None]
+    S[layout.linear_rows] = np.asarray(position_weights)[layout.linear_tasks, None]
+    return S
+
+
+def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) in the order w x y z.
+
+    The quaternion is normalised; a zero one gives NaN, which the caller refuses.
+    """
+    if not quaternion.size:
+        return np.empty(quaternion.shape[:-1] + (3, 3))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    w, x, y, z = np.moveaxis(unit, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_from_rotation(R: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4), order w x y z, w >= 0, of rotations (..., 3, 3)."""
+    if not R.size:
+        return np.empty(R.shape[:-2] + (4,))
+    # The eigenvector of the largest eigenvalue of this symmetric matrix is the
+    # quaternion; unlike the trace formula it has no bad case.
+    K = np.empty(R.shape[:-2] + (4, 4))
+    K[..., 0, 0] = np.trace(R, axis1=-2, axis2=-1)
+    K[..., 0, 1] = K[..., 1, 0] = R[..., 2, 1] - R[..., 1, 2]
+    K[..., 0, 2] = K[..., 2, 0] = R[..., 0, 2] - R[..., 2, 0]
+    K[..., 0, 3] = K[..., 3, 0] = R[..., 1, 0] - R[..., 0, 1]
+    K[..., 1:, 1:] = R + np.swapaxes(R, -1, -2)
+    K[..., [1, 2, 3], [1, 2, 3]] -= np.trace(R, axis1=-2, axis2=-1)[..., None]
+    _, vectors = np.linalg.eigh(K)
+    quaternion = vectors[..., -1]
+    return np.where(quaternion[..., :1] < 0, -quaternion, quaternion)

@@ -1,10 +1,33 @@
-"""Acclaim skeletons (ASF) and motions (AMC): reading, writing, kinematics."""
+"""Acclaim skeletons (ASF) and motions (AMC): reading, writing, kinematics.
+
+The conventions are those of the CMU Graphics Lab database: lengths in inches
+divided by the skeleton's own `length` value, rotations Rz Ry Rx of fixed axes,
+y up. Angles are never clamped to the skeleton's limits: real files exceed them,
+and exceed a full turn as well.
+"""
 
 from __future__ import annotations
 
+import math
+import os
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn, TextIO
 
 import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.files import whole_file
+
+INCH = 0.0254  # [m]
+CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
+CMU_FRAME_RATE = 120.0  # [Hz]
+CMU_SLOW_SUBJECTS = {60: 60.0, 61: 60.0}  # subject: rate [Hz]
+
+_ROOT_ORDER = ("TX", "TY", "TZ", "RX", "RY", "RZ")
+_DOF_NAMES = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
@@ -32,10 +55,23 @@ class Bone:
 
 @dataclass(frozen=True)
 class Skeleton:
-    """An ASF skeleton: `bones` maps name to Bone, each parent before its children."""
+    """An ASF skeleton: `bones` maps name to Bone, each parent before its children.
+
+    Attributes:
+        name: what the file or the author calls it.
+        bones: name to Bone.
+        length_unit: the file's `length` value; one file unit is 0.0254 m divided
+            by it. Lengths in `bones` are metres already; motions need it.
+    """
 
     name: str
     bones: dict[str, Bone]
+    length_unit: float = CMU_LENGTH
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Metres in one length unit of this skeleton's files [m]."""
+        return INCH / self.length_unit
 
 
 @dataclass(frozen=True)
@@ -57,3 +93,619 @@ class Clip:
     root_position: np.ndarray  # [m]
     root_rotation: np.ndarray  # [rad]
     joints: dict[str, np.ndarray]  # [rad]
+
+    @property
+    def num_frames(self) -> int:
+        """Number of samples T."""
+        return len(self.root_position)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return (self.num_frames - 1) / self.frame_rate
+
+
+@dataclass(frozen=True)
+class BonePoses:
+    """Where every bone is, in the file's y-up world W.
+
+    Each dict has an entry per bone of the skeleton, and "root", whose start and
+    end are both the root's position.
+
+    Attributes:
+        start: bone name to (T, 3) p_WS of its start [m].
+        end: bone name to (T, 3) p_WE of its end [m].
+        rotation: bone name to (T, 3, 3) R_WB, the identity at rest.
+    """
+
+    start: dict[str, np.ndarray]  # [m]
+    end: dict[str, np.ndarray]  # [m]
+    rotation: dict[str, np.ndarray]
+
+
+# --- reading ----------------------------------------------------------------------
+
+
+class _Lines:
+    """The lines of a text file without comments and blanks, with their numbers."""
+
+    def __init__(self, path: Path, file: TextIO) -> None:
+        self.path = path
+        self.number = 0
+        self._file = file
+
+    def __iter__(self) -> Iterator[list[str]]:
+        """Yields each line's words; universal newlines handle LF and CRLF."""
+        for number, line in enumerate(self._file, start=1):
+            self.number = number
+            if "#" in line:
+                line = line[: line.index("#")]
+            words = line.split()
+            if words:
+                yield words
+
+    def fail(self, message: str) -> NoReturn:
+        raise MotionError(f"{self.path}:{self.number}: {message}")
+
+    def numbers(self, words: list[str]) -> list[float]:
+        """Returns the words as finite numbers."""
+        values = []
+        for word in words:
+            try:
+                value = float(word)
+            except ValueError:
+                self.fail(f"expected a number, found {_shown(word)}")
+            if not math.isfinite(value):
+                self.fail(f"{word} is not a finite number; repair the file")
+            values.append(value)
+        return values
+
+
+def _shown(text: str) -> str:
+    """Returns foreign text as something short that is safe to print."""
+    return ascii(text if len(text) <= 24 else text[:21] + "...")
+
+
+def _open(path: Path, kind: str) -> TextIO:
+    try:
+        # A stale path in a comment may be in any encoding: never stumble over it.
+        return open(path, encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise MotionError(
+            f"{path}: cannot read this {kind}: {error.strerror or error}"
+        ) from error
+
+
+def read_asf(path: str | os.PathLike[str]) -> Skeleton:
+    """Reads an Acclaim skeleton.
+
+    Lengths become metres by the file's own `length` value (CMU: 0.45), angles
+    become radians. Bone directions are normalised, since files print six digits.
+
+    Args:
+        path: the ASF file.
+
+    Raises:
+        MotionError: the file is missing, is not an ASF, or its bones do not hang
+            together; the message names file and line.
+    """
+    path = Path(path)
+    with _open(path, "skeleton") as file:
+        return _AsfParser(_Lines(path, file)).parse()
+
+
+class _AsfParser:
+    """One pass over an ASF: section keyword lines switch the meaning of the rest."""
+
+    def __init__(self, lines: _Lines) -> None:
+        self.lines = lines
+        self.name = lines.path.stem
+        self.length_unit: float | None = None
+        self.radians_per_unit = math.pi / 180.0
+        self.seen: set[str] = set()
+        self.raw_bones: dict[str, dict[str, list[str]]] = {}
+        self.bone_lines: dict[str, int] = {}
+        self.parents: dict[str, str] = {}
+        self.children: dict[str, list[str]] = {}
+        self.block: dict[str, list[str]] | None = None
+        self.block_line = 0
+        self.last_key = ""
+
+    def parse(self) -> Skeleton:
+        section = ""
+        handlers = {
+            "units": self.on_units,
+            "root": self.on_root,
+            "bonedata": self.on_bonedata,
+            "hierarchy": self.on_hierarchy,
+        }
+        for words in self.lines:
+            if words[0].startswith(":"):
+                if self.block is not None:
+                    self.lines.fail(
+                        f"the bone begun on line {self.block_line} has no end"
+                    )
+                section = words[0][1:].lower()
+                self.seen.add(section)
+                if section == "name" and len(words) > 1:
+                    self.name = words[1]
+            elif not section:
+                self.lines.fail(
+                    f"not an ASF skeleton: expected a keyword such as :version, "
+                    f"found {_shown(words[0])}"
+                )
+            elif section in handlers:
+                handlers[section](words)
+        if self.block is not None:
+            self.lines.fail(
+                f"the file ends inside the bone begun on line {self.block_line}; "
+                f"it seems cut off"
+            )
+        for needed in ("root", "bonedata", "hierarchy"):
+            if needed not in self.seen:
+                self.lines.fail(f"the skeleton has no :{needed} section")
+        if self.length_unit is None:
+            self.lines.fail(
+                "the :units section has no length, so the scale is unknown; "
+                f"CMU skeletons have 'length {CMU_LENGTH}'"
+            )
+        return Skeleton(self.name, self.ordered_bones(), self.length_unit)
+
+    def on_units(self, words: list[str]) -> None:
+        key = words[0].lower()
+        if key == "length":
+            (value,) = self.values(words, 1)
+            if value <= 0.0:
+                self.lines.fail(f"length must be positive, found {value:g}")
+            self.length_unit = value
+        elif key == "angle":
+            self.radians_per_unit = self.angle_unit(words)
+
+    def angle_unit(self, words: list[str]) -> float:
+        unit = words[1].lower() if len(words) > 1 else ""
+        if unit.startswith("deg"):
+            return math.pi / 180.0
+        if unit.startswith("rad"):
+            return 1.0
+        self.lines.fail(f"angle must be deg or rad, found {_shown(unit)}")
+
+    def on_root(self, words: list[str]) -> None:
+        key = words[0].lower()
+        if key == "order":
+            if tuple(word.upper() for word in words[1:]) != _ROOT_ORDER:
+                self.lines.fail(
+                    f"root order {' '.join(words[1:])} is not supported, only "
+                    f"{' '.join(_ROOT_ORDER)}"
+                )
+        elif key == "axis":
+            self.check_axis_order(words[1:2])
+        elif key in ("position", "orientation") and any(self.values(words, 3)):
+            self.lines.fail(f"a root {key} other than 0 0 0 is not supported")
+
+    def check_axis_order(self, words: list[str]) -> None:
+        if [word.upper() for word in words] != ["XYZ"]:
+            self.lines.fail(
+                f"axis order {_shown(' '.join(words))} is not supported, only XYZ"
+            )
+
+    def on_bonedata(self, words: list[str]) -> None:
+        key = words[0].lower()
+        if key == "begin":
+            if self.block is not None:
+                self.lines.fail(f"the bone begun on line {self.block_line} has no end")
+            self.block, self.block_line = {}, self.lines.number
+        elif self.block is None:
+            self.lines.fail(f"expected begin, found {_shown(words[0])}")
+        elif key == "end":
+            self.end_bone()
+        elif key.startswith("("):
+            if self.last_key != "limits":
+                self.lines.fail("a pair of limits without the word limits before it")
+            self.block["limits"] += words
+        else:
+            # Values are checked here, while the line number is at hand.
+            if key == "direction":
+                self.values(words, 3)
+            elif key == "length":
+                self.values(words, 1)
+            elif key == "axis":
+                self.values(words[:4], 3)
+                self.check_axis_order(words[4:])
+            elif key == "dof":
+                for name in words[1:]:
+                    if name.lower() not in _DOF_NAMES:
+                        self.lines.fail(
+                            f"dof {_shown(name)} is not supported, only rx ry rz"
+                        )
+                if len({name.lower() for name in words[1:]}) < len(words) - 1:
+                    self.lines.fail("a dof is listed twice")
+            elif key == "name" and len(words) != 2:
+                self.lines.fail("a bone needs one name without spaces")
+            self.block[key] = words[1:]
+            self.last_key = key
+
+    def end_bone(self) -> None:
+        assert self.block is not None
+        for needed in ("name", "direction", "length", "axis"):
+            if needed not in self.block:
+                self.lines.fail(
+                    f"the bone begun on line {self.block_line} has no {needed}"
+                )
+        name = self.block["name"][0]
+        if name in self.raw_bones or name == "root":
+            self.lines.fail(f"bone {_shown(name)} is defined twice")
+        direction = [float(word) for word in self.block["direction"]]
+        length = float(self.block["length"][0])
+        if length < 0.0 or (length > 0.0 and not any(direction)):
+            self.lines.fail(
+                f"bone {name} needs a length >= 0 and a direction other than 0 0 0"
+            )
+        self.raw_bones[name] = self.block
+        self.bone_lines[name] = self.block_line
+        self.block = None
+
+    def on_hierarchy(self, words: list[str]) -> None:
+        if words[0].lower() in ("begin", "end"):
+            return
+        parent, *children = words
+        for name in words:
+            if name != "root" and name not in self.raw_bones:
+                what = "parent" if name == parent else "bone"
+                self.lines.fail(
+                    f"the hierarchy names the {what} {_shown(name)}, which "
+                    f":bonedata does not define"
+                )
+        for child in children:
+            if child == "root" or child in self.parents:
+                self.lines.fail(f"bone {child} has two parents in the hierarchy")
+            self.parents[child] = parent
+            self.children.setdefault(parent, []).append(child)
+
+    def ordered_bones(self) -> dict[str, Bone]:
+        """Returns the bones from the root outwards."""
+        bones: dict[str, Bone] = {}
+        waiting = list(reversed(self.children.get("root", [])))
+        while waiting:
+            name = waiting.pop()
+            bones[name] = self.make_bone(name)
+            waiting += reversed(self.children.get(name, []))
+        for name, line in self.bone_lines.items():
+            if name not in bones:
+                self.lines.number = line
+                self.lines.fail(
+                    f"bone {name} has no way to the root in :hierarchy; give it a "
+                    f"parent there or remove the bone"
+                )
+        if not bones:
+            self.lines.fail("the skeleton has no bones")
+        return bones
+
+    def make_bone(self, name: str) -> Bone:
+        raw = self.raw_bones[name]
+        direction = np.array(raw["direction"], dtype=float)
+        norm = np.linalg.norm(direction)
+        dof = tuple(word.lower() for word in raw.get("dof", []))
+        return Bone(
+            name=name,
+            parent=self.parents[name],
+            direction=direction / norm if norm > 0.0 else direction,
+            length=float(raw["length"][0]) * INCH / self.length_unit,
+            axis=np.array(raw["axis"][:3], dtype=float) * self.radians_per_unit,
+            dof=dof,
+            limits=self.limits(raw.get("limits", []), len(dof)),
+        )
+
+    def limits(self, words: list[str], count: int) -> tuple[tuple[float, float], ...]:
+        """Returns the limits [rad], or none where they make no sense."""
+        text = re.sub(r"[(),]", " ", " ".join(words)).split()
+        try:
+            values = [float(word) * self.radians_per_unit for word in text]
+        except ValueError:
+            return ()
+        if len(values) != 2 * count:
+            return ()
+        return tuple(zip(values[0::2], values[1::2], strict=True))
+
+    def values(self, words: list[str], count: int) -> list[float]:
+        if len(words) - 1 != count:
+            self.lines.fail(f"{words[0]} needs {count} values, found {len(words) - 1}")
+        return self.lines.numbers(words[1:])
+
+
+def default_frame_rate(path: str | os.PathLike[str]) -> float:
+    """Returns the CMU database's rate for a file name such as 60_01.amc [Hz].
+
+    The files do not say it: it is 120 Hz, but 60 Hz for subjects 60 and 61.
+    """
+    match = re.match(r"(\d+)_\d+$", Path(path).stem)
+    subject = int(match.group(1)) if match else -1
+    return CMU_SLOW_SUBJECTS.get(subject, CMU_FRAME_RATE)
+
+
+def read_amc(
+    path: str | os.PathLike[str],
+    skeleton: Skeleton,
+    *,
+    frame_rate: float | None = None,
+    name: str | None = None,
+) -> Clip:
+    """Reads an Acclaim motion, line by line.
+
+    Args:
+        path: the AMC file. The skeleton's path in its first comment is stale in
+            every CMU file and is not looked at.
+        skeleton: the skeleton that the motion was recorded on.
+        frame_rate: samples per second [Hz]; overrides the file's own
+            `:SAMPLES-PER-SECOND` line and the default_frame_rate.
+        name: what messages call the motion; by default the file's stem.
+
+    Raises:
+        MotionError: the file is missing, damaged, has fewer than two frames, or
+            does not fit the skeleton; the message names file and line.
+    """
+    path = Path(path)
+    counts = {bone.name: len(bone.dof) for bone in skeleton.bones.values()}
+    counts["root"] = 6
+    needed = [bone for bone, count in counts.items() if count > 0]
+    columns: dict[str, list[list[float]]] = {bone: [] for bone in needed}
+    frames = 0
+    radians_per_unit = math.pi / 180.0
+    stated_rate: float | None = None
+
+    with _open(path, "motion") as file:
+        lines = _Lines(path, file)
+
+        def check_complete() -> None:
+            missing = [bone for bone in needed if len(columns[bone]) < frames]
+            if missing:
+                more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+                lines.fail(
+                    f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
+                    f"the file is cut off or belongs to another skeleton than "
+                    f"{_shown(skeleton.name)}"
+                )
+
+        for words in lines:
+            bone = words[0]
+            if bone in columns and frames > 0:
+                column = columns[bone]
+                if len(words) - 1 != counts[bone]:
+                    lines.fail(
+                        f"{bone} needs {counts[bone]} values on skeleton "
+                        f"{_shown(skeleton.name)}, found {len(words) - 1}"
+                    )
+                if len(column) == frames:
+                    lines.fail(f"{bone} appears twice in frame {frames}")
+                column.append(lines.numbers(words[1:]))
+            elif len(words) == 1 and bone.isascii() and bone.isdigit():
+                check_complete()
+                if int(bone) != frames + 1:
+                    lines.fail(
+                        f"frame {bone} where frame {frames + 1} was expected; "
+                        f"frames are numbered from 1 without gaps"
+                    )
+                frames += 1
+            elif bone.startswith(":") and frames == 0:
+                keyword = bone.upper()
+                if keyword == ":RADIANS":
+                    radians_per_unit = 1.0
+                elif keyword == ":SAMPLES-PER-SECOND":
+                    stated_rate = _stated_rate(lines, words)
+            elif frames == 0:
+                lines.fail(
+                    f"not an AMC motion: expected frame number 1, found {_shown(bone)}"
+                )
+            elif bone in counts:
+                lines.fail(
+                    f"{bone} has no degrees of freedom on skeleton "
+                    f"{_shown(skeleton.name)}"
+                )
+            else:
+                lines.fail(
+                    f"bone {_shown(bone)} is not in skeleton {_shown(skeleton.name)}; "
+                    f"give the motion's own skeleton"
+                )
+        if frames < 2:
+            have = "no frames" if frames == 0 else "a single frame"
+            lines.fail(f"the motion has {have}; at least 2 are needed")
+        check_complete()
+
+    root = np.array(columns.pop("root"))
+    rate = stated_rate if frame_rate is None else frame_rate
+    if rate is None:
+        rate = default_frame_rate(path)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise MotionError(f"{path}: the frame rate must be positive, not {rate}")
+    return Clip(
+        name=path.stem if name is None else name,
+        skeleton=skeleton,
+        frame_rate=float(rate),
+        root_position=root[:, :3] * skeleton.metres_per_unit,
+        root_rotation=root[:, 3:] * radians_per_unit,
+        joints={
+            bone: np.array(rows) * radians_per_unit for bone, rows in columns.items()
+        },
+    )
+
+
+def _stated_rate(lines: _Lines, words: list[str]) -> float:
+    if len(words) == 2:
+        (rate,) = lines.numbers(words[1:])
+        if rate > 0.0:
+            return rate
+    lines.fail(":SAMPLES-PER-SECOND needs one positive number")
+
+
+# --- writing ----------------------------------------------------------------------
+
+
+def write_asf(path: str | os.PathLike[str], skeleton: Skeleton) -> None:
+    """Writes the skeleton as an ASF file in degrees."""
+    lines = [
+        ":version 1.10",
+        f":name {skeleton.name}",
+        ":units",
+        "  mass 1.0",
+        f"  length {_text(skeleton.length_unit)}",
+        "  angle deg",
+        ":root",
+        f"  order {' '.join(_ROOT_ORDER)}",
+        "  axis XYZ",
+        "  position 0 0 0",
+        "  orientation 0 0 0",
+        ":bonedata",
+    ]
+    children: dict[str, list[str]] = {}
+    for number, bone in enumerate(skeleton.bones.values(), start=1):
+        if bone.parent != "root" and bone.parent not in skeleton.bones:
+            raise MotionError(
+                f"skeleton {skeleton.name}: bone {bone.name} hangs on the unknown "
+                f"bone {bone.parent}"
+            )
+        children.setdefault(bone.parent, []).append(bone.name)
+        lines += [
+            "  begin",
+            f"    id {number}",
+            f"    name {bone.name}",
+            f"    direction {_texts(bone.direction)}",
+            f"    length {_text(bone.length / skeleton.metres_per_unit)}",
+            f"    axis {_texts(np.degrees(bone.axis))} XYZ",
+        ]
+        if bone.dof:
+            lines.append(f"    dof {' '.join(bone.dof)}")
+        for index, pair in enumerate(bone.limits):
+            word = "limits" if index == 0 else "      "
+            lines.append(f"    {word} ({_texts(np.degrees(pair))})")
+        lines.append("  end")
+    lines += [":hierarchy", "  begin"]
+    for parent in ["root", *skeleton.bones]:
+        if parent in children:
+            lines.append(f"    {parent} {' '.join(children[parent])}")
+    lines.append("  end")
+    with whole_file(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_amc(path: str | os.PathLike[str], clip: Clip) -> None:
+    """Writes the motion as an AMC file in degrees, with its frame rate.
+
+    Values keep 12 significant digits and no trailing zeros, so that a motion whose
+    angles were rounded in degrees (and its root in file units) stays small.
+
+    Raises:
+        MotionError: the clip does not fit its skeleton, has fewer than two frames,
+            or holds a value that is not finite.
+    """
+    _check_writable(clip)
+    blocks = [
+        (
+            "root",
+            np.hstack(
+                [
+                    clip.root_position / clip.skeleton.metres_per_unit,
+                    np.degrees(clip.root_rotation),
+                ]
+            ),
+        )
+    ]
+    for bone in clip.skeleton.bones.values():
+        if bone.dof:
+            blocks.append((bone.name, np.degrees(clip.joints[bone.name])))
+    with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        file.write(":FULLY-SPECIFIED\n:DEGREES\n")
+        file.write(f":SAMPLES-PER-SECOND {_text(clip.frame_rate)}\n")
+        for frame in range(clip.num_frames):
+            file.write(f"{frame + 1}\n")
+            for name, values in blocks:
+                file.write(f"{name} {_texts(values[frame])}\n")
+
+
+def _check_writable(clip: Clip) -> None:
+    if clip.num_frames < 2:
+        raise MotionError(f"motion {clip.name}: at least 2 frames are needed")
+    shapes = {
+        bone.name: (clip.num_frames, len(bone.dof))
+        for bone in clip.skeleton.bones.values()
+        if bone.dof
+    }
+    arrays = dict(clip.joints)
+    if set(arrays) != set(shapes):
+        odd = ", ".join(sorted(set(arrays) ^ set(shapes)))
+        raise MotionError(f"motion {clip.name} does not fit its skeleton in: {odd}")
+    shapes |= {"root position": (clip.num_frames, 3)}
+    shapes |= {"root rotation": (clip.num_frames, 3)}
+    arrays |= {"root position": clip.root_position}
+    arrays |= {"root rotation": clip.root_rotation}
+    for name, values in arrays.items():
+        if np.shape(values) != shapes[name]:
+            raise MotionError(
+                f"motion {clip.name}: {name} has shape {np.shape(values)}, "
+                f"not {shapes[name]}"
+            )
+        if not np.all(np.isfinite(values)):
+            raise MotionError(f"motion {clip.name}: {name} is not finite")
+
+
+def _text(value: float) -> str:
+    return f"{value:.12g}"
+
+
+def _texts(values: np.ndarray) -> str:
+    return " ".join(f"{value:.12g}" for value in values)
+
+
+# --- kinematics -------------------------------------------------------------------
+
+
+def rotation_xyz(angles: np.ndarray) -> np.ndarray:
+    """Returns Rz Ry Rx of (..., 3) angles about x, y, z [rad] as (..., 3, 3)."""
+    sx, sy, sz = np.moveaxis(np.sin(angles), -1, 0)
+    cx, cy, cz = np.moveaxis(np.cos(angles), -1, 0)
+    rows = [
+        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+        [-sy, cy * sx, cy * cx],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def forward_kinematics(clip: Clip) -> BonePoses:
+    """Returns where every bone of the clip is at every frame.
+
+    R_WB = R_WP C (Rz Ry Rx)(dof values) Cᵀ with C = (Rz Ry Rx)(axis), and
+    p_WE = p_WS + R_WB direction length, from the root outwards.
+    """
+    root = np.asarray(clip.root_position, dtype=float)
+    start, end = {"root": root}, {"root": root}
+    rotation = {"root": rotation_xyz(np.asarray(clip.root_rotation, dtype=float))}
+    for bone in clip.skeleton.bones.values():
+        R_WB = rotation[bone.parent]
+        if bone.dof:
+            angles = np.zeros((len(root), 3))
+            angles[:, [_DOF_NAMES.index(dof) for dof in bone.dof]] = clip.joints[
+                bone.name
+            ]
+            C = rotation_xyz(bone.axis)
+            R_WB = R_WB @ (C @ rotation_xyz(angles) @ C.T)
+        start[bone.name] = end[bone.parent]
+        end[bone.name] = start[bone.name] + R_WB @ (bone.direction * bone.length)
+        rotation[bone.name] = R_WB
+    return BonePoses(start, end, rotation)
+
+
+def rest_pose(skeleton: Skeleton) -> BonePoses:
+    """Returns the skeleton at rest, root at the origin, as one frame (T = 1)."""
+    return forward_kinematics(
+        Clip(
+            name=skeleton.name,
+            skeleton=skeleton,
+            frame_rate=1.0,
+            root_position=np.zeros((1, 3)),
+            root_rotation=np.zeros((1, 3)),
+            joints={
+                bone.name: np.zeros((1, len(bone.dof)))
+                for bone in skeleton.bones.values()
+                if bone.dof
+            },
+        )
+    )

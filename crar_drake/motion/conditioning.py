@@ -1,0 +1,84 @@
+"""Low-pass filtering and interpolation of recorded samples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.signal import butter, sosfiltfilt
+
+from crar_drake.errors import MotionError
+
+# Voluntary motion of the body lies below about 6 Hz (D. A. Winter, Biomechanics and
+# Motor Control of Human Movement, on cut-off frequencies for marker data). What is
+# above is mostly marker noise, which grows with the square of its frequency in the
+# accelerations that a controller asks for.
+DEFAULT_CUTOFF = 6.0  # [Hz]
+
+# Each pass rolls off with f^-4, both with f^-8: accelerations of what is above the
+# cutoff vanish although differentiating twice multiplies them by f^2.
+DEFAULT_ORDER = 4
+
+MIN_FRAMES = 3  # what a C2 cubic spline with not-a-knot ends needs
+
+
+def low_pass(
+    samples: np.ndarray,
+    frame_rate: float,
+    cutoff: float = DEFAULT_CUTOFF,
+    order: int = DEFAULT_ORDER,
+) -> np.ndarray:
+    """Returns the samples after a zero-phase Butterworth low-pass.
+
+    The filter runs forwards and backwards over the samples, so that nothing is
+    delayed and the gain at the cutoff is 1/2. The ends are extended by the samples
+    turned about the end point, over one period of the cutoff or what there is.
+
+    Args:
+        samples: (T, ...) samples along the first axis, T >= 3.
+        frame_rate: samples per second [Hz].
+        cutoff: the filter's cutoff frequency [Hz].
+        order: the order of one pass.
+
+    Raises:
+        MotionError: too few samples, or a cutoff that the frame rate cannot have.
+    """
+    if len(samples) < MIN_FRAMES:
+        raise MotionError(
+            f"{len(samples)} frames are too few to filter; at least {MIN_FRAMES} "
+            f"are needed"
+        )
+    if not 0.0 < cutoff < frame_rate / 2.0:
+        raise MotionError(
+            f"a low-pass cutoff of {cutoff:g} Hz does not fit a frame rate of "
+            f"{frame_rate:g} Hz; it must lie between 0 and {frame_rate / 2.0:g} Hz"
+        )
+    sections = butter(order, cutoff, fs=frame_rate, output="sos")
+    pad = min(math.ceil(frame_rate / cutoff), len(samples) - 1)
+    return sosfiltfilt(sections, samples, axis=0, padlen=pad)
+
+
+def spline(time: np.ndarray, samples: np.ndarray) -> PiecewisePolynomial:
+    """Returns the cubic spline through the samples, twice continuously differentiable.
+
+    Its ends are not-a-knot: nothing is assumed about the velocity there.
+
+    Args:
+        time: (T,) increasing sample times [s], T >= 3.
+        samples: (T, k) samples.
+
+    Returns:
+        A trajectory of k rows and one column over [time[0], time[-1]].
+
+    Raises:
+        MotionError: fewer than three samples.
+    """
+    if len(time) < MIN_FRAMES:
+        raise MotionError(
+            f"{len(time)} frames are too few for a spline; at least {MIN_FRAMES} "
+            f"are needed"
+        )
+    return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
+        time, np.ascontiguousarray(np.transpose(samples))
+    )

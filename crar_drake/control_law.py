@@ -1,0 +1,357 @@
+"""One control step, from state and targets to accelerations and torque.
+
+This is the order of the paper: error, references, weights, inverse, velocity level,
+acceleration level, resolved acceleration, inverse dynamics. Each line calls one
+equation. There is no Drake system here: `CrarController` wraps it for diagrams, and
+`ControlLaw.step` serves a user's own loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crar_drake.equations.blending import blend_tasks, blend_vectors, smooth_step
+from crar_drake.equations.collisions import (
+    collision_gradient,
+    collision_potential_slope,
+    collision_proximity,
+    collision_weights,
+    pair_weights,
+)
+from crar_drake.equations.composite_weight import composite_index, composite_weights
+from crar_drake.equations.joint_limits import (
+    joint_limit_gradient,
+    joint_limit_proximity,
+    joint_limit_weights,
+)
+from crar_drake.equations.references import reference_acceleration, reference_velocity
+from crar_drake.equations.resolved_acceleration import (
+    acceleration_level_acceleration,
+    constrained_resolved_acceleration,
+    constrained_velocity,
+    null_space_motion,
+    velocity_level_acceleration,
+)
+from crar_drake.equations.tasks import task_error
+from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
+from crar_drake.errors import CrarError
+from crar_drake.parameters import CrarParameters
+from crar_drake.robot import ControlModel, ModelState, Workspace
+
+
+class InputError(CrarError):
+    """A value that reached the controller at run time cannot be used."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What one control step is asked to do.
+
+    Attributes:
+        tasks: (layout.size,) [x_d; v_d; a_d], see `TaskLayout`.
+        prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p] of the prescribed joints.
+        nominal_posture: (n,) positions that the null space is drawn to; only if
+            the parameter `nominal_posture_gain` is set.
+    """
+
+    tasks: np.ndarray
+    prescribed: np.ndarray
+    nominal_posture: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What one control step leaves to the next; never changed in place.
+
+    Attributes:
+        tick: number of the control step that wrote it; -1 before the first.
+        start_time: when blending began [s]; with the measured task orientations
+            R_start, positions p_start and prescribed joints q_p_start of then.
+        limit_proximity, pair_proximity: |grad h_i| and |grad f_ji| of that step,
+            which Eqs. (18) and (21) compare with.
+        qdot_c: Eq. (15) of that step, for Eq. (10).
+    """
+
+    tick: int = -1
+    start_time: float = 0.0
+    R_start: np.ndarray | None = None
+    p_start: np.ndarray | None = None
+    q_p_start: np.ndarray | None = None
+    limit_proximity: np.ndarray | None = None
+    pair_proximity: np.ndarray | None = None
+    qdot_c: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The results of one control step.
+
+    Attributes:
+        actuation: (nu,) efforts, in the order of the plant's actuators [Nm or N].
+        acceleration: (nv,) commanded accelerations of all joints: alpha_c of
+            Eq. (30) for the controlled, the desired motion's for the prescribed.
+        task_error: (m,) Eq. (11) against the targets as given, before blending
+            and task weights [rad, m].
+        signed_distances: (Nc,) per watched pair [m].
+        constraint_weights: (n,) diagonal of W.
+        position_command: (nq + nv,) the q and v that the accelerations lead to
+            in one control period.
+        constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
+    """
+
+    actuation: np.ndarray
+    acceleration: np.ndarray
+    task_error: np.ndarray
+    signed_distances: np.ndarray
+    constraint_weights: np.ndarray
+    position_command: np.ndarray
+    constrained_velocity: np.ndarray
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """A control step's results and what it leaves to the next.
+
+    Attributes:
+        solution: the results; None before the first step.
+        memory: for the next step.
+    """
+
+    solution: Solution | None
+    memory: Memory
+
+    def __deepcopy__(self, memo: dict) -> ControlStep:
+        return self  # Drake copies states often; nothing here is ever changed.
+
+
+@dataclass(frozen=True)
+class ConstraintWeights:
+    """The diagonal of W, and what its next evaluation compares with."""
+
+    W: np.ndarray
+    limit_proximity: np.ndarray | None
+    pair_proximity: np.ndarray | None
+
+
+class ControlLaw:
+    """The constrained resolved acceleration of a robot model and its torque.
+
+    Attributes:
+        model: kinematics, distances, dynamics.
+        parameters: gains and modes.
+    """
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters | None = None
+    ) -> None:
+        """
+        Raises:
+            ScenarioError: a parameter is out of range.
+        """
+        self.model = model
+        self.parameters = parameters or CrarParameters()
+        self.parameters.validate()
+        self.reset()
+
+    def reset(self) -> None:
+        """Makes `step` forget its past: the next call is a first step."""
+        self._workspace = self.model.MakeWorkspace()
+        self._memory = Memory()
+
+    def step(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        tasks: np.ndarray,
+        prescribed: np.ndarray | None = None,
+        nominal_posture: np.ndarray | None = None,
+    ) -> Solution:
+        """The next control step, for a loop without a simulator.
+
+        Call it once a control period; it counts the periods and remembers the
+        previous step.
+
+        Args:
+            q: (nq,) measured positions of the whole plant.
+            v: (nv,) measured velocities.
+            tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
+            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any.
+            nominal_posture: (n,) if `nominal_posture_gain` is set.
+
+        Raises:
+            InputError: an argument has a NaN or the wrong size; it is named.
+        """
+        if prescribed is None:
+            prescribed = np.zeros(0)
+        nq, nv = self.model.plant.num_positions(), self.model.plant.num_velocities()
+        expected = [
+            ("q", q, nq),
+            ("v", v, nv),
+            ("tasks", tasks, self.model.layout.size),
+            ("prescribed", prescribed, 3 * self.model.n_p),
+        ]
+        if self.parameters.nominal_posture_gain:
+            expected.append(("nominal_posture", nominal_posture, self.model.n))
+        tick = self._memory.tick + 1
+        for name, value, size in expected:
+            if np.shape(value) != (size,):
+                raise InputError(
+                    f"{name} has shape {np.shape(value)}; it must be ({size},)"
+                )
+            check_finite(name, value, tick * self.parameters.period)
+        step = self.solve(
+            self._workspace,
+            self._memory,
+            tick,
+            tick * self.parameters.period,
+            np.asarray(q, dtype=float),
+            np.asarray(v, dtype=float),
+            Targets(tasks, prescribed, nominal_posture),
+        )
+        self._memory = step.memory
+        return step.solution
+
+    def solve(
+        self,
+        workspace: Workspace,
+        memory: Memory,
+        tick: int,
+        time: float,
+        q: np.ndarray,
+        v: np.ndarray,
+        targets: Targets,
+    ) -> ControlStep:
+        """One control step, without side effects but on the workspace.
+
+        Args:
+            workspace: of the model; left at the state (q, v).
+            memory: of the previous step; `Memory()` for the first.
+            tick: number of this control step.
+            time: of this step [s].
+            q, v: (nq,), (nv,) state of the whole plant.
+            targets: what to do.
+        """
+        model, gains = self.model, self.parameters
+        layout, S = model.layout, model.row_weights
+        state = model.evaluate(workspace, q, v)
+        desired = layout.unpack(targets.tasks)
+        if memory.tick < 0:
+            memory = Memory(
+                start_time=time, R_start=state.R, p_start=state.p, q_p_start=state.q_p
+            )
+        blend = smooth_step(time - memory.start_time, gains.blend_time)
+        tracked = desired
+        if blend[0] < 1.0:
+            tracked = blend_tasks(
+                layout, memory.R_start, memory.p_start, desired, blend
+            )
+        qddot_p = self._prescribed_acceleration(state, memory, targets, blend)
+
+        e = task_error(layout, state.R, state.p, tracked.R, tracked.p)
+        v_r = reference_velocity(tracked.v, e, gains.K)
+        weights = self._constraint_weights(state, memory)
+        J = S[:, None] * state.J
+        J_star = damped_weighted_pseudo_inverse(J, weights.W, gains.damping)
+        qdot_c = constrained_velocity(J_star, S * (v_r - state.J_p @ state.qdot_p))
+        if gains.level == "velocity":
+            alpha = velocity_level_acceleration(qdot_c, memory.qdot_c, gains.period)
+        else:
+            a_r = reference_acceleration(
+                tracked.a, tracked.v, state.v, e, gains.Kp, gains.velocity_gain
+            )
+            zeta = null_space_motion(qdot_c, state.qdot, gains.null_space_gain)
+            if gains.nominal_posture_gain:
+                zeta = zeta + self._posture_acceleration(state, targets)
+            alpha = acceleration_level_acceleration(
+                J,
+                J_star,
+                S * (a_r - state.J_p @ qddot_p),
+                S * state.Jdot_qdot,
+                zeta,
+            )
+        alpha_c = constrained_resolved_acceleration(alpha, qdot_c, state.qdot, gains.Gv)
+
+        vdot = np.empty(model.n + model.n_p)
+        vdot[model.controlled] = alpha_c
+        vdot[model.prescribed] = qddot_p
+        v_next = v + gains.period * vdot
+        solution = Solution(
+            actuation=model.inverse_dynamics(workspace, vdot),
+            acceleration=vdot,
+            task_error=task_error(layout, state.R, state.p, desired.R, desired.p),
+            signed_distances=state.d,
+            constraint_weights=weights.W,
+            position_command=np.concatenate([q + gains.period * v_next, v_next]),
+            constrained_velocity=qdot_c,
+        )
+        return ControlStep(
+            solution,
+            replace(
+                memory,
+                tick=tick,
+                limit_proximity=weights.limit_proximity,
+                pair_proximity=weights.pair_proximity,
+                qdot_c=qdot_c,
+            ),
+        )
+
+    def _constraint_weights(
+        self, state: ModelState, memory: Memory
+    ) -> ConstraintWeights:
+        """Eqs. (17)-(28) at a state; W = I where constraints are "none"."""
+        model, gains = self.model, self.parameters
+        if gains.constraints == "none":
+            return ConstraintWeights(np.ones(model.n), None, None)
+        limit_gradient = joint_limit_gradient(state.q, model.lower, model.upper)
+        limit_proximity = joint_limit_proximity(state.q, model.lower, model.upper)
+        W_JL = joint_limit_weights(
+            limit_gradient, limit_proximity, memory.limit_proximity
+        )
+        slope = collision_potential_slope(state.d, gains.rho, gains.alpha, gains.beta)
+        gradient = collision_gradient(slope, state.dd_dq)
+        pair_proximity = collision_proximity(gradient, state.d)
+        W_COL = collision_weights(
+            pair_weights(gradient, pair_proximity, memory.pair_proximity)
+        )
+        a = gains.limit_share
+        if a is None:
+            a = composite_index(len(model.pairs))
+        W = composite_weights(W_JL, W_COL, a)
+        return ConstraintWeights(W, limit_proximity, pair_proximity)
+
+    def _prescribed_acceleration(
+        self,
+        state: ModelState,
+        memory: Memory,
+        targets: Targets,
+        blend: tuple[float, float, float],
+    ) -> np.ndarray:
+        """The known accelerations (n_p,): the desired, with Eq. (14)'s feedback."""
+        gains = self.parameters
+        q_d, v_d, a_d = targets.prescribed.reshape(3, -1)
+        if blend[0] < 1.0:
+            q_d, v_d, a_d = blend_vectors(memory.q_p_start, q_d, v_d, a_d, blend)
+        return reference_acceleration(
+            a_d, v_d, state.qdot_p, q_d - state.q_p, gains.Kp, gains.velocity_gain
+        )
+
+    def _posture_acceleration(self, state: ModelState, targets: Targets) -> np.ndarray:
+        """A critically damped pull (n,) towards the nominal posture, for zeta."""
+        stiffness = self.parameters.nominal_posture_gain
+        return (
+            stiffness * (targets.nominal_posture - state.q)
+            - 2.0 * np.sqrt(stiffness) * state.qdot
+        )
+
+
+def check_finite(name: str, value: np.ndarray, time: float) -> None:
+    """Raises InputError, with the port or argument and the time, on NaN or inf."""
+    if not np.isfinite(value).all():
+        bad = np.flatnonzero(~np.isfinite(value))
+        raise InputError(
+            f"{name} has a NaN or infinite value at t = {time:g} s "
+            f"(entries {', '.join(map(str, bad[:8]))}"
+            f"{', ...' if len(bad) > 8 else ''}); check what is connected to it"
+        )

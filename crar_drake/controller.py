@@ -1,0 +1,264 @@
+"""The controller as a Drake system."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+    ValueProducer,
+)
+
+from crar_drake.control_law import (
+    ControlLaw,
+    ControlStep,
+    InputError,
+    Memory,
+    Solution,
+    Targets,
+    check_finite,
+)
+from crar_drake.parameters import CrarParameters
+from crar_drake.robot import ControlModel
+
+_NOTHING = np.zeros(0)
+
+
+class CrarController(LeafSystem):
+    """Constrained Resolved Acceleration Control of Dariush, Bin Hammam and Orin.
+
+    The torque of Eq. (29) that makes the controlled joints accelerate by
+
+        alpha_c = alpha + Gv (q_dot_c - q_dot)                           Eq. (30)
+
+    with q_dot_c of Eq. (15) and alpha of Eq. (10) (level "velocity") or Eq. (35)
+    (level "acceleration"), both through the damped pseudo-inverse of Eq. (34),
+    weighted by the constraints.
+
+                              ┌────────────────┐
+        estimated_state ─────►│                ├──► actuation
+        desired_tasks ───────►│                ├──► desired_acceleration
+        desired_prescribed ──►│ CrarController ├──► task_error
+        nominal_posture ─────►│                ├──► signed_distances
+                              │                ├──► constraint_weights
+                              └────────────────┴──► position_command
+
+    Notation: W the world frame; T a task's frame or point; q, v the plant's
+    positions and velocities; n controlled and n_p prescribed joints, m task rows,
+    Nc watched pairs.
+
+    Input ports:
+        estimated_state: (nq + nv,) [q; v] of the control model's plant.
+        desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
+        desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p]; only if there are
+            prescribed joints.
+        nominal_posture: (n,); only if `nominal_posture_gain` is set.
+
+    Output ports, all of one solve:
+        actuation: (nu,) efforts in the plant's actuator order [Nm or N].
+        desired_acceleration: (nv,) commanded accelerations of all joints.
+        task_error: (m,) Eq. (11) against desired_tasks [rad, m].
+        signed_distances: (Nc,) in the order of the description's pairs [m].
+        constraint_weights: (n,) diagonal of W, Eq. (27).
+        position_command: (nq + nv,) [q; v] one control period on.
+
+    The law is solved once a control period, at t = 0, period, 2 period, ..., on the
+    state of that instant, and held until the next: there is no delay. Where the
+    plant is discrete, its own update happens at the same instant as the
+    controller's, so the outputs then answer from the new state already; where it is
+    continuous they change with the controller's update. All state is in the
+    Context: several simulators may run one diagram.
+
+    Limits: joints with as many velocities as positions, all actuated; the plant's
+    torque is exact where its model is the control model's.
+    """
+
+    def __init__(
+        self,
+        model: ControlModel,
+        parameters: CrarParameters | None = None,
+        *,
+        plant_is_discrete: bool = True,
+    ) -> None:
+        """
+        Args:
+            model: the robot, its tasks and watched pairs.
+            parameters: gains and modes; by default those of the paper.
+            plant_is_discrete: whether the plant that takes the torque is discrete;
+                see the class documentation for what it changes.
+
+        Raises:
+            ScenarioError: a parameter is out of range.
+        """
+        super().__init__()
+        self.set_name("crar_controller")
+        self.law = ControlLaw(model, parameters)
+        self._plant_is_discrete = plant_is_discrete
+        self._period = self.law.parameters.period
+
+        nq = model.plant.num_positions()
+        nv = model.plant.num_velocities()
+        self._nq = nq
+        self._state_port = self.DeclareVectorInputPort("estimated_state", nq + nv)
+        self._tasks_port = self.DeclareVectorInputPort(
+            "desired_tasks", model.layout.size
+        )
+        self._prescribed_port = self._posture_port = None
+        if model.n_p:
+            self._prescribed_port = self.DeclareVectorInputPort(
+                "desired_prescribed", 3 * model.n_p
+            )
+        if self.law.parameters.nominal_posture_gain:
+            self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
+
+        self._held_index = self.DeclareAbstractState(
+            AbstractValue.Make(ControlStep(None, Memory()))
+        )
+        self._workspace_cache = self.DeclareCacheEntry(
+            "control model's contexts",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(model.MakeWorkspace()),
+                calc=lambda context, value: None,
+            ),
+            {self.nothing_ticket()},
+        )
+        sources = {
+            self.time_ticket(),
+            self.all_input_ports_ticket(),
+            self.abstract_state_ticket(self._held_index),
+        }
+        self._solve_cache = self.DeclareCacheEntry(
+            "this control step",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(None), calc=self._CalcStep
+            ),
+            sources,
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
+
+        self._outputs = {
+            name: self.DeclareVectorOutputPort(
+                name, size, self._MakeOutputCalc(name), sources
+            )
+            for name, size in (
+                ("actuation", model.plant.num_actuated_dofs()),
+                ("desired_acceleration", nv),
+                ("task_error", model.m),
+                ("signed_distances", len(model.pairs)),
+                ("constraint_weights", model.n),
+                ("position_command", nq + nv),
+            )
+        }
+
+    def get_input_port_estimated_state(self) -> InputPort:
+        """Port (nq + nv,): measured [q; v]."""
+        return self._state_port
+
+    def get_input_port_desired_tasks(self) -> InputPort:
+        """Port (layout.size,): [x_d; v_d; a_d]."""
+        return self._tasks_port
+
+    def get_input_port_desired_prescribed(self) -> InputPort | None:
+        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p]; None without such joints."""
+        return self._prescribed_port
+
+    def get_input_port_nominal_posture(self) -> InputPort | None:
+        """Port (n,); None unless `nominal_posture_gain` is set."""
+        return self._posture_port
+
+    def get_output_port_actuation(self) -> OutputPort:
+        """Port (nu,): efforts [Nm or N]."""
+        return self._outputs["actuation"]
+
+    def get_output_port_desired_acceleration(self) -> OutputPort:
+        """Port (nv,): commanded accelerations [rad/s^2 or m/s^2]."""
+        return self._outputs["desired_acceleration"]
+
+    def get_output_port_task_error(self) -> OutputPort:
+        """Port (m,): Eq. (11) [rad, m]."""
+        return self._outputs["task_error"]
+
+    def get_output_port_signed_distances(self) -> OutputPort:
+        """Port (Nc,): signed distance per watched pair [m]."""
+        return self._outputs["signed_distances"]
+
+    def get_output_port_constraint_weights(self) -> OutputPort:
+        """Port (n,): diagonal of W."""
+        return self._outputs["constraint_weights"]
+
+    def get_output_port_position_command(self) -> OutputPort:
+        """Port (nq + nv,): [q; v] one control period on."""
+        return self._outputs["position_command"]
+
+    def _MakeOutputCalc(self, name: str):
+        field = "acceleration" if name == "desired_acceleration" else name
+
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(getattr(self._EvalSolution(context), field))
+
+        return calc
+
+    def _EvalSolution(self, context: Context) -> Solution:
+        """The held solution, or that of a tick whose update has not come yet."""
+        held = self._GetHeld(context)
+        tick = self._Tick(context)
+        newer = tick > held.memory.tick and self._plant_is_discrete
+        # An older tick: the user set the time back.
+        if held.solution is None or newer or tick < held.memory.tick:
+            return self._solve_cache.Eval(context).solution
+        return held.solution
+
+    def _Update(self, context: Context, state: State) -> None:
+        step = self._solve_cache.Eval(context)
+        state.get_mutable_abstract_state(int(self._held_index)).set_value(step)
+
+    def _CalcStep(self, context: Context, value: AbstractValue) -> None:
+        tick = self._Tick(context)
+        memory = self._GetHeld(context).memory
+        if tick <= memory.tick:
+            memory = Memory()
+        x = self._EvalPort(self._state_port, context)
+        targets = Targets(
+            tasks=self._EvalPort(self._tasks_port, context),
+            prescribed=self._EvalPort(self._prescribed_port, context),
+            nominal_posture=self._EvalPort(self._posture_port, context),
+        )
+        step = self.law.solve(
+            self._workspace_cache.Eval(context),
+            memory,
+            tick,
+            context.get_time(),
+            x[: self._nq],
+            x[self._nq :],
+            targets,
+        )
+        value.set_value(step)
+
+    def _EvalPort(self, port: InputPort | None, context: Context):
+        if port is None:
+            return _NOTHING
+        if not port.HasValue(context):
+            raise InputError(
+                f"input port {port.get_name()} of {self.get_name()} is not connected"
+            )
+        value = port.Eval(context)
+        check_finite(
+            f"input port {port.get_name()} of {self.get_name()}",
+            value,
+            context.get_time(),
+        )
+        return value
+
+    def _GetHeld(self, context: Context) -> ControlStep:
+        return context.get_abstract_state(int(self._held_index)).get_value()
+
+    def _Tick(self, context: Context) -> int:
+        # The time of a tick is a multiple of the period up to rounding.
+        return math.floor(context.get_time() / self._period + 1e-6)

@@ -1,0 +1,190 @@
+"""What the controller cannot guess about a robot: a YAML file beside its model."""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+import difflib
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    Frame,
+    Joint,
+    ModelInstanceIndex,
+    RigidBody,
+    ScopedName,
+)
+
+from crar_drake.errors import ModelError
+from crar_drake.resources import data_folder
+
+# What a motion can drive a prescribed joint with.
+PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "hold")
+
+
+@dataclass
+class RobotDescription:
+    """Names in a robot model; see `models/README.md` for the file.
+
+    Every name is that of a joint, frame or link of the plant, alone where it is
+    unique, else scoped (`arm::tool`).
+
+    Attributes:
+        name: the robot's name.
+        model: URDF, SDF or model directives (.dmd.yaml), beside the file.
+        base: link that is welded to the world; "" where the model welds itself.
+        prescribed_joints: joint to what the motion drives it with: "waist.x",
+            "waist.y", "waist.z" (the waist's position in the world) or "hold"
+            (stays where it starts).
+        task_frames: name of a point that a motion has to a frame of the model.
+        pairs: watched segment pairs, two links each; a link that is welded to the
+            world counts as environment.
+        rest_posture: joint to position [rad or m]; those not named are at 0.
+        folder: where `model` lies; filled in by `load_robot_description`.
+    """
+
+    name: str = "robot"
+    model: str = ""
+    base: str = ""
+    prescribed_joints: dict[str, str] = field(default_factory=dict)
+    task_frames: dict[str, str] = field(default_factory=dict)
+    pairs: list[list[str]] = field(default_factory=list)
+    rest_posture: dict[str, float] = field(default_factory=dict)
+    folder: str = ""
+
+    def validate(self) -> None:
+        """Checks what can be checked without the model.
+
+        Raises:
+            ModelError: names the entry and what it may be.
+        """
+        for pair in self.pairs:
+            if len(pair) != 2 or pair[0] == pair[1]:
+                raise ModelError(
+                    f"robot {self.name}: pairs: {pair} must name two different links"
+                )
+        for joint, source in self.prescribed_joints.items():
+            if source not in PRESCRIBED_SOURCES:
+                raise ModelError(
+                    f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
+                    f"none of {', '.join(PRESCRIBED_SOURCES)}"
+                )
+
+
+def robot_names() -> list[str]:
+    """Names of the shipped robots."""
+    return sorted(p.parent.name for p in data_folder("models").glob("*/robot.yaml"))
+
+
+def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
+    """Loads a shipped robot by name, or any `robot.yaml` (or its folder) by path.
+
+    Raises:
+        ModelError: there is no such robot, or its file is not a description.
+    """
+    path = Path(robot)
+    if path.is_dir():
+        path = path / "robot.yaml"
+    if not path.is_file():
+        shipped = data_folder("models") / str(robot) / "robot.yaml"
+        if not shipped.is_file():
+            raise ModelError(
+                f"no robot {str(robot)!r}: neither a robot.yaml nor one of the shipped "
+                f"robots{nearest(str(robot), robot_names())}"
+            )
+        path = shipped
+    try:
+        description = yaml_load_typed(schema=RobotDescription, filename=str(path))
+    except Exception as error:
+        raise ModelError(f"{path}: {error}") from error
+    description.folder = str(path.parent)
+    if not (path.parent / description.model).is_file():
+        raise ModelError(
+            f"{path}: model: {description.model!r} is not a file beside it"
+        )
+    description.validate()
+    return description
+
+
+def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
+    """Parses the robot's model into a plant that is registered with a SceneGraph,
+    and welds its base to the world. The plant is not finalized.
+
+    Raises:
+        ModelError: the model file cannot be parsed, or there is no such base.
+    """
+    folder = Path(description.folder)
+    parser = Parser(plant)
+    if (folder / "package.xml").is_file():
+        parser.package_map().AddPackageXml(str(folder / "package.xml"))
+    model = folder / description.model
+    try:
+        parser.AddModels(str(model))
+    except RuntimeError as error:
+        raise ModelError(f"{model}: {error}") from error
+    if description.base:
+        plant.WeldFrames(plant.world_frame(), find_frame(plant, description.base))
+
+
+def find_frame(plant: MultibodyPlant, name: str) -> Frame:
+    """The frame (or link) of that name, plain or scoped; ModelError if none."""
+    return _find(plant, name, "frame", "GetFrameByName", _frame_names)
+
+
+def find_body(plant: MultibodyPlant, name: str) -> RigidBody:
+    """The link of that name, plain or scoped; ModelError if none."""
+    return _find(plant, name, "link", "GetBodyByName", _body_names)
+
+
+def find_joint(plant: MultibodyPlant, name: str) -> Joint:
+    """The joint of that name, plain or scoped; ModelError if none."""
+    return _find(plant, name, "joint", "GetJointByName", _joint_names)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of an error message: "; did you mean x?" or the names there are."""
+    known = sorted(set(known))
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    return f"; known are {', '.join(known)}" if known else ""
+
+
+def _find(plant, name, what, getter, names):
+    scoped = ScopedName.Parse(name)
+    try:
+        if scoped.get_namespace():
+            instance = plant.GetModelInstanceByName(scoped.get_namespace())
+            return getattr(plant, getter)(scoped.get_element(), instance)
+        return getattr(plant, getter)(name)
+    except RuntimeError as error:
+        if "multiple" in str(error):
+            raise ModelError(
+                f"{what} {name!r} is in several models; write model::{name}"
+            ) from error
+        raise ModelError(
+            f"the plant has no {what} {name!r}{nearest(name, names(plant))}"
+        ) from error
+
+
+def _frame_names(plant: MultibodyPlant) -> list[str]:
+    instances = _instances(plant)
+    indices = [i for instance in instances for i in plant.GetFrameIndices(instance)]
+    return [plant.get_frame(i).name() for i in indices]
+
+
+def _body_names(plant: MultibodyPlant) -> list[str]:
+    instances = _instances(plant)
+    indices = [i for instance in instances for i in plant.GetBodyIndices(instance)]
+    return [plant.get_body(i).name() for i in indices]
+
+
+def _joint_names(plant: MultibodyPlant) -> list[str]:
+    return [plant.get_joint(i).name() for i in plant.GetJointIndices()]
+
+
+def _instances(plant: MultibodyPlant) -> list:
+    return [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]

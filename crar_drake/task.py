@@ -1,0 +1,63 @@
+"""What is tracked: a position, orientation or pose of a frame."""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crar_drake.equations.tasks import KINDS
+from crar_drake.errors import ModelError
+
+
+@dataclass
+class Task:
+    """One thing to track: the position, orientation or pose of a frame.
+
+    Attributes:
+        name: the task's name; by default that of the frame.
+        frame: a task frame of the robot description, or any frame of the plant.
+        kind: "position", "orientation" or "pose".
+        point: p_FT, the tracked point T in that frame [m].
+        position_weight: weight of the position rows [1].
+        orientation_weight: weight of the orientation rows [m/rad].
+    """
+
+    frame: str = ""
+    kind: str = "position"
+    name: str = ""
+    point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    position_weight: float = 1.0
+    orientation_weight: float = 1.0
+
+    def validate(self) -> None:
+        """Raises ModelError where a field is out of its range."""
+        label = f"task {self.name or self.frame or '(without a frame)'}"
+        if not self.frame:
+            raise ModelError(f"{label}: frame: give the name of the frame to track")
+        if self.kind not in KINDS:
+            raise ModelError(f"{label}: kind: {self.kind!r} is none of {KINDS}")
+        if np.shape(self.point) != (3,) or not np.isfinite(self.point).all():
+            raise ModelError(f"{label}: point: {self.point} must be three numbers")
+        for weight in ("position_weight", "orientation_weight"):
+            if not 0.0 < getattr(self, weight) < np.inf:
+                raise ModelError(f"{label}: {weight} must be positive")
+
+
+def position_tasks(frames: list[str]) -> list[Task]:
+    """One position task, of weight one, per frame."""
+    return [Task(frame=frame) for frame in frames]
+
+
+# The task sets of the paper's two experiments, Section IV.
+EXPERIMENTS: dict[str, list[str]] = {
+    "wrists": ["left_wrist", "right_wrist"],
+    "upper-body": [
+        "left_shoulder",
+        "right_shoulder",
+        "left_elbow",
+        "right_elbow",
+        "left_wrist",
+        "right_wrist",
+        "neck",
+    ],
+}

@@ -228,7 +228,7 @@ class _AsfParser:
                 section = words[0][1:].lower()
                 self.seen.add(section)
                 if section == "name" and len(words) > 1:
-                    self.name = words[1]
+                    self.name = " ".join(words[1:])
             elif not section:
                 self.lines.fail(
                     f"not an ASF skeleton: expected a keyword such as :version, "

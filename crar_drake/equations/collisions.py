@@ -66,6 +66,31 @@ def distance_gradient(
     return np.einsum("ci,cin->cn", normal, J_a - J_b)
 
 
+def distance_gradient_from_links(
+    normal: np.ndarray,
+    r_a: np.ndarray,
+    J_a: np.ndarray,
+    r_b: np.ndarray,
+    J_b: np.ndarray,
+) -> np.ndarray:
+    """Eq. (20) from the links' spatial Jacobians: many pairs share a link.
+
+    With J = [J_omega; J_v] at the link's origin and r from there to the witness
+    point, n^T J_point = n^T J_v + (r x n)^T J_omega.
+
+    Args:
+        normal: (Nc, 3) unit vectors from b towards a, in W.
+        r_a, r_b: (Nc, 3) from the links' origins to the witness points, in W [m].
+        J_a, J_b: (Nc, 6, n) spatial Jacobians of the links, angular rows first.
+
+    Returns:
+        (Nc, n) gradients [m/rad or 1].
+    """
+    wrench_a = np.concatenate([np.cross(r_a, normal), normal], axis=1)
+    wrench_b = np.concatenate([np.cross(r_b, normal), normal], axis=1)
+    return (wrench_a[:, None] @ J_a - wrench_b[:, None] @ J_b)[:, 0]
+
+
 def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:
     """Eqs. (19), (25): grad f_j = (df_j/dd_j) (dd_j/dq).
 

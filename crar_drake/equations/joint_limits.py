@@ -31,8 +31,9 @@ def joint_limit_gradient(
     """Eq. (17): the gradient of the joint-limit potential, per joint.
 
     Inside by less than LIMIT_CLAMP, or outside, it is taken at LIMIT_CLAMP inside
-    (for a range narrower than four clamps, at a quarter of the range). Where a
-    limit is infinite the joint counts as unlimited and the gradient is 0.
+    (for a range narrower than four clamps, at a quarter of the range; a locked
+    joint has a range as wide as one clamp). Where a limit is infinite the joint
+    counts as unlimited and the gradient is 0.
 
     Args:
         q: (n,) positions [rad or m].
@@ -44,6 +45,9 @@ def joint_limit_gradient(
     limited = np.isfinite(lower) & np.isfinite(upper)
     lower = np.where(limited, lower, -1.0)
     upper = np.where(limited, upper, 1.0)
+    # Equal limits would give 0/0.
+    widening = 0.5 * np.maximum(LIMIT_CLAMP - (upper - lower), 0.0)
+    lower, upper = lower - widening, upper + widening
     span = upper - lower
     clamp = np.minimum(LIMIT_CLAMP, 0.25 * span)
     q = np.clip(q, lower + clamp, upper - clamp)

@@ -85,10 +85,10 @@ def constrained_resolved_acceleration(
     qdot: np.ndarray,
     Gv: float | np.ndarray,
 ) -> np.ndarray:
-    """Eq. (30): alpha_c = alpha + Gv (q_dot_c - q_dot).
+    """Eqs. (12), (30): alpha_c = alpha + Gv (q_dot_c - q_dot).
 
-    With alpha of Eq. (10) it is also Eq. (12) with K_qv = H Gv, the reading taken
-    here: both levels then differ in alpha only.
+    With alpha of Eq. (10) it is Eq. (12) with K_qv = H Gv, the reading taken here:
+    both levels then differ in alpha only.
 
     Args:
         alpha: (n,) Eq. (10) or Eq. (35) [rad/s^2].

@@ -30,20 +30,25 @@ class TaskLayout:
     Attributes:
         names: the tasks' names.
         kinds: per task "position", "orientation" or "pose".
+        m: number of rows of v, a, e and J.
+        size_x: number of entries of x_d.
+        angular_tasks, linear_tasks: (Na,), (Nl,) tasks with a rotation, a position.
+        angular_rows, linear_rows: (Na, 3), (Nl, 3) their rows.
+        quaternion_entries, position_entries: (Na, 4), (Nl, 3) their entries of x_d.
     """
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]
 
-    # Derived in __post_init__.
-    m: int = field(init=False)  # rows of v, a, e, J
-    size_x: int = field(init=False)  # entries of x_d
-    angular_tasks: np.ndarray = field(init=False)  # task indices with a rotation
-    linear_tasks: np.ndarray = field(init=False)  # task indices with a position
-    angular_rows: np.ndarray = field(init=False)  # (Na, 3) their rows
-    linear_rows: np.ndarray = field(init=False)  # (Nl, 3) their rows
-    quaternion_entries: np.ndarray = field(init=False)  # (Na, 4) entries of x_d
-    position_entries: np.ndarray = field(init=False)  # (Nl, 3) entries of x_d
+    # Derived in __post_init__; the names and kinds alone tell layouts apart.
+    m: int = field(init=False, compare=False)
+    size_x: int = field(init=False, compare=False)
+    angular_tasks: np.ndarray = field(init=False, compare=False)
+    linear_tasks: np.ndarray = field(init=False, compare=False)
+    angular_rows: np.ndarray = field(init=False, compare=False)
+    linear_rows: np.ndarray = field(init=False, compare=False)
+    quaternion_entries: np.ndarray = field(init=False, compare=False)
+    position_entries: np.ndarray = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
         angular, linear = [], []

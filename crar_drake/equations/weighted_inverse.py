@@ -18,6 +18,9 @@ def weighted_pseudo_inverse(J: np.ndarray, W: np.ndarray) -> np.ndarray:
     Raises:
         numpy.linalg.LinAlgError: J has not full row rank.
     """
+    # Rounding hides a singular matrix from the solver.
+    if np.linalg.matrix_rank(J) < len(J):
+        raise np.linalg.LinAlgError("J has not full row rank")
     return damped_weighted_pseudo_inverse(J, W, 0.0)
 
 

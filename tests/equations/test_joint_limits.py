@@ -1,0 +1,183 @@
+"""Eqs. (17), (18): finite differences, hand-computed values, every branch."""
+
+import numpy as np
+import pytest
+
+from crar_drake.equations.joint_limits import (
+    LIMIT_CLAMP,
+    joint_limit_gradient,
+    joint_limit_potential,
+    joint_limit_proximity,
+    joint_limit_weights,
+)
+
+LOWER, UPPER = np.array([-0.7]), np.array([1.9])
+
+
+def gradient_at(q) -> np.ndarray:
+    q = np.atleast_1d(np.asarray(q, dtype=float))
+    return joint_limit_gradient(q, np.full(q.shape, LOWER), np.full(q.shape, UPPER))
+
+
+def proximity_at(q) -> np.ndarray:
+    q = np.atleast_1d(np.asarray(q, dtype=float))
+    return joint_limit_proximity(q, np.full(q.shape, LOWER), np.full(q.shape, UPPER))
+
+
+def weight_of_move(q_before: float, q_now: float) -> float:
+    """W_JL of one joint that went from q_before to q_now in one step."""
+    W = joint_limit_weights(
+        gradient_at(q_now), proximity_at(q_now), proximity_at(q_before)
+    )
+    return W[0]
+
+
+def test_gradient_is_the_derivative_of_the_potential():
+    rng = np.random.default_rng(1)
+    lower = rng.uniform(-3.0, -0.5, 200)
+    upper = lower + rng.uniform(0.5, 4.0, 200)
+    q = lower + (upper - lower) * rng.uniform(0.02, 0.98, 200)
+    h = 1e-6
+    slope = (
+        joint_limit_potential(q + h, lower, upper)
+        - joint_limit_potential(q - h, lower, upper)
+    ) / (2 * h)
+    np.testing.assert_allclose(
+        joint_limit_gradient(q, lower, upper), slope, rtol=1e-6, atol=1e-7
+    )
+
+
+def test_gradient_at_values_computed_by_hand():
+    """For q in [-1, 1]: (2^2 * 2 q) / (4 (1 - q)^2 (1 + q)^2)."""
+    q = np.array([0.0, 0.5, -0.5, 0.9])
+    expected = [0.0, 1.0 / 0.5625, -1.0 / 0.5625, 1.8 / 0.0361]
+    one = np.ones(4)
+    np.testing.assert_allclose(joint_limit_gradient(q, -one, one), expected)
+    # For q = 3 in [0, 4]: 16 * 2 / (4 * 1 * 9).
+    np.testing.assert_allclose(
+        joint_limit_gradient(np.array([3.0]), np.array([0.0]), np.array([4.0])), 8 / 9
+    )
+
+
+def test_potential_is_one_in_the_middle():
+    assert joint_limit_potential(0.5 * (LOWER + UPPER), LOWER, UPPER) == pytest.approx(
+        1.0
+    )
+
+
+def test_gradient_in_the_middle_is_zero():
+    assert gradient_at(0.5 * (LOWER + UPPER)) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "lower, upper",
+    [(-np.inf, np.inf), (-np.inf, 1.0), (-1.0, np.inf)],
+)
+@pytest.mark.parametrize("q", [0.0, 1.0, -1.0, 100.0, -1e6])
+def test_unlimited_joints_weigh_nothing(lower, upper, q):
+    """A limit on one side only has no range for Eq. (17): it counts as unlimited."""
+    q, lower, upper = np.array([q]), np.array([lower]), np.array([upper])
+    assert joint_limit_gradient(q, lower, upper) == 0.0
+    assert joint_limit_proximity(q, lower, upper) == 0.0
+    W = joint_limit_weights(np.zeros(1), np.zeros(1), np.zeros(1))
+    assert W == 1.0
+
+
+def test_unlimited_among_limited_joints():
+    lower, upper = np.array([-1.0, -np.inf, 0.0]), np.array([1.0, np.inf, 4.0])
+    gradient = joint_limit_gradient(np.array([0.5, 9.0, 3.0]), lower, upper)
+    np.testing.assert_allclose(gradient, [1 / 0.5625, 0.0, 8 / 9])
+
+
+def test_gradient_is_finite_and_monotone_through_both_limits():
+    inside = np.geomspace(1e-12, 0.5, 200)
+    q = np.sort(
+        np.r_[LOWER - inside, LOWER, LOWER + inside, UPPER - inside, UPPER,
+              UPPER + inside, LOWER - 100, UPPER + 100]
+    )  # fmt: skip
+    gradient = gradient_at(q)
+    assert np.isfinite(gradient).all()
+    assert (np.diff(gradient) >= 0.0).all()
+    assert gradient[0] < -1e6 and gradient[-1] > 1e6
+
+
+@pytest.mark.parametrize("past", [0.0, 1e-9, 1e-5, 0.1, 3.0])
+def test_beyond_a_limit_it_is_the_value_just_inside(past):
+    np.testing.assert_allclose(
+        gradient_at(UPPER + past), gradient_at(UPPER - LIMIT_CLAMP), rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        gradient_at(LOWER - past), gradient_at(LOWER + LIMIT_CLAMP), rtol=1e-9
+    )
+
+
+def test_value_at_the_clamp_is_the_printed_one():
+    q = UPPER - LIMIT_CLAMP
+    span, rest = 2.6, 2.6 - LIMIT_CLAMP
+    printed = span**2 * (rest - LIMIT_CLAMP) / (4 * LIMIT_CLAMP**2 * rest**2)
+    np.testing.assert_allclose(gradient_at(q), printed, rtol=1e-9)
+
+
+@pytest.mark.parametrize("span", [0.0, 1e-300, 1e-12, 1e-7, 1e-4, 3e-4, 1e-3])
+def test_narrow_ranges_and_equal_limits_stay_finite(span):
+    lower = np.full(601, 0.3)
+    q = 0.3 + 0.5 * span + np.linspace(-1e-3, 1e-3, 601)
+    gradient = joint_limit_gradient(q, lower, lower + span)
+    proximity = joint_limit_proximity(q, lower, lower + span)
+    assert np.isfinite(gradient).all() and np.isfinite(proximity).all()
+    assert (np.diff(gradient) >= 0.0).all()
+    assert gradient[0] < -1e3 and gradient[-1] > 1e3
+
+
+def test_proximity_is_the_gradients_magnitude_inside():
+    q = np.linspace(LOWER + LIMIT_CLAMP, UPPER - LIMIT_CLAMP, 101)[:, 0]
+    np.testing.assert_allclose(proximity_at(q), np.abs(gradient_at(q)), rtol=1e-6)
+
+
+def test_proximity_grows_strictly_outwards_without_a_jump():
+    out = np.r_[np.linspace(-0.5, -2e-4, 200), np.linspace(-2e-4, 2e-4, 400)[1:],
+                np.linspace(2e-4, 2.0, 200)[1:]]  # fmt: skip
+    for proximity in (proximity_at(UPPER + out), proximity_at(LOWER - out)):
+        assert np.isfinite(proximity).all()
+        assert (np.diff(proximity) > 0.0).all()
+    step = 1e-12
+    for edge in (UPPER - LIMIT_CLAMP, LOWER + LIMIT_CLAMP):
+        ratio = proximity_at(edge + step) / proximity_at(edge - step)
+        assert ratio == pytest.approx(1.0, abs=1e-6)
+
+
+def test_first_step_counts_as_approaching():
+    gradient = np.array([2.0, -3.0, 0.0])
+    W = joint_limit_weights(gradient, np.abs(gradient), None)
+    assert W.tolist() == [3.0, 4.0, 1.0]
+
+
+def test_weight_branches_per_joint():
+    """Approaching, unchanged (counts as approaching), leaving."""
+    gradient = np.array([2.0, -3.0, 4.0])
+    W = joint_limit_weights(gradient, np.abs(gradient), np.array([1.9, 3.0, 4.1]))
+    assert W.tolist() == [3.0, 4.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "q_before, q_now, approaching",
+    [
+        (1.5, 1.6, True),
+        (1.6, 1.5, False),
+        (-0.3, -0.4, True),
+        (-0.4, -0.3, False),
+        (1.6, 1.6, True),
+        (1.89, 1.95, True),  # over the limit in one step
+        (1.95, 2.0, True),  # further out
+        (2.0, 1.95, False),  # coming back, still outside
+        (1.95, 1.89, False),  # back inside in one step
+        (1.89999, 1.89995, False),  # within the clamp
+        (1.89995, 1.89999, True),
+        (-0.75, -0.8, True),
+        (-0.8, -0.75, False),
+    ],
+)
+def test_weight_of_a_move(q_before, q_now, approaching):
+    expected = 1.0 + abs(gradient_at(q_now)[0]) if approaching else 1.0
+    assert weight_of_move(q_before, q_now) == pytest.approx(expected)
+    assert expected > 1.0 or not approaching

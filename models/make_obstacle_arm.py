@@ -10,12 +10,15 @@ from pathlib import Path
 from urdf_text import (
     Joint,
     Link,
+    Shape,
     capsule,
     cylinder,
     ellipsoid,
     sphere,
     urdf,
 )
+
+from crar_drake.files import whole_file
 
 # Heights of the joints above the link before [m].
 BASE = 0.16
@@ -40,7 +43,7 @@ COLORS = {
 }
 
 
-def _pivot(radius: float, half_width: float) -> list:
+def _pivot(radius: float, half_width: float) -> list[tuple[Shape, str]]:
     # A joint about y: a graphite barrel with a disc of the accent colour.
     ends = ((0, -half_width, 0), (0, half_width, 0))
     cap = ((0, -half_width - 0.004, 0), (0, half_width + 0.004, 0))
@@ -51,7 +54,9 @@ def _pivot(radius: float, half_width: float) -> list:
 
 
 def _links() -> list[Link]:
-    def segment(name: str, mass: float, solid, visuals: list) -> Link:
+    def segment(
+        name: str, mass: float, solid: Shape, visuals: list[tuple[Shape, str]]
+    ) -> Link:
         return Link(name, [(solid, mass)], [solid], visuals)
 
     return [
@@ -211,5 +216,6 @@ if __name__ == "__main__":
         ("obstacle_arm.urdf", obstacle_arm_urdf()),
         ("obstacle.urdf", obstacle_urdf()),
     ):
-        (folder / name).write_text(text, encoding="utf-8")
+        with whole_file(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
         print(f"wrote models/obstacle_arm/{name}")

@@ -20,6 +20,8 @@ from urdf_text import (
     urdf,
 )
 
+from crar_drake.files import whole_file
+
 STATURE = 1.3  # [m]
 BODY_MASS = 54.0  # [kg]
 
@@ -321,5 +323,6 @@ def upper_body_urdf() -> str:
 
 if __name__ == "__main__":
     path = Path(__file__).parent / "upper_body" / "upper_body.urdf"
-    path.write_text(upper_body_urdf(), encoding="utf-8")
+    with whole_file(path) as temporary:
+        temporary.write_text(upper_body_urdf(), encoding="utf-8")
     print(f"wrote {path.relative_to(Path(__file__).parent.parent)}")

@@ -30,14 +30,18 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
+
+from crar_drake.files import whole_file
 
 _FLOOR = np.array([0.80, 0.85, 0.87])
 _OVERSAMPLING = 3  # the picture is rendered larger and averaged: smooth edges
 
 
-def _camera_pose(target: np.ndarray, distance: float, yaw: float, pitch: float):
+def _camera_pose(
+    target: np.ndarray, distance: float, yaw: float, pitch: float
+) -> RigidTransform:
     """Returns X_WC of a camera that looks at `target`; z is its viewing axis."""
     direction = np.array(
         [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
@@ -51,7 +55,9 @@ def _camera_pose(target: np.ndarray, distance: float, yaw: float, pitch: float):
     )
 
 
-def _set_posture(plant: MultibodyPlant, context, posture: dict[str, float]) -> None:
+def _set_posture(
+    plant: MultibodyPlant, context: Context, posture: dict[str, float]
+) -> None:
     q = plant.GetPositions(context)
     for name, value in posture.items():
         q[plant.GetJointByName(name).position_start()] = value
@@ -175,6 +181,8 @@ def main() -> None:
     parser.add_argument("--yaw", type=float, default=35.0, help="degrees")
     parser.add_argument("--pitch", type=float, default=15.0, help="degrees")
     options = parser.parse_args()
+    if not options.robot.is_file():
+        parser.error(f"there is no robot description {options.robot}")
     panels = [
         render(
             options.robot,
@@ -188,7 +196,8 @@ def main() -> None:
         for pose in [{}, *options.pose]
     ]
     out = options.out or options.robot.parent / "picture.png"
-    matplotlib.image.imsave(out, np.clip(np.hstack(panels), 0.0, 1.0))
+    with whole_file(out) as temporary:
+        matplotlib.image.imsave(temporary, np.clip(np.hstack(panels), 0.0, 1.0))
     print(f"wrote {out} ({out.stat().st_size / 1e3:.0f} kB)")
 
 

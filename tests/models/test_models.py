@@ -1,0 +1,450 @@
+"""The shipped robot models, read by Drake and compared with their READMEs."""
+
+import importlib
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from pydrake.geometry import Capsule, Role, SceneGraph, Sphere
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import JointActuatorIndex, RigidBody
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from crar_drake.resources import data_folder
+
+MODELS = data_folder("models")
+ROBOTS = ("upper_body", "obstacle_arm")
+WAIST = ("waist_x", "waist_y", "waist_z")
+
+
+@dataclass
+class Loaded:
+    """A robot in a diagram, with the contexts to ask it."""
+
+    description: dict
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    root: Context
+    diagram: object  # keeps the systems alive
+
+    @property
+    def context(self) -> Context:
+        return self.plant.GetMyMutableContextFromRoot(self.root)
+
+    def body(self, name: str) -> RigidBody:
+        *model, link = name.split("::")
+        if not model:
+            return self.plant.GetBodyByName(link)
+        return self.plant.GetBodyByName(
+            link, self.plant.GetModelInstanceByName(model[0])
+        )
+
+    def positions(self, posture: dict[str, float]) -> np.ndarray:
+        q = np.zeros(self.plant.num_positions())
+        for joint, value in posture.items():
+            q[self.plant.GetJointByName(joint).position_start()] = value
+        return q
+
+    def pair_distances(self, q: np.ndarray) -> dict[tuple[str, str], float]:
+        self.plant.SetPositions(self.context, q)
+        query = self.scene_graph.get_query_output_port().Eval(
+            self.scene_graph.GetMyContextFromRoot(self.root)
+        )
+        distances = {}
+        for pair in self.description["pairs"]:
+            shapes_a, shapes_b = (
+                self.plant.GetCollisionGeometriesForBody(self.body(name))
+                for name in pair
+            )
+            distances[tuple(pair)] = min(
+                query.ComputeSignedDistancePairClosestPoints(a, b).distance
+                for a in shapes_a
+                for b in shapes_b
+            )
+        return distances
+
+    def random_positions(self, rng: np.random.Generator) -> np.ndarray:
+        lower = self.plant.GetPositionLowerLimits()
+        upper = self.plant.GetPositionUpperLimits()
+        return rng.uniform(
+            np.where(np.isfinite(lower), lower, -np.pi),
+            np.where(np.isfinite(upper), upper, np.pi),
+        )
+
+    def moving_joints(self) -> list:
+        joints = map(self.plant.get_joint, self.plant.GetJointIndices())
+        return [joint for joint in joints if joint.num_velocities() > 0]
+
+
+def load(name: str) -> Loaded:
+    folder = MODELS / name
+    description = yaml.safe_load((folder / "robot.yaml").read_text("utf-8"))
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    parser = Parser(plant)
+    parser.SetStrictParsing()  # what Drake would only warn about fails the test
+    parser.package_map().AddPackageXml(str(folder / "package.xml"))
+    parser.AddModels(str(folder / description["model"]))
+    if description["base"]:
+        base = plant.GetFrameByName(description["base"])
+        plant.WeldFrames(plant.world_frame(), base)
+    plant.Finalize()
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    return Loaded(description, plant, scene_graph, root, diagram)
+
+
+@pytest.fixture(scope="module")
+def robots() -> dict[str, Loaded]:
+    return {name: load(name) for name in ROBOTS}
+
+
+@pytest.fixture(params=ROBOTS)
+def robot(request: pytest.FixtureRequest, robots: dict[str, Loaded]) -> Loaded:
+    return robots[request.param]
+
+
+@pytest.fixture
+def upper_body(robots: dict[str, Loaded]) -> Loaded:
+    return robots["upper_body"]
+
+
+def test_upper_body_has_the_papers_joints(upper_body: Loaded) -> None:
+    sides = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
+    controlled = {"torso_yaw", "torso_pitch", "torso_roll"}
+    controlled |= {f"{side}_{joint}" for side in ("left", "right") for joint in sides}
+    assert len(controlled) == 11
+    names = {joint.name() for joint in upper_body.moving_joints()}
+    assert names == controlled | set(WAIST)
+    assert upper_body.plant.num_velocities() == 14
+    assert set(upper_body.description["prescribed_joints"]) == set(WAIST)
+
+
+def test_arm_has_seven_joints(robots: dict[str, Loaded]) -> None:
+    arm = robots["obstacle_arm"]
+    names = [joint.name() for joint in arm.moving_joints()]
+    assert names == [f"joint{k}" for k in range(1, 8)]
+    assert arm.plant.num_velocities() == 7
+    assert not arm.description["prescribed_joints"]
+
+
+def test_thirty_different_pairs(upper_body: Loaded) -> None:
+    pairs = {frozenset(pair) for pair in upper_body.description["pairs"]}
+    assert len(pairs) == len(upper_body.description["pairs"]) == 30
+    assert all(len(pair) == 2 for pair in pairs)
+
+
+def test_every_joint_has_an_actuator_of_its_name(robot: Loaded) -> None:
+    plant = robot.plant
+    assert plant.num_actuators() == plant.num_velocities()
+    for joint in robot.moving_joints():
+        actuator = plant.GetJointActuatorByName(joint.name())
+        assert actuator.joint().index() == joint.index()
+        assert 0 < actuator.effort_limit() < np.inf
+        assert 0 < joint.velocity_upper_limits()[0] < np.inf
+        assert np.all(joint.default_damping_vector() == 0)
+
+
+def test_limits(robot: Loaded) -> None:
+    for joint in robot.moving_joints():
+        lower = joint.position_lower_limits()[0]
+        upper = joint.position_upper_limits()[0]
+        if joint.name() == "torso_yaw":
+            assert lower == -np.inf and upper == np.inf
+        elif joint.name() not in WAIST:
+            assert -np.pi - 1e-6 <= lower < 0 < upper <= np.pi
+    q_rest = robot.positions(robot.description["rest_posture"])
+    assert np.all(q_rest > robot.plant.GetPositionLowerLimits())
+    assert np.all(q_rest < robot.plant.GetPositionUpperLimits())
+
+
+def test_mass_matrix_is_positive_definite(robot: Loaded) -> None:
+    rng = np.random.default_rng(0)
+    for k in range(400):
+        q = robot.random_positions(rng)
+        if k % 2:  # right angles: where the axes of a shoulder align
+            q = np.round(q / (np.pi / 2)) * np.pi / 2
+        robot.plant.SetPositions(robot.context, q)
+        mass_matrix = robot.plant.CalcMassMatrix(robot.context)
+        # 1e-4 kg m^2 is a ball of 50 g and 70 mm: real, not rounding.
+        assert np.linalg.eigvalsh(mass_matrix)[0] > 1e-4
+
+
+def test_forward_dynamics_undo_inverse_dynamics(robot: Loaded) -> None:
+    """Massless carriages and frames must not disturb Drake's own solver."""
+    plant, context = robot.plant, robot.context
+    rng = np.random.default_rng(1)
+    actuation = np.linalg.inv(plant.MakeActuationMatrix())
+    q_rest = robot.positions(robot.description["rest_posture"])
+    for _ in range(20):
+        # Near the rest posture, where no contact adds its force.
+        q = q_rest + rng.uniform(-0.1, 0.1, plant.num_positions())
+        plant.SetPositions(context, q)
+        plant.SetVelocities(context, rng.normal(size=plant.num_velocities()))
+        v_dot = rng.normal(size=plant.num_velocities())
+        tau = (
+            plant.CalcMassMatrix(context) @ v_dot
+            + plant.CalcBiasTerm(context)
+            - plant.CalcGravityGeneralizedForces(context)
+        )
+        plant.get_actuation_input_port().FixValue(context, actuation @ tau)
+        result = plant.get_generalized_acceleration_output_port().Eval(context)
+        np.testing.assert_allclose(result, v_dot, atol=1e-7)
+
+
+def test_collision_shapes_are_capsules_and_spheres(robot: Loaded) -> None:
+    inspector = robot.scene_graph.model_inspector()
+    geometries = inspector.GetAllGeometryIds(Role.kProximity)
+    assert geometries
+    for geometry in geometries:
+        assert isinstance(inspector.GetShape(geometry), (Capsule, Sphere))
+
+
+def test_watched_pairs_exist_and_are_not_filtered(robot: Loaded) -> None:
+    inspector = robot.scene_graph.model_inspector()
+    for pair in robot.description["pairs"]:
+        shapes_a, shapes_b = (
+            robot.plant.GetCollisionGeometriesForBody(robot.body(name)) for name in pair
+        )
+        assert shapes_a and shapes_b, pair
+        for a in shapes_a:
+            for b in shapes_b:
+                assert not inspector.CollisionFiltered(a, b), pair
+
+
+@pytest.mark.parametrize(
+    ("name", "clearance"), [("upper_body", 0.02), ("obstacle_arm", 0.05)]
+)
+def test_rest_posture_is_clear(
+    robots: dict[str, Loaded], name: str, clearance: float
+) -> None:
+    robot = robots[name]
+    q_rest = robot.positions(robot.description["rest_posture"])
+    for pair, distance in robot.pair_distances(q_rest).items():
+        assert distance > clearance, pair
+    # Nothing else touches either, so contact may be switched on.
+    query = robot.scene_graph.get_query_output_port().Eval(
+        robot.scene_graph.GetMyContextFromRoot(robot.root)
+    )
+    assert query.ComputePointPairPenetration() == []
+
+
+@pytest.mark.parametrize(
+    "posture",
+    [
+        pytest.param(
+            {"left_shoulder_roll": 0.1, "right_shoulder_roll": -0.1},
+            id="arms hanging straight",
+        ),
+        pytest.param(
+            {"left_shoulder_pitch": -3.1, "right_shoulder_pitch": -3.1},
+            id="arms up",
+        ),
+        pytest.param(
+            {
+                "left_shoulder_pitch": -0.9,
+                "left_shoulder_yaw": -0.6,
+                "left_elbow": -2.3,
+                "right_shoulder_pitch": -0.5,
+                "right_shoulder_yaw": 0.9,
+                "right_elbow": -1.3,
+            },
+            id="one hand at the face, one before the belly",
+        ),
+    ],
+)
+def test_natural_poses_are_free(upper_body: Loaded, posture: dict) -> None:
+    distances = upper_body.pair_distances(upper_body.positions(posture))
+    assert min(distances.values()) > 0.01
+
+
+def test_self_collision_is_seen(upper_body: Loaded) -> None:
+    """Both hands on one spot before the chest: the distance must go negative."""
+    posture = {
+        f"{side}_{joint}": value * (sign if joint == "shoulder_yaw" else 1)
+        for side, sign in (("left", 1), ("right", -1))
+        for joint, value in (
+            ("shoulder_pitch", -0.75),
+            ("shoulder_yaw", -0.8),
+            ("elbow", -1.6),
+        )
+    }
+    distances = upper_body.pair_distances(upper_body.positions(posture))
+    assert distances["left_hand", "right_hand"] < 0
+
+
+def mirrored(robot: Loaded, q: np.ndarray) -> np.ndarray:
+    """Returns q of the mirror image in the plane y = 0."""
+    posture = {}
+    for joint in robot.moving_joints():
+        name = joint.name()
+        sign = -1 if name.endswith(("_y", "_yaw", "_roll")) else 1
+        other = name.replace("left_", "\0").replace("right_", "left_")
+        posture[other.replace("\0", "right_")] = sign * q[joint.position_start()]
+    return robot.positions(posture)
+
+
+def test_left_and_right_are_mirror_images(upper_body: Loaded) -> None:
+    plant, context = upper_body.plant, upper_body.context
+    rng = np.random.default_rng(2)
+    frames = upper_body.description["task_frames"].values()
+    swap = {"left": "right", "right": "left"}
+
+    def other(name: str) -> str:
+        side, _, rest = name.partition("_")
+        return f"{swap[side]}_{rest}" if side in swap else name
+
+    for _ in range(10):
+        q = upper_body.random_positions(rng)
+        q_mirror = mirrored(upper_body, q)
+        assert np.all(q_mirror >= plant.GetPositionLowerLimits())
+        assert np.all(q_mirror <= plant.GetPositionUpperLimits())
+
+        plant.SetPositions(context, q)
+        points = {
+            name: plant.GetFrameByName(name).CalcPoseInWorld(context).translation()
+            for name in frames
+        }
+        energy = plant.CalcPotentialEnergy(context)
+        distances = upper_body.pair_distances(q)
+        mass = np.sort(np.linalg.eigvalsh(plant.CalcMassMatrix(context)))
+
+        mirror_distances = upper_body.pair_distances(q_mirror)
+        for name, p_W in points.items():
+            p_mirror = plant.GetFrameByName(other(name)).CalcPoseInWorld(context)
+            np.testing.assert_allclose(
+                p_mirror.translation(), p_W * [1, -1, 1], atol=1e-9
+            )
+        assert plant.CalcPotentialEnergy(context) == pytest.approx(energy)
+        np.testing.assert_allclose(
+            np.linalg.eigvalsh(plant.CalcMassMatrix(context)), mass, rtol=1e-6
+        )
+        by_names = {frozenset(pair): d for pair, d in mirror_distances.items()}
+        for (a, b), distance in distances.items():
+            # FCL's iteration stops at some tolerance, hence not equal to the bit.
+            assert by_names[frozenset((other(a), other(b)))] == pytest.approx(
+                distance, abs=1e-4
+            )
+
+
+def test_zero_configuration(upper_body: Loaded) -> None:
+    plant, context = upper_body.plant, upper_body.context
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    frames = upper_body.description["task_frames"]
+
+    def p_W(point: str) -> np.ndarray:
+        return (
+            plant.GetFrameByName(frames[point]).CalcPoseInWorld(context).translation()
+        )
+
+    np.testing.assert_array_equal(p_W("waist"), np.zeros(3))
+    for side, sign in (("left", 1), ("right", -1)):
+        shoulder, elbow, wrist = (
+            p_W(f"{side}_{point}") for point in ("shoulder", "elbow", "wrist")
+        )
+        np.testing.assert_allclose(
+            shoulder, [0, sign * 0.129 * 1.3, 0.288 * 1.3], atol=1e-9
+        )
+        np.testing.assert_allclose(elbow - shoulder, [0, 0, -0.186 * 1.3], atol=1e-9)
+        np.testing.assert_allclose(wrist - elbow, [0, 0, -0.146 * 1.3], atol=1e-9)
+    assert p_W("neck")[2] > p_W("left_shoulder")[2]
+
+
+def test_prescribed_joints_are_the_waists_coordinates(upper_body: Loaded) -> None:
+    plant, context = upper_body.plant, upper_body.context
+    posture = {"waist_x": 0.3, "waist_y": -0.2, "waist_z": 0.7, "torso_yaw": 1.0}
+    plant.SetPositions(context, upper_body.positions(posture))
+    waist = plant.GetFrameByName("waist").CalcPoseInWorld(context)
+    np.testing.assert_allclose(waist.translation(), [0.3, -0.2, 0.7], atol=1e-12)
+
+
+def test_signs_of_the_joints(upper_body: Loaded) -> None:
+    plant, context = upper_body.plant, upper_body.context
+
+    def p_W(frame: str, posture: dict[str, float]) -> np.ndarray:
+        plant.SetPositions(context, upper_body.positions(posture))
+        return plant.GetFrameByName(frame).CalcPoseInWorld(context).translation()
+
+    assert p_W("left_hand", {"left_shoulder_pitch": -1.0})[0] > 0.3  # forward
+    assert p_W("left_hand", {"left_shoulder_roll": 1.0})[1] > 0.4  # outward
+    assert p_W("right_hand", {"right_shoulder_roll": -1.0})[1] < -0.4
+    assert p_W("left_hand", {"left_elbow": -1.5})[0] > 0.15  # forward
+    assert p_W("neck", {"torso_pitch": 0.5})[0] > 0.1  # bends forward
+
+
+@pytest.mark.parametrize(
+    ("name", "model"), [("upper_body", "upper_body"), ("obstacle_arm", "arm")]
+)
+def test_total_mass_is_the_readmes(
+    robots: dict[str, Loaded], name: str, model: str
+) -> None:
+    robot = robots[name]
+    text = (MODELS / name / "README.md").read_text("utf-8")
+    stated = re.search(r"Total mass of the \w+: ([\d.]+) kg", text)
+    assert stated
+    instance = robot.plant.GetModelInstanceByName(model)
+    mass = robot.plant.CalcTotalMass(robot.context, [instance])
+    assert mass == pytest.approx(float(stated.group(1)), abs=1e-3)
+
+
+def test_efforts_hold_the_robot_up(robot: Loaded) -> None:
+    rng = np.random.default_rng(3)
+    plant, context = robot.plant, robot.context
+    worst = np.zeros(plant.num_velocities())
+    for k in range(2000):
+        q = robot.random_positions(rng)
+        if k % 2:
+            q = np.round(q / (np.pi / 2)) * np.pi / 2  # outstretched
+        q = np.clip(q, plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits())
+        plant.SetPositions(context, q)
+        worst = np.maximum(worst, np.abs(plant.CalcGravityGeneralizedForces(context)))
+    for k in range(plant.num_actuators()):
+        actuator = plant.get_joint_actuator(JointActuatorIndex(k))
+        torque = worst[actuator.joint().velocity_start()]
+        # Half of it is left to move with.
+        assert torque < 0.5 * actuator.effort_limit(), actuator.name()
+
+
+@pytest.mark.parametrize(
+    ("module", "function", "file"),
+    [
+        ("make_upper_body", "upper_body_urdf", "upper_body/upper_body.urdf"),
+        ("make_obstacle_arm", "obstacle_arm_urdf", "obstacle_arm/obstacle_arm.urdf"),
+        ("make_obstacle_arm", "obstacle_urdf", "obstacle_arm/obstacle.urdf"),
+    ],
+)
+def test_files_are_what_the_scripts_write(
+    monkeypatch: pytest.MonkeyPatch, module: str, function: str, file: str
+) -> None:
+    monkeypatch.syspath_prepend(str(MODELS))
+    text = getattr(importlib.import_module(module), function)()
+    assert text == (MODELS / file).read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_picture_is_small(name: str) -> None:
+    picture = MODELS / name / "picture.png"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.stat().st_size < 200_000
+
+
+def test_picture_script_refuses_a_bad_pose(tmp_path: Path) -> None:
+    result = subprocess.run(
+        [
+            sys.executable,
+            str(MODELS / "render_picture.py"),
+            str(MODELS / "upper_body" / "robot.yaml"),
+            *("--pose", "left_elbow", "--out", str(tmp_path / "p.png")),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert "joint=value" in result.stderr

@@ -102,7 +102,7 @@ def test_flip_of_the_root_is_not_blamed_on_its_children(clip: Clip) -> None:
     assert [(flip.bone, flip.frame) for flip in report.flips] == [("root", 31)]
 
 
-@pytest.mark.parametrize("index", [1, 70, T - 1])
+@pytest.mark.parametrize("index", [1, 2, 70, T - 2, T - 1])
 def test_jump_of_the_root_is_found_ends_included(clip: Clip, index: int) -> None:
     position = clip.root_position.copy()
     position[index:, 0] += 0.10

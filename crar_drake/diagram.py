@@ -1,0 +1,250 @@
+"""Builders: the controller in anybody's diagram, and one whole diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometrySet,
+    Meshcat,
+    SceneGraph,
+)
+from pydrake.lcm import DrakeLcm
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    LogVectorOutput,
+)
+from pydrake.visualization import ApplyVisualizationConfig
+
+from crar_drake.controller import CrarController
+from crar_drake.desired_motion import DesiredMotion, load_desired_motion
+from crar_drake.errors import ModelError
+from crar_drake.parameters import CrarParameters
+from crar_drake.robot import ControlModel
+from crar_drake.robot_description import (
+    RobotDescription,
+    add_robot,
+    load_robot_description,
+)
+from crar_drake.scenario import Scenario, SimulatedRobot, check_multiple
+from crar_drake.start_pose import solve_start_pose
+from crar_drake.task import Task
+
+# The controller's outputs that a run keeps, by port name.
+LOGGED_OUTPUTS = (
+    "actuation",
+    "desired_acceleration",
+    "task_error",
+    "signed_distances",
+    "constraint_weights",
+)
+
+
+def AddCrarController(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    description: RobotDescription,
+    tasks: Sequence[Task],
+    parameters: CrarParameters | None = None,
+    *,
+    control_model: ControlModel | None = None,
+) -> CrarController:
+    """Adds a controller beside a plant and connects state and actuation.
+
+    What remains to be connected are `desired_tasks` and, if the description
+    prescribes joints, `desired_prescribed`.
+
+    Args:
+        builder: of the diagram that owns the plant.
+        plant: finalized.
+        scene_graph: where the plant's geometry is registered.
+        description: the names in the plant: task frames, watched pairs,
+            prescribed joints. From `load_robot_description`, or made in Python.
+        tasks: what is tracked.
+        parameters: gains and modes; by default the paper's.
+        control_model: the model that the controller computes with; by default a
+            clone of `plant` and `scene_graph` as they are now.
+
+    Raises:
+        ModelError: the plant is not finalized, has another state or other
+            actuators than the control model, or a name is not in it.
+        ScenarioError: a parameter is out of range, or the control period is not a
+            multiple of the plant's time step.
+    """
+    parameters = parameters or CrarParameters()
+    parameters.validate()
+    if not plant.is_finalized():
+        raise ModelError("the plant is not finalized: call plant.Finalize() first")
+    check_multiple("controller.period", parameters.period, plant.time_step())
+    if control_model is None:
+        control_model = ControlModel.FromPlant(
+            plant, scene_graph, description, tasks, distances=parameters.distances
+        )
+    for what, theirs, ours in (
+        ("positions", plant.num_positions(), control_model.plant.num_positions()),
+        ("velocities", plant.num_velocities(), control_model.plant.num_velocities()),
+        ("actuators", plant.num_actuators(), control_model.plant.num_actuators()),
+    ):
+        if theirs != ours:
+            raise ModelError(
+                f"the plant has {theirs} {what} but the control model {ours}; they "
+                "must be the same robot"
+            )
+    controller = builder.AddSystem(
+        CrarController(
+            control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
+        )
+    )
+    builder.Connect(
+        plant.get_state_output_port(), controller.get_input_port_estimated_state()
+    )
+    builder.Connect(
+        controller.get_output_port_actuation(), plant.get_actuation_input_port()
+    )
+    return controller
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a scenario needs before it can be built.
+
+    Attributes:
+        model: the control model.
+        motion: the desired motion.
+        start_positions: (nq,) the pose that the run starts in, at rest.
+    """
+
+    model: ControlModel
+    motion: DesiredMotion
+    start_positions: np.ndarray
+
+
+def PrepareScenario(scenario: Scenario) -> Setup:
+    """Loads a scenario's robot and motion and solves for its start pose.
+
+    Raises:
+        CrarError: something in the scenario, its robot or its motion is wrong.
+    """
+    scenario.validate()
+    model = ControlModel.FromDescription(
+        load_robot_description(scenario.robot),
+        scenario.task_list(),
+        distances=scenario.controller.distances,
+        time_step=scenario.plant_config.time_step,
+    )
+    motion = load_desired_motion(scenario, model)
+    start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
+    return Setup(model, motion, start)
+
+
+def MakeCrarDiagram(
+    scenario: Scenario, meshcat: Meshcat | None = None, setup: Setup | None = None
+) -> Diagram:
+    """Builds the whole diagram of a scenario.
+
+    Subsystems, by name: "plant", "scene_graph", "crar_controller",
+    "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
+    "log_<port>" for the state, the targets and each of LOGGED_OUTPUTS; with
+    `meshcat` its visualiser and "playback_overlay". The default context starts at
+    rest in a valid pose near the first target.
+
+    Exported outputs: "state", "query", "desired_tasks" and every output of the
+    controller. There are no inputs.
+
+    Args:
+        scenario: from `load_scenario`, or made in Python.
+        meshcat: draws the robot, the targets and the warnings; None for none.
+        setup: of this scenario, if it is at hand already.
+
+    Raises:
+        CrarError: something in the scenario, its robot or its motion is wrong.
+    """
+    setup = setup or PrepareScenario(scenario)
+    model = setup.model
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
+    add_robot(plant, model.description)
+    _lift_limits(plant, scenario.simulated_robot)
+    plant.Finalize()
+    if not scenario.simulated_robot.contact:
+        _filter_contact(scene_graph)
+    plant.SetDefaultPositions(setup.start_positions)
+
+    controller = AddCrarController(
+        builder,
+        plant,
+        scene_graph,
+        model.description,
+        model.tasks,
+        scenario.controller,
+        control_model=model,
+    )
+    tasks = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())
+    builder.Connect(tasks.get_output_port(), controller.get_input_port_desired_tasks())
+    if setup.motion.MakePrescribedSource is not None:
+        prescribed = builder.AddNamedSystem(
+            "desired_prescribed", setup.motion.MakePrescribedSource()
+        )
+        builder.Connect(
+            prescribed.get_output_port(), controller.get_input_port_desired_prescribed()
+        )
+
+    logged = {
+        "state": plant.get_state_output_port(),
+        "desired_tasks": tasks.get_output_port(),
+    } | {name: controller.GetOutputPort(name) for name in LOGGED_OUTPUTS}
+    for name, port in logged.items():
+        period = scenario.log_period or scenario.controller.period
+        LogVectorOutput(port, builder, period).set_name(f"log_{name}")
+    if meshcat is not None:
+        _add_visualization(builder, scenario, meshcat, model, controller)
+
+    builder.ExportOutput(plant.get_state_output_port(), "state")
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+    builder.ExportOutput(tasks.get_output_port(), "desired_tasks")
+    for i in range(controller.num_output_ports()):
+        port = controller.get_output_port(i)
+        builder.ExportOutput(port, port.get_name())
+    diagram = builder.Build()
+    diagram.set_name("crar")
+    return diagram
+
+
+def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
+    """Takes off what would hide a violation, unless the scenario keeps it."""
+    if not simulated.position_limits:
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            unlimited = np.full(joint.num_positions(), np.inf)
+            joint.set_position_limits(-unlimited, unlimited)
+    if not simulated.effort_limits:
+        plant.RemoveAllJointActuatorEffortLimits()
+
+
+def _filter_contact(scene_graph: SceneGraph) -> None:
+    inspector = scene_graph.model_inspector()
+    everything = GeometrySet(inspector.GetAllGeometryIds())
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(everything)
+    )
+
+
+def _add_visualization(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    meshcat: Meshcat,
+    model: ControlModel,
+    controller: CrarController,
+) -> None:
+    ApplyVisualizationConfig(
+        scenario.visualization,
+        builder,
+        meshcat=meshcat,
+        # Nothing of it goes to a network: the page is what is wanted.
+        lcm=DrakeLcm("memq://"),
+    )

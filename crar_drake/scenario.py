@@ -1,0 +1,219 @@
+"""A scenario: one whole diagram as a YAML file.
+
+`diagrams/README.md` shows the file. Plant, simulator and visualisation are
+configured by Drake's own dataclasses.
+"""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+import os
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.visualization import VisualizationConfig
+
+from crar_drake.errors import ScenarioError
+from crar_drake.keyframes import Keyframe
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF
+from crar_drake.parameters import CrarParameters
+from crar_drake.resources import data_folder
+from crar_drake.robot_description import nearest
+from crar_drake.task import EXPERIMENTS, Task, position_tasks
+
+
+def _plant_config() -> MultibodyPlantConfig:
+    return MultibodyPlantConfig(time_step=1e-3, discrete_contact_approximation="lagged")
+
+
+def _simulator_config() -> SimulatorConfig:
+    return SimulatorConfig(max_step_size=1e-2, publish_every_time_step=False)
+
+
+def _visualization_config() -> VisualizationConfig:
+    # A period that is a binary fraction keeps recorded frames evenly spaced.
+    return VisualizationConfig(
+        publish_period=1.0 / 32.0,
+        publish_proximity=False,
+        publish_contacts=False,
+        publish_inertia=False,
+    )
+
+
+@dataclass
+class SimulatedRobot:
+    """What the simulated plant does of its own.
+
+    All off by default: contact would push penetrating segments apart, limits would
+    stop a joint and effort limits would clamp the torque, so that a violation by
+    the controller could not be seen.
+
+    Attributes:
+        contact: segments collide, also with the environment.
+        position_limits: joints stop at their limits.
+        effort_limits: torques are clamped at the model's effort limits.
+    """
+
+    contact: bool = False
+    position_limits: bool = False
+    effort_limits: bool = False
+
+
+@dataclass
+class Scenario:
+    """One whole diagram: robot, motion, tasks, controller, simulation, recording.
+
+    Attributes:
+        description: one line for `crar-drake list`.
+        robot: name of a shipped robot, or path of a robot.yaml.
+        motion: name of a motion (`dance`, `cmu:05_02`, a path); "" if `keyframes`
+            say where the tasks go.
+        skeleton: path of the motion's .asf, where it is not beside the motion.
+        cutoff: of the low-pass on the motion [Hz].
+        experiment: a task set of the paper: "wrists" or "upper-body"; "" if `tasks`
+            lists them.
+        tasks: what is tracked.
+        keyframes: task name to its keyframes, instead of a motion.
+        controller: gains and modes.
+        simulated_robot: what the simulated plant does of its own.
+        duration: of the simulation [s]; by default that of the motion.
+        warning_distance: segments nearer than this are coloured in the recording
+            [m].
+        log_period: of log.npz [s]; by default the control period.
+        plant_config, simulator_config, visualization: Drake's own.
+    """
+
+    description: str = ""
+    robot: str = "upper_body"
+    motion: str = ""
+    skeleton: str = ""
+    cutoff: float = DEFAULT_CUTOFF  # [Hz]
+    experiment: str = ""
+    tasks: list[Task] = field(default_factory=list)
+    keyframes: dict[str, list[Keyframe]] = field(default_factory=dict)
+    controller: CrarParameters = field(default_factory=CrarParameters)
+    simulated_robot: SimulatedRobot = field(default_factory=SimulatedRobot)
+    duration: float | None = None  # [s]
+    warning_distance: float = 0.02  # [m]
+    log_period: float | None = None  # [s]
+    plant_config: MultibodyPlantConfig = field(default_factory=_plant_config)
+    simulator_config: SimulatorConfig = field(default_factory=_simulator_config)
+    visualization: VisualizationConfig = field(default_factory=_visualization_config)
+
+    def validate(self) -> None:
+        """Checks what can be checked without the robot and the motion.
+
+        Raises:
+            ScenarioError: names the field, its value and the remedy.
+        """
+        self.controller.validate()
+        if bool(self.motion) == bool(self.keyframes):
+            raise ScenarioError(
+                "give either motion (a file or name) or keyframes (poses), not "
+                f"{'both' if self.motion else 'neither'}"
+            )
+        if bool(self.experiment) == bool(self.tasks):
+            raise ScenarioError(
+                "give either experiment or tasks, not "
+                f"{'both' if self.experiment else 'neither'}"
+            )
+        if self.experiment and self.experiment not in EXPERIMENTS:
+            raise ScenarioError(
+                f"experiment: {self.experiment!r} is unknown"
+                f"{nearest(self.experiment, EXPERIMENTS)}"
+            )
+        for name in ("duration", "cutoff", "warning_distance", "log_period"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise ScenarioError(f"{name}: {value} must be positive")
+        check_multiple(
+            "controller.period", self.controller.period, self.plant_config.time_step
+        )
+
+    def task_list(self) -> list[Task]:
+        """The tasks, whether listed or of an experiment."""
+        if self.experiment:
+            return position_tasks(EXPERIMENTS[self.experiment])
+        return self.tasks
+
+    def to_yaml(self) -> str:
+        """The scenario as YAML text, every field written out."""
+        return yaml_dump_typed(self)
+
+
+def check_multiple(name: str, period: float, time_step: float) -> None:
+    """Raises ScenarioError unless `period` is a multiple of the plant's step.
+
+    Args:
+        name: of the period, for the message.
+        period: [s].
+        time_step: of the discrete plant [s]; 0 for a continuous one, which takes
+            any period.
+    """
+    ratio = period / time_step if time_step > 0.0 else 1.0
+    if abs(ratio - round(ratio)) > 1e-6 * ratio or round(ratio) < 1:
+        raise ScenarioError(
+            f"{name}: {period:g} s is not a multiple of the plant's time step "
+            f"{time_step:g} s; choose e.g. {max(round(ratio), 1) * time_step:g}"
+        )
+
+
+def scenario_names() -> list[str]:
+    """Names of the shipped scenarios."""
+    return sorted(path.stem for path in data_folder("diagrams").glob("*.yaml"))
+
+
+def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
+    """Loads a scenario file by path, or a shipped one by name.
+
+    Raises:
+        ScenarioError: there is no such file, it has an unknown key, or a value is
+            out of range; the message names file and key.
+    """
+    path = Path(scenario)
+    if not path.is_file():
+        shipped = data_folder("diagrams") / f"{path.stem}.yaml"
+        if path.parent.name not in ("", "diagrams") or not shipped.is_file():
+            raise ScenarioError(
+                f"no scenario {str(scenario)!r}: neither a file nor one of the shipped "
+                f"ones{nearest(path.stem, scenario_names())}"
+            )
+        path = shipped
+    return parse_scenario(path.read_text(), str(path))
+
+
+def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+    """Parses and validates a scenario's YAML text.
+
+    Args:
+        text: YAML.
+        source: what to call it in messages.
+
+    Raises:
+        ScenarioError: as `load_scenario`.
+    """
+    try:
+        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
+    except Exception as error:
+        message = str(error)
+        known = _key_names()
+        for word in message.replace("[", " ").replace("]", " ").split():
+            key = word.strip("',")
+            if "unknown" in message and word.startswith("'") and key not in known:
+                message += nearest(key, known)
+        raise ScenarioError(f"{source}: {message}") from error
+    try:
+        scenario.validate()
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+    return scenario
+
+
+def _key_names() -> set[str]:
+    """Every key that a scenario file may have, at any level."""
+    schemas = (Scenario, CrarParameters, SimulatedRobot, Task, Keyframe)
+    keys = {f.name for schema in schemas for f in fields(schema)}
+    for config in (MultibodyPlantConfig(), SimulatorConfig(), VisualizationConfig()):
+        keys |= {f.name for f in config.__fields__}
+    return keys

@@ -1,0 +1,69 @@
+"""What the controller is asked to track: systems that emit `desired_tasks`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.errors import ScenarioError
+from crar_drake.keyframes import KeyframeTrajectory
+
+
+class PoseTrajectorySource(LeafSystem):
+    """Emits [x_d; v_d; a_d] of tasks of any kind along keyframes.
+
+    Drake's TrajectorySource serves position tasks; it has no derivatives for
+    orientations.
+
+    Output port:
+        desired_tasks: (layout.size,), see `TaskLayout`.
+    """
+
+    def __init__(
+        self, layout: TaskLayout, trajectories: Mapping[str, KeyframeTrajectory]
+    ) -> None:
+        """
+        Args:
+            layout: the controller's tasks.
+            trajectories: task name to its way.
+
+        Raises:
+            ScenarioError: a task has no keyframes, or keyframes no task.
+        """
+        super().__init__()
+        self.set_name("desired_tasks")
+        missing = [name for name in layout.names if name not in trajectories]
+        unknown = [name for name in trajectories if name not in layout.names]
+        if missing:
+            raise ScenarioError(f"keyframes: none for task {', '.join(missing)}")
+        if unknown:
+            raise ScenarioError(
+                f"keyframes: there is no task {', '.join(unknown)}; the tasks are "
+                f"{', '.join(layout.names)}"
+            )
+        self._layout = layout
+        self._trajectories = [trajectories[name] for name in layout.names]
+        self.duration = max(t.end for t in self._trajectories)
+        self.DeclareVectorOutputPort(
+            "desired_tasks", layout.size, self._Calc, {self.time_ticket()}
+        )
+
+    def at(self, time: float) -> np.ndarray:
+        """[x_d; v_d; a_d] (layout.size,) at `time` [s]."""
+        layout = self._layout
+        R = np.empty((len(layout.angular_tasks), 3, 3))
+        p = np.empty((len(layout.linear_tasks), 3))
+        v, a = np.empty(layout.m), np.empty(layout.m)
+        for i, task in enumerate(layout.angular_tasks):
+            rows = layout.angular_rows[i]
+            R[i], v[rows], a[rows] = self._trajectories[task].orientation(time)
+        for i, task in enumerate(layout.linear_tasks):
+            rows = layout.linear_rows[i]
+            p[i], v[rows], a[rows] = self._trajectories[task].position(time)
+        return layout.pack(R, p, v, a)
+
+    def _Calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.at(context.get_time()))

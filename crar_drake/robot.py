@@ -101,7 +101,9 @@ class ControlModel:
         pairs: the watched pairs.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
         controlled, prescribed: their indices in v (and q).
-        joint_names: (n,) names of the controlled joints' positions.
+        position_names: (nq,) the joint of each position of the plant.
+        joint_names, prescribed_names: (n,), (n_p,) those of controlled and
+            prescribed joints.
         lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
     """
@@ -334,7 +336,7 @@ class ControlModel:
         nv = plant.num_velocities()
         B = plant.MakeActuationMatrix()
         unactuated = np.flatnonzero(~B.any(axis=1))
-        names = [str(name) for name in plant.GetPositionNames()]
+        names = _names_by_joint(plant)
         if len(unactuated):
             raise ModelError(
                 "every joint must be actuated, but these are not: "
@@ -461,6 +463,23 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
+
+
+def _names_by_joint(plant: MultibodyPlant) -> list[str]:
+    """Per velocity the joint's name; scoped where two models share a name."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    plain = [joint.name() for joint in joints]
+    names = [""] * plant.num_velocities()
+    for joint in joints:
+        name = joint.name()
+        if plain.count(name) > 1:
+            name = f"{plant.GetModelInstanceName(joint.model_instance())}::{name}"
+        for i in range(joint.num_velocities()):
+            suffix = (
+                f".{joint.velocity_suffix(i)}" if joint.num_velocities() > 1 else ""
+            )
+            names[joint.velocity_start() + i] = name + suffix
+    return names
 
 
 def _skew(r: np.ndarray) -> np.ndarray:

@@ -1,0 +1,265 @@
+"""What a motion is called, and which files that name stands for.
+
+Everywhere a motion is one of:
+
+- a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
+  `05_02.asf`, `05.asf`, or the only ASF file of the folder.
+- a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
+  the environment variable CRAR_MOCAP_PATH, then in the user's cache, both laid out
+  like the database's own site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
+- the name of a motion that this project ships: `dance`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import platformdirs
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.asf_amc import Clip, read_amc, read_asf
+from crar_drake.resources import builtin_motions_folder
+
+CMU_PREFIX = "cmu:"
+SEARCH_PATH_VARIABLE = "CRAR_MOCAP_PATH"
+
+
+@dataclass(frozen=True)
+class MotionFiles:
+    """A motion's two files.
+
+    Attributes:
+        name: what the user called the motion.
+        amc: the motion file.
+        asf: the file of the skeleton that it moves.
+    """
+
+    name: str
+    amc: Path
+    asf: Path
+
+
+def load_clip(
+    name: str | os.PathLike[str], skeleton: str | os.PathLike[str] | None = None
+) -> Clip:
+    """Reads the motion of that name; the clip is called `name`, too.
+
+    Args:
+        name: a path, `cmu:` and a trial, or a built-in name.
+        skeleton: the ASF file of a motion given as a path, if not beside it.
+
+    Raises:
+        MotionError: there is no such motion or skeleton, or a file is damaged.
+    """
+    files = resolve(name, skeleton)
+    return read_amc(files.amc, read_asf(files.asf), name=files.name)
+
+
+def resolve(
+    name: str | os.PathLike[str], skeleton: str | os.PathLike[str] | None = None
+) -> MotionFiles:
+    """Finds the files of a motion; it does not look into them.
+
+    Args:
+        name: a path, `cmu:` and a trial, or a built-in name. A string is a path if
+            it has a folder or an extension.
+        skeleton: the ASF file of a motion given as a path, if not beside it.
+
+    Raises:
+        MotionError: the name is unknown, a file is missing or of another kind, or
+            more than one skeleton could be meant.
+    """
+    text = os.fspath(name)
+    is_trial = isinstance(name, str) and text.startswith(CMU_PREFIX)
+    is_path = not is_trial and (
+        not isinstance(name, str) or os.sep in text or Path(text).suffix != ""
+    )
+    if is_path:
+        return _resolve_path(text, skeleton)
+    if skeleton is not None:
+        raise MotionError(
+            f"motion {text!r} has its own skeleton; leave {os.fspath(skeleton)} away, "
+            f"or give the motion as a path to an .amc file"
+        )
+    return _resolve_trial(text) if is_trial else _resolve_builtin(text)
+
+
+# --- paths ------------------------------------------------------------------------
+
+
+def _resolve_path(text: str, skeleton: str | os.PathLike[str] | None) -> MotionFiles:
+    amc = _existing_file(text, ".amc", "motion")
+    if skeleton is None:
+        asf = _skeleton_beside(amc)
+    else:
+        asf = _existing_file(os.fspath(skeleton), ".asf", "skeleton")
+    return MotionFiles(text, amc, asf)
+
+
+def _existing_file(text: str, suffix: str, kind: str) -> Path:
+    path = Path(os.path.expanduser(text))
+    if path.suffix.lower() != suffix:
+        raise MotionError(
+            f"{path}: a {kind} is an {suffix} file; other kinds are not read"
+        )
+    if not path.is_file():
+        hint = f", or write {CMU_PREFIX}{path.stem}" if _is_trial(path.stem) else ""
+        raise MotionError(f"{path}: there is no such {kind} file; check the path{hint}")
+    return path
+
+
+def _skeleton_beside(amc: Path) -> Path:
+    """Returns the skeleton in the motion's folder that it belongs to."""
+    subject = amc.stem.partition("_")[0]
+    found = {
+        path.stem: path
+        for path in sorted(amc.parent.iterdir())
+        if path.suffix.lower() == ".asf" and path.is_file()
+    }
+    for stem in (amc.stem, subject):
+        if stem in found:
+            return found[stem]
+    names = ", ".join(path.name for path in found.values())
+    if not found:
+        raise MotionError(
+            f"{amc}: no skeleton lies beside this motion; put {subject}.asf into its "
+            f"folder or name the skeleton file"
+        )
+    if len(found) > 1:
+        raise MotionError(
+            f"{amc}: more than one skeleton could be this motion's: {names}; name the "
+            f"right one"
+        )
+    # All skeletons of the database have the same bones: the motion would load on
+    # another performer's, with wrong lengths and no error.
+    if _is_trial(amc.stem) and next(iter(found)).isdigit():
+        raise MotionError(
+            f"{amc}: the skeleton beside this motion, {names}, is another subject's; "
+            f"put {subject}.asf there, or name {names} if it is meant"
+        )
+    return next(iter(found.values()))
+
+
+# --- trials of the database -------------------------------------------------------
+
+
+def trial_id(text: str) -> str:
+    """Returns the trial's number, `05_02`, from `05_02` or `cmu:05_02`.
+
+    Raises:
+        MotionError: it is not subject_trial, with two digits at least.
+    """
+    trial = text.removeprefix(CMU_PREFIX)
+    numbers = re.fullmatch(r"([0-9]{1,3})_([0-9]{1,3})(\.amc)?", trial)
+    if numbers is None:
+        raise MotionError(
+            f"{text!r} names no trial of the CMU database; write the subject's and the "
+            f"trial's number, such as 05_02"
+        )
+    usual = f"{int(numbers[1]):02d}_{int(numbers[2]):02d}"
+    if trial != usual:
+        raise MotionError(f"trial {trial!r} is written {usual!r} in the CMU database")
+    return trial
+
+
+def _is_trial(text: str) -> bool:
+    try:
+        trial_id(text)
+    except MotionError:
+        return False
+    return not text.startswith(CMU_PREFIX)
+
+
+def trial_files(folder: Path, trial: str) -> MotionFiles:
+    """Returns where a trial's files are in a folder laid out like the database."""
+    subject = trial.partition("_")[0]
+    place = folder / "subjects" / subject
+    return MotionFiles(
+        CMU_PREFIX + trial, place / f"{trial}.amc", place / f"{subject}.asf"
+    )
+
+
+def cache_folder() -> Path:
+    """Returns the user's folder of fetched trials; it need not exist."""
+    return Path(platformdirs.user_cache_dir("crar-drake")) / "cmu"
+
+
+def search_path() -> list[Path]:
+    """Returns the folders that trials are looked for in, the cache last."""
+    listed = os.environ.get(SEARCH_PATH_VARIABLE, "").split(os.pathsep)
+    folders = [Path(os.path.expanduser(folder)) for folder in listed if folder]
+    return [*folders, cache_folder()]
+
+
+def _resolve_trial(text: str) -> MotionFiles:
+    trial = trial_id(text)
+    candidates = [trial_files(folder, trial) for folder in search_path()]
+    for files in candidates:
+        if files.amc.is_file() and files.asf.is_file():
+            return files
+    remedy = f"run: crar-drake fetch {trial}"
+    for files in candidates:
+        if files.amc.is_file():
+            raise MotionError(
+                f"{text}: the motion is there, but its skeleton {files.asf} is "
+                f"missing; put it there or {remedy}"
+            )
+    *listed, cache = search_path()
+    places = ", ".join(str(folder) for folder in listed) or "not set"
+    raise MotionError(
+        f"{text} is neither in {SEARCH_PATH_VARIABLE} ({places}) nor in the cache "
+        f"({cache}); {remedy}"
+    )
+
+
+def available_trials() -> list[MotionFiles]:
+    """Returns the trials that can be used now, by number: search path and cache."""
+    return _trials_in(search_path())
+
+
+def cached_trials() -> list[MotionFiles]:
+    """Returns the trials in the user's cache, by number."""
+    return _trials_in([cache_folder()])
+
+
+def _trials_in(folders: Iterable[Path]) -> list[MotionFiles]:
+    found: dict[str, MotionFiles] = {}
+    for folder in folders:
+        for path in folder.glob("subjects/*/*.amc"):
+            if path.stem in found or not _is_trial(path.stem):
+                continue
+            files = trial_files(folder, path.stem)
+            if files.amc.is_file() and files.asf.is_file():
+                found[path.stem] = files
+    order = sorted(found, key=lambda trial: [int(part) for part in trial.split("_")])
+    return [found[trial] for trial in order]
+
+
+# --- built-in motions -------------------------------------------------------------
+
+
+def builtin_names() -> list[str]:
+    """Returns the names of the motions that this project ships."""
+    return sorted(path.stem for path in builtin_motions_folder().glob("*.amc"))
+
+
+def _resolve_builtin(name: str) -> MotionFiles:
+    names = builtin_names()
+    if name in names:
+        amc = builtin_motions_folder() / f"{name}.amc"
+        return MotionFiles(name, amc, _skeleton_beside(amc))
+    if _is_trial(name):
+        nearest = [CMU_PREFIX + name]
+    else:
+        nearest = difflib.get_close_matches(name.lower(), names, n=1)
+    question = f"; did you mean {nearest[0]!r}?" if nearest else "."
+    raise MotionError(
+        f"there is no motion {name!r}{question} Built in: {', '.join(names) or 'none'}. "
+        f"Others: a path to an .amc file, or {CMU_PREFIX}05_02 for a trial of the CMU "
+        f"database"
+    )

@@ -1,0 +1,376 @@
+"""Downloads trials of the CMU Graphics Lab Motion Capture Database.
+
+A file appears in the cache only when it is complete and checked: bytes gather in
+`05_02.amc.part`, which a later attempt, or a later run, continues.
+"""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import functools
+import hashlib
+import http.client
+import os
+import re
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import rich.progress
+from rich.console import Console
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.asf_amc import read_amc, read_asf
+from crar_drake.motion.catalogue import (
+    SEARCH_PATH_VARIABLE,
+    MotionFiles,
+    cache_folder,
+    trial_files,
+    trial_id,
+)
+
+DATABASE_URL = "http://mocap.cs.cmu.edu"
+
+LICENCE_NOTICE = (
+    "The data used in this project was obtained from mocap.cs.cmu.edu. The database "
+    "was created with funding from NSF EIA-0196217.\n"
+    "It is free for all uses, but it may not be resold, even in converted form."
+)
+
+_ATTEMPTS = 5
+_FIRST_PAUSE = 0.5  # doubles with every further attempt [s]
+_TIMEOUT = 30.0  # without a byte [s]
+_CHUNK = 1 << 16  # [bytes]
+
+
+class ProgressCallback(Protocol):
+    """What `fetch` tells about a download, some times a second."""
+
+    def __call__(self, file: str, done: int, total: int | None) -> None:
+        """Takes the file's name and its bytes so far; total is None if unknown."""
+
+
+@dataclass(frozen=True)
+class KnownTrial:
+    """Facts about a trial, against which a download is checked.
+
+    Attributes:
+        frames: number of samples.
+        amc_sha256: of the motion file, in hexadecimal.
+        asf_sha256: of the subject's skeleton file, in hexadecimal.
+    """
+
+    frames: int
+    amc_sha256: str
+    asf_sha256: str
+
+
+@functools.cache
+def known_trials() -> Mapping[str, KnownTrial]:
+    """Returns the trials whose checksums are known, by number."""
+    with open(Path(__file__).with_name("known_trials.csv"), encoding="utf-8") as file:
+        return {
+            row["trial"]: KnownTrial(
+                int(row["frames"]), row["amc_sha256"], row["asf_sha256"]
+            )
+            for row in csv.DictReader(file)
+        }
+
+
+def fetch(
+    trial: str,
+    cache: str | os.PathLike[str] | None = None,
+    base_url: str = DATABASE_URL,
+    progress: ProgressCallback | None = None,
+    force: bool = False,
+    *,
+    known: Mapping[str, KnownTrial] | None = None,
+    sleep: Callable[[float], object] = time.sleep,
+) -> MotionFiles:
+    """Downloads a trial and its skeleton, unless they are there and right.
+
+    Files are checked by SHA-256 where it is known, else by reading them. One fetch
+    at a time works on a cache; others wait for it. Who shows or passes on the data
+    must state LICENCE_NOTICE.
+
+    Args:
+        trial: `05_02` or `cmu:05_02`.
+        cache: folder to keep the files in; the user's cache by default.
+        base_url: a server with the database's layout.
+        progress: is told how far each download is.
+        force: downloads again, whatever is there.
+        known: the checksums; those of `known_trials` by default.
+        sleep: waits between attempts [s].
+
+    Raises:
+        MotionError: no such trial, no connection, or not the right file. No file
+            has then got its name in the cache without being complete and right.
+    """
+    trial = trial_id(trial)
+    known = known_trials() if known is None else known
+    folder = cache_folder() if cache is None else Path(cache)
+    files = trial_files(folder, trial)
+
+    def download(path: Path, sha256: str | None, read: Callable[[Path], object]):
+        if path.is_file() and not force:
+            if _complaint(path, sha256, read) is None:
+                return
+        url = f"{base_url.rstrip('/')}/{path.relative_to(folder).as_posix()}"
+        part = _Part(path, url)
+        if force:
+            part.discard()
+        _download(part, trial, sha256 is not None, progress, sleep)
+        complaint = _complaint(part.path, sha256, read)
+        if complaint is not None:
+            part.discard()
+            raise MotionError(
+                f"{url}: {complaint}. The download was removed; fetch it again, or put "
+                f"the right file into a folder of {SEARCH_PATH_VARIABLE}"
+            )
+        part.finish()
+
+    try:
+        with _one_at_a_time(folder):
+            download(files.asf, _skeleton_sha256(trial, known), read_asf)
+            download(
+                files.amc,
+                known[trial].amc_sha256 if trial in known else None,
+                lambda path: read_amc(path, read_asf(files.asf)),
+            )
+    except OSError as error:
+        raise MotionError(
+            f"cannot keep trial {trial} in {folder}: {error.strerror or error}; make "
+            f"room there or name another cache folder"
+        ) from error
+    return files
+
+
+@contextmanager
+def rich_progress(console: Console | None = None) -> Iterator[ProgressCallback]:
+    """Yields a callback for `fetch` that draws one bar a file."""
+    columns = (
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.BarColumn(),
+        rich.progress.DownloadColumn(),
+        rich.progress.TransferSpeedColumn(),
+    )
+    with rich.progress.Progress(*columns, console=console) as bars:
+        tasks: dict[str, rich.progress.TaskID] = {}
+
+        def show(file: str, done: int, total: int | None) -> None:
+            if file not in tasks:
+                tasks[file] = bars.add_task(file, total=total)
+            bars.update(tasks[file], completed=done, total=total)
+
+        yield show
+
+
+@contextmanager
+def _one_at_a_time(folder: Path) -> Iterator[None]:
+    """Holds the folder's lock, which the system frees even if we are killed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / ".lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+# --- checking ---------------------------------------------------------------------
+
+
+def _skeleton_sha256(trial: str, known: Mapping[str, KnownTrial]) -> str | None:
+    """Returns the skeleton's checksum, which any trial of the subject tells."""
+    subject = trial.partition("_")[0]
+    for other, facts in known.items():
+        if other.partition("_")[0] == subject:
+            return facts.asf_sha256
+    return None
+
+
+def _complaint(
+    path: Path, sha256: str | None, read: Callable[[Path], object]
+) -> str | None:
+    """Returns what is wrong with a file, or None."""
+    if sha256 is not None:
+        with open(path, "rb") as file:
+            actual = hashlib.file_digest(file, "sha256").hexdigest()
+        if actual == sha256:
+            return None
+        return f"wrong checksum: expected SHA-256 {sha256}, got {actual}"
+    try:
+        read(path)
+    except MotionError as error:
+        return f"not a readable file of its kind ({error})"
+    return None
+
+
+# --- downloading ------------------------------------------------------------------
+
+
+class _TryAgain(Exception):
+    """An attempt failed in a way that may pass; says how."""
+
+
+class _Part:
+    """An unfinished download: its bytes, and beside them what they are bytes of."""
+
+    def __init__(self, target: Path, url: str) -> None:
+        self.target = target
+        self.url = url
+        self.path = target.with_name(target.name + ".part")
+        self._origin = target.with_name(target.name + ".part.origin")
+
+    def resume_point(self) -> tuple[int, str]:
+        """Returns how many bytes are there, and the validator of their version."""
+        try:
+            url, validator = self._origin.read_text(encoding="utf-8").splitlines()
+            size = self.path.stat().st_size
+        except (FileNotFoundError, ValueError):
+            return 0, ""
+        # Without a validator a changed file cannot be told from the old one.
+        return (size, validator) if url == self.url and validator else (0, "")
+
+    def begin(self, validator: str) -> None:
+        """Drops the old bytes before it says of which version the new ones are."""
+        self.discard()
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._origin.write_text(f"{self.url}\n{validator}\n", encoding="utf-8")
+
+    def discard(self) -> None:
+        self.path.unlink(missing_ok=True)
+        self._origin.unlink(missing_ok=True)
+
+    def finish(self) -> None:
+        os.replace(self.path, self.target)
+        self._origin.unlink(missing_ok=True)
+
+
+def _download(
+    part: _Part,
+    trial: str,
+    has_checksum: bool,
+    progress: ProgressCallback | None,
+    sleep: Callable[[float], object],
+) -> None:
+    """Completes a part, in several attempts if need be."""
+    for attempt in range(_ATTEMPTS):
+        if attempt > 0:
+            sleep(_FIRST_PAUSE * 2 ** (attempt - 1))
+        try:
+            with _open(part, trial) as response:
+                _receive(response, part, has_checksum, progress)
+            return
+        except _TryAgain as error:
+            reason = error
+    raise MotionError(
+        f"{part.url}: {reason}; gave up after {_ATTEMPTS} attempts. Run the same "
+        f"command later: it goes on with what has arrived"
+    )
+
+
+def _open(part: _Part, trial: str) -> http.client.HTTPResponse:
+    """Asks for the file, or for the rest of it."""
+    request = urllib.request.Request(part.url, headers={"User-Agent": "crar-drake"})
+    size, validator = part.resume_point()
+    if size > 0:
+        request.add_header("Range", f"bytes={size}-")
+        request.add_header("If-Range", validator)
+    try:
+        return urllib.request.urlopen(request, timeout=_TIMEOUT)
+    except urllib.error.HTTPError as error:
+        error.close()
+        if error.code in (404, 410):
+            raise MotionError(
+                f"the database has no trial {trial}: {part.url} does not exist; look "
+                f"its number up at {DATABASE_URL}"
+            ) from error
+        if error.code == 416:  # the file has become shorter than what we have
+            part.discard()
+            raise _TryAgain("the server has no such part of the file") from error
+        if error.code >= 500 or error.code in (408, 429):
+            raise _TryAgain(f"the server answers {error.code}") from error
+        raise MotionError(
+            f"{part.url}: the server answers {error.code} {error.reason}; get the "
+            f"files another way and name their folder in {SEARCH_PATH_VARIABLE}"
+        ) from error
+    except urllib.error.URLError as error:
+        if isinstance(error.reason, TimeoutError):
+            raise _TryAgain("the server does not answer") from error
+        if isinstance(error.reason, ConnectionError) and not isinstance(
+            error.reason, ConnectionRefusedError
+        ):
+            raise _TryAgain("the connection was cut off") from error
+        host = urllib.parse.urlsplit(part.url).netloc
+        raise MotionError(
+            f"cannot reach {host} ({error.reason}); check the network, or get the "
+            f"files another way and name their folder in {SEARCH_PATH_VARIABLE}"
+        ) from error
+    except (OSError, http.client.HTTPException) as error:
+        raise _TryAgain("the connection was cut off") from error
+
+
+def _receive(
+    response: http.client.HTTPResponse,
+    part: _Part,
+    has_checksum: bool,
+    progress: ProgressCallback | None,
+) -> None:
+    """Writes the response behind what is there, or from the start."""
+    length = response.headers.get("Content-Length", "")
+    total = int(length) if length.isdecimal() else None
+    done = 0
+    if response.status == 206:
+        done, validator = part.resume_point()
+        total = _continued_total(response, done, validator)
+        if total is None:
+            part.discard()
+            raise _TryAgain("the file changed on the server")
+    else:
+        part.begin(_validator(response))
+        if total is None and not response.chunked and not has_checksum:
+            raise MotionError(
+                f"{part.url}: the server does not say how long the file is, so that a "
+                f"cut-off one could not be told; name another server"
+            )
+
+    with open(part.path, "ab") as file:
+        while True:
+            if progress is not None:
+                progress(part.target.name, done, total)
+            try:
+                chunk = response.read(_CHUNK)
+            except (OSError, http.client.HTTPException) as error:
+                raise _TryAgain(f"cut off at {done} bytes") from error
+            if not chunk:
+                break
+            file.write(chunk)
+            done += len(chunk)
+    if total is not None and done != total:
+        raise _TryAgain(f"cut off at {done} of {total} bytes")
+
+
+def _continued_total(
+    response: http.client.HTTPResponse, done: int, validator: str
+) -> int | None:
+    """Returns the whole file's length if a 206 response continues our bytes."""
+    content = response.headers.get("Content-Range", "")
+    numbers = re.fullmatch(r"bytes ([0-9]+)-[0-9]+/([0-9]+)", content)
+    # Some servers know Range, but not If-Range.
+    same_version = _validator(response) in ("", validator)
+    if numbers is None or int(numbers[1]) != done or not same_version:
+        return None
+    return int(numbers[2])
+
+
+def _validator(response: http.client.HTTPResponse) -> str:
+    """Returns what If-Range may compare: a strong ETag, else the date, else ""."""
+    etag = response.headers.get("ETag", "")
+    if etag and not etag.startswith("W/"):
+        return etag
+    return response.headers.get("Last-Modified", "")

@@ -1,4 +1,4 @@
-"""Constrained resolved acceleration: Eqs. (10), (12), (13), (15), (30)-(35).
+"""Constrained resolved acceleration: Eqs. (3), (10), (12), (13), (15), (30)-(35).
 
 `J_star` is Eq. (34) everywhere (with zero damping, Eq. (16)). Where some joints
 are prescribed, the caller moves their share to the right-hand side: J_p v_p at the
@@ -30,7 +30,7 @@ def constrained_velocity(J_star: np.ndarray, v_r: np.ndarray) -> np.ndarray:
 def velocity_level_acceleration(
     qdot_c: np.ndarray, previous: np.ndarray | None, period: float
 ) -> np.ndarray:
-    """Eq. (10): alpha = d/dt q_dot_r, as the difference over one control step.
+    """Eqs. (3), (10): alpha = q_ddot_r = d/dt q_dot_r, over one control step.
 
     Args:
         qdot_c: (n,) Eq. (15) at this step [rad/s].

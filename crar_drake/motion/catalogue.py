@@ -259,7 +259,7 @@ def _resolve_builtin(name: str) -> MotionFiles:
         nearest = difflib.get_close_matches(name.lower(), names, n=1)
     question = f"; did you mean {nearest[0]!r}?" if nearest else "."
     raise MotionError(
-        f"there is no motion {name!r}{question} Built in: {', '.join(names) or 'none'}. "
-        f"Others: a path to an .amc file, or {CMU_PREFIX}05_02 for a trial of the CMU "
-        f"database"
+        f"there is no motion {name!r}{question} Built in: "
+        f"{', '.join(names) or 'none'}. Others: a path to an .amc file, or "
+        f"{CMU_PREFIX}05_02 for a trial of the CMU database"
     )

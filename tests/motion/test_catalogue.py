@@ -1,0 +1,301 @@
+"""Names of motions: which files they stand for, and what a wrong name is told."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from crar_drake.errors import MotionError
+from crar_drake.motion import catalogue
+from crar_drake.motion.catalogue import (
+    available_trials,
+    builtin_names,
+    cache_folder,
+    cached_trials,
+    load_clip,
+    resolve,
+    trial_files,
+    trial_id,
+)
+
+ASF = """\
+:version 1.10
+:name two_bones
+:units
+  mass 1.0
+  length 0.45
+  angle deg
+:root
+   order TX TY TZ RX RY RZ
+   axis XYZ
+   position 0 0 0
+   orientation 0 0 0
+:bonedata
+  begin
+     id 1
+     name spine
+     direction 0 1 0
+     length 9
+     axis 0 0 0  XYZ
+    dof rx
+    limits (-90.0 90.0)
+  end
+:hierarchy
+  begin
+    root spine
+  end
+"""
+AMC = """\
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 0 18 0 0 0 0
+spine 0
+2
+root 1 18 0 0 0 0
+spine 10
+3
+root 2 18 0 0 0 0
+spine 20
+"""
+
+
+@pytest.fixture
+def no_cmu(monkeypatch, tmp_path) -> Path:
+    """No search path, and an empty cache, whose folder it returns."""
+    monkeypatch.delenv("CRAR_MOCAP_PATH", raising=False)
+    folder = tmp_path / "cache" / "cmu"
+    monkeypatch.setattr(catalogue, "cache_folder", lambda: folder)
+    return folder
+
+
+@pytest.fixture
+def builtin(monkeypatch, tmp_path) -> Path:
+    """A folder of built-in motions that is independent of the shipped ones."""
+    folder = tmp_path / "builtin"
+    write(folder / "performer.asf", ASF)
+    for name in ("dance", "boxing"):
+        write(folder / f"{name}.amc", AMC)
+    monkeypatch.setattr(catalogue, "builtin_motions_folder", lambda: folder)
+    return folder
+
+
+def write(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def add_trial(folder: Path, trial: str) -> None:
+    files = trial_files(folder, trial)
+    write(files.asf, ASF)
+    write(files.amc, AMC)
+
+
+def refusal(*args) -> str:
+    with pytest.raises(MotionError) as caught:
+        resolve(*args)
+    return str(caught.value)
+
+
+# --- paths ------------------------------------------------------------------------
+
+
+def test_skeleton_by_name_then_by_subject_then_the_only_one(tmp_path):
+    amc = write(tmp_path / "05_02.amc", AMC)
+    only = write(tmp_path / "someone.asf", ASF)
+    assert resolve(str(amc)).asf == only
+    subject = write(tmp_path / "05.asf", ASF)
+    assert resolve(str(amc)).asf == subject
+    own = write(tmp_path / "05_02.asf", ASF)
+    files = resolve(str(amc))
+    assert (files.name, files.amc, files.asf) == (str(amc), amc, own)
+
+
+def test_given_skeleton_comes_before_the_one_beside(tmp_path):
+    amc = write(tmp_path / "05_02.amc", AMC)
+    write(tmp_path / "05.asf", ASF)
+    other = write(tmp_path / "elsewhere" / "x.ASF", ASF)
+    assert resolve(amc, other).asf == other
+    assert resolve(str(amc), str(other)).asf == other
+
+
+def test_relative_path_and_bare_file_name(tmp_path, monkeypatch):
+    write(tmp_path / "walk.amc", AMC)
+    write(tmp_path / "walk.asf", ASF)
+    monkeypatch.chdir(tmp_path)
+    for name in ("walk.amc", "./walk.amc", Path("walk.amc")):
+        assert resolve(name).asf == Path("walk.asf")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert resolve("~/walk.amc").amc == tmp_path / "walk.amc"
+
+
+def test_ambiguous_skeleton_lists_the_candidates(tmp_path):
+    amc = write(tmp_path / "walk.amc", AMC)
+    write(tmp_path / "a.asf", ASF)
+    write(tmp_path / "b.asf", ASF)
+    assert "a.asf, b.asf; name the right one" in refusal(str(amc))
+
+
+def test_another_subjects_skeleton_is_not_taken_silently(tmp_path):
+    amc = write(tmp_path / "05_02.amc", AMC)
+    other = write(tmp_path / "07.asf", ASF)
+    assert re.search(r"07\.asf, is another subject's; put 05\.asf", refusal(str(amc)))
+    assert resolve(amc, other).asf == other
+
+
+def test_missing_and_wrong_files_name_the_remedy(tmp_path):
+    amc = write(tmp_path / "05_02.amc", AMC)
+    asf = write(tmp_path / "sub" / "05.asf", ASF)
+    assert "put 05.asf into its folder" in refusal(str(amc))
+    assert "a motion is an .amc file" in refusal(str(asf))
+    assert "a motion is an .amc file" in refusal(tmp_path)
+    assert "a skeleton is an .asf file" in refusal(amc, amc)
+    assert "no such skeleton file" in refusal(amc, tmp_path / "05.asf")
+    assert "no such motion file" in refusal("nowhere/walk.amc")
+    assert "or write cmu:05_03" in refusal(str(tmp_path / "05_03.amc"))
+    (tmp_path / "folder.amc").mkdir()
+    assert "no such motion file" in refusal(str(tmp_path / "folder.amc"))
+
+
+def test_load_clip_is_called_what_the_user_called_it(tmp_path, no_cmu):
+    amc = write(tmp_path / "walk.amc", AMC)
+    asf = write(tmp_path / "elsewhere" / "walk.asf", ASF)
+    clip = load_clip(amc, asf)
+    assert clip.name == str(amc)
+    assert clip.num_frames == 3
+    # 18 units / 0.45 are 40 inches
+    assert clip.root_position[0, 1] == pytest.approx(40 * 0.0254)
+    add_trial(no_cmu, "05_02")
+    assert load_clip("cmu:05_02").name == "cmu:05_02"
+
+
+# --- trials -----------------------------------------------------------------------
+
+
+def test_trial_from_search_path_in_order_then_cache(tmp_path, monkeypatch, no_cmu):
+    first, second = tmp_path / "first", tmp_path / "second"
+    add_trial(no_cmu, "05_02")
+    # CRAR_MOCAP_PATH unset
+    assert resolve("cmu:05_02").amc == no_cmu / "subjects" / "05" / "05_02.amc"
+    monkeypatch.setenv(
+        "CRAR_MOCAP_PATH", os.pathsep.join(["", str(first), str(second)])
+    )
+    assert resolve("cmu:05_02").amc.is_relative_to(no_cmu)
+    add_trial(second, "05_02")
+    assert resolve("cmu:05_02").amc.is_relative_to(second)
+    add_trial(first, "05_02")
+    files = resolve("cmu:05_02")
+    assert files.name == "cmu:05_02"
+    assert files.amc == first / "subjects" / "05" / "05_02.amc"
+    assert files.asf == first / "subjects" / "05" / "05.asf"
+    # Without its skeleton it does not hide a complete one.
+    files.asf.unlink()
+    assert resolve("cmu:05_02").amc.is_relative_to(second)
+
+
+def test_absent_trial_tells_the_command(tmp_path, monkeypatch, no_cmu):
+    message = refusal("cmu:127_23")
+    assert message.endswith("run: crar-drake fetch 127_23")
+    assert "CRAR_MOCAP_PATH (not set)" in message and str(no_cmu) in message
+    monkeypatch.setenv("CRAR_MOCAP_PATH", str(tmp_path / "mine"))
+    assert f"CRAR_MOCAP_PATH ({tmp_path / 'mine'})" in refusal("cmu:127_23")
+
+
+def test_trial_without_skeleton_tells_which_and_the_command(no_cmu):
+    add_trial(no_cmu, "05_02")
+    asf = trial_files(no_cmu, "05_02").asf
+    asf.unlink()
+    message = refusal("cmu:05_02")
+    assert str(asf) in message and "crar-drake fetch 05_02" in message
+
+
+@pytest.mark.parametrize("text", ["05_02", "cmu:05_02", "127_23", "cmu:144_10"])
+def test_trial_id(text):
+    assert trial_id(text) == text.removeprefix("cmu:")
+
+
+@pytest.mark.parametrize("text", ["cmu:5_2", "005_02", "5_02", "05_2", "cmu:05_02.amc"])
+def test_trial_written_unusually_is_told_the_usual_way(text):
+    with pytest.raises(MotionError, match="is written '05_02'"):
+        trial_id(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "cmu:", "05", "05-02", "../05_02", "05_02/..", "05_02\n", "٠٥_٠٢"]
+)
+def test_malformed_trial(text):
+    with pytest.raises(MotionError, match="such as 05_02"):
+        trial_id(text)
+
+
+def test_malformed_trial_as_motion_name(no_cmu):
+    assert "such as 05_02" in refusal("cmu:dance")
+
+
+def test_lists_of_trials(tmp_path, monkeypatch, no_cmu):
+    assert available_trials() == cached_trials() == []
+    mine = tmp_path / "mine"
+    monkeypatch.setenv("CRAR_MOCAP_PATH", str(mine))
+    for folder, trial in [(mine, "14_07"), (no_cmu, "127_23"), (no_cmu, "05_02")]:
+        add_trial(folder, trial)
+    add_trial(mine, "05_02")
+    write(mine / "subjects" / "14" / "notes.amc", AMC)  # not a trial
+    write(mine / "subjects" / "77" / "77_01.amc", AMC)  # without a skeleton
+    write(no_cmu / "subjects" / "05" / "05_03.amc.part", AMC[:20])
+    names = [files.name for files in available_trials()]
+    assert names == ["cmu:05_02", "cmu:14_07", "cmu:127_23"]
+    assert available_trials()[0].amc.is_relative_to(mine)
+    assert [files.name for files in cached_trials()] == ["cmu:05_02", "cmu:127_23"]
+    for files in available_trials():
+        assert resolve(files.name) == files
+
+
+def test_cache_is_the_systems_cache_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    folder = cache_folder()
+    assert folder.is_relative_to(tmp_path)
+    assert folder.parts[-2:] == ("crar-drake", "cmu")
+
+
+def test_real_trials_by_name(cmu, monkeypatch, no_cmu):
+    monkeypatch.setenv("CRAR_MOCAP_PATH", str(cmu))
+    assert "cmu:05_02" in [files.name for files in available_trials()]
+    clip = load_clip("cmu:09_06")
+    assert (clip.name, clip.num_frames) == ("cmu:09_06", 141)
+
+
+# --- built-in motions -------------------------------------------------------------
+
+
+def test_builtin_motions_share_a_skeleton(builtin):
+    assert builtin_names() == ["boxing", "dance"]
+    for name in builtin_names():
+        files = resolve(name)
+        assert (files.name, files.amc) == (name, builtin / f"{name}.amc")
+        assert files.asf == builtin / "performer.asf"
+        assert load_clip(name).name == name
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"), [("danse", "dance"), ("Boxing", "boxing")]
+)
+def test_unknown_builtin_is_told_the_nearest(builtin, name, nearest):
+    message = refusal(name)
+    assert f"did you mean {nearest!r}?" in message
+    assert "Built in: boxing, dance." in message
+
+
+def test_unknown_name_without_a_near_one(builtin):
+    for name in ("xyzzy", ""):
+        message = refusal(name)
+        assert "did you mean" not in message
+        assert "Built in: boxing, dance." in message
+    assert "did you mean 'cmu:05_02'?" in refusal("05_02")
+
+
+def test_skeleton_is_refused_where_it_is_known(builtin, tmp_path):
+    for name in ("dance", "cmu:05_02"):
+        assert "has its own skeleton" in refusal(name, tmp_path / "x.asf")

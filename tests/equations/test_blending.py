@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.special import factorial
 
 from crar_drake.equations.blending import (
+    _coefficients,
     blend_rotations,
     blend_tasks,
     blend_vectors,
@@ -176,6 +178,21 @@ def test_rotation_vector_is_scipys():
         R = Rotation.from_rotvec(phi).as_matrix()
         np.testing.assert_allclose(rotation_vector(R), phi, atol=1e-12)
         np.testing.assert_allclose(rotation_from_vector(phi), R, atol=1e-14)
+
+
+def test_coefficients_are_their_taylor_series_on_both_sides_of_the_switch():
+    """a = sum (-1)^k t^2k / (2k+2)!, b = sum (-1)^k t^2k / (2k+3)!."""
+    for theta in [0.0, 1e-4, 5e-3, 0.00999, 0.01001, 0.02, 0.1, 0.5, 1.5]:
+        expected = np.zeros(4)
+        for k in range(20):
+            divisors = np.array([factorial(2.0 * k + 2), factorial(2.0 * k + 3)])
+            power, sign = theta ** (2 * k), (-1.0) ** k
+            expected[:2] += sign * power / divisors
+            if k:
+                slope = sign * 2 * k * theta ** (2 * k - 2)
+                expected[2:] += slope / divisors
+        phi = theta * np.array([0.6, 0.0, -0.8])
+        np.testing.assert_allclose(_coefficients(phi), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5])

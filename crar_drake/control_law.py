@@ -1,9 +1,9 @@
 """One control step, from state and targets to accelerations and torque.
 
 This is the order of the paper: error, references, weights, inverse, velocity level,
-acceleration level, resolved acceleration, inverse dynamics. Each line calls one
-equation. There is no Drake system here: `CrarController` wraps it for diagrams, and
-`ControlLaw.step` serves a user's own loop.
+acceleration level, resolved acceleration, inverse dynamics. There is no Drake system
+here: `CrarController` wraps it for diagrams, and `ControlLaw.step` serves a user's
+own loop.
 """
 
 from __future__ import annotations
@@ -26,6 +26,12 @@ from crar_drake.equations.joint_limits import (
     joint_limit_proximity,
     joint_limit_weights,
 )
+from crar_drake.equations.lookahead import (
+    make_limits,
+    make_rows,
+    resting_configuration,
+    solve_lookahead,
+)
 from crar_drake.equations.references import reference_acceleration, reference_velocity
 from crar_drake.equations.resolved_acceleration import (
     acceleration_level_acceleration,
@@ -34,11 +40,16 @@ from crar_drake.equations.resolved_acceleration import (
     null_space_motion,
     velocity_level_acceleration,
 )
-from crar_drake.equations.tasks import task_error
+from crar_drake.equations.tasks import DesiredTasks, task_error
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 from crar_drake.errors import CrarError
 from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel, ModelState, Workspace
+
+# Values of the controller's output port "status".
+STATUS_TRACKING = 0.0  # the targets as given
+STATUS_BLENDING = 1.0  # on the way onto the targets
+STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 
 
 class InputError(CrarError):
@@ -60,6 +71,12 @@ class Targets:
     prescribed: np.ndarray
     nominal_posture: np.ndarray | None = None
 
+    def finite(self) -> bool:
+        """Whether there is no NaN or infinite value among the targets."""
+        return bool(
+            np.isfinite(self.tasks).all() and np.isfinite(self.prescribed).all()
+        )
+
 
 @dataclass(frozen=True)
 class Memory:
@@ -67,15 +84,16 @@ class Memory:
 
     Attributes:
         tick: number of the control step that wrote it; -1 before the first.
-        start_time: when blending began [s]; with the measured task orientations
-            R_start, positions p_start and prescribed joints q_p_start of then.
+        start_time: when blending began [s], None if it has yet to; with the
+            measured task orientations R_start, positions p_start and prescribed
+            joints q_p_start of then.
         limit_proximity, pair_proximity: |grad h_i| and |grad f_ji| of that step,
             which Eqs. (18) and (21) compare with.
         qdot_c: Eq. (15) of that step, for Eq. (10).
     """
 
     tick: int = -1
-    start_time: float = 0.0
+    start_time: float | None = None
     R_start: np.ndarray | None = None
     p_start: np.ndarray | None = None
     q_p_start: np.ndarray | None = None
@@ -99,6 +117,10 @@ class Solution:
         position_command: (nq + nv,) the q and v that the accelerations lead to
             in one control period.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
+        resting_margins: (2,) where the robot would come to rest: the smallest
+            distance [m] and the smallest margin to a joint limit [rad]; None
+            unless constraints are "lookahead".
+        status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
     """
 
     actuation: np.ndarray
@@ -108,6 +130,8 @@ class Solution:
     constraint_weights: np.ndarray
     position_command: np.ndarray
     constrained_velocity: np.ndarray
+    resting_margins: np.ndarray | None
+    status: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -124,6 +148,47 @@ class ControlStep:
 
     def __deepcopy__(self, memo: dict) -> ControlStep:
         return self  # Drake copies states often; nothing here is ever changed.
+
+
+@dataclass(frozen=True)
+class References:
+    """What the targets ask for, with task weights applied to every row.
+
+    Attributes:
+        J: (m, n) task Jacobian of the controlled joints.
+        v_r: (m,) v_d + K e less the prescribed joints' share.
+        a_r: (m,) Eq. (14) less the prescribed joints' share.
+        Jdot_qdot: (m,) bias acceleration.
+        posture: (n,) acceleration towards the nominal posture; None if off.
+        qddot_p: (n_p,) accelerations of the prescribed joints.
+    """
+
+    J: np.ndarray
+    v_r: np.ndarray
+    a_r: np.ndarray
+    Jdot_qdot: np.ndarray
+    posture: np.ndarray | None
+    qddot_p: np.ndarray
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """What a constraint mode makes of the references.
+
+    Attributes:
+        qddot: (n,) alpha_c.
+        qdot_c: (n,) Eq. (15).
+        W: (n,) diagonal of the weight matrix.
+        limit_proximity, pair_proximity: for the next step's Eqs. (18), (21).
+        resting_margins: (2,) see `Solution`.
+    """
+
+    qddot: np.ndarray
+    qdot_c: np.ndarray
+    W: np.ndarray
+    limit_proximity: np.ndarray | None = None
+    pair_proximity: np.ndarray | None = None
+    resting_margins: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -200,7 +265,8 @@ class ControlLaw:
                 raise InputError(
                     f"{name} has shape {np.shape(value)}; it must be ({size},)"
                 )
-            check_finite(name, value, tick * self.parameters.period)
+            if name in ("q", "v") or not self.brakes_without_targets:
+                check_finite(name, value, tick * self.parameters.period)
         step = self.solve(
             self._workspace,
             self._memory,
@@ -234,67 +300,228 @@ class ControlLaw:
             targets: what to do.
         """
         model, gains = self.model, self.parameters
-        layout, S = model.layout, model.row_weights
         state = model.evaluate(workspace, q, v)
-        desired = layout.unpack(targets.tasks)
-        if memory.tick < 0:
-            memory = Memory(
-                start_time=time, R_start=state.R, p_start=state.p, q_p_start=state.q_p
+        if self.brakes_without_targets and not targets.finite():
+            return self._brake(workspace, memory, tick, q, v, state)
+        desired = model.layout.unpack(targets.tasks)
+        if memory.start_time is None:
+            memory = replace(
+                memory,
+                start_time=time,
+                R_start=state.R,
+                p_start=state.p,
+                q_p_start=state.q_p,
             )
         blend = smooth_step(time - memory.start_time, gains.blend_time)
-        tracked = desired
-        if blend[0] < 1.0:
-            tracked = blend_tasks(
-                layout, memory.R_start, memory.p_start, desired, blend
-            )
-        qddot_p = self._prescribed_acceleration(state, memory, targets, blend)
-
-        e = task_error(layout, state.R, state.p, tracked.R, tracked.p)
-        v_r = reference_velocity(tracked.v, e, gains.K)
-        weights = self._constraint_weights(state, memory)
-        J = S[:, None] * state.J
-        J_star = damped_weighted_pseudo_inverse(J, weights.W, gains.damping)
-        qdot_c = constrained_velocity(J_star, S * (v_r - state.J_p @ state.qdot_p))
-        if gains.level == "velocity":
-            alpha = velocity_level_acceleration(qdot_c, memory.qdot_c, gains.period)
+        references = self._references(state, memory, targets, desired, blend)
+        if gains.constraints == "lookahead":
+            resolved = self._resolve_lookahead(workspace, q, v, state, references)
         else:
-            a_r = reference_acceleration(
-                tracked.a, tracked.v, state.v, e, gains.Kp, gains.velocity_gain
-            )
-            zeta = null_space_motion(qdot_c, state.qdot, gains.null_space_gain)
-            if gains.nominal_posture_gain:
-                zeta = zeta + self._posture_acceleration(state, targets)
-            alpha = acceleration_level_acceleration(
-                J,
-                J_star,
-                S * (a_r - state.J_p @ qddot_p),
-                S * state.Jdot_qdot,
-                zeta,
-            )
-        alpha_c = constrained_resolved_acceleration(alpha, qdot_c, state.qdot, gains.Gv)
+            resolved = self._resolve_paper(state, references, memory)
 
         vdot = np.empty(model.n + model.n_p)
-        vdot[model.controlled] = alpha_c
-        vdot[model.prescribed] = qddot_p
-        v_next = v + gains.period * vdot
-        solution = Solution(
-            actuation=model.inverse_dynamics(workspace, vdot),
-            acceleration=vdot,
-            task_error=task_error(layout, state.R, state.p, desired.R, desired.p),
-            signed_distances=state.d,
-            constraint_weights=weights.W,
-            position_command=np.concatenate([q + gains.period * v_next, v_next]),
-            constrained_velocity=qdot_c,
-        )
+        vdot[model.controlled] = resolved.qddot
+        vdot[model.prescribed] = references.qddot_p
+        error = task_error(model.layout, state.R, state.p, desired.R, desired.p)
+        status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
         return ControlStep(
-            solution,
+            self._solution(workspace, q, v, vdot, state, error, resolved, status),
             replace(
                 memory,
                 tick=tick,
-                limit_proximity=weights.limit_proximity,
-                pair_proximity=weights.pair_proximity,
-                qdot_c=qdot_c,
+                limit_proximity=resolved.limit_proximity,
+                pair_proximity=resolved.pair_proximity,
+                qdot_c=resolved.qdot_c,
             ),
+        )
+
+    @property
+    def brakes_without_targets(self) -> bool:
+        """Whether a NaN in the targets makes the robot brake, not raise."""
+        return (
+            self.parameters.constraints == "lookahead"
+            and self.parameters.lookahead.lost_target == "brake"
+        )
+
+    def _references(
+        self,
+        state: ModelState,
+        memory: Memory,
+        targets: Targets,
+        desired: DesiredTasks,
+        blend: tuple[float, float, float],
+    ) -> References:
+        """Eqs. (9), (11), (14): what the blended targets ask for, weighted."""
+        model, gains = self.model, self.parameters
+        layout, S = model.layout, model.row_weights
+        q_d, v_d, a_d = targets.prescribed.reshape(3, -1)
+        if blend[0] < 1.0:
+            desired = blend_tasks(
+                layout, memory.R_start, memory.p_start, desired, blend
+            )
+            q_d, v_d, a_d = blend_vectors(memory.q_p_start, q_d, v_d, a_d, blend)
+        # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
+        Kp, Kv = gains.Kp, gains.velocity_gain
+        qddot_p = reference_acceleration(
+            a_d, v_d, state.qdot_p, q_d - state.q_p, Kp, Kv
+        )
+        e = task_error(layout, state.R, state.p, desired.R, desired.p)
+        v_r = reference_velocity(desired.v, e, gains.K)
+        a_r = reference_acceleration(desired.a, desired.v, state.v, e, Kp, Kv)
+        posture = None
+        if gains.nominal_posture_gain:
+            # A critically damped pull, for the null space.
+            stiffness = gains.nominal_posture_gain
+            posture = (
+                stiffness * (targets.nominal_posture - state.q)
+                - 2.0 * np.sqrt(stiffness) * state.qdot
+            )
+        return References(
+            J=S[:, None] * state.J,
+            v_r=S * (v_r - state.J_p @ state.qdot_p),
+            a_r=S * (a_r - state.J_p @ qddot_p),
+            Jdot_qdot=S * state.Jdot_qdot,
+            posture=posture,
+            qddot_p=qddot_p,
+        )
+
+    def _resolve_paper(
+        self, state: ModelState, references: References, memory: Memory
+    ) -> Resolved:
+        """Eqs. (10), (15)-(35); W = I where constraints are "none"."""
+        gains = self.parameters
+        weights = self._constraint_weights(state, memory)
+        J = references.J
+        J_star = damped_weighted_pseudo_inverse(J, weights.W, gains.damping)
+        qdot_c = constrained_velocity(J_star, references.v_r)
+        if gains.level == "velocity":
+            alpha = velocity_level_acceleration(qdot_c, memory.qdot_c, gains.period)
+        else:
+            zeta = null_space_motion(qdot_c, state.qdot, gains.null_space_gain)
+            if references.posture is not None:
+                zeta = zeta + references.posture
+            alpha = acceleration_level_acceleration(
+                J, J_star, references.a_r, references.Jdot_qdot, zeta
+            )
+        return Resolved(
+            qddot=constrained_resolved_acceleration(
+                alpha, qdot_c, state.qdot, gains.Gv
+            ),
+            qdot_c=qdot_c,
+            W=weights.W,
+            limit_proximity=weights.limit_proximity,
+            pair_proximity=weights.pair_proximity,
+        )
+
+    def _resolve_lookahead(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        state: ModelState,
+        references: References,
+    ) -> Resolved:
+        """The mode of `equations.lookahead`: constraints where q + T q_dot rests."""
+        model, gains = self.model, self.parameters
+        ahead, T = gains.lookahead, gains.braking_horizon
+        q_s = resting_configuration(q, v, T)
+        there = model.evaluate_distances(workspace, q_s)
+        h = np.concatenate([there.d, state.d + T * (state.dd_dq @ state.qdot)])
+        g = np.concatenate([there.dd_dq, state.dd_dq])
+        drift = np.zeros(len(h))
+        if model.n_p:
+            h[len(there.d) :] += T * (state.dd_dq_p @ state.qdot_p)
+            s_p = state.qdot_p + T * references.qddot_p
+            drift = np.concatenate([there.dd_dq_p, state.dd_dq_p]) @ s_p
+        limits = make_limits(
+            q_s[model.controlled],
+            model.lower,
+            model.upper,
+            margin=ahead.limit_margin,
+            gamma=ahead.retreat_rate,
+            rho=ahead.rho_limits,
+        )
+        rows = make_rows(
+            h,
+            g,
+            drift,
+            d_min=ahead.distance_margin,
+            influence=ahead.influence_distance,
+            gamma=ahead.retreat_rate,
+            rho=ahead.rho,
+            alpha=gains.alpha,
+            beta=gains.beta,
+        )
+        chosen = solve_lookahead(
+            references.J,
+            references.v_r,
+            references.a_r - references.Jdot_qdot,
+            state.qdot,
+            rows,
+            limits,
+            T=T,
+            Gv=gains.Gv,
+            damping=gains.damping,
+            posture=references.posture,
+        )
+        return Resolved(
+            qddot=chosen.qddot,
+            qdot_c=chosen.qdot_c,
+            W=np.diag(chosen.W),
+            resting_margins=np.array(
+                [h.min(initial=np.inf), limits.margin.min(initial=np.inf)]
+            ),
+        )
+
+    def _brake(
+        self,
+        workspace: Workspace,
+        memory: Memory,
+        tick: int,
+        q: np.ndarray,
+        v: np.ndarray,
+        state: ModelState,
+    ) -> ControlStep:
+        """Without targets: q_ddot = -q_dot / T, and blend in when they are back."""
+        model = self.model
+        vdot = -v / self.parameters.braking_horizon
+        resolved = Resolved(
+            qddot=vdot[model.controlled],
+            qdot_c=np.zeros(model.n),
+            W=np.ones(model.n),
+            resting_margins=np.full(2, np.nan),
+        )
+        error = np.full(model.m, np.nan)
+        return ControlStep(
+            self._solution(
+                workspace, q, v, vdot, state, error, resolved, STATUS_BRAKING
+            ),
+            Memory(tick=tick),
+        )
+
+    def _solution(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        vdot: np.ndarray,
+        state: ModelState,
+        error: np.ndarray,
+        resolved: Resolved,
+        status: float,
+    ) -> Solution:
+        period = self.parameters.period
+        v_next = v + period * vdot
+        return Solution(
+            actuation=self.model.inverse_dynamics(workspace, vdot),
+            acceleration=vdot,
+            task_error=error,
+            signed_distances=state.d,
+            constraint_weights=resolved.W,
+            position_command=np.concatenate([q + period * v_next, v_next]),
+            constrained_velocity=resolved.qdot_c,
+            resting_margins=resolved.resting_margins,
+            status=np.array([status]),
         )
 
     def _constraint_weights(
@@ -320,30 +547,6 @@ class ControlLaw:
             a = composite_index(len(model.pairs))
         W = composite_weights(W_JL, W_COL, a)
         return ConstraintWeights(W, limit_proximity, pair_proximity)
-
-    def _prescribed_acceleration(
-        self,
-        state: ModelState,
-        memory: Memory,
-        targets: Targets,
-        blend: tuple[float, float, float],
-    ) -> np.ndarray:
-        """The known accelerations (n_p,): the desired, with Eq. (14)'s feedback."""
-        gains = self.parameters
-        q_d, v_d, a_d = targets.prescribed.reshape(3, -1)
-        if blend[0] < 1.0:
-            q_d, v_d, a_d = blend_vectors(memory.q_p_start, q_d, v_d, a_d, blend)
-        return reference_acceleration(
-            a_d, v_d, state.qdot_p, q_d - state.q_p, gains.Kp, gains.velocity_gain
-        )
-
-    def _posture_acceleration(self, state: ModelState, targets: Targets) -> np.ndarray:
-        """A critically damped pull (n,) towards the nominal posture, for zeta."""
-        stiffness = self.parameters.nominal_posture_gain
-        return (
-            stiffness * (targets.nominal_posture - state.q)
-            - 2.0 * np.sqrt(stiffness) * state.qdot
-        )
 
 
 def check_finite(name: str, value: np.ndarray, time: float) -> None:

@@ -48,7 +48,9 @@ class CrarController(LeafSystem):
         desired_prescribed ──►│ CrarController ├──► task_error
         nominal_posture ─────►│                ├──► signed_distances
                               │                ├──► constraint_weights
-                              └────────────────┴──► position_command
+                              │                ├──► position_command
+                              │                ├──► status
+                              └────────────────┴──► resting_margins
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
     positions and velocities; n controlled and n_p prescribed joints, m task rows,
@@ -68,6 +70,10 @@ class CrarController(LeafSystem):
         signed_distances: (Nc,) in the order of the description's pairs [m].
         constraint_weights: (n,) diagonal of W, Eq. (27).
         position_command: (nq + nv,) [q; v] one control period on.
+        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN.
+        resting_margins: (2,) where the robot would come to rest, the smallest
+            distance [m] and the smallest margin to a joint limit [rad]; only with
+            constraints "lookahead".
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and held until the next: there is no delay. Where the
@@ -143,18 +149,22 @@ class CrarController(LeafSystem):
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
 
+        sizes = {
+            "actuation": model.plant.num_actuated_dofs(),
+            "desired_acceleration": nv,
+            "task_error": model.m,
+            "signed_distances": len(model.pairs),
+            "constraint_weights": model.n,
+            "position_command": nq + nv,
+            "status": 1,
+        }
+        if self.law.parameters.constraints == "lookahead":
+            sizes["resting_margins"] = 2
         self._outputs = {
             name: self.DeclareVectorOutputPort(
                 name, size, self._MakeOutputCalc(name), sources
             )
-            for name, size in (
-                ("actuation", model.plant.num_actuated_dofs()),
-                ("desired_acceleration", nv),
-                ("task_error", model.m),
-                ("signed_distances", len(model.pairs)),
-                ("constraint_weights", model.n),
-                ("position_command", nq + nv),
-            )
+            for name, size in sizes.items()
         }
 
     def get_input_port_estimated_state(self) -> InputPort:
@@ -196,6 +206,15 @@ class CrarController(LeafSystem):
     def get_output_port_position_command(self) -> OutputPort:
         """Port (nq + nv,): [q; v] one control period on."""
         return self._outputs["position_command"]
+
+    def get_output_port_status(self) -> OutputPort:
+        """Port (1,): tracking, blending in or braking, see `control_law`."""
+        return self._outputs["status"]
+
+    def get_output_port_resting_margins(self) -> OutputPort | None:
+        """Port (2,): smallest distance [m] and limit margin [rad] at rest; None
+        unless constraints are "lookahead"."""
+        return self._outputs.get("resting_margins")
 
     def _MakeOutputCalc(self, name: str):
         field = "acceleration" if name == "desired_acceleration" else name
@@ -249,6 +268,8 @@ class CrarController(LeafSystem):
                 f"input port {port.get_name()} of {self.get_name()} is not connected"
             )
         value = port.Eval(context)
+        if port is not self._state_port and self.law.brakes_without_targets:
+            return value
         check_finite(
             f"input port {port.get_name()} of {self.get_name()}",
             value,

@@ -2,13 +2,51 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 from crar_drake.errors import ScenarioError
 from crar_drake.watched_pairs import DISTANCES
 
 LEVELS = ("velocity", "acceleration")
-CONSTRAINTS = ("none", "paper")
+CONSTRAINTS = ("none", "paper", "lookahead")
+LOST_TARGET = ("brake", "error")
+
+
+@dataclass
+class LookaheadParameters:
+    """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
+
+    Attributes:
+        horizon: T, over which the robot could brake [s]; by default 1 / Gv.
+        rho: amplitude of the collision weight; its decay and exponent are the
+            controller's alpha and beta.
+        rho_limits: rho_JL, amplitude of the joint-limit weight.
+        distance_margin: d_min, the distance that pairs keep [m].
+        limit_margin: what joints keep from their limits [rad].
+        retreat_rate: gamma, how fast a violation is left [1/s].
+        influence_distance: pairs farther apart than this do not count [m].
+        lost_target: what a NaN in the targets at run time does: "brake" comes to
+            rest and blends in again when they are back, "error" raises.
+    """
+
+    horizon: float | None = None  # [s]
+    rho: float = 1e-4
+    rho_limits: float = 0.01
+    distance_margin: float = 2e-3  # [m]
+    limit_margin: float = 1e-3  # [rad]
+    retreat_rate: float = 20.0  # [1/s]
+    influence_distance: float = 0.3  # [m]
+    lost_target: str = "brake"
+
+    def validate(self) -> None:
+        """Raises ScenarioError, naming the field and what it may be."""
+        _check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
+        _check_numbers("controller.lookahead", self, may_be_zero=set())
+        if self.influence_distance <= self.distance_margin:
+            raise ScenarioError(
+                f"controller.lookahead.influence_distance: {self.influence_distance} "
+                f"must be more than distance_margin, {self.distance_margin}"
+            )
 
 
 @dataclass
@@ -18,7 +56,8 @@ class CrarParameters:
     Attributes:
         level: where alpha comes from: "velocity" (Eq. 10) or "acceleration"
             (Eq. 35).
-        constraints: "paper" (W of Eq. 27) or "none" (W = I).
+        constraints: "lookahead" (hold where the robot would come to rest),
+            "paper" (W of Eq. 27) or "none" (W = I).
         period: control period [s]; the torque is held in between.
         K: velocity-level task gain, Eq. (15) [1/s].
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
@@ -35,6 +74,7 @@ class CrarParameters:
             in the null space [1/s^2], critically damped; 0 leaves the port out.
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
+        lookahead: what the mode "lookahead" needs besides.
     """
 
     level: str = "acceleration"
@@ -53,6 +93,7 @@ class CrarParameters:
     blend_time: float = 0.5  # [s]
     nominal_posture_gain: float = 0.0  # [1/s^2]
     distances: str = "closed_form"
+    lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
 
     def validate(self) -> None:
         """Checks every field; YAML loading does not.
@@ -60,30 +101,23 @@ class CrarParameters:
         Raises:
             ScenarioError: names the field, its value and what it may be.
         """
-        for name, choices in (
-            ("level", LEVELS),
-            ("constraints", CONSTRAINTS),
-            ("distances", DISTANCES),
-        ):
-            if getattr(self, name) not in choices:
-                raise ScenarioError(
-                    f"controller.{name}: {getattr(self, name)!r} is none of "
-                    f"{', '.join(choices)}"
-                )
-        may_be_zero = {"nominal_posture_gain", "blend_time", "limit_share"}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, str) or value is None:
-                continue
-            allowed = value >= 0.0 if field.name in may_be_zero else value > 0.0
-            if not allowed or not math.isfinite(value):
-                sign = "not negative" if field.name in may_be_zero else "positive"
-                raise ScenarioError(
-                    f"controller.{field.name}: {value} must be {sign} and finite"
-                )
+        _check_choice("controller", self, "level", LEVELS)
+        _check_choice("controller", self, "constraints", CONSTRAINTS)
+        _check_choice("controller", self, "distances", DISTANCES)
+        _check_numbers(
+            "controller",
+            self,
+            may_be_zero={"nominal_posture_gain", "blend_time", "limit_share"},
+        )
         if self.limit_share is not None and self.limit_share > 1.0:
             raise ScenarioError(
                 f"controller.limit_share: {self.limit_share} must be at most 1"
+            )
+        self.lookahead.validate()
+        if self.constraints == "lookahead" and self.level == "velocity":
+            raise ScenarioError(
+                "controller.level: the lookahead constraints choose accelerations; "
+                "use level acceleration, or constraints paper"
             )
 
     @property
@@ -95,3 +129,34 @@ class CrarParameters:
     def null_space_gain(self) -> float:
         """GvN of Eq. (33) [1/s]."""
         return self.Gv if self.GvN is None else self.GvN
+
+    @property
+    def braking_horizon(self) -> float:
+        """T of the lookahead [s]."""
+        return (
+            1.0 / self.Gv
+            if self.lookahead.horizon is None
+            else (self.lookahead.horizon)
+        )
+
+
+def _check_choice(where: str, parameters, name: str, choices: tuple[str, ...]) -> None:
+    value = getattr(parameters, name)
+    if value not in choices:
+        raise ScenarioError(
+            f"{where}.{name}: {value!r} is none of {', '.join(choices)}"
+        )
+
+
+def _check_numbers(where: str, parameters, may_be_zero: set[str]) -> None:
+    """Every number positive and finite; zero only where it means "off"."""
+    for entry in fields(parameters):
+        value = getattr(parameters, entry.name)
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            continue
+        zero = entry.name in may_be_zero
+        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
+            raise ScenarioError(
+                f"{where}.{entry.name}: {value} must be "
+                f"{'not negative' if zero else 'positive'} and finite"
+            )

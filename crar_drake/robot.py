@@ -67,18 +67,37 @@ class ModelState:
     dd_dq_p: np.ndarray
 
 
+@dataclass(frozen=True)
+class Distances:
+    """Signed distances of the watched pairs at some configuration.
+
+    Attributes:
+        d: (Nc,) [m].
+        dd_dq: (Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
+    """
+
+    d: np.ndarray
+    dd_dq: np.ndarray
+    dd_dq_p: np.ndarray
+
+
 class Workspace:
     """The contexts that a ControlModel computes in. A copy is an independent one."""
 
     def __init__(self, model: ControlModel) -> None:
         self._model = model
-        # The root must be kept alive: the others are parts of it.
-        self._root = model.diagram.CreateDefaultContext()
-        self.plant_context: Context = model.plant.GetMyMutableContextFromRoot(
-            self._root
+        # The roots must be kept alive: the others are parts of them.
+        self._roots = [model.diagram.CreateDefaultContext() for _ in range(2)]
+        here, ahead = self._roots
+        self.plant_context: Context = model.plant.GetMyMutableContextFromRoot(here)
+        self.scene_graph_context: Context = model.scene_graph.GetMyContextFromRoot(here)
+        # For distances elsewhere, so that asking them disturbs nothing.
+        self.plant_context_ahead: Context = model.plant.GetMyMutableContextFromRoot(
+            ahead
         )
-        self.scene_graph_context: Context = model.scene_graph.GetMyContextFromRoot(
-            self._root
+        self.scene_graph_context_ahead: Context = (
+            model.scene_graph.GetMyContextFromRoot(ahead)
         )
         self.forces = MultibodyForces(model.plant)
 
@@ -231,13 +250,7 @@ class ControlModel:
         W = plant.world_frame()
         plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
 
-        p_W = np.empty((self._num_points, 3))
-        J_WB = np.empty((len(self._frames), 6, plant.num_velocities()))
-        for i, (frame, p_B, points) in enumerate(self._frames):
-            p_W[points] = plant.CalcPointsPositions(context, frame, p_B, W).T
-            J_WB[i] = plant.CalcJacobianSpatialVelocity(
-                context, JacobianWrtVariable.kV, frame, np.zeros(3), W, W
-            )
+        p_W, J_WB = self._links(context)
         p_WBo = p_W[self._origin_points]
 
         # Tasks: shift each link's Jacobian to the task's point.
@@ -260,22 +273,7 @@ class ControlModel:
             frame, _ = self._task_targets[task]
             R_WT[i] = frame.CalcRotationMatrixInWorld(context).matrix()
 
-        # Distances and their gradients.
-        query = None
-        if self.pairs.needs_query:
-            query = self.scene_graph.get_query_output_port().Eval(
-                workspace.scene_graph_context
-            )
-        near = self.pairs.proximity(
-            p_W[self._axis_points[:, 0]], p_W[self._axis_points[:, 1]], query
-        )
-        dd_dv = distance_gradient_from_links(
-            near.normal,
-            near.p_WA - p_WBo[self._pair_frames_a],
-            J_WB[self._pair_frames_a],
-            near.p_WB - p_WBo[self._pair_frames_b],
-            J_WB[self._pair_frames_b],
-        )
+        near = self._distances(p_W, J_WB, workspace.scene_graph_context)
         c, p = self.controlled, self.prescribed
         return ModelState(
             q=q[c],
@@ -289,9 +287,21 @@ class ControlModel:
             J_p=J[:, p],
             Jdot_qdot=Jdot_qdot,
             d=near.d,
-            dd_dq=dd_dv[:, c],
-            dd_dq_p=dd_dv[:, p],
+            dd_dq=near.dd_dq,
+            dd_dq_p=near.dd_dq_p,
         )
+
+    def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
+        """Eq. (20) at a configuration other than the workspace's, which stays.
+
+        Args:
+            workspace: of this model.
+            q: (nq,) positions of the whole plant.
+        """
+        context = workspace.plant_context_ahead
+        self.plant.SetPositions(context, q)
+        p_W, J_WB = self._links(context)
+        return self._distances(p_W, J_WB, workspace.scene_graph_context_ahead)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
@@ -320,6 +330,38 @@ class ControlModel:
             joint = find_joint(plant, name)
             q[joint.position_start()] = value
         return q
+
+    def _links(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """All points (num_points, 3) and link Jacobians (links, 6, nv), in W."""
+        plant = self.plant
+        W = plant.world_frame()
+        p_W = np.empty((self._num_points, 3))
+        J_WB = np.empty((len(self._frames), 6, plant.num_velocities()))
+        for i, (frame, p_B, points) in enumerate(self._frames):
+            p_W[points] = plant.CalcPointsPositions(context, frame, p_B, W).T
+            J_WB[i] = plant.CalcJacobianSpatialVelocity(
+                context, JacobianWrtVariable.kV, frame, np.zeros(3), W, W
+            )
+        return p_W, J_WB
+
+    def _distances(
+        self, p_W: np.ndarray, J_WB: np.ndarray, scene_graph_context: Context
+    ) -> Distances:
+        query = None
+        if self.pairs.needs_query:
+            query = self.scene_graph.get_query_output_port().Eval(scene_graph_context)
+        near = self.pairs.proximity(
+            p_W[self._axis_points[:, 0]], p_W[self._axis_points[:, 1]], query
+        )
+        p_WBo = p_W[self._origin_points]
+        dd_dv = distance_gradient_from_links(
+            near.normal,
+            near.p_WA - p_WBo[self._pair_frames_a],
+            J_WB[self._pair_frames_a],
+            near.p_WB - p_WBo[self._pair_frames_b],
+            J_WB[self._pair_frames_b],
+        )
+        return Distances(near.d, dd_dv[:, self.controlled], dd_dv[:, self.prescribed])
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description

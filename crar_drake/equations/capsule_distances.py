@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.vectors import cross_rows
+
 # Below this sin^2 of the angle between two axes, cancellation spoils the plain
 # formula for their nearest points: by 4e-9 m at 5e-8 rad where arms cross.
 _NEARLY_PARALLEL = 1e-8
@@ -59,9 +61,9 @@ def capsule_distances(
     numerator = uv * vr - ur * vv
     close = determinant < _NEARLY_PARALLEL * uu * vv
     if close.any():
-        cross = _cross(u[close], v[close])
+        cross = cross_rows(u[close], v[close])
         determinant[close] = np.einsum("ij,ij->i", cross, cross)
-        numerator[close] = np.einsum("ij,ij->i", _cross(v[close], r[close]), cross)
+        numerator[close] = np.einsum("ij,ij->i", cross_rows(v[close], r[close]), cross)
     parallel = determinant <= _PARALLEL * uu * vv
     s = numerator / np.where(parallel, 1.0, determinant)
     if parallel.any():
@@ -86,12 +88,6 @@ def capsule_distances(
     if touching.any():
         normal[touching] = _perpendiculars(u[touching], v[touching])
     return axis_distance - radius_a - radius_b, normal, p_a, p_b
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of vectors (N, 3); np.cross takes twice as long."""
-    yzx, zxy = [1, 2, 0], [2, 0, 1]
-    return a[:, yzx] * b[:, zxy] - a[:, zxy] * b[:, yzx]
 
 
 def _perpendiculars(u: np.ndarray, v: np.ndarray) -> np.ndarray:

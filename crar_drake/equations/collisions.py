@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.vectors import cross_rows
+
 # Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
 # d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
 DISTANCE_CLAMP = 1e-3
@@ -86,8 +88,8 @@ def distance_gradient_from_links(
     Returns:
         (Nc, n) gradients [m/rad or 1].
     """
-    wrench_a = np.concatenate([np.cross(r_a, normal), normal], axis=1)
-    wrench_b = np.concatenate([np.cross(r_b, normal), normal], axis=1)
+    wrench_a = np.concatenate([cross_rows(r_a, normal), normal], axis=1)
+    wrench_b = np.concatenate([cross_rows(r_b, normal), normal], axis=1)
     return (wrench_a[:, None] @ J_a - wrench_b[:, None] @ J_b)[:, 0]
 
 

@@ -5,6 +5,7 @@ import io
 import re
 import socket
 import threading
+import time
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -79,7 +80,8 @@ class Site:
 
     `script` holds one word per request for an .amc, the last one for all others:
     "good", "half" (cuts off half way through what it sends), "reset", "quiet half"
-    (the same without a Content-Length), or a status such as "500".
+    (the same without a Content-Length), "misplaced" (sends another range than the
+    one asked for), or a status such as "500".
     """
 
     files: dict[str, bytes] = field(
@@ -90,6 +92,7 @@ class Site:
     honours_if_range: bool = True
     validator: str = "ETag"  # or "Last-Modified", or "" for none
     after_first: bytes | None = None  # the motion changes to this
+    delay: float = 0.0  # before each answer [s]
     requests: list[tuple[str, str | None, str | None]] = field(default_factory=list)
     url: str = ""
 
@@ -108,6 +111,7 @@ class Handler(BaseHTTPRequestHandler):
         site = self.server.site
         wanted, if_range = self.headers["Range"], self.headers["If-Range"]
         site.requests.append((self.path, wanted, if_range))
+        time.sleep(site.delay)
         is_motion = self.path.endswith(".amc")
         count = len(site.motion_requests())
         word = "good"
@@ -139,6 +143,8 @@ class Handler(BaseHTTPRequestHandler):
                 self.send_header("Content-Range", f"bytes */{len(data)}")
                 self.end_headers()
                 return
+            if word == "misplaced":
+                start -= 1
             self.send_response(206)
             span = f"bytes {start}-{len(data) - 1}/{len(data)}"
             self.send_header("Content-Range", span)
@@ -334,6 +340,12 @@ def test_server_with_a_shorter_file_answers_416(fetcher, site):
     assert len(site.motion_requests()) == 3
 
 
+def test_range_that_was_not_asked_for_is_not_glued(fetcher, site):
+    site.script = ["half", "misplaced", "good"]
+    fetcher(known={})
+    fetcher.assert_right()
+
+
 def test_complete_part_of_a_killed_run_is_not_trusted(fetcher, site):
     site.script = ["half", "500"]
     fetcher.refused()
@@ -445,10 +457,13 @@ def test_failed_refetch_leaves_the_good_files(fetcher, site):
 
 
 def test_several_at_once(fetcher, site):
+    site.delay = 0.03
     site.script = ["half", "good"]
     errors = []
+    together = threading.Barrier(4)
 
     def work() -> None:
+        together.wait()
         try:
             fetcher()
         except BaseException as error:
@@ -462,7 +477,7 @@ def test_several_at_once(fetcher, site):
     assert errors == []
     fetcher.assert_right()
     # The others found the first one's files.
-    assert len(site.motion_requests()) == 2
+    assert [request[0] for request in site.requests] == [ASF_URL, AMC_URL, AMC_URL]
 
 
 def test_progress_bars_name_the_files(fetcher):

@@ -119,10 +119,10 @@ class WatchedPairs:
 
         # Shape pairs, those of one segment pair side by side.
         first_axis = np.cumsum([0] + [len(axes) for axes in self.axes])
-        axis_a, axis_b, closed, queried, starts = [], [], [], [], []
+        axis_a, axis_b, closed, queried, members = [], [], [], [], []
         row = 0
         for a, b in zip(self.body_a, self.body_b, strict=True):
-            starts.append(row)
+            start = row
             for geometry_a, local_a in shapes[a]:
                 for geometry_b, local_b in shapes[b]:
                     if local_a is not None and local_b is not None:
@@ -132,11 +132,16 @@ class WatchedPairs:
                     else:
                         queried.append((row, geometry_a, geometry_b))
                     row += 1
+            members.append(list(range(start, row)))
         self._axis_a = np.array(axis_a, dtype=int)
         self._axis_b = np.array(axis_b, dtype=int)
         self._closed = np.array(closed, dtype=int)
         self._queried = queried
-        self._starts = np.array(starts, dtype=int)
+        # Rectangular: a pair with fewer shape pairs repeats its first one.
+        most = max(map(len, members), default=1)
+        self._shape_pairs = np.array(
+            [rows + rows[:1] * (most - len(rows)) for rows in members], dtype=int
+        ).reshape(-1, most)
         self._num_shape_pairs = row
         radii = np.array([axis.radius for axes in self.axes for axis in axes])
         self._radius_a = radii[self._axis_a] if len(radii) else np.empty(0)
@@ -171,12 +176,8 @@ class WatchedPairs:
             d, normal, p_WA, p_WB = self._add_queried(query, d, normal, p_WA, p_WB)
         if self._num_shape_pairs != len(self):
             # The nearest shape pair of each segment pair.
-            nearest = np.minimum.reduceat(d, self._starts)
-            counts = np.diff(np.append(self._starts, self._num_shape_pairs))
-            candidates = np.flatnonzero(d == np.repeat(nearest, counts))
-            pair_of = np.searchsorted(self._starts, candidates, side="right") - 1
-            _, first = np.unique(pair_of, return_index=True)
-            keep = candidates[first]
+            best = np.argmin(d[self._shape_pairs], axis=1)
+            keep = self._shape_pairs[np.arange(len(self)), best]
             d, normal, p_WA, p_WB = d[keep], normal[keep], p_WA[keep], p_WB[keep]
         return Proximity(d, normal, p_WA, p_WB)
 

@@ -238,17 +238,18 @@ class Referee:
             raise ValueError(
                 f"q_trajectory must be (T, nq) with T > 0, not {q_trajectory.shape}"
             )
-        d = np.array([self.distances(q) for q in q_trajectory])
         excess = np.array([self.limit_excess(q) for q in q_trajectory])
-
-        num_penetrating_pairs = np.sum(d < 0.0, axis=1)
         num_limits = np.sum(excess > LIMIT_TOLERANCE, axis=1)
-        count = num_penetrating_pairs + num_limits
-
+        num_penetrating_pairs = np.zeros(len(q_trajectory), dtype=int)
         smallest_distance, pair, pair_index = math.inf, None, None
-        if d.size:
-            pair_index, column = _place(d, int(np.argmin(d)))
-            smallest_distance, pair = d[pair_index, column], self.pairs[column]
+        for index, q in enumerate(q_trajectory):
+            # Only what may be in contact, or the smallest so far, is worth a look.
+            near = self._distances_below(q, max(smallest_distance, 0.0))
+            num_penetrating_pairs[index] = sum(d < 0.0 for d in near.values())
+            for column, d in near.items():
+                if d < smallest_distance:
+                    smallest_distance, pair, pair_index = d, self.pairs[column], index
+        count = num_penetrating_pairs + num_limits
 
         largest_excess, joint, joint_index = 0.0, None, None
         if np.any(excess > 0.0):
@@ -269,6 +270,30 @@ class Referee:
             largest_limit_excess_joint=joint,
             largest_limit_excess_index=joint_index,
         )
+
+    def _distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
+        """Distances of the pairs that may be nearer than `bound`, by pair number.
+
+        A shape lies in the ball about its axis' middle, so that the balls' distance
+        is never more than the shapes'.
+        """
+        self._plant.SetPositions(self._context, self._checked(q))
+        axes_W = {name: self._axes_in_world(name) for name in self._bodies}
+        balls = {
+            name: [
+                ((p0 + p1) / 2.0, math.dist(p0, p1) / 2.0 + radius)
+                for p0, p1, radius in axes
+            ]
+            for name, axes in axes_W.items()
+        }
+        near: dict[int, float] = {}
+        for column, (a, b) in enumerate(self.pairs):
+            for axis_a, (centre_a, ball_a) in zip(axes_W[a], balls[a], strict=True):
+                for axis_b, (centre_b, ball_b) in zip(axes_W[b], balls[b], strict=True):
+                    if math.dist(centre_a, centre_b) - ball_a - ball_b < bound:
+                        d = capsule_distance(*axis_a, *axis_b)[0]
+                        near[column] = min(d, near.get(column, math.inf))
+        return near
 
     def _checked(self, q: np.ndarray) -> np.ndarray:
         q = np.asarray(q, dtype=float)

@@ -375,6 +375,7 @@ class ControlModel:
             for joint in (find_joint(plant, j) for j in description.prescribed_joints)
             for i in range(joint.num_velocities())
         ]
+        self._check_described_joints()
         nv = plant.num_velocities()
         B = plant.MakeActuationMatrix()
         unactuated = np.flatnonzero(~B.any(axis=1))
@@ -396,7 +397,13 @@ class ControlModel:
         self.prescribed_names = [names[i] for i in self.prescribed]
         self.lower = plant.GetPositionLowerLimits()[self.controlled]
         self.upper = plant.GetPositionUpperLimits()[self.controlled]
-        self.effort_limits = np.abs(B) @ plant.GetEffortUpperLimits()
+        self.effort_limits = np.zeros(nv)
+        for index in plant.GetJointActuatorIndices():
+            actuator = plant.get_joint_actuator(index)
+            start = actuator.joint().velocity_start()
+            self.effort_limits[start : start + actuator.num_inputs()] += (
+                actuator.effort_limit()
+            )
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:
             for index in plant.GetJointIndices():
@@ -404,6 +411,24 @@ class ControlModel:
                 start = joint.velocity_start()
                 self._implicit_damping[start : start + joint.num_velocities()] = (
                     plant.time_step() * joint.default_damping_vector()
+                )
+
+    def _check_described_joints(self) -> None:
+        """Welds have no position to prescribe or to rest in, others not just one."""
+        description = self.description
+        for name in description.prescribed_joints:
+            if not find_joint(self.plant, name).num_velocities():
+                raise ModelError(
+                    f"robot {description.name}: prescribed_joints: {name!r} is fixed; "
+                    "leave it out"
+                )
+        for name, value in description.rest_posture.items():
+            positions = find_joint(self.plant, name).num_positions()
+            if positions != 1 or not np.isfinite(value):
+                raise ModelError(
+                    f"robot {description.name}: rest_posture: {name}: {value} for a "
+                    f"joint with {positions} positions; give finite values, to joints "
+                    "with one"
                 )
 
     def _set_tasks(self, tasks: Sequence[Task]) -> None:

@@ -83,6 +83,9 @@ class WatchedPairs:
         """
         if distances not in DISTANCES:
             raise ModelError(f"distances: {distances!r} is none of {DISTANCES}")
+        for a, b in pairs:
+            if a.index() == b.index():
+                raise ModelError(f"link {a.name()!r} is watched against itself")
         self.names = tuple((a.name(), b.name()) for a, b in pairs)
         self.bodies: list[RigidBody] = []
         self.axes: list[list[CapsuleAxis]] = []
@@ -194,10 +197,14 @@ class WatchedPairs:
             )
             X_WA = query.GetPoseInWorld(geometry_a)
             X_WB = query.GetPoseInWorld(geometry_b)
-            all_a[row] = X_WA.multiply(result.p_ACa)
-            all_b[row] = X_WB.multiply(result.p_BCb)
+            p_ACa, p_BCb, normal_W = result.p_ACa, result.p_BCb, result.nhat_BA_W
+            if result.id_A != geometry_a:
+                # The answer has an order of its own.
+                p_ACa, p_BCb, normal_W = p_BCb, p_ACa, -normal_W
+            all_a[row] = X_WA.multiply(p_ACa)
+            all_b[row] = X_WB.multiply(p_BCb)
             all_d[row] = result.distance
-            direction = np.array(result.nhat_BA_W)
+            direction = np.array(normal_W)
             if not np.isfinite(direction).all() or not direction.any():
                 # At an exact touch the library has no normal: take the line
                 # between the shapes' origins.

@@ -12,7 +12,16 @@ from crar_drake.motion.asf_amc import (
     write_amc,
     write_asf,
 )
+from crar_drake.motion.catalogue import (
+    MotionFiles,
+    available_trials,
+    builtin_names,
+    cached_trials,
+    load_clip,
+    resolve,
+)
 from crar_drake.motion.conditioning import low_pass, spline
+from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
 from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres, joint_centres
 from crar_drake.motion.report import (
     MotionReport,
@@ -24,24 +33,33 @@ from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarge
 
 __all__ = [
     "JOINT_CENTRES",
+    "LICENCE_NOTICE",
     "Bone",
     "BonePoses",
     "Clip",
     "JointCentres",
+    "MotionFiles",
     "MotionReport",
     "RetargetedMotion",
     "SegmentLengths",
     "Skeleton",
+    "available_trials",
+    "builtin_names",
+    "cached_trials",
     "describe",
+    "fetch",
     "forward_kinematics",
     "inspect",
     "joint_centres",
+    "load_clip",
     "low_pass",
     "plot_motion",
     "read_amc",
     "read_asf",
+    "resolve",
     "rest_pose",
     "retarget",
+    "rich_progress",
     "spline",
     "write_amc",
     "write_asf",

@@ -144,7 +144,7 @@ class Handler(BaseHTTPRequestHandler):
                 self.end_headers()
                 return
             if word == "misplaced":
-                start -= 1
+                start += 1
             self.send_response(206)
             span = f"bytes {start}-{len(data) - 1}/{len(data)}"
             self.send_header("Content-Range", span)

@@ -73,9 +73,10 @@ class Targets:
 
     def finite(self) -> bool:
         """Whether there is no NaN or infinite value among the targets."""
-        return bool(
-            np.isfinite(self.tasks).all() and np.isfinite(self.prescribed).all()
-        )
+        given = [self.tasks, self.prescribed]
+        if self.nominal_posture is not None:
+            given.append(self.nominal_posture)
+        return all(np.isfinite(value).all() for value in given)
 
 
 @dataclass(frozen=True)
@@ -274,7 +275,13 @@ class ControlLaw:
             tick * self.parameters.period,
             np.asarray(q, dtype=float),
             np.asarray(v, dtype=float),
-            Targets(tasks, prescribed, nominal_posture),
+            Targets(
+                np.asarray(tasks, dtype=float),
+                np.asarray(prescribed, dtype=float),
+                None
+                if nominal_posture is None
+                else np.asarray(nominal_posture, dtype=float),
+            ),
         )
         self._memory = step.memory
         return step.solution
@@ -298,12 +305,22 @@ class ControlLaw:
             time: of this step [s].
             q, v: (nq,), (nv,) state of the whole plant.
             targets: what to do.
+
+        Raises:
+            InputError: a desired orientation is a quaternion of zero length.
         """
         model, gains = self.model, self.parameters
         state = model.evaluate(workspace, q, v)
-        if self.brakes_without_targets and not targets.finite():
-            return self._brake(workspace, memory, tick, q, v, state)
         desired = model.layout.unpack(targets.tasks)
+        # A quaternion of zero length is a number, but no orientation.
+        oriented = np.isfinite(desired.R).all()
+        if self.brakes_without_targets and not (oriented and targets.finite()):
+            return self._brake(workspace, memory, tick, q, v, state)
+        if not oriented:
+            raise InputError(
+                f"desired_tasks has a quaternion of zero length at t = {time:g} s; "
+                "give unit quaternions (w, x, y, z), see TaskLayout"
+            )
         if memory.start_time is None:
             memory = replace(
                 memory,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.vectors import cross_rows
+from crar_drake.equations.vectors import clip_to_unit, cross_rows
 
 # Below this sin^2 of the angle between two axes, cancellation spoils the plain
 # formula for their nearest points: by 4e-9 m at 5e-8 rad where arms cross.
@@ -69,13 +69,13 @@ def capsule_distances(
     if parallel.any():
         # The ends of b as fractions of a bound the overlap; take its middle.
         end_0, end_1 = -ur / uu_safe, (uv - ur) / uu_safe
-        low = np.clip(np.minimum(end_0, end_1), 0.0, 1.0)
-        high = np.clip(np.maximum(end_0, end_1), 0.0, 1.0)
+        low = clip_to_unit(np.minimum(end_0, end_1))
+        high = clip_to_unit(np.maximum(end_0, end_1))
         s = np.where(parallel, 0.5 * (low + high), s)
-    s = np.clip(s, 0.0, 1.0)
+    s = clip_to_unit(s)
     # Best t for this s; clamped, and then the best s for that t.
-    t = np.clip((uv * s + vr) / vv_safe, 0.0, 1.0)
-    s_again = np.clip((uv * t - ur) / uu_safe, 0.0, 1.0)
+    t = clip_to_unit((uv * s + vr) / vv_safe)
+    s_again = clip_to_unit((uv * t - ur) / uu_safe)
     t_inside = (t > 0.0) & (t < 1.0)
     s = np.where(t_inside, s, s_again)
 

@@ -1,0 +1,344 @@
+"""The command `crar-drake`.
+
+What takes long to import is imported by the command that needs it, so that help and
+mistyped options answer at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from crar_drake import __version__
+from crar_drake.errors import CrarError, ScenarioError
+
+if TYPE_CHECKING:
+    from crar_drake.run import Progress
+    from crar_drake.scenario import Scenario
+
+DEFAULT_SCENARIO = "dance_upper-body"
+OUT = Path("out")
+
+# The same as in crar_drake.task and crar_drake.parameters, which take long to
+# import; a test compares them.
+EXPERIMENTS = ("wrists", "upper-body")
+LEVELS = ("velocity", "acceleration")
+CONSTRAINTS = ("none", "paper", "lookahead")
+
+
+class UsageError(CrarError):
+    """The command line itself is wrong."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    Args:
+        argv: the arguments; by default those of the process.
+
+    Returns:
+        0; 2 if something the user gave is wrong, which is then on stderr; 130 if
+        interrupted.
+    """
+    try:
+        arguments = _parse(argv)
+        arguments.command(arguments)
+    except CrarError as error:
+        print(f"crar-drake: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("crar-drake: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # of `crar-drake list | head`
+        # Python flushes stdout once more when it exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+# --- the commands -----------------------------------------------------------------
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    from crar_drake.scenario import load_scenario
+
+    scenario = load_scenario(arguments.scenario)
+    _override(scenario, arguments)
+    out = arguments.out or OUT / _out_name(scenario, arguments)
+
+    from rich.console import Console
+
+    from crar_drake.run import run_scenario
+    from crar_drake.summary import summary_table
+
+    with _progress_bar() as progress:
+        result = run_scenario(
+            scenario, out, record=not arguments.no_recording, progress=progress
+        )
+    Console().print(summary_table(result.summary))
+    for path in result.files:
+        print(path)
+
+
+def _motion(arguments: argparse.Namespace) -> None:
+    from crar_drake.motion.catalogue import load_clip
+    from crar_drake.motion.report import describe, inspect, plot_motion
+
+    clip = load_clip(arguments.motion, arguments.skeleton)
+    report = inspect(clip)
+    for line in describe(report):
+        print(line)
+    if report.obstacle and arguments.plot is None:
+        return
+    plot = arguments.plot or OUT / f"{_motion_label(arguments.motion)}.png"
+    plot_motion(clip, plot)
+    print(plot)
+
+
+def _list(arguments: argparse.Namespace) -> None:
+    from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
+    from crar_drake.resources import data_folder
+    from crar_drake.robot_description import robot_names
+    from crar_drake.scenario import load_scenario, scenario_names
+
+    def duration(motion: str) -> str:
+        clip = load_clip(motion)
+        return f"{clip.duration:.1f} s at {clip.frame_rate:g} Hz"
+
+    def about(robot: str) -> str:
+        """What follows the name in the first line of the robot's README."""
+        readme = data_folder("models") / robot / "README.md"
+        if not readme.is_file():
+            return ""
+        with readme.open(encoding="utf-8") as lines:
+            return lines.readline().partition(":")[2].strip()
+
+    motions = {name: duration(name) for name in builtin_names()}
+    motions |= {files.name: str(files.amc) for files in available_trials()}
+    scenarios = {name: load_scenario(name).description for name in scenario_names()}
+    for title, entries in (
+        ("Robots", {name: about(name) for name in robot_names()}),
+        ("Motions", motions),
+        ("Scenarios", scenarios),
+    ):
+        print(title)
+        for name, text in entries.items():
+            print(f"  {name:<22}{text}".rstrip())
+
+
+def _fetch(arguments: argparse.Namespace) -> None:
+    from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
+
+    print(LICENCE_NOTICE)
+    for trial in arguments.trials:
+        with rich_progress() as progress:
+            files = fetch(trial, progress=progress, force=arguments.force)
+        print(files.asf)
+        print(files.amc)
+
+
+def _playback(arguments: argparse.Namespace) -> None:
+    from crar_drake.log import SimulationLog
+    from crar_drake.recording import record_log
+
+    out = arguments.out or arguments.log.with_name("playback.html")
+    record_log(SimulationLog.load(arguments.log), out)
+    print(out)
+
+
+# --- what a run does --------------------------------------------------------------
+
+
+def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    """Puts the options in the place of what the scenario says."""
+    if arguments.motion is not None:
+        if scenario.keyframes:
+            raise ScenarioError(
+                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
+                "scenario with a motion, or change the file"
+            )
+        # The scenario's skeleton belongs to the scenario's motion.
+        scenario.motion, scenario.skeleton = arguments.motion, ""
+    if arguments.skeleton is not None:
+        if scenario.keyframes:
+            raise ScenarioError(
+                f"--skeleton: {arguments.scenario} follows keyframes, not a motion"
+            )
+        scenario.skeleton = arguments.skeleton
+    if arguments.experiment is not None:
+        if scenario.tasks:
+            raise ScenarioError(
+                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
+                "scenario with an experiment, or change the file"
+            )
+        scenario.experiment = arguments.experiment
+    if arguments.level is not None:
+        scenario.controller.level = arguments.level
+    if arguments.constraints is not None:
+        scenario.controller.constraints = arguments.constraints
+    if arguments.duration is not None:
+        scenario.duration = arguments.duration
+    scenario.validate()
+
+
+def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> str:
+    """The folder says what was run, so that variants do not replace each other."""
+    name = Path(arguments.scenario).stem
+    if scenario.experiment and (arguments.motion or arguments.experiment):
+        name = f"{_motion_label(scenario.motion)}_{scenario.experiment}"
+    elif arguments.motion:
+        name += f"_{_motion_label(scenario.motion)}"
+    return "_".join(filter(None, [name, arguments.level, arguments.constraints]))
+
+
+def _motion_label(motion: str) -> str:
+    return Path(motion).stem.removeprefix("cmu:")
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Progress]:
+    """Yields a callback that draws how far the simulation is, on stderr."""
+    from rich import progress
+    from rich.console import Console
+
+    columns = (
+        progress.TextColumn("simulating"),
+        progress.BarColumn(),
+        progress.TextColumn("{task.completed:.1f} s of {task.fields[of]:.1f} s"),
+        progress.TextColumn("{task.fields[factor]:.2f} x real time"),
+        progress.TimeRemainingColumn(),
+    )
+    with progress.Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=None, of=math.nan, factor=0.0)
+
+        def show(time: float, duration: float, factor: float) -> None:
+            bar.update(task, completed=time, total=duration, of=duration, factor=factor)
+
+        yield show
+
+
+# --- the arguments ----------------------------------------------------------------
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises instead of exiting, and knows what a mistyped word may have meant."""
+
+    def __init__(self, **options) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+    def _check_value(self, action: argparse.Action, value: object) -> None:
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(
+                action, f"{value!r} is unknown{_nearest(str(value), action.choices)}"
+            )
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = _make_parser()
+    arguments, unknown = parser.parse_known_args(argv)
+    if unknown:
+        chosen: _Parser = arguments.parser
+        first = unknown[0]
+        if first.startswith("-"):
+            option = first.partition("=")[0]
+            chosen.error(
+                f"unknown option {option}"
+                f"{_nearest(option, chosen._option_string_actions)}"
+            )
+        chosen.error(f"unexpected argument {first!r}")
+    return arguments
+
+
+def _make_parser() -> _Parser:
+    parser = _Parser(
+        prog="crar-drake",
+        description="Constrained resolved acceleration control of robots that follow "
+        "motion-capture data, after the paper of that name.",
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"crar-drake {__version__}"
+    )
+    commands = parser.add_subparsers(
+        title="commands", metavar="COMMAND", required=True, parser_class=_Parser
+    )
+
+    def add(name: str, command: Callable, text: str) -> _Parser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(command=command, parser=sub)
+        return sub
+
+    run = add("run", _run, "Simulate a scenario and write what is to be seen of it.")
+    run.add_argument(
+        "scenario",
+        nargs="?",
+        default=DEFAULT_SCENARIO,
+        help="a YAML file, or the name of a shipped scenario (default: %(default)s)",
+    )
+    run.add_argument(
+        "--motion", help="follow this one: dance, cmu:05_02, some/path.amc"
+    )
+    run.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    run.add_argument("--experiment", choices=EXPERIMENTS, help="which points to track")
+    run.add_argument("--level", choices=LEVELS, help="where accelerations come from")
+    run.add_argument("--constraints", choices=CONSTRAINTS, help="what keeps them off")
+    run.add_argument(
+        "--duration", type=_positive, metavar="S", help="simulate S seconds [s]"
+    )
+    run.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for recording.html, log.npz, summary.json and plot.png "
+        "(default: out/ and what was run)",
+    )
+    run.add_argument(
+        "--no-recording", action="store_true", help="do not make recording.html"
+    )
+
+    motion = add("motion", _motion, "Print what is in a motion file, and plot it.")
+    motion.add_argument("motion", help="dance, cmu:05_02, some/path.amc")
+    motion.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    motion.add_argument(
+        "--plot", type=Path, metavar="FILE", help="(default: out/ and the motion.png)"
+    )
+
+    add("list", _list, "Name the robots, motions and scenarios that there are.")
+
+    fetch = add("fetch", _fetch, "Download trials of the CMU motion-capture database.")
+    fetch.add_argument("trials", nargs="+", metavar="TRIAL", help="such as 05_02")
+    fetch.add_argument(
+        "--force", action="store_true", help="even if they are there already"
+    )
+
+    playback = add("playback", _playback, "Make a page of a log, without simulating.")
+    playback.add_argument("log", type=Path, help="the log.npz of a run")
+    playback.add_argument(
+        "--out", type=Path, metavar="FILE", help="(default: playback.html beside it)"
+    )
+    return parser
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def _nearest(word: str, known: Iterable[str]) -> str:
+    """The end of a message: the nearest word, or else all there are."""
+    known = list(known)
+    close = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"

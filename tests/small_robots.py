@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -118,7 +118,7 @@ def add_plant(
     sampled: bool = True,
     finalize: bool = True,
 ) -> tuple[MultibodyPlant, SceneGraph]:
-    """The robot, its base welded to the world, in a builder."""
+    """The robot, its base welded to the world, in a builder; nothing collides."""
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=time_step,
@@ -131,6 +131,10 @@ def add_plant(
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
     if finalize:
         plant.Finalize()
+        everything = GeometrySet(scene_graph.model_inspector().GetAllGeometryIds())
+        scene_graph.collision_filter_manager().Apply(
+            CollisionFilterDeclaration().ExcludeWithin(everything)
+        )
     return plant, scene_graph
 
 

@@ -12,9 +12,9 @@ from pydrake.geometry import (
     Meshcat,
     SceneGraph,
 )
-from pydrake.lcm import DrakeLcm
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import (
     LogVectorOutput,
 )
@@ -85,10 +85,14 @@ def AddCrarController(
         control_model = ControlModel.FromPlant(
             plant, scene_graph, description, tasks, distances=parameters.distances
         )
+    model_plant = control_model.plant
     for what, theirs, ours in (
-        ("positions", plant.num_positions(), control_model.plant.num_positions()),
-        ("velocities", plant.num_velocities(), control_model.plant.num_velocities()),
-        ("actuators", plant.num_actuators(), control_model.plant.num_actuators()),
+        ("positions", plant.num_positions(), model_plant.num_positions()),
+        ("velocities", plant.num_velocities(), model_plant.num_velocities()),
+        ("actuators", plant.num_actuators(), model_plant.num_actuators()),
+        # The same numbers in another order would drive the wrong joints.
+        ("positions", *(_position_names(p) for p in (plant, model_plant))),
+        ("actuators", *(_actuator_names(p) for p in (plant, model_plant))),
     ):
         if theirs != ours:
             raise ModelError(
@@ -107,6 +111,14 @@ def AddCrarController(
         controller.get_output_port_actuation(), plant.get_actuation_input_port()
     )
     return controller
+
+
+def _position_names(plant: MultibodyPlant) -> str:
+    return ", ".join(plant.GetPositionNames(False, False))
+
+
+def _actuator_names(plant: MultibodyPlant) -> str:
+    return ", ".join(plant.GetActuatorNames(add_model_instance_prefix=False))
 
 
 @dataclass(frozen=True)
@@ -244,7 +256,8 @@ def _add_visualization(
     ApplyVisualizationConfig(
         scenario.visualization,
         builder,
+        # Nothing of it goes to a network: the page is what is wanted. (A DrakeLcm
+        # of our own would have to outlive the diagram, which does not keep it.)
+        lcm_buses=ApplyLcmBusConfig({scenario.visualization.lcm_bus: None}, builder),
         meshcat=meshcat,
-        # Nothing of it goes to a network: the page is what is wanted.
-        lcm=DrakeLcm("memq://"),
     )

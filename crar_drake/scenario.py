@@ -14,10 +14,10 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
-from crar_drake.parameters import CrarParameters
+from crar_drake.parameters import CrarParameters, LookaheadParameters
 from crar_drake.resources import data_folder
 from crar_drake.robot_description import nearest
 from crar_drake.task import EXPERIMENTS, Task, position_tasks
@@ -127,6 +127,16 @@ class Scenario:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
                 raise ScenarioError(f"{name}: {value} must be positive")
+        for task in self.tasks:
+            try:
+                task.validate()
+            except ModelError as error:
+                raise ScenarioError(f"tasks: {error}") from error
+        if not self.plant_config.time_step >= 0.0:
+            raise ScenarioError(
+                f"plant_config.time_step: {self.plant_config.time_step} must be "
+                "positive, or 0 for a continuous plant"
+            )
         check_multiple(
             "controller.period", self.controller.period, self.plant_config.time_step
         )
@@ -196,12 +206,16 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     try:
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
     except Exception as error:
-        message = str(error)
+        message = f"not a scenario, see diagrams/README.md: {error}"
+        if not text.strip():
+            message = "the file is empty; diagrams/README.md shows a scenario"
         known = _key_names()
         for word in message.replace("[", " ").replace("]", " ").split():
             key = word.strip("',")
             if "unknown" in message and word.startswith("'") and key not in known:
-                message += nearest(key, known)
+                hint = nearest(key, known)
+                # Without a near one, all the keys there are would be a long list.
+                message += hint if "did you mean" in hint else ""
         raise ScenarioError(f"{source}: {message}") from error
     try:
         scenario.validate()
@@ -212,7 +226,14 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
 
 def _key_names() -> set[str]:
     """Every key that a scenario file may have, at any level."""
-    schemas = (Scenario, CrarParameters, SimulatedRobot, Task, Keyframe)
+    schemas = (
+        Scenario,
+        CrarParameters,
+        LookaheadParameters,
+        SimulatedRobot,
+        Task,
+        Keyframe,
+    )
     keys = {f.name for schema in schemas for f in fields(schema)}
     for config in (MultibodyPlantConfig(), SimulatorConfig(), VisualizationConfig()):
         keys |= {f.name for f in config.__fields__}

@@ -58,10 +58,13 @@ def solve_start_pose(
     lower = np.minimum(model.lower + _MARGIN_LIMIT, state.q)
     upper = np.maximum(model.upper - _MARGIN_LIMIT, state.q)
     for _ in range(_ITERATIONS):
-        J_star = damped_weighted_pseudo_inverse(
-            S[:, None] * state.J, _weights(model, state), 0.05
-        )
-        step = J_star @ error
+        W = _weights(model, state)
+        for _ in range(2):
+            J_star = damped_weighted_pseudo_inverse(S[:, None] * state.J, W, 0.05)
+            step = J_star @ error
+            # What a joint that is stopped cannot do, the others must.
+            W[(state.q <= lower) & (step < 0.0)] = 1e9
+            W[(state.q >= upper) & (step > 0.0)] = 1e9
         step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = q.copy()

@@ -15,15 +15,14 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
-from pydrake.systems.primitives import (
-    LogVectorOutput,
-)
+from pydrake.systems.primitives import LogVectorOutput, MatrixGain
 from pydrake.visualization import ApplyVisualizationConfig
 
 from crar_drake.controller import CrarController
 from crar_drake.desired_motion import DesiredMotion, load_desired_motion
 from crar_drake.errors import ModelError
 from crar_drake.parameters import CrarParameters
+from crar_drake.recording import AddPlaybackOverlay
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import (
     RobotDescription,
@@ -253,6 +252,7 @@ def _add_visualization(
     model: ControlModel,
     controller: CrarController,
 ) -> None:
+    """The robot, its targets and its warnings, drawn into `meshcat`."""
     ApplyVisualizationConfig(
         scenario.visualization,
         builder,
@@ -260,4 +260,26 @@ def _add_visualization(
         # of our own would have to outlive the diagram, which does not keep it.)
         lcm_buses=ApplyLcmBusConfig({scenario.visualization.lcm_bus: None}, builder),
         meshcat=meshcat,
+    )
+    layout = model.layout
+    overlay = AddPlaybackOverlay(
+        builder,
+        meshcat,
+        builder.GetSubsystemByName("plant"),
+        builder.GetSubsystemByName("scene_graph"),
+        [(a, b) for a, b in model.description.pairs],
+        [layout.names[i] for i in layout.linear_tasks],
+        scenario.visualization.publish_period,
+        scenario.warning_distance,
+    )
+    select = np.eye(layout.size)[layout.position_entries.ravel()]
+    positions = builder.AddNamedSystem("target_positions", MatrixGain(select))
+    tasks = builder.GetSubsystemByName("desired_tasks")
+    builder.Connect(tasks.get_output_port(), positions.get_input_port())
+    builder.Connect(
+        positions.get_output_port(), overlay.get_input_port_target_positions()
+    )
+    builder.Connect(
+        controller.get_output_port_signed_distances(),
+        overlay.get_input_port_signed_distances(),
     )

@@ -1,0 +1,347 @@
+"""Many motions through many settings: `crar-drake sweep`.
+
+Each case is one whole simulation, judged afterwards by the referee. Cases run in
+any `concurrent.futures` executor. Finished cases are kept in a CSV file, a line
+each, so that a sweep that was killed goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+from crar_drake.errors import CrarError
+from crar_drake.files import whole_file
+from crar_drake.robot_description import nearest
+from crar_drake.scenario import Scenario, parse_scenario
+
+# A worker is replaced after so many cases: Drake 1.51 keeps the memory of Python
+# systems that declare ports.
+_CASES_PER_WORKER = 6
+
+
+@dataclass(frozen=True)
+class Case:
+    """One simulation of a sweep.
+
+    Attributes:
+        motion: a motion's name, as everywhere.
+        experiment: a task set, "wrists" or "upper-body".
+        constraints, level: of the controller.
+        period: control period [s].
+    """
+
+    motion: str
+    experiment: str
+    constraints: str
+    level: str
+    period: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """One line of the CSV file: a case and what came of it.
+
+    `error` is empty for a case that ran; the figures of one that did not are NaN.
+    Distances and limits are the referee's, at every logged sample.
+
+    Attributes:
+        motion, experiment, constraints, level, period: the case.
+        duration: simulated [s].
+        samples: logged and judged.
+        penetrating, beyond_limit: samples with a pair at d < 0, or with a joint
+            more than 1e-6 rad outside.
+        smallest_distance: over pairs and samples [m], of smallest_pair.
+        largest_excess: of a joint beyond its limit [rad].
+        rms_task_error: of positions [m].
+        mean_power: of the controlled joints [W].
+        peak_torque: of a controlled joint [Nm].
+        rms_acceleration: commanded, controlled joints [rad/s^2].
+        resting_distance, resting_margin: smallest of the certificate [m], [rad];
+            NaN unless constraints are "lookahead".
+        wall_time: of the simulation [s].
+        error: why the case could not be run.
+    """
+
+    motion: str
+    experiment: str
+    constraints: str
+    level: str
+    period: float
+    duration: float = float("nan")
+    samples: int = 0
+    penetrating: int = 0
+    beyond_limit: int = 0
+    smallest_distance: float = float("nan")
+    smallest_pair: str = ""
+    largest_excess: float = float("nan")
+    rms_task_error: float = float("nan")
+    mean_power: float = float("nan")
+    peak_torque: float = float("nan")
+    rms_acceleration: float = float("nan")
+    resting_distance: float = float("nan")
+    resting_margin: float = float("nan")
+    wall_time: float = float("nan")
+    error: str = ""
+
+    @property
+    def case(self) -> Case:
+        """The case that this is the result of."""
+        return Case(**{f.name: getattr(self, f.name) for f in fields(Case)})
+
+    @property
+    def violated(self) -> bool:
+        """Whether any sample violates a constraint."""
+        return self.penetrating > 0 or self.beyond_limit > 0
+
+
+def find_motions(paths: Iterable[str | os.PathLike[str]]) -> list[str]:
+    """Names of all motions below the paths, sorted.
+
+    Args:
+        paths: folders (searched for .amc files), .amc files, or names of motions
+            (`dance`, `cmu:05_02`).
+
+    Raises:
+        CrarError: a path does not exist or a folder has no motion in it.
+    """
+    from crar_drake.motion.catalogue import builtin_names
+
+    motions: list[str] = []
+    for entry in paths:
+        path = Path(entry)
+        if path.is_dir():
+            found = sorted(str(p) for p in path.rglob("*.amc"))
+            if not found:
+                raise CrarError(f"{path}: there is no .amc file below this folder")
+            motions += found
+        elif path.is_file() or str(entry).startswith("cmu:"):
+            motions.append(str(entry))
+        elif str(entry) in builtin_names():
+            motions.append(str(entry))
+        else:
+            raise CrarError(
+                f"{entry}: neither a folder, a file nor the name of a motion"
+                f"{nearest(str(entry), builtin_names())}"
+            )
+    return list(dict.fromkeys(motions))
+
+
+def make_cases(
+    motions: Sequence[str],
+    experiments: Sequence[str] = ("wrists", "upper-body"),
+    constraints: Sequence[str] = ("lookahead",),
+    levels: Sequence[str] = ("acceleration",),
+    periods: Sequence[float] = (1e-3,),
+) -> list[Case]:
+    """Every combination that there is; lookahead has no velocity level."""
+    return [
+        Case(motion, experiment, mode, level, period)
+        for experiment in experiments
+        for mode in constraints
+        for level in levels
+        for period in periods
+        for motion in motions
+        if not (mode == "lookahead" and level == "velocity")
+    ]
+
+
+def run_case(case: Case, scenario: str = "") -> Result:
+    """Simulates and judges one case; this is what a worker process runs.
+
+    Args:
+        case: what to run.
+        scenario: YAML text of the scenario that the case changes; by default the
+            defaults of `Scenario`.
+
+    Returns:
+        The result; a user's mistake (a bad file) is its `error`, not an exception.
+    """
+    from crar_drake.referee import Referee
+    from crar_drake.run import run_scenario
+
+    try:
+        base = parse_scenario(scenario) if scenario else _default_scenario()
+        run = run_scenario(_scenario_of(case, base), record=False)
+        log, summary, model = run.log, run.summary, run.setup.model
+        referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+        verdict = referee.violations(log.q)
+    except CrarError as error:
+        return Result(**asdict(case), error=" ".join(str(error).split()))
+    resting = run.resting_margins
+    return Result(
+        **asdict(case),
+        duration=float(log.time[-1]),
+        samples=len(log.time),
+        penetrating=verdict.num_penetrating,
+        beyond_limit=verdict.num_beyond_limit,
+        smallest_distance=verdict.smallest_distance,
+        smallest_pair=" - ".join(verdict.smallest_distance_pair or ()),
+        largest_excess=verdict.largest_limit_excess,
+        rms_task_error=summary.rms_task_error,
+        mean_power=summary.mean_power,
+        peak_torque=summary.peak_torque,
+        rms_acceleration=summary.rms_acceleration,
+        resting_distance=resting[0],
+        resting_margin=resting[1],
+        wall_time=summary.wall_time,
+    )
+
+
+def run_sweep(
+    cases: Sequence[Case],
+    out: str | os.PathLike[str],
+    *,
+    scenario: Scenario | None = None,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    progress: Callable[[int, int, Result], None] | None = None,
+) -> list[Result]:
+    """Runs the cases that `out` does not hold yet, and adds them to it.
+
+    Args:
+        cases: what to run; those that stand in `out` without an error are kept.
+        out: CSV file, see `Result`. It is for one scenario: give another file where
+            the scenario's other settings differ.
+        scenario: what the cases have in common; their motion, experiment, mode,
+            level and period are replaced.
+        executor: any `concurrent.futures` executor, also a cluster's, e.g.
+            `dask.distributed.Client.get_executor()`; by default processes here.
+        jobs: number of those processes; by default one per core.
+        progress: called with (finished, all, newest result).
+
+    Returns:
+        The results of all cases, in their order.
+
+    Raises:
+        CrarError: `out` is there but is not a sweep's file.
+    """
+    text = "" if scenario is None else scenario.to_yaml()
+    finished = {result.case: result for result in read_results(out) if not result.error}
+    waiting = [case for case in dict.fromkeys(cases) if case not in finished]
+    _start_file(out, finished.values())
+    done = len(set(cases)) - len(waiting)
+    total = len(set(cases))
+    with _executor(executor, jobs) as pool, open(out, "a", newline="") as stream:
+        futures: dict[Future, Case] = {
+            pool.submit(run_case, case, text): case for case in waiting
+        }
+        try:
+            for future in as_completed(futures):
+                result = future.result()
+                # One write, so that a line is there whole or is cut off at the end,
+                # where reading drops it.
+                stream.write(_line(result))
+                stream.flush()
+                os.fsync(stream.fileno())
+                finished[result.case] = result
+                done += 1
+                if progress is not None:
+                    progress(done, total, result)
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+    return [finished[case] for case in dict.fromkeys(cases)]
+
+
+def read_results(path: str | os.PathLike[str]) -> list[Result]:
+    """Reads a sweep's CSV file; a last line that was cut off is left out.
+
+    Raises:
+        CrarError: the file's columns are not those of `Result`.
+    """
+    path = Path(path)
+    if not path.is_file() or not path.stat().st_size:
+        return []
+    text = path.read_text()
+    whole, newline, _ = text.rpartition("\n")
+    reader = csv.DictReader(io.StringIO(whole + newline))
+    names = [f.name for f in fields(Result)]
+    if reader.fieldnames != names:
+        raise CrarError(
+            f"{path}: this is not a sweep's file of this version (its columns should "
+            f"be {', '.join(names)}); give another --out"
+        )
+    converters = {"float": float, "int": int}
+    types = {f.name: converters.get(str(f.type), str) for f in fields(Result)}
+    try:
+        return [
+            Result(**{name: types[name](row[name]) for name in names}) for row in reader
+        ]
+    except (TypeError, ValueError) as error:
+        raise CrarError(f"{path}: line {reader.line_num}: {error}") from error
+
+
+def _default_scenario() -> Scenario:
+    return Scenario(motion="dance", experiment="wrists")
+
+
+def _scenario_of(case: Case, base: Scenario) -> Scenario:
+    controller = replace(
+        base.controller,
+        constraints=case.constraints,
+        level=case.level,
+        period=case.period,
+    )
+    return replace(
+        base,
+        motion=case.motion,
+        experiment=case.experiment,
+        tasks=[],
+        keyframes={},
+        controller=controller,
+        # Every step of the plant is judged, not only those of the controller.
+        log_period=base.log_period or base.plant_config.time_step,
+    )
+
+
+def _line(result: Result | None) -> str:
+    """A line of the file; the header for None."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    names = [f.name for f in fields(Result)]
+    writer.writerow(names if result is None else [getattr(result, n) for n in names])
+    return stream.getvalue()
+
+
+def _start_file(path: str | os.PathLike[str], results: Iterable[Result]) -> None:
+    """Writes header and kept results, without failed cases and cut-off lines."""
+    with whole_file(path) as temporary:
+        temporary.write_text(_line(None) + "".join(map(_line, results)))
+
+
+@contextmanager
+def _executor(executor: Executor | None, jobs: int | None) -> Iterator[Executor]:
+    if executor is not None:
+        yield executor  # the caller's to close
+        return
+    # One thread a process: the matrices are small, and threads would only queue.
+    threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    before = {name: os.environ.get(name) for name in threads}
+    os.environ.update(threads)
+    pool = ProcessPoolExecutor(
+        max_workers=jobs or os.cpu_count(),
+        mp_context=multiprocessing.get_context("spawn"),
+        max_tasks_per_child=_CASES_PER_WORKER,
+    )
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    else:
+        pool.shutdown()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,67 @@
+"""The wheel works by itself: built, installed elsewhere, run from an empty folder."""
+
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("dist")
+    subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--outdir", out, ROOT],
+        check=True,
+        capture_output=True,
+    )
+    return next(out.glob("*.whl"))
+
+
+@pytest.mark.slow
+def test_wheel_carries_data(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for needed in (
+        "crar_drake/py.typed",
+        "crar_drake/models/upper_body/robot.yaml",
+        "crar_drake/models/upper_body/upper_body.urdf",
+        "crar_drake/models/obstacle_arm/scene.dmd.yaml",
+        "crar_drake/diagrams/dance_wrists.yaml",
+        "crar_drake/motion/builtin/dance.amc",
+        "crar_drake/motion/known_trials.csv",
+    ):
+        assert needed in names
+    assert not [name for name in names if name.startswith(("tests/", "docs/"))]
+
+
+@pytest.mark.slow
+def test_wheel_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+    environment = tmp_path / "environment"
+    venv.create(environment, with_pip=True)
+    python = environment / "bin" / "python"
+    subprocess.run(
+        [python, "-m", "pip", "install", "--quiet", str(wheel)],
+        check=True,
+        capture_output=True,
+    )
+    empty = tmp_path / "empty"
+    empty.mkdir()
+
+    def run(*command: str | Path) -> str:
+        finished = subprocess.run(
+            command, cwd=empty, capture_output=True, text=True, timeout=240
+        )
+        assert finished.returncode == 0, finished.stderr
+        return finished.stdout
+
+    listed = run(environment / "bin" / "crar-drake", "list")
+    for name in ("upper_body", "obstacle_arm", "dance", "dance_wrists"):
+        assert name in listed
+    example = ROOT / "examples" / "controller_in_your_diagram.py"
+    assert "smallest distance" in run(python, example, "0.2")
+    where = run(python, "-c", "import crar_drake; print(crar_drake.__file__)")
+    assert Path(where.strip()).is_relative_to(environment)

@@ -1,7 +1,7 @@
 """The recorded page: robot, targets and warnings as one HTML file to play back.
 
-`AddPlaybackOverlay` draws what Drake's visualiser does not know of; `start_recording`
-and `save_recording` bracket a simulation; `record_log` makes the same page from a log.
+`AddVisualization` draws the robot, its targets and its warnings; `start_recording` and
+`save_recording` bracket a simulation; `record_log` makes the same page from a log.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from pydrake.systems.framework import (
     InputPort,
     LeafSystem,
 )
-from pydrake.visualization import ApplyVisualizationConfig
+from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError
@@ -51,7 +51,7 @@ from crar_drake.robot_description import (
 )
 from crar_drake.scenario import parse_scenario
 
-TARGET_COLOR = Rgba(0.48, 0.22, 0.93, 1.0)  # violet: neither robot nor warning
+TARGET_COLOR = Rgba(0.55, 0.27, 1.0, 1.0)  # violet: neither robot nor warning
 WARNING_COLOR = Rgba(1.0, 0.24, 0.05, 0.6)
 GRID_COLOR = Rgba(0.52, 0.58, 0.62, 1.0)
 TARGET_RADIUS = 0.018  # [m]
@@ -212,9 +212,7 @@ class PlaybackOverlay(LeafSystem):
         show = np.array([near[s.pairs].any() for s in self._segments], dtype=bool)
         for i, segment in enumerate(self._segments):
             if self._shown is None or show[i] != self._shown[i]:
-                self._meshcat.SetProperty(
-                    segment.path, "visible", bool(show[i]), time
-                )
+                self._meshcat.SetProperty(segment.path, "visible", bool(show[i]), time)
         self._shown = show
 
     def _keep_in_view(self, points: np.ndarray) -> None:
@@ -283,6 +281,45 @@ def AddPlaybackOverlay(
     builder.Connect(
         plant.get_body_poses_output_port(), overlay.GetInputPort("body_poses")
     )
+    return overlay
+
+
+def AddVisualization(
+    builder: DiagramBuilder,
+    config: VisualizationConfig,
+    meshcat: Meshcat,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    pairs: Sequence[tuple[str, str]],
+    target_names: Sequence[str],
+    warning_distance: float = 0.02,
+) -> PlaybackOverlay:
+    """Adds Drake's visualiser and the overlay; nothing goes to a network.
+
+    Args:
+        config: Drake's own.
+        builder, meshcat, plant, scene_graph, pairs, target_names, warning_distance:
+            as `AddPlaybackOverlay`.
+
+    Raises:
+        CrarError, ModelError: as `AddPlaybackOverlay`.
+    """
+    lcm = DrakeLcm("memq://")
+    ApplyVisualizationConfig(
+        config, builder, plant=plant, scene_graph=scene_graph, meshcat=meshcat, lcm=lcm
+    )
+    overlay = AddPlaybackOverlay(
+        builder,
+        meshcat,
+        plant,
+        scene_graph,
+        pairs,
+        target_names,
+        config.publish_period,
+        warning_distance,
+    )
+    # The publishers refer to it without owning it: it must live as long as they do.
+    overlay.lcm = lcm
     return overlay
 
 
@@ -409,16 +446,14 @@ def record_log(
             )
     meshcat = meshcat or Meshcat()
     scenario.visualization.publish_period = period
-    lcm = DrakeLcm("memq://")  # must outlive the diagram; nothing goes to a network
-    ApplyVisualizationConfig(scenario.visualization, builder, meshcat=meshcat, lcm=lcm)
-    overlay = AddPlaybackOverlay(
+    overlay = AddVisualization(
         builder,
+        scenario.visualization,
         meshcat,
         plant,
         scene_graph,
         pairs,
         [layout.names[i] for i in layout.linear_tasks],
-        period,
         scenario.warning_distance,
     )
     diagram = builder.Build()

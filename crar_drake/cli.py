@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import logging
 import math
 import os
 import sys
@@ -77,6 +78,7 @@ def _run(arguments: argparse.Namespace) -> None:
     from crar_drake.run import run_scenario
     from crar_drake.summary import summary_table
 
+    _be_quiet()
     with _progress_bar() as progress:
         result = run_scenario(
             scenario, out, record=not arguments.no_recording, progress=progress
@@ -133,10 +135,12 @@ def _list(arguments: argparse.Namespace) -> None:
 
 
 def _fetch(arguments: argparse.Namespace) -> None:
+    from crar_drake.motion.catalogue import trial_id
     from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
 
+    trials = [trial_id(text) for text in arguments.trials]
     print(LICENCE_NOTICE)
-    for trial in arguments.trials:
+    for trial in trials:
         with rich_progress() as progress:
             files = fetch(trial, progress=progress, force=arguments.force)
         print(files.asf)
@@ -148,6 +152,7 @@ def _playback(arguments: argparse.Namespace) -> None:
     from crar_drake.recording import record_log
 
     out = arguments.out or arguments.log.with_name("playback.html")
+    _be_quiet()
     record_log(SimulationLog.load(arguments.log), out)
     print(out)
 
@@ -201,6 +206,11 @@ def _motion_label(motion: str) -> str:
     return Path(motion).stem.removeprefix("cmu:")
 
 
+def _be_quiet() -> None:
+    """Drake announces Meshcat's address, where nothing is to be seen."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
+
+
 @contextmanager
 def _progress_bar() -> Iterator[Progress]:
     """Yields a callback that draws how far the simulation is, on stderr."""
@@ -214,13 +224,20 @@ def _progress_bar() -> Iterator[Progress]:
         progress.TextColumn("{task.fields[factor]:.2f} x real time"),
         progress.TimeRemainingColumn(),
     )
-    with progress.Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=None, of=math.nan, factor=0.0)
+    bar = progress.Progress(*columns, console=Console(stderr=True))
 
-        def show(time: float, duration: float, factor: float) -> None:
-            bar.update(task, completed=time, total=duration, of=duration, factor=factor)
+    def show(time: float, duration: float, factor: float) -> None:
+        if not bar.tasks:  # a run that cannot begin shows no bar
+            bar.start()
+            bar.add_task("", of=duration, factor=factor)
+        task = bar.task_ids[0]
+        bar.update(task, completed=time, total=duration, factor=factor)
 
+    try:
         yield show
+    finally:
+        if bar.tasks:
+            bar.stop()
 
 
 # --- the arguments ----------------------------------------------------------------

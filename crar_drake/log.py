@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import zipfile
+import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -75,7 +77,15 @@ class SimulationLog:
                 arrays = {name: archive[name] for name in archive.files}
             arrays["scenario"] = str(arrays["scenario"])
             return SimulationLog(**arrays)
-        except (TypeError, KeyError, ValueError, OSError, EOFError) as error:
+        except (
+            TypeError,
+            KeyError,
+            ValueError,
+            OSError,
+            EOFError,
+            zipfile.BadZipFile,
+            zlib.error,
+        ) as error:
             raise CrarError(
                 f"{path}: not a log of crar-drake run, or of another version: {error}"
             ) from error

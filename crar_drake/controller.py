@@ -147,7 +147,13 @@ class CrarController(LeafSystem):
             ),
             sources,
         )
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
+        period = self._period
+        if plant_is_discrete and period != model.plant.time_step():
+            # k periods and the plant's steps up to then may differ by rounding. A
+            # tick just before the plant's step sees the state that it starts from;
+            # one just after it would see the next one, and solve again.
+            period *= 1.0 - 4e-15
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
 
         sizes = {
             "actuation": model.plant.num_actuated_dofs(),

@@ -7,7 +7,12 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput, TrajectorySource, VectorLogSink
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LogVectorOutput,
+    TrajectorySource,
+    VectorLogSink,
+)
 from pydrake.trajectories import PiecewisePolynomial
 from small_robots import add_plant, chain_urdf, make_model
 
@@ -79,7 +84,7 @@ class Loop:
 
 def trajectory(function, duration=1.0) -> PiecewisePolynomial:
     times = np.linspace(0.0, duration, 41)
-    return PiecewisePolynomial.CubicShapePreserving(
+    return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
         times, np.array([function(t) for t in times]).T
     )
 
@@ -243,6 +248,44 @@ def test_one_solve_per_period(case, monkeypatch):
     simulator.AdvanceTo(20 * ratio * STEP)
     # The last sample of a discrete plant's log is of a tick that is yet to come.
     assert calls == list(range(20 if kind == "continuous" else 21))
+
+
+@pytest.mark.parametrize("step, ratio", [(1 / 700, 3), (1 / 600, 5), (7e-4, 9)])
+def test_periods_whose_multiples_round_differently(step, ratio, monkeypatch):
+    """k (3 h) and (3 k) h are not always the same number: still one solve a tick, of
+    the state that the plant's step starts from."""
+    assert any(k * (ratio * step) != (ratio * k) * step for k in range(100))
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zz"), time_step=step)
+    controller = AddCrarController(
+        builder,
+        plant,
+        scene_graph,
+        RobotDescription(),
+        [Task(frame="tip")],
+        CrarParameters(period=ratio * step),
+    )
+    target = builder.AddSystem(ConstantVectorSource(np.r_[0.3, 0.3, np.zeros(7)]))
+    builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
+    diagram = builder.Build()
+    calls = {}
+    solve = ControlLaw.solve
+
+    def recorded(self, workspace, memory, tick, time, q, v, targets):
+        calls.setdefault(tick, []).append(np.r_[q, v])
+        return solve(self, workspace, memory, tick, time, q, v, targets)
+
+    monkeypatch.setattr(ControlLaw, "solve", recorded)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    states = {}
+    for k in range(100):
+        # Half a step before the tick the plant has the tick's state already.
+        simulator.AdvanceTo(max(k * ratio - 0.5, 0.0) * step)
+        states[k] = context.get_discrete_state_vector().CopyToVector()
+    for k in range(99):
+        assert len(calls[k]) == 1
+        np.testing.assert_array_equal(calls[k][0], states[k])
 
 
 def test_cloned_contexts_do_not_alias(loop):

@@ -265,12 +265,12 @@ def _penalty(
     """Sums over the active set: the matrix of sum omega g g^T + sum w e e^T (n, n),
     its right-hand side of the drifts (n,), and that of the retreats (n,)."""
     g, weight = rows.g[row_on], rows.weight[row_on]
-    weighted = weight[:, None] * g
-    penalty = g.T @ weighted
+    root = np.sqrt(weight)[:, None] * g
+    penalty = root.T @ root  # symmetric to the last bit
     w = np.where(limit_on, limits.weight, 0.0)
     penalty.flat[:: len(w) + 1] += w
-    drift_push = weighted.T @ rows.drift[row_on]
-    retreat = weighted.T @ rows.retreat[row_on] - w * limits.outward * limits.retreat
+    drift_push = (weight * rows.drift[row_on]) @ g
+    retreat = (weight * rows.retreat[row_on]) @ g - w * limits.outward * limits.retreat
     return penalty, drift_push, retreat
 
 

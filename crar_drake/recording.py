@@ -27,7 +27,6 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
@@ -38,6 +37,7 @@ from pydrake.systems.framework import (
     InputPort,
     LeafSystem,
 )
+from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from crar_drake.equations.tasks import TaskLayout
@@ -117,7 +117,7 @@ class PlaybackOverlay(LeafSystem):
     is placed so that everything that moved so far is in the picture.
 
     Input ports:
-        target_positions: (3 N,) p_WT of each target [m].
+        target_positions: (3 N,) p_WT of each target [m]; open if there are none.
         signed_distances: (Nc,) of the watched pairs, in their order [m].
         body_poses: the plant's; `AddPlaybackOverlay` connects it.
 
@@ -181,7 +181,9 @@ class PlaybackOverlay(LeafSystem):
 
     def _Publish(self, context: Context) -> EventStatus:
         time = context.get_time()
-        p_WT = self.get_input_port_target_positions().Eval(context).reshape(-1, 3)
+        p_WT = np.empty((0, 3))
+        if self._target_paths:  # else there is nothing to connect the port to
+            p_WT = self.get_input_port_target_positions().Eval(context).reshape(-1, 3)
         distances = self.get_input_port_signed_distances().Eval(context)
         if self._shown is None:
             self._draw_objects()
@@ -304,11 +306,17 @@ def AddVisualization(
     Raises:
         CrarError, ModelError: as `AddPlaybackOverlay`.
     """
-    lcm = DrakeLcm("memq://")
     ApplyVisualizationConfig(
-        config, builder, plant=plant, scene_graph=scene_graph, meshcat=meshcat, lcm=lcm
+        config,
+        builder,
+        # A bus that goes nowhere. (A DrakeLcm of our own would have to outlive the
+        # diagram, which does not keep it.)
+        lcm_buses=ApplyLcmBusConfig({config.lcm_bus: None}, builder),
+        plant=plant,
+        scene_graph=scene_graph,
+        meshcat=meshcat,
     )
-    overlay = AddPlaybackOverlay(
+    return AddPlaybackOverlay(
         builder,
         meshcat,
         plant,
@@ -318,9 +326,6 @@ def AddVisualization(
         config.publish_period,
         warning_distance,
     )
-    # The publishers refer to it without owning it: it must live as long as they do.
-    overlay.lcm = lcm
-    return overlay
 
 
 def set_surroundings(meshcat: Meshcat) -> None:

@@ -284,9 +284,9 @@ def summary_table(summary: Summary) -> Table:
             style="bold red" if summary.smallest_distance < 0.0 else "",
         )
     table.add_row(
-        "samples with a violation",
+        "violations",
         f"{summary.violated_samples}",
-        f"of {summary.samples}",
+        f"of {summary.samples} samples",
         style="bold red" if summary.violated_samples else "",
     )
     if summary.penetrating_samples:
@@ -297,7 +297,7 @@ def summary_table(summary: Summary) -> Table:
         )
     if summary.beyond_limit_samples:
         table.add_row(
-            "  beyond a joint limit",
+            "  beyond limits",
             f"{summary.beyond_limit_samples}",
             f"{_most(summary.joints_beyond_limits)}; farthest "
             f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} rad",

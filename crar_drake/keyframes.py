@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ScenarioError
 
@@ -29,9 +29,10 @@ class Keyframe:
 class KeyframeTrajectory:
     """The way of one task through its keyframes.
 
-    The position is a cubic spline at rest at both ends, the orientation SciPy's
-    RotationSpline; both are twice continuously differentiable. Before the first
-    and after the last keyframe the task stands still there.
+    Position and orientation are cubic splines, the latter through the keyframes'
+    quaternions, normalised: twice continuously differentiable and at rest at both
+    ends. Before the first and after the last keyframe the task stands still there.
+    From one keyframe to the next it turns the shorter way.
     """
 
     def __init__(self, name: str, keyframes: Sequence[Keyframe]) -> None:
@@ -64,9 +65,12 @@ class KeyframeTrajectory:
             times, [frame.xyz for frame in keyframes], bc_type="clamped"
         )
         angles = [list(frame.rpy_deg) for frame in keyframes]
-        self._rotation = RotationSpline(
-            times, Rotation.from_euler("xyz", angles, degrees=True)
-        )
+        quaternions = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
+        for i in range(1, len(quaternions)):
+            # Q and -Q are the same orientation; the nearer is the shorter way.
+            if quaternions[i] @ quaternions[i - 1] < 0.0:
+                quaternions[i] *= -1.0
+        self._quaternion = CubicSpline(times, quaternions, bc_type="clamped")
 
     def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
@@ -80,9 +84,18 @@ class KeyframeTrajectory:
         """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
         moving = self.start <= time <= self.end
         t = min(max(time, self.start), self.end)
-        R = self._rotation(t).as_matrix()
+        Q = self._quaternion(t)
+        R = Rotation.from_quat(Q).as_matrix()
         if not moving:
             return R, np.zeros(3), np.zeros(3)
-        # SciPy gives rates in the rotating frame; the derivative of R w is
-        # R w_dot, because w x w vanishes.
-        return R, R @ self._rotation(t, 1), R @ self._rotation(t, 2)
+        # omega = 2 Im(Q_dot / Q), whatever the length of Q, and its derivative.
+        inverse = Q * [-1.0, -1.0, -1.0, 1.0] / (Q @ Q)
+        rate = _product(self._quaternion(t, 1), inverse)
+        rate_dot = _product(self._quaternion(t, 2), inverse) - _product(rate, rate)
+        return R, 2.0 * rate[:3], 2.0 * rate_dot[:3]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The product (4,) of two quaternions (x, y, z, w), of any length."""
+    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])

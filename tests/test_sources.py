@@ -84,10 +84,23 @@ def test_it_stands_still_before_and_after(way, t):
         assert not v.any() and not a.any()
 
 
-def test_positions_start_and_end_at_rest(way):
-    """Nothing jumps where they go over to standing still."""
+def test_it_starts_and_ends_at_rest(way):
+    """Nothing jumps where it goes over to standing still."""
     for t in (0.5, 4.0):
-        np.testing.assert_allclose(way.position(t)[1], 0.0, atol=1e-9)
+        for f in (way.position, way.orientation):
+            np.testing.assert_allclose(f(t)[1], 0.0, atol=1e-9)
+
+
+def test_it_turns_the_shorter_way():
+    """From a yaw of 170 to one of 190 degrees, through 180, though given as -170."""
+    way = KeyframeTrajectory(
+        "tool",
+        [Keyframe(0.0, rpy_deg=[0, 0, 170]), Keyframe(2.0, rpy_deg=[0, 0, -170])],
+    )
+    np.testing.assert_allclose(
+        way.orientation(1.0)[0], np.diag([-1.0, -1.0, 1.0]), atol=1e-9
+    )
+    assert way.orientation(1.0)[1][2] > 0.0
 
 
 @pytest.mark.parametrize("t", [0.7, 1.2, 1.8, 3.0, 5.0, 7.5])

@@ -598,6 +598,28 @@ def test_zero_quaternion_is_refused():
         law.step(np.zeros(3), np.zeros(3), np.zeros(model.layout.size))
 
 
+@pytest.mark.parametrize("lost", ["quaternion", "tasks", "nominal_posture"])
+def test_lost_targets_brake_under_lookahead(lost):
+    """Whatever is missing, the torque is finite and slows every joint down."""
+    model = make_model(chain_urdf("zyz"), [Task(frame="tip", kind="pose")])
+    gains = CrarParameters(constraints="lookahead", nominal_posture_gain=5.0)
+    law = ControlLaw(model, gains)
+    q, v = random_state(model, 1)
+    target = model.layout.pack([np.eye(3)], [[0.5, 0.3, 0.2]])
+    posture = np.zeros(3)
+    assert law.step(q, v, target, nominal_posture=posture).status == 1.0
+    if lost == "quaternion":
+        target = np.zeros_like(target)
+    elif lost == "tasks":
+        target = np.full_like(target, np.nan)
+    else:
+        posture = np.array([0.0, np.nan, 0.0])
+    solution = law.step(q, v, target, nominal_posture=posture)
+    assert solution.status == 2.0
+    assert np.isfinite(solution.actuation).all()
+    assert (solution.acceleration * v < 0.0).all()
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -8,7 +8,7 @@ own loop.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -119,7 +119,7 @@ class Solution:
             in one control period.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         resting_margins: (2,) where the robot would come to rest: the smallest
-            distance [m] and the smallest margin to a joint limit [rad]; None
+            distance [m] and the smallest margin to a joint limit [rad]; NaN
             unless constraints are "lookahead".
         status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
     """
@@ -131,7 +131,7 @@ class Solution:
     constraint_weights: np.ndarray
     position_command: np.ndarray
     constrained_velocity: np.ndarray
-    resting_margins: np.ndarray | None
+    resting_margins: np.ndarray
     status: np.ndarray
 
 
@@ -189,7 +189,7 @@ class Resolved:
     W: np.ndarray
     limit_proximity: np.ndarray | None = None
     pair_proximity: np.ndarray | None = None
-    resting_margins: np.ndarray | None = None
+    resting_margins: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
 
 
 @dataclass(frozen=True)
@@ -506,7 +506,6 @@ class ControlLaw:
             qddot=vdot[model.controlled],
             qdot_c=np.zeros(model.n),
             W=np.ones(model.n),
-            resting_margins=np.full(2, np.nan),
         )
         error = np.full(model.m, np.nan)
         return ControlStep(

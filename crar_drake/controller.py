@@ -72,8 +72,8 @@ class CrarController(LeafSystem):
         position_command: (nq + nv,) [q; v] one control period on.
         status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN.
         resting_margins: (2,) where the robot would come to rest, the smallest
-            distance [m] and the smallest margin to a joint limit [rad]; only with
-            constraints "lookahead".
+            distance [m] and the smallest margin to a joint limit [rad]; NaN unless
+            constraints are "lookahead".
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and held until the next: there is no delay. Where the
@@ -96,7 +96,7 @@ class CrarController(LeafSystem):
         """
         Args:
             model: the robot, its tasks and watched pairs.
-            parameters: gains and modes; by default those of the paper.
+            parameters: gains and modes; by default `CrarParameters()`.
             plant_is_discrete: whether the plant that takes the torque is discrete;
                 see the class documentation for what it changes.
 
@@ -163,9 +163,8 @@ class CrarController(LeafSystem):
             "constraint_weights": model.n,
             "position_command": nq + nv,
             "status": 1,
+            "resting_margins": 2,
         }
-        if self.law.parameters.constraints == "lookahead":
-            sizes["resting_margins"] = 2
         self._outputs = {
             name: self.DeclareVectorOutputPort(
                 name, size, self._MakeOutputCalc(name), sources
@@ -217,10 +216,9 @@ class CrarController(LeafSystem):
         """Port (1,): tracking, blending in or braking, see `control_law`."""
         return self._outputs["status"]
 
-    def get_output_port_resting_margins(self) -> OutputPort | None:
-        """Port (2,): smallest distance [m] and limit margin [rad] at rest; None
-        unless constraints are "lookahead"."""
-        return self._outputs.get("resting_margins")
+    def get_output_port_resting_margins(self) -> OutputPort:
+        """Port (2,): smallest distance [m] and limit margin [rad] at rest."""
+        return self._outputs["resting_margins"]
 
     def _MakeOutputCalc(self, name: str):
         field = "acceleration" if name == "desired_acceleration" else name

@@ -13,16 +13,15 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.lcm import ApplyLcmBusConfig
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain
-from pydrake.visualization import ApplyVisualizationConfig
 
 from crar_drake.controller import CrarController
 from crar_drake.desired_motion import DesiredMotion, load_desired_motion
+from crar_drake.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.errors import ModelError
 from crar_drake.parameters import CrarParameters
-from crar_drake.recording import AddPlaybackOverlay
+from crar_drake.recording import AddVisualization
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import (
     RobotDescription,
@@ -40,6 +39,8 @@ LOGGED_OUTPUTS = (
     "task_error",
     "signed_distances",
     "constraint_weights",
+    "status",
+    "resting_margins",
 )
 
 
@@ -52,6 +53,7 @@ def AddCrarController(
     parameters: CrarParameters | None = None,
     *,
     control_model: ControlModel | None = None,
+    estimated_state: OutputPort | None = None,
 ) -> CrarController:
     """Adds a controller beside a plant and connects state and actuation.
 
@@ -65,9 +67,11 @@ def AddCrarController(
         description: the names in the plant: task frames, watched pairs,
             prescribed joints. From `load_robot_description`, or made in Python.
         tasks: what is tracked.
-        parameters: gains and modes; by default the paper's.
+        parameters: gains and modes; by default `CrarParameters()`.
         control_model: the model that the controller computes with; by default a
-            clone of `plant` and `scene_graph` as they are now.
+            clone of `plant` and `scene_graph` as they are now. A model that is given
+            has description, tasks and distances of its own, which then count.
+        estimated_state: port of the measured [q; v]; by default the plant's own.
 
     Raises:
         ModelError: the plant is not finalized, has another state or other
@@ -98,13 +102,23 @@ def AddCrarController(
                 f"the plant has {theirs} {what} but the control model {ours}; they "
                 "must be the same robot"
             )
+    damped = any(
+        plant.get_joint(index).default_damping_vector().any()
+        for index in plant.GetJointIndices()
+    )
+    if damped and plant.time_step() != model_plant.time_step():
+        raise ModelError(
+            f"the plant's time step is {plant.time_step():g} s but the control model's "
+            f"{model_plant.time_step():g} s; with joint damping they must be the same"
+        )
     controller = builder.AddSystem(
         CrarController(
             control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
         )
     )
     builder.Connect(
-        plant.get_state_output_port(), controller.get_input_port_estimated_state()
+        estimated_state or plant.get_state_output_port(),
+        controller.get_input_port_estimated_state(),
     )
     builder.Connect(
         controller.get_output_port_actuation(), plant.get_actuation_input_port()
@@ -176,7 +190,7 @@ def MakeCrarDiagram(
         CrarError: something in the scenario, its robot or its motion is wrong.
     """
     setup = setup or PrepareScenario(scenario)
-    model = setup.model
+    model, disturbances = setup.model, scenario.disturbances
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     add_robot(plant, model.description)
@@ -194,9 +208,24 @@ def MakeCrarDiagram(
         model.tasks,
         scenario.controller,
         control_model=model,
+        estimated_state=AddMeasurement(
+            builder, plant, disturbances, scenario.controller.period
+        ),
     )
-    tasks = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())
-    builder.Connect(tasks.get_output_port(), controller.get_input_port_desired_tasks())
+    source = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())
+    tasks = source.get_output_port()
+    if disturbances.target_jump.duration:
+        jump = builder.AddSystem(TargetStep(model.layout, disturbances.target_jump))
+        builder.Connect(tasks, jump.get_input_port())
+        tasks = jump.get_output_port()
+    builder.Connect(tasks, controller.get_input_port_desired_tasks())
+    if disturbances.pushes:
+        pushes = builder.AddSystem(
+            PushSource(plant, model.description.task_frames, disturbances.pushes)
+        )
+        builder.Connect(
+            pushes.get_output_port(), plant.get_applied_spatial_force_input_port()
+        )
     if setup.motion.MakePrescribedSource is not None:
         prescribed = builder.AddNamedSystem(
             "desired_prescribed", setup.motion.MakePrescribedSource()
@@ -207,17 +236,17 @@ def MakeCrarDiagram(
 
     logged = {
         "state": plant.get_state_output_port(),
-        "desired_tasks": tasks.get_output_port(),
+        "desired_tasks": tasks,
     } | {name: controller.GetOutputPort(name) for name in LOGGED_OUTPUTS}
     for name, port in logged.items():
         period = scenario.log_period or scenario.controller.period
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")
     if meshcat is not None:
-        _add_visualization(builder, scenario, meshcat, model, controller)
+        _add_visualization(builder, scenario, meshcat, model, tasks, controller)
 
     builder.ExportOutput(plant.get_state_output_port(), "state")
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
-    builder.ExportOutput(tasks.get_output_port(), "desired_tasks")
+    builder.ExportOutput(tasks, "desired_tasks")
     for i in range(controller.num_output_ports()):
         port = controller.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
@@ -250,35 +279,28 @@ def _add_visualization(
     scenario: Scenario,
     meshcat: Meshcat,
     model: ControlModel,
+    tasks: OutputPort,
     controller: CrarController,
 ) -> None:
     """The robot, its targets and its warnings, drawn into `meshcat`."""
-    ApplyVisualizationConfig(
-        scenario.visualization,
-        builder,
-        # Nothing of it goes to a network: the page is what is wanted. (A DrakeLcm
-        # of our own would have to outlive the diagram, which does not keep it.)
-        lcm_buses=ApplyLcmBusConfig({scenario.visualization.lcm_bus: None}, builder),
-        meshcat=meshcat,
-    )
     layout = model.layout
-    overlay = AddPlaybackOverlay(
+    overlay = AddVisualization(
         builder,
+        scenario.visualization,
         meshcat,
         builder.GetSubsystemByName("plant"),
         builder.GetSubsystemByName("scene_graph"),
         [(a, b) for a, b in model.description.pairs],
         [layout.names[i] for i in layout.linear_tasks],
-        scenario.visualization.publish_period,
         scenario.warning_distance,
     )
-    select = np.eye(layout.size)[layout.position_entries.ravel()]
-    positions = builder.AddNamedSystem("target_positions", MatrixGain(select))
-    tasks = builder.GetSubsystemByName("desired_tasks")
-    builder.Connect(tasks.get_output_port(), positions.get_input_port())
-    builder.Connect(
-        positions.get_output_port(), overlay.get_input_port_target_positions()
-    )
+    if len(layout.linear_tasks):
+        select = np.eye(layout.size)[layout.position_entries.ravel()]
+        positions = builder.AddNamedSystem("target_positions", MatrixGain(select))
+        builder.Connect(tasks, positions.get_input_port())
+        builder.Connect(
+            positions.get_output_port(), overlay.get_input_port_target_positions()
+        )
     builder.Connect(
         controller.get_output_port_signed_distances(),
         overlay.get_input_port_signed_distances(),

@@ -28,6 +28,9 @@ class SimulationLog:
         task_error: (T, m) Eq. (11) against them [rad, m].
         signed_distances: (T, Nc) per watched pair, from the control model [m].
         constraint_weights: (T, n) diagonal of W.
+        status: (T, 1) tracking, blending or braking, see `control_law`.
+        resting_margins: (T, 2) where the robot would come to rest, smallest distance
+            [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
         position_names: (nq,) joint of each column of q and v.
         actuator_names: (nu,) joint that each actuator moves.
         controlled_names: (n,) the controlled joints.
@@ -47,6 +50,8 @@ class SimulationLog:
     task_error: np.ndarray
     signed_distances: np.ndarray
     constraint_weights: np.ndarray
+    status: np.ndarray
+    resting_margins: np.ndarray
     position_names: np.ndarray
     actuator_names: np.ndarray
     controlled_names: np.ndarray

@@ -1,4 +1,4 @@
-"""The controller's parameters, with the paper's values as defaults."""
+"""The controller's parameters: the paper's gains, and constraints that hold."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
@@ -32,7 +32,7 @@ class LookaheadParameters:
     horizon: float | None = None  # [s]
     rho: float = 1e-4
     rho_limits: float = 0.01
-    distance_margin: float = 2e-3  # [m]
+    distance_margin: float = 5e-3  # [m]
     limit_margin: float = 1e-3  # [rad]
     retreat_rate: float = 20.0  # [1/s]
     influence_distance: float = 0.3  # [m]
@@ -51,7 +51,7 @@ class LookaheadParameters:
 
 @dataclass
 class CrarParameters:
-    """Parameters of the control law; Section IV of the paper gives the defaults.
+    """Parameters of the control law; Section IV of the paper gives the gains.
 
     Attributes:
         level: where alpha comes from: "velocity" (Eq. 10) or "acceleration"
@@ -78,7 +78,7 @@ class CrarParameters:
     """
 
     level: str = "acceleration"
-    constraints: str = "paper"
+    constraints: str = "lookahead"
     period: float = 1e-3  # [s]
     K: float = 30.0  # [1/s]
     Kp: float = 300.0  # [1/s^2]

@@ -15,6 +15,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from crar_drake.diagram import LOGGED_OUTPUTS, MakeCrarDiagram, PrepareScenario, Setup
+from crar_drake.disturbances import ScaleMasses
 from crar_drake.errors import ScenarioError
 from crar_drake.files import whole_file
 from crar_drake.log import SimulationLog
@@ -38,11 +39,13 @@ class RunResult:
     Attributes:
         log: the samples.
         summary: the figures.
+        setup: what the run was made of.
         files: what was written, in the order of `run_scenario`; empty if nothing.
     """
 
     log: SimulationLog
     summary: Summary
+    setup: Setup
     files: list[Path] = field(default_factory=list)
 
 
@@ -80,6 +83,13 @@ def run_scenario(
 
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
+    if scenario.disturbances.mass_scale != 1.0:
+        plant = diagram.GetSubsystemByName("plant")
+        ScaleMasses(
+            plant,
+            plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()),
+            scenario.disturbances.mass_scale,
+        )
     if meshcat is not None:
         from crar_drake.recording import start_recording
 
@@ -88,8 +98,8 @@ def run_scenario(
     log = make_log(scenario, setup, diagram, simulator.get_context())
     summary = summarize(log, wall_time)
     if out is None:
-        return RunResult(log, summary)
-    return RunResult(log, summary, _write(Path(out), log, summary, meshcat))
+        return RunResult(log, summary, setup)
+    return RunResult(log, summary, setup, _write(Path(out), log, summary, meshcat))
 
 
 def make_log(

@@ -14,6 +14,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
+from crar_drake.disturbances import Disturbances, Push, TargetJump
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
@@ -77,6 +78,8 @@ class Scenario:
         keyframes: task name to its keyframes, instead of a motion.
         controller: gains and modes.
         simulated_robot: what the simulated plant does of its own.
+        disturbances: how the simulated robot differs from what the controller
+            believes; none by default.
         duration: of the simulation [s]; by default that of the motion.
         warning_distance: segments nearer than this are coloured in the recording
             [m].
@@ -94,6 +97,7 @@ class Scenario:
     keyframes: dict[str, list[Keyframe]] = field(default_factory=dict)
     controller: CrarParameters = field(default_factory=CrarParameters)
     simulated_robot: SimulatedRobot = field(default_factory=SimulatedRobot)
+    disturbances: Disturbances = field(default_factory=Disturbances)
     duration: float | None = None  # [s]
     warning_distance: float = 0.02  # [m]
     log_period: float | None = None  # [s]
@@ -108,6 +112,7 @@ class Scenario:
             ScenarioError: names the field, its value and the remedy.
         """
         self.controller.validate()
+        self.disturbances.validate()
         if bool(self.motion) == bool(self.keyframes):
             raise ScenarioError(
                 "give either motion (a file or name) or keyframes (poses), not "
@@ -233,6 +238,9 @@ def _key_names() -> set[str]:
         SimulatedRobot,
         Task,
         Keyframe,
+        Disturbances,
+        Push,
+        TargetJump,
     )
     keys = {f.name for schema in schemas for f in fields(schema)}
     for config in (MultibodyPlantConfig(), SimulatorConfig(), VisualizationConfig()):

@@ -11,6 +11,7 @@ import numpy as np
 from rich.table import Table
 
 import crar_drake
+from crar_drake.control_law import STATUS_BRAKING
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.log import SimulationLog
 from crar_drake.scenario import parse_scenario
@@ -81,6 +82,10 @@ class Summary:
         peak_torque_time: when it occurred [s].
         rms_acceleration: root of the mean over time and controlled joints of the
             squared commanded acceleration [rad/s^2].
+        resting_distance: smallest distance where the robot would have come to rest
+            [m]; None unless constraints are "lookahead".
+        resting_margin: smallest margin to a joint limit there [rad]; likewise.
+        braking_samples: samples without targets, which count in no error.
         wall_time: that the simulation took [s]; None if not known.
         real_time_factor: duration / wall_time; None if not known.
     """
@@ -113,6 +118,9 @@ class Summary:
     peak_torque_joint: str
     peak_torque_time: float  # [s]
     rms_acceleration: float  # [rad/s^2]
+    resting_distance: float | None  # [m]
+    resting_margin: float | None  # [rad]
+    braking_samples: int
     wall_time: float | None  # [s]
     real_time_factor: float | None
 
@@ -194,6 +202,10 @@ def summarize(log: SimulationLog, wall_time: float | None = None) -> Summary:
 
     Args:
         log: of at least one sample.
+        resting_distance: smallest distance where the robot would have come to rest
+            [m]; None unless constraints are "lookahead".
+        resting_margin: smallest margin to a joint limit there [rad]; likewise.
+        braking_samples: samples without targets, which count in no error.
         wall_time: that the simulation took [s], if it is known.
 
     Raises:
@@ -248,6 +260,9 @@ def summarize(log: SimulationLog, wall_time: float | None = None) -> Summary:
         peak_torque_joint=joints.names[torque_joint],
         peak_torque_time=float(log.time[torque_sample]),
         rms_acceleration=float(np.sqrt(np.mean(joints.acceleration**2))),
+        resting_distance=_smallest(log.resting_margins[:, 0]),
+        resting_margin=_smallest(log.resting_margins[:, 1]),
+        braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
     )
@@ -318,6 +333,12 @@ def summary_table(summary: Summary) -> Table:
     return table
 
 
+def _smallest(values: np.ndarray) -> float | None:
+    """The smallest of the finite values, None if there is none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if finite.size else None
+
+
 def _errors_per_task(log: SimulationLog, layout: TaskLayout) -> dict[str, TaskErrors]:
     linear = dict(zip(layout.linear_tasks, layout.linear_rows, strict=True))
     angular = dict(zip(layout.angular_tasks, layout.angular_rows, strict=True))
@@ -332,10 +353,11 @@ def _errors_per_task(log: SimulationLog, layout: TaskLayout) -> dict[str, TaskEr
 
 
 def _rms_length(vectors: np.ndarray) -> float | None:
-    """Root of the mean of |x|^2 over vectors (..., 3); None if there are none."""
-    if not vectors.size:
-        return None
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
+    """Root of the mean of |x|^2 over vectors (..., 3); None if there are none. NaN
+    vectors, of samples without targets, do not count."""
+    squares = np.sum(vectors**2, axis=-1)
+    squares = squares[np.isfinite(squares)]
+    return float(np.sqrt(np.mean(squares))) if squares.size else None
 
 
 def _argmax(values: np.ndarray) -> tuple[int, int]:

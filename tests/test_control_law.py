@@ -104,7 +104,7 @@ def test_paper_weights_enter_the_inverse(spatial):
         chain_urdf("zyzyz", limits=(-1.2, 1.1)), pairs=[["l3", "post"], ["l4", "post"]]
     )
     q, v = random_state(model, 4)
-    gains = CrarParameters(blend_time=0.0, damping=1e-6)
+    gains = CrarParameters(constraints="paper", blend_time=0.0, damping=1e-6)
     target = circle(model, np.array([0.8, 0.3, 0.2]), 0.4)
     solution = ControlLaw(model, gains).step(q, v, target)
     W = solution.constraint_weights
@@ -451,11 +451,13 @@ def test_approaching_weighs_more_than_leaving():
     back, closer = there - 0.05, there + 0.05
 
     def weights(previous):
-        law = ControlLaw(model, CrarParameters())
+        law = ControlLaw(model, CrarParameters(constraints="paper"))
         law.step(previous, np.zeros(2), target)
         return law.step(there, np.zeros(2), target).constraint_weights
 
-    first = ControlLaw(model, CrarParameters()).step(there, np.zeros(2), target)
+    first = ControlLaw(model, CrarParameters(constraints="paper")).step(
+        there, np.zeros(2), target
+    )
     assert at(model, closer).d < at(model, there).d < at(model, back).d
     approaching, leaving = weights(back), weights(closer)
     assert (approaching > leaving + 0.01).all()
@@ -467,7 +469,7 @@ def test_approaching_weighs_more_than_leaving():
 def test_reset_forgets(spatial):
     q, v = random_state(spatial, 2)
     target = hold(spatial, [[0.8, 0.3, 0.2]])
-    gains = CrarParameters(level="velocity", blend_time=0.01)
+    gains = CrarParameters(constraints="paper", level="velocity", blend_time=0.01)
     law = ControlLaw(spatial, gains)
     fresh = law.step(q, v, target)
     for k in range(20):
@@ -505,7 +507,9 @@ def test_finite_in_every_extreme(case, level, distances):
         pairs=[["l1", "post"], ["l2", "post"], ["l0", "l2"]],
         distances=distances,
     )
-    law = ControlLaw(model, CrarParameters(level=level, blend_time=0.0))
+    law = ControlLaw(
+        model, CrarParameters(constraints="paper", level=level, blend_time=0.0)
+    )
     target = hold(model, [[0.2, 0.6, 0.0]])
     rng = np.random.default_rng(0)
     for step in range(4):
@@ -540,7 +544,7 @@ def test_pair_exactly_at_touch(level):
         chain_urdf("zz", shapes=(ball,), extra=post),
         pairs=[["l0", "post"], ["post", "l1"]],
     )
-    law = ControlLaw(model, CrarParameters(level=level))
+    law = ControlLaw(model, CrarParameters(constraints="paper", level=level))
     solution = law.step(np.zeros(2), np.ones(2), hold(model, [[0.3, 0.3, 0.0]]))
     assert solution.signed_distances[0] == 0.0
     assert np.isfinite(solution.actuation).all()
@@ -573,7 +577,9 @@ def test_step_takes_plain_lists(on_rail):
 )
 def test_step_refuses_bad_arguments(on_rail, change, words):
     """By name, with the time; the memory is as before."""
-    law = ControlLaw(on_rail, CrarParameters(nominal_posture_gain=1.0))
+    law = ControlLaw(
+        on_rail, CrarParameters(constraints="paper", nominal_posture_gain=1.0)
+    )
     good = {
         "q": np.array([0.0, 0.5, 0.7, -0.9, 0.6]),
         "v": np.zeros(5),
@@ -593,7 +599,7 @@ def test_step_refuses_bad_arguments(on_rail, change, words):
 def test_zero_quaternion_is_refused():
     """An orientation target that was never set."""
     model = make_model(chain_urdf("zyz"), [Task(frame="tip", kind="pose")])
-    law = ControlLaw(model)
+    law = ControlLaw(model, CrarParameters(constraints="paper"))
     with pytest.raises(InputError, match="quaternion"):
         law.step(np.zeros(3), np.zeros(3), np.zeros(model.layout.size))
 
@@ -637,4 +643,4 @@ def test_lost_targets_brake_under_lookahead(lost):
 def test_parameters_out_of_range_are_refused(planar, change):
     name = next(iter(change))
     with pytest.raises(ScenarioError, match=f"controller.{name}"):
-        ControlLaw(planar, CrarParameters(**change))
+        ControlLaw(planar, CrarParameters(**{"constraints": "paper"} | change))

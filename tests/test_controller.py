@@ -98,7 +98,9 @@ def make_loop(time_step: float, sampled: bool, ratio: int, level: str) -> Loop:
         scene_graph,
         DESCRIPTION,
         [Task(frame="tip")],
-        CrarParameters(level=level, period=ratio * STEP, blend_time=0.1),
+        CrarParameters(
+            constraints="paper", level=level, period=ratio * STEP, blend_time=0.1
+        ),
     )
     # The tip goes to the post and back, the rail to and fro.
     targets = trajectory(lambda t: [0.5, 0.35 + 0.25 * np.sin(12 * t), 0.1 * t])
@@ -263,7 +265,7 @@ def test_periods_whose_multiples_round_differently(step, ratio, monkeypatch):
         scene_graph,
         RobotDescription(),
         [Task(frame="tip")],
-        CrarParameters(period=ratio * step),
+        CrarParameters(constraints="paper", period=ratio * step),
     )
     target = builder.AddSystem(ConstantVectorSource(np.r_[0.3, 0.3, np.zeros(7)]))
     builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
@@ -398,7 +400,9 @@ def lone() -> CrarController:
         prescribed_joints={"rail": "hold"},
         pairs=[["l2", "post"]],
     )
-    return CrarController(model, CrarParameters(nominal_posture_gain=1.0))
+    return CrarController(
+        model, CrarParameters(constraints="paper", nominal_posture_gain=1.0)
+    )
 
 
 def fixed_context(controller: CrarController, **changes) -> Context:
@@ -429,6 +433,7 @@ def test_ports(lone):
         "constraint_weights": (lone.get_output_port_constraint_weights(), 3),
         "position_command": (lone.get_output_port_position_command(), 8),
         "status": (lone.get_output_port_status(), 1),
+        "resting_margins": (lone.get_output_port_resting_margins(), 2),
     }
     for name, (port, size) in sizes.items():
         assert (port.get_name(), port.size()) == (name, size)
@@ -477,7 +482,12 @@ def test_nan_in_the_middle_of_a_simulation():
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, chain_urdf("zz"))
     controller = AddCrarController(
-        builder, plant, scene_graph, RobotDescription(), [Task(frame="tip")]
+        builder,
+        plant,
+        scene_graph,
+        RobotDescription(),
+        [Task(frame="tip")],
+        CrarParameters(constraints="paper"),
     )
     builder.ExportInput(controller.get_input_port_desired_tasks(), "targets")
     diagram = builder.Build()
@@ -499,4 +509,7 @@ def test_nan_in_the_middle_of_a_simulation():
 
 def test_bad_parameters_are_refused():
     with pytest.raises(ScenarioError, match="controller.damping"):
-        CrarController(make_model(chain_urdf("zz")), CrarParameters(damping=0.0))
+        CrarController(
+            make_model(chain_urdf("zz")),
+            CrarParameters(constraints="paper", damping=0.0),
+        )

@@ -125,8 +125,8 @@ def test_the_keys_of_the_json_are_stable():
         "smallest_distance_pair smallest_distance_time violated_samples "
         "mean_violations penetrating_samples penetrating_pairs beyond_limit_samples "
         "joints_beyond_limits largest_excess largest_excess_joint mean_power "
-        "peak_torque peak_torque_joint peak_torque_time rms_acceleration wall_time "
-        "real_time_factor"
+        "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
+        "resting_distance resting_margin braking_samples wall_time real_time_factor"
     )
     assert list(json.loads(summarize(small_log()).to_json())) == keys.split()
 

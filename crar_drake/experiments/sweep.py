@@ -175,7 +175,6 @@ def run_case(case: Case, scenario: str = "") -> Result:
         verdict = referee.violations(log.q)
     except CrarError as error:
         return Result(**asdict(case), error=" ".join(str(error).split()))
-    resting = run.resting_margins
     return Result(
         **asdict(case),
         duration=float(log.time[-1]),
@@ -185,13 +184,13 @@ def run_case(case: Case, scenario: str = "") -> Result:
         smallest_distance=verdict.smallest_distance,
         smallest_pair=" - ".join(verdict.smallest_distance_pair or ()),
         largest_excess=verdict.largest_limit_excess,
-        rms_task_error=summary.rms_task_error,
+        rms_task_error=_number(summary.rms_task_error),
         mean_power=summary.mean_power,
         peak_torque=summary.peak_torque,
         rms_acceleration=summary.rms_acceleration,
-        resting_distance=resting[0],
-        resting_margin=resting[1],
-        wall_time=summary.wall_time,
+        resting_distance=_number(summary.resting_distance),
+        resting_margin=_number(summary.resting_margin),
+        wall_time=_number(summary.wall_time),
     )
 
 
@@ -278,6 +277,10 @@ def read_results(path: str | os.PathLike[str]) -> list[Result]:
         ]
     except (TypeError, ValueError) as error:
         raise CrarError(f"{path}: line {reader.line_num}: {error}") from error
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def _default_scenario() -> Scenario:

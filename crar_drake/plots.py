@@ -77,7 +77,7 @@ def draw_run(log: SimulationLog) -> Figure:
                 for i, rows in zip(layout.linear_tasks, layout.linear_rows, strict=True)
             },
             "task error [mm]",
-            f"Task error: rms {1e3 * (summary.rms_task_error or 0.0):.1f} mm",
+            f"Task error: rms {_times(1e3, summary.rms_task_error):.1f} mm",
         )
     if has["orientation"]:
         _draw_errors(
@@ -91,7 +91,7 @@ def draw_run(log: SimulationLog) -> Figure:
             },
             "orientation error [deg]",
             "Orientation error, Eq. (11): rms "
-            f"{np.degrees(summary.rms_orientation_error or 0.0):.2f}°",
+            f"{_times(np.degrees(1.0), summary.rms_orientation_error):.2f}°",
         )
     if has["distance"]:
         _draw_distances(next(remaining), log, summary)
@@ -104,6 +104,11 @@ def draw_run(log: SimulationLog) -> Figure:
         ax.grid(axis="x", linewidth=0.4, alpha=0.5)
     figure.align_ylabels(axes)
     return figure
+
+
+def _times(factor: float, value: float | None) -> float:
+    """NaN where a figure is not known, because all samples are without targets."""
+    return np.nan if value is None else factor * value
 
 
 def _headline(ax: Axes, text: str) -> None:

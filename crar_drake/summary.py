@@ -202,10 +202,6 @@ def summarize(log: SimulationLog, wall_time: float | None = None) -> Summary:
 
     Args:
         log: of at least one sample.
-        resting_distance: smallest distance where the robot would have come to rest
-            [m]; None unless constraints are "lookahead".
-        resting_margin: smallest margin to a joint limit there [rad]; likewise.
-        braking_samples: samples without targets, which count in no error.
         wall_time: that the simulation took [s], if it is known.
 
     Raises:

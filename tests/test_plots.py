@@ -95,6 +95,15 @@ def test_what_is_not_there_takes_no_room(tmp_path):
     plot_run(log, tmp_path / "standing still.png")
 
 
+def test_samples_without_targets_leave_a_gap(tmp_path):
+    error = small_log().task_error.copy()
+    error[1] = np.nan
+    log = small_log(task_error=error)
+    ax = _axes(draw_run(log), "task error [mm]")
+    np.testing.assert_allclose(_line(ax, "hand"), [5.0, np.nan, 0.0], atol=1e-12)
+    plot_run(small_log(task_error=np.full_like(error, np.nan)), tmp_path / "plot.png")
+
+
 def test_title_says_what_was_run():
     title = draw_run(small_log()).get_suptitle()
     assert title.split("\n") == [

@@ -78,6 +78,24 @@ def test_two_actuators_on_a_joint_add_up():
     assert summary.peak_torque == 25.0  # 5 - 30
 
 
+def test_samples_without_targets_count_in_no_error():
+    error = small_log().task_error.copy()
+    error[1:] = np.nan
+    summary = summarize(
+        small_log(task_error=error, status=np.array([[0.0], [2.0], [2.0]]))
+    )
+    assert summary.braking_samples == 2
+    assert summary.rms_task_error == pytest.approx(1e-3 * np.sqrt(25.0 / 2.0))
+    assert summary.rms_orientation_error == pytest.approx(0.1)
+
+
+def test_margins_where_the_robot_would_come_to_rest():
+    summary = summarize(small_log())
+    assert (summary.resting_distance, summary.resting_margin) == (0.1, 0.2)
+    summary = summarize(small_log(resting_margins=np.full((3, 2), np.nan)))
+    assert (summary.resting_distance, summary.resting_margin) == (None, None)
+
+
 def test_identification_and_wall_time():
     summary = summarize(small_log(), wall_time=4.0)
     assert summary.version == crar_drake.__version__

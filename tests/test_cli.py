@@ -1,0 +1,366 @@
+"""The command line, in process: what it prints, writes, and refuses."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import crar_drake.plots
+from crar_drake import cli
+from crar_drake.control_law import ControlLaw, InputError
+from crar_drake.log import SimulationLog
+from crar_drake.motion.catalogue import MotionFiles
+from crar_drake.parameters import CONSTRAINTS, LEVELS
+from crar_drake.scenario import parse_scenario, scenario_names
+from crar_drake.summary import summarize
+from crar_drake.task import EXPERIMENTS
+
+FILES = ["log.npz", "plot.png", "summary.json"]
+
+
+@pytest.fixture(autouse=True)
+def empty_folder(tmp_path, monkeypatch):
+    """Each test runs in an empty folder, and without a user's cache."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def names(folder) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def refused(capsys, *argv: str) -> str:
+    """The message of a command line that must be refused, with nothing written."""
+    assert cli.main(argv) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("crar-drake: error: ")
+    assert output.err.count("\n") == 1, "one line, no traceback"
+    assert not os.path.exists("out")
+    return output.err
+
+
+# --- run --------------------------------------------------------------------------
+
+
+def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
+    argv = ["run", "dance_wrists", "--duration", "0.3", "--out", "here/it is"]
+    assert cli.main([*argv, "--no-recording"]) == 0
+    out = empty_folder / "here/it is"
+    assert names(out) == FILES
+
+    log = SimulationLog.load(out / "log.npz")
+    np.testing.assert_allclose(log.time, np.arange(301) * 1e-3, atol=1e-9)
+    assert log.q.shape == log.v.shape == log.desired_acceleration.shape == (301, 14)
+    assert log.actuation.shape == (301, 14)
+    assert log.task_error.shape == (301, 6)
+    assert log.desired_tasks.shape == (301, 18)
+    assert log.signed_distances.shape == (301, 30) == (301, len(log.pair_names))
+    assert log.constraint_weights.shape == (301, 11) == (301, len(log.controlled_names))
+    assert log.task_names.tolist() == ["left_wrist", "right_wrist"]
+    assert log.lower[log.position_names == "waist_x"] == -np.inf
+    roll = log.position_names.tolist().index("torso_roll")
+    assert log.upper[roll] == -log.lower[roll] == pytest.approx(np.radians(30.0))
+    assert "left_hand - torso" in log.pair_names
+    # The velocities are those of the positions, and reach what was commanded.
+    np.testing.assert_allclose(np.diff(log.q, axis=0), 1e-3 * log.v[1:], atol=1e-9)
+    np.testing.assert_allclose(
+        np.diff(log.v, axis=0), 1e-3 * log.desired_acceleration[:-1], atol=1e-6
+    )
+
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["duration"] == pytest.approx(0.3)
+    assert summary["samples"] == 301
+    assert summary["smallest_distance"] == log.signed_distances.min()
+    error = log.task_error.reshape(301, 2, 3)
+    assert summary["rms_task_error"] == pytest.approx(
+        np.sqrt(np.mean(np.sum(error**2, axis=2)))
+    )
+    wall_time = summary["wall_time"]
+    assert 0.0 < wall_time < 60.0
+    assert summary["real_time_factor"] == pytest.approx(0.3 / wall_time)
+    assert summary == json.loads(summarize(log, wall_time).to_json())
+
+    assert matplotlib.image.imread(out / "plot.png").shape[:2] == (1755, 1245)
+
+    printed = capsys.readouterr()
+    distance = 1e3 * summary["smallest_distance"]
+    assert f"{distance:.1f} mm" in printed.out
+    for name in FILES:
+        assert f"here/it is/{name}" in printed.out
+    assert "x real time" in printed.err
+
+
+def test_options_override_the_scenario(empty_folder, capsys):
+    argv = "run diagrams/dance_upper-body.yaml --experiment wrists --level velocity "
+    argv += "--constraints none --duration 0.01 --motion reaching --no-recording"
+    assert cli.main(argv.split()) == 0
+    # Without --out the folder says what was run.
+    out = empty_folder / "out" / "reaching_wrists_velocity_none"
+    assert names(out) == FILES
+    scenario = parse_scenario(SimulationLog.load(out / "log.npz").scenario)
+    assert (scenario.motion, scenario.experiment) == ("reaching", "wrists")
+    assert scenario.controller.level == "velocity"
+    assert scenario.controller.constraints == "none"
+    assert scenario.duration == 0.01
+
+
+def test_run_follows_a_motion_and_a_skeleton_by_path(cmu, empty_folder, capsys):
+    amc = empty_folder / "walk.amc"
+    amc.write_bytes((cmu / "subjects/02/02_01.amc").read_bytes())
+    skeleton = cmu / "subjects/02/02.asf"
+    argv = ["run", "--motion", "./walk.amc", "--skeleton", str(skeleton)]
+    assert cli.main([*argv, "--duration", "0.01", "--no-recording"]) == 0
+    out = empty_folder / "out" / "walk_upper-body"
+    assert json.loads((out / "summary.json").read_text())["motion"] == "./walk.amc"
+
+
+def test_a_scenario_of_ones_own(empty_folder, capsys):
+    (empty_folder / "mine.yaml").write_text(
+        "motion: dance\nexperiment: wrists\nduration: 0.01\nlog_period: 0.005\n"
+    )
+    assert cli.main(["run", "mine.yaml", "--no-recording"]) == 0
+    log = SimulationLog.load(empty_folder / "out/mine/log.npz")
+    np.testing.assert_allclose(log.time, [0.0, 0.005, 0.01])
+
+
+def test_the_arm_runs_with_tasks_of_its_own(empty_folder, capsys):
+    argv = "run obstacle_arm --duration 0.02 --no-recording"
+    assert cli.main(argv.split()) == 0
+    summary = json.loads((empty_folder / "out/obstacle_arm/summary.json").read_text())
+    assert summary["tasks"]["tool"]["kind"] == "pose"
+    assert summary["rms_orientation_error"] is not None
+    assert "rms orientation error" in capsys.readouterr().out
+
+
+def test_a_recorded_run_and_its_playback(empty_folder, capsys):
+    argv = ["run", "dance_wrists", "--duration", "0.1", "--out", "it"]
+    assert cli.main(argv) == 0
+    assert names(empty_folder / "it") == sorted([*FILES, "recording.html"])
+    page = (empty_folder / "it/recording.html").read_text()
+    assert page.lstrip().lower().startswith("<!doctype html>")
+
+    assert cli.main(["playback", "it/log.npz"]) == 0
+    assert "it/playback.html" in capsys.readouterr().out
+    assert (empty_folder / "it/playback.html").stat().st_size > 1_000_000
+
+    # The folder shows one run: a page of an earlier one would mislead.
+    assert cli.main([*argv, "--no-recording"]) == 0
+    assert "recording.html" not in names(empty_folder / "it")
+
+
+# --- what fails leaves nothing ----------------------------------------------------
+
+RUN = "run dance_wrists --duration 0.2 --no-recording --out it".split()
+
+
+def contents(folder) -> dict[str, bytes]:
+    if not folder.exists():
+        return {}
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(params=["first run", "an earlier run is there"])
+def it(request, empty_folder, capsys):
+    """The folder that RUN writes into; not there yet, or with files in it."""
+    folder = empty_folder / "it"
+    if request.param != "first run":
+        folder.mkdir()
+        for name in (*FILES, "recording.html"):
+            (folder / name).write_text("of an earlier run")
+    return folder
+
+
+def in_the_middle(monkeypatch, action) -> None:
+    """Makes the controller do something in its 100th step."""
+    solve, calls = ControlLaw.solve, []
+
+    def solve_until(self, *arguments):
+        calls.append(1)
+        if len(calls) == 100:
+            action()
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(ControlLaw, "solve", solve_until)
+
+
+def test_a_failing_simulation_writes_nothing(it, monkeypatch):
+    def fail():
+        raise ZeroDivisionError("a defect of ours")
+
+    in_the_middle(monkeypatch, fail)
+    before = contents(it)
+    with pytest.raises(ZeroDivisionError, match="a defect of ours"):
+        cli.main(RUN)  # it is no mistake of the user, so it is not hidden
+    assert contents(it) == before
+
+
+def test_a_mistake_found_in_the_middle_is_told(it, monkeypatch, capsys):
+    def fail():
+        raise InputError("desired_tasks is NaN")
+
+    in_the_middle(monkeypatch, fail)
+    before = contents(it)
+    assert cli.main(RUN) == 2
+    assert "crar-drake: error: desired_tasks is NaN" in capsys.readouterr().err
+    assert contents(it) == before
+
+
+def test_interrupting_writes_nothing(it, monkeypatch, capsys):
+    in_the_middle(monkeypatch, lambda: signal.raise_signal(signal.SIGINT))
+    before = contents(it)
+    assert cli.main(RUN) == 130
+    assert "crar-drake: interrupted" in capsys.readouterr().err
+    assert contents(it) == before
+
+
+def test_when_the_last_file_fails_all_stay_as_they_were(it, monkeypatch):
+    def fail(log, path):
+        path.write_bytes(b"half a pict")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(crar_drake.plots, "plot_run", fail)
+    before = contents(it)
+    with pytest.raises(OSError, match="disk full"):
+        cli.main(RUN)
+    assert contents(it) == before
+
+
+def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys):
+    (empty_folder / "file").write_text("")
+    message = refused(capsys, "run", "--out", "file/below")
+    assert "file is a file; name another folder" in message
+
+
+# --- what is refused --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "command, expected",
+    [
+        ("rum", "'rum' is unknown; did you mean run?"),
+        ("", "required: COMMAND (see crar-drake --help)"),
+        ("run --experimant wrists", "--experimant; did you mean --experiment?"),
+        ("run --experimant=wrists", "--experimant; did you mean --experiment?"),
+        ("run --lev velocity", "unknown option --lev; did you mean --level?"),
+        ("run dance_wrists boxing_wrists", "unexpected argument 'boxing_wrists'"),
+        ("run --level velocty", "'velocty' is unknown; did you mean velocity?"),
+        ("run --level x", "'x' is unknown; known: velocity, acceleration"),
+        ("run --experiment wrist", "did you mean wrists?"),
+        ("run --constraints lookahed", "did you mean lookahead?"),
+        ("run --duration -1", "--duration: '-1' is not a positive number"),
+        ("run --duration nan", "--duration: 'nan' is not a positive number"),
+        ("run --duration long", "--duration: 'long' is not a positive number"),
+        ("run dance_wrist", "no scenario 'dance_wrist'"),
+        ("run dance_wrist", "did you mean 'dance_wrists'?"),
+        ("run diagrams/nowhere.yaml", "no scenario 'diagrams/nowhere.yaml'"),
+        ("run --motion nowhere/05_02.amc", "nowhere/05_02.amc: there is no such"),
+        ("run --motion cmu:99_99", "run: crar-drake fetch 99_99"),
+        ("run --level velocity --constraints lookahead", "use level acceleration"),
+        ("run obstacle_arm --motion dance", "--motion: obstacle_arm follows keyframes"),
+        ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
+        ("run obstacle_arm --experiment wrists", "obstacle_arm lists tasks of its own"),
+        ("run --skeleton x.asf", "'dance' has its own skeleton"),
+        ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
+        ("motion", "required: motion (see crar-drake motion --help)"),
+        ("motion dance --polt x.png", "--polt; did you mean --plot?"),
+        ("fetch 5-2", "'5-2' names no trial"),
+        ("fetch", "required: TRIAL"),
+        ("playback nowhere.npz", "nowhere.npz: there is no such log"),
+        ("list everything", "unexpected argument 'everything'"),
+    ],
+)
+def test_mistakes_are_refused(command, expected, empty_folder, capsys):
+    assert expected in refused(capsys, *command.split())
+
+
+def test_an_unknown_key_in_a_scenario_is_named(empty_folder, capsys):
+    (empty_folder / "mine.yaml").write_text(
+        "motion: dance\nexperiment: wrists\ncontroler: {level: velocity}\n"
+    )
+    assert cli.main(["run", "mine.yaml"]) == 2
+    message = capsys.readouterr().err
+    assert "mine.yaml" in message and "did you mean 'controller'" in message
+    assert names(empty_folder) == ["mine.yaml"]
+
+
+# --- the other commands -----------------------------------------------------------
+
+
+def test_list_names_everything(capsys, monkeypatch):
+    monkeypatch.delenv("CRAR_MOCAP_PATH", raising=False)
+    assert cli.main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if not line.startswith(" ")] == [
+        "Robots",
+        "Motions",
+        "Scenarios",
+    ]
+    entries = dict(line.split(maxsplit=1) for line in lines if line.startswith(" "))
+    assert entries["obstacle_arm"]
+    assert {"dance", "exercise", "reaching", "boxing", "upper_body"} < set(entries)
+    assert re.fullmatch(r"\d+\.\d s at \d+ Hz", entries["dance"])
+    assert entries["dance_wrists"].startswith("Experiment 1 of the paper")
+
+
+def test_list_names_trials_that_are_at_hand(cmu, capsys):
+    assert cli.main(["list"]) == 0
+    assert "  cmu:05_02" in capsys.readouterr().out
+
+
+def test_motion_tells_and_plots(empty_folder, capsys):
+    assert cli.main(["motion", "dance"]) == 0
+    output = capsys.readouterr().out
+    assert output.startswith("dance: ") and "largest speeds: waist" in output
+    assert output.splitlines()[-1] == "out/dance.png"
+    assert matplotlib.image.imread("out/dance.png").shape[0] > 500
+    assert cli.main(["motion", "dance", "--plot", "a/b.pdf"]) == 0
+    assert (empty_folder / "a/b.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
+    asked = []
+
+    def fetch(trial, *, progress, force):
+        asked.append((trial, force))
+        progress(f"{trial}.amc", 10, 20)
+        return MotionFiles(f"cmu:{trial}", Path(f"x/{trial}.amc"), Path("x/05.asf"))
+
+    # crar_drake.motion has a function of the same name.
+    monkeypatch.setattr(sys.modules["crar_drake.motion.fetch"], "fetch", fetch)
+    assert cli.main(["fetch", "05_02", "05_07", "--force"]) == 0
+    assert asked == [("05_02", True), ("05_07", True)]
+    output = capsys.readouterr().out
+    assert "may not be resold" in output
+    assert "x/05_02.amc" in output and "x/05_07.amc" in output
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as exit:
+        cli.main(["--version"])
+    assert exit.value.code == 0
+    assert capsys.readouterr().out == f"crar-drake {crar_drake.__version__}\n"
+
+
+def test_help_offers_what_there_is():
+    assert cli.LEVELS == LEVELS
+    assert cli.CONSTRAINTS == CONSTRAINTS
+    assert cli.EXPERIMENTS == tuple(EXPERIMENTS)
+    assert cli.DEFAULT_SCENARIO in scenario_names()
+
+
+def test_a_reader_that_has_enough_is_no_error():
+    script = "import sys; from crar_drake.cli import main; sys.exit(main(['list']))"
+    command = f'"{sys.executable}" -c "{script}" | true; echo ${{PIPESTATUS[0]}}'
+    result = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, timeout=60
+    )
+    assert result.stdout == "0\n" and result.stderr == ""

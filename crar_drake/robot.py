@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from crar_drake.equations.collisions import distance_gradient_from_links
@@ -29,6 +29,8 @@ from crar_drake.robot_description import (
 )
 from crar_drake.task import Task
 from crar_drake.watched_pairs import WatchedPairs
+
+_ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -250,15 +252,14 @@ class ControlModel:
         W = plant.world_frame()
         plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
 
-        p_W, J_WB = self._links(context)
-        p_WBo = p_W[self._origin_points]
+        p_W, J_WL = self._links(context)
 
         # Tasks: shift each link's Jacobian to the task's point.
         layout = self.layout
         p_WT = p_W[self._task_points]
-        J_BT = J_WB[self._task_frames]
-        J_angular = J_BT[:, :3]
-        J_linear = J_BT[:, 3:] - _skew(p_WT - p_WBo[self._task_frames]) @ J_angular
+        J_LT = J_WL[self._task_links]
+        J_angular = J_LT[:, :3]
+        J_linear = J_LT[:, 3:] - _skew(p_WT) @ J_angular
         J = np.empty((self.m, plant.num_velocities()))
         Jdot_qdot = np.empty(self.m)
         J[layout.angular_rows] = J_angular[layout.angular_tasks]
@@ -273,7 +274,7 @@ class ControlModel:
             frame, _ = self._task_targets[task]
             R_WT[i] = frame.CalcRotationMatrixInWorld(context).matrix()
 
-        near = self._distances(p_W, J_WB, workspace.scene_graph_context)
+        near = self._distances(p_W, J_WL, workspace.scene_graph_context)
         c, p = self.controlled, self.prescribed
         return ModelState(
             q=q[c],
@@ -300,8 +301,8 @@ class ControlModel:
         """
         context = workspace.plant_context_ahead
         self.plant.SetPositions(context, q)
-        p_W, J_WB = self._links(context)
-        return self._distances(p_W, J_WB, workspace.scene_graph_context_ahead)
+        p_W, J_WL = self._links(context)
+        return self._distances(p_W, J_WL, workspace.scene_graph_context_ahead)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
@@ -332,20 +333,24 @@ class ControlModel:
         return q
 
     def _links(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
-        """All points (num_points, 3) and link Jacobians (links, 6, nv), in W."""
+        """All points (num_points, 3) and link Jacobians (links, 6, nv), in W.
+
+        The Jacobians are of the link's point that is at the world's origin.
+        """
         plant = self.plant
         W = plant.world_frame()
         p_W = np.empty((self._num_points, 3))
-        J_WB = np.empty((len(self._frames), 6, plant.num_velocities()))
-        for i, (frame, p_B, points) in enumerate(self._frames):
-            p_W[points] = plant.CalcPointsPositions(context, frame, p_B, W).T
-            J_WB[i] = plant.CalcJacobianSpatialVelocity(
-                context, JacobianWrtVariable.kV, frame, np.zeros(3), W, W
+        J_WL = np.empty((len(self._links_points), 6, plant.num_velocities()))
+        for i, (frame, p_L, points) in enumerate(self._links_points):
+            p_W[points] = plant.CalcPointsPositions(context, frame, p_L, W).T
+            J_WL[i] = plant.CalcJacobianSpatialVelocity(
+                context, JacobianWrtVariable.kV, frame, _ORIGIN, W, W
             )
-        return p_W, J_WB
+        J_WL[:, 3:] += _skew(p_W[self._origin_points]) @ J_WL[:, :3]
+        return p_W, J_WL
 
     def _distances(
-        self, p_W: np.ndarray, J_WB: np.ndarray, scene_graph_context: Context
+        self, p_W: np.ndarray, J_WL: np.ndarray, scene_graph_context: Context
     ) -> Distances:
         query = None
         if self.pairs.needs_query:
@@ -353,13 +358,8 @@ class ControlModel:
         near = self.pairs.proximity(
             p_W[self._axis_points[:, 0]], p_W[self._axis_points[:, 1]], query
         )
-        p_WBo = p_W[self._origin_points]
         dd_dv = distance_gradient_from_links(
-            near.normal,
-            near.p_WA - p_WBo[self._pair_frames_a],
-            J_WB[self._pair_frames_a],
-            near.p_WB - p_WBo[self._pair_frames_b],
-            J_WB[self._pair_frames_b],
+            near.normal, near.p_WA, self._pair_links_a, self._pair_links_b, J_WL
         )
         return Distances(near.d, dd_dv[:, self.controlled], dd_dv[:, self.prescribed])
 
@@ -469,55 +469,61 @@ class ControlModel:
         )
 
     def _set_points(self) -> None:
-        """Collects, link by link, every point whose position a step needs."""
-        links: dict[int, list[np.ndarray]] = {}
-        order: list = []
+        """Collects, link by link, every point whose position a step needs.
 
-        def add(body, p_B: np.ndarray) -> tuple[int, int]:
-            key = int(body.index())
-            if key not in links:
-                links[key] = [np.zeros(3)]
-                order.append(body)
-            links[key].append(p_B)
-            return key, len(links[key]) - 1
+        Bodies that are welded together count as one link: a hand is a segment of its
+        own, but moves with its forearm.
+        """
+        plant = self.plant
+        context = plant.CreateDefaultContext()
+        bodies: list[RigidBody] = []  # one per link
+        points: list[list[np.ndarray]] = []  # per link, its origin first
 
-        tasks = []
-        for frame, p_FT in self._task_targets:
-            p_BT = frame.GetFixedPoseInBodyFrame().multiply(p_FT)
-            tasks.append(add(frame.body(), p_BT))
+        def link_of(body: RigidBody) -> int:
+            welded = plant.GetBodiesWeldedTo(body)
+            first = min(welded, key=lambda other: int(other.index()))
+            for link, known in enumerate(bodies):
+                if known.index() == first.index():
+                    return link
+            bodies.append(first)
+            points.append([np.zeros(3)])
+            return len(bodies) - 1
+
+        def add(body: RigidBody, p_B: np.ndarray) -> tuple[int, int]:
+            """Adds a point of a body; returns its link and its place there."""
+            link = link_of(body)
+            X_LB = plant.CalcRelativeTransform(
+                context, bodies[link].body_frame(), body.body_frame()
+            )
+            points[link].append(X_LB.multiply(p_B))
+            return link, len(points[link]) - 1
+
+        tasks = [
+            add(frame.body(), frame.GetFixedPoseInBodyFrame().multiply(p_FT))
+            for frame, p_FT in self._task_targets
+        ]
         axes = [
             (add(body, axis.p_B0), add(body, axis.p_B1))
             for body, body_axes in zip(self.pairs.bodies, self.pairs.axes, strict=True)
             for axis in body_axes
         ]
-        for body in self.pairs.bodies:
-            if int(body.index()) not in links:
-                links[int(body.index())] = [np.zeros(3)]
-                order.append(body)
+        of_body = np.array([link_of(body) for body in self.pairs.bodies], dtype=int)
 
-        start: dict[int, int] = {}
-        self._frames = []
-        total = 0
-        for body in order:
-            key = int(body.index())
-            start[key] = total
-            points = np.array(links[key]).T
-            total += points.shape[1]
-            self._frames.append((body.body_frame(), points, slice(start[key], total)))
-        self._num_points = total
-        frame_index = {int(body.index()): i for i, body in enumerate(order)}
-        self._origin_points = np.array([start[int(b.index())] for b in order])
-        self._task_points = np.array([start[key] + i for key, i in tasks])
-        self._task_frames = np.array([frame_index[key] for key, _ in tasks])
+        starts = np.cumsum([0] + [len(of_link) for of_link in points])
+        self._num_points = int(starts[-1])
+        self._origin_points = starts[:-1]
+        self._links_points = [
+            (body.body_frame(), np.array(of_link).T, slice(start, start + len(of_link)))
+            for body, of_link, start in zip(bodies, points, starts[:-1], strict=True)
+        ]
+        self._task_links = np.array([link for link, _ in tasks])
+        self._task_points = np.array([starts[link] + i for link, i in tasks])
         self._axis_points = np.array(
-            [[start[k0] + i0, start[k1] + i1] for (k0, i0), (k1, i1) in axes],
+            [[starts[k0] + i0, starts[k1] + i1] for (k0, i0), (k1, i1) in axes],
             dtype=int,
         ).reshape(-1, 2)
-        of_body = np.array(
-            [frame_index[int(body.index())] for body in self.pairs.bodies], dtype=int
-        )
-        self._pair_frames_a = of_body[self.pairs.body_a]
-        self._pair_frames_b = of_body[self.pairs.body_b]
+        self._pair_links_a = of_body[self.pairs.body_a]
+        self._pair_links_b = of_body[self.pairs.body_b]
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""

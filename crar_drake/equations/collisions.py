@@ -70,27 +70,34 @@ def distance_gradient(
 
 def distance_gradient_from_links(
     normal: np.ndarray,
-    r_a: np.ndarray,
-    J_a: np.ndarray,
-    r_b: np.ndarray,
-    J_b: np.ndarray,
+    point: np.ndarray,
+    link_a: np.ndarray,
+    link_b: np.ndarray,
+    J: np.ndarray,
 ) -> np.ndarray:
     """Eq. (20) from the links' spatial Jacobians: many pairs share a link.
 
-    With J = [J_omega; J_v] at the link's origin and r from there to the witness
-    point, n^T J_point = n^T J_v + (r x n)^T J_omega.
+    Both witness points lie on one line along the normal, so that a unit force along
+    it has the same moment m = p x n about the world's origin at either. With
+    J = [J_omega; J_v] there, n^T J_a = m^T J_omega + n^T J_v, and all pairs are one
+    product.
 
     Args:
         normal: (Nc, 3) unit vectors from b towards a, in W.
-        r_a, r_b: (Nc, 3) from the links' origins to the witness points, in W [m].
-        J_a, J_b: (Nc, 6, n) spatial Jacobians of the links, angular rows first.
+        point: (Nc, 3) any point of the line through both witness points [m].
+        link_a, link_b: (Nc,) the links that carry the witness points.
+        J: (L, 6, n) spatial Jacobians of the links, of their points at the world's
+            origin, angular rows first, in W.
 
     Returns:
         (Nc, n) gradients [m/rad or 1].
     """
-    wrench_a = np.concatenate([cross_rows(r_a, normal), normal], axis=1)
-    wrench_b = np.concatenate([cross_rows(r_b, normal), normal], axis=1)
-    return (wrench_a[:, None] @ J_a - wrench_b[:, None] @ J_b)[:, 0]
+    wrench = np.concatenate([cross_rows(point, normal), normal], axis=1)
+    pairs = np.arange(len(normal))
+    rows = np.zeros((len(normal), len(J), 6))
+    rows[pairs, link_a] = wrench
+    rows[pairs, link_b] -= wrench
+    return rows.reshape(len(normal), 6 * len(J)) @ J.reshape(6 * len(J), J.shape[2])
 
 
 def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:

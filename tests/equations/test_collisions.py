@@ -139,22 +139,29 @@ def test_distance_gradient_is_the_printed_one():
 
 
 def test_distance_gradient_from_links_is_that_of_the_witness_points():
-    """Each point's Jacobian, column by column: J_v + J_omega x r."""
+    """Each point's Jacobian, column by column: J_v + J_omega x r, for witness points
+    at different places of the line, each on its own link."""
     rng = np.random.default_rng(4)
     count, n = 7, 5
     normal = rng.normal(size=(count, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    r_a, r_b = rng.normal(size=(2, count, 3))
-    J_a, J_b = rng.normal(size=(2, count, 6, n))
+    p_a = rng.normal(size=(count, 3))
+    p_b = p_a - rng.normal(size=(count, 1)) * normal
+    J = rng.normal(size=(4, 6, n))
+    link_a, link_b = np.array([0, 1, 2, 3, 0, 2, 3]), np.array([1, 0, 3, 2, 2, 1, 0])
     expected = np.empty((count, n))
     for j in range(count):
+        J_a, J_b = J[link_a[j]], J[link_b[j]]
         for i in range(n):
-            v_a = J_a[j, 3:, i] + np.cross(J_a[j, :3, i], r_a[j])
-            v_b = J_b[j, 3:, i] + np.cross(J_b[j, :3, i], r_b[j])
+            v_a = J_a[3:, i] + np.cross(J_a[:3, i], p_a[j])
+            v_b = J_b[3:, i] + np.cross(J_b[:3, i], p_b[j])
             expected[j, i] = normal[j] @ (v_a - v_b)
-    np.testing.assert_allclose(
-        distance_gradient_from_links(normal, r_a, J_a, r_b, J_b), expected, atol=1e-13
-    )
+    for point in (p_a, p_b):
+        np.testing.assert_allclose(
+            distance_gradient_from_links(normal, point, link_a, link_b, J),
+            expected,
+            atol=1e-13,
+        )
 
 
 def test_collision_gradient_is_the_derivative_of_the_potential_by_q():

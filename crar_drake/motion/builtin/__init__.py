@@ -1,0 +1,1 @@
+"""The motions that this project ships, and the script that authors them."""

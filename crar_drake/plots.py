@@ -102,7 +102,7 @@ def draw_run(log: SimulationLog) -> Figure:
         ax.margins(x=0.0)
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(axis="x", linewidth=0.4, alpha=0.5)
-    figure.align_ylabels(axes)
+    figure.align_ylabels([ax for ax in axes if ax.get_ylabel()])
     return figure
 
 

@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 
 .PHONY: run test lint clean
 
-run: $(INSTALLED)  ## the built-in dance, recorded: out/dance_upper-body/
+run: $(INSTALLED)  ## the built-in dance, recorded: out/dance/
 	$(BIN)/crar-drake run
 
 test: $(INSTALLED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files

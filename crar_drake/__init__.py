@@ -3,18 +3,47 @@
 The names that another project needs; `README.md` shows how they go together.
 """
 
-from crar_drake.control_law import ControlLaw, Solution
-from crar_drake.controller import CrarController
-from crar_drake.diagram import AddCrarController, MakeCrarDiagram
-from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
-from crar_drake.log import SimulationLog
-from crar_drake.parameters import CrarParameters, LookaheadParameters
-from crar_drake.robot import ControlModel
-from crar_drake.robot_description import RobotDescription, load_robot_description
-from crar_drake.scenario import Scenario, load_scenario
-from crar_drake.task import EXPERIMENTS, Task, position_tasks
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from crar_drake.control_law import ControlLaw, Solution
+    from crar_drake.controller import CrarController
+    from crar_drake.diagram import AddCrarController, MakeCrarDiagram
+    from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
+    from crar_drake.log import SimulationLog
+    from crar_drake.parameters import CrarParameters, LookaheadParameters
+    from crar_drake.robot import ControlModel
+    from crar_drake.robot_description import RobotDescription, load_robot_description
+    from crar_drake.scenario import Scenario, load_scenario
+    from crar_drake.task import EXPERIMENTS, Task, position_tasks
 
 __version__ = "0.1.0"
+
+# Public name to its module. They are imported when first asked for: Drake and SciPy
+# take two seconds, which `crar-drake --help` and a mistyped option need not wait for.
+_MODULES = {
+    "AddCrarController": "diagram",
+    "ControlLaw": "control_law",
+    "ControlModel": "robot",
+    "CrarController": "controller",
+    "CrarError": "errors",
+    "CrarParameters": "parameters",
+    "EXPERIMENTS": "task",
+    "LookaheadParameters": "parameters",
+    "MakeCrarDiagram": "diagram",
+    "ModelError": "errors",
+    "MotionError": "errors",
+    "RobotDescription": "robot_description",
+    "Scenario": "scenario",
+    "ScenarioError": "errors",
+    "SimulationLog": "log",
+    "Solution": "control_law",
+    "Task": "task",
+    "load_robot_description": "robot_description",
+    "load_scenario": "scenario",
+    "position_tasks": "task",
+}
 
 __all__ = [
     "AddCrarController",
@@ -38,3 +67,14 @@ __all__ = [
     "load_scenario",
     "position_tasks",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = importlib.import_module(f"{__name__}.{_MODULES[name]}")
+    return getattr(module, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from crar_drake.run import Progress
     from crar_drake.scenario import Scenario
 
-DEFAULT_SCENARIO = "dance_upper-body"
+DEFAULT_SCENARIO = "dance"
 OUT = Path("out")
 
 # The same as in crar_drake.task and crar_drake.parameters, which take long to

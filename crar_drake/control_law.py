@@ -456,6 +456,7 @@ class ControlLaw:
             model.upper,
             margin=ahead.limit_margin,
             gamma=ahead.retreat_rate,
+            fastest=ahead.joint_retreat_speed,
             rho=ahead.rho_limits,
         )
         rows = make_rows(
@@ -465,6 +466,7 @@ class ControlLaw:
             d_min=ahead.distance_margin,
             influence=ahead.influence_distance,
             gamma=ahead.retreat_rate,
+            fastest=ahead.retreat_speed,
             rho=ahead.rho,
             alpha=gains.alpha,
             beta=gains.beta,

@@ -23,7 +23,9 @@ class LookaheadParameters:
         rho_limits: rho_JL, amplitude of the joint-limit weight.
         distance_margin: d_min, the distance that pairs keep [m].
         limit_margin: what joints keep from their limits [rad].
-        retreat_rate: gamma, how fast a violation is left [1/s].
+        retreat_rate: gamma, how fast a violation is left [1/s], but at most at
+        retreat_speed: of a pair [m/s], and
+        joint_retreat_speed: of a joint [rad/s].
         influence_distance: pairs farther apart than this do not count [m].
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
@@ -35,6 +37,8 @@ class LookaheadParameters:
     distance_margin: float = 5e-3  # [m]
     limit_margin: float = 1e-3  # [rad]
     retreat_rate: float = 20.0  # [1/s]
+    retreat_speed: float = 0.5  # [m/s]
+    joint_retreat_speed: float = 2.0  # [rad/s]
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
 

@@ -115,6 +115,7 @@ def make_rows(
     d_min: float,
     influence: float,
     gamma: float,
+    fastest: float,
     rho: float,
     alpha: float,
     beta: float,
@@ -125,7 +126,8 @@ def make_rows(
         h, g, drift: (R,), (R, n), (R,) of all rows.
         d_min: distance to keep [m].
         influence: rows with h beyond it do not count [m].
-        gamma: a row inside d_min must recede at gamma (d_min - h) [1/s].
+        gamma: a row inside d_min must recede at gamma (d_min - h) [1/s],
+        fastest: but at no more than this [m/s].
         rho, alpha, beta: of the weight.
     """
     near = h < influence
@@ -135,7 +137,7 @@ def make_rows(
         g=g[near],
         drift=drift[near],
         weight=row_weights(h, d_min, rho, alpha, beta),
-        retreat=gamma * np.maximum(d_min - h, 0.0),
+        retreat=np.minimum(gamma * np.maximum(d_min - h, 0.0), fastest),
     )
 
 
@@ -146,6 +148,7 @@ def make_limits(
     *,
     margin: float,
     gamma: float,
+    fastest: float,
     rho: float,
 ) -> Limits:
     """The joint limits at the resting configuration.
@@ -154,7 +157,8 @@ def make_limits(
         q_s: (n,) resting configuration [rad].
         lower, upper: (n,) limits [rad], infinite where there is none.
         margin: to keep from them [rad].
-        gamma: a joint nearer than that must come back at gamma (margin - distance).
+        gamma: a joint nearer than that must come back at gamma (margin - distance),
+        fastest: but at no more than this [rad/s].
         rho: rho_JL, the weight's amplitude.
     """
     to_upper, to_lower = upper - q_s, q_s - lower
@@ -163,7 +167,7 @@ def make_limits(
         margin=nearest,
         outward=np.where(to_upper <= to_lower, 1.0, -1.0),
         weight=rho * np.abs(joint_limit_gradient(q_s, lower, upper)),
-        retreat=gamma * np.maximum(margin - nearest, 0.0),
+        retreat=np.minimum(gamma * np.maximum(margin - nearest, 0.0), fastest),
     )
 
 

@@ -35,8 +35,8 @@ class LookaheadParameters:
     rho: float = 1e-4
     rho_limits: float = 0.01
     distance_margin: float = 5e-3  # [m]
-    limit_margin: float = 1e-3  # [rad]
-    retreat_rate: float = 20.0  # [1/s]
+    limit_margin: float = 0.02  # [rad]
+    retreat_rate: float = 30.0  # [1/s]
     retreat_speed: float = 0.5  # [m/s]
     joint_retreat_speed: float = 2.0  # [rad/s]
     influence_distance: float = 0.3  # [m]

@@ -1,0 +1,56 @@
+"""Draws the pictures of the documentation.
+
+    python docs/make_images.py [out/dance/recording.html]
+
+`images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a recorded
+page, `images/dance.png` is what a browser shows of it (needs Chromium).
+"""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from crar_drake import MakeCrarDiagram, load_scenario
+
+IMAGES = Path(__file__).resolve().parent / "images"
+SECONDS = 6.5  # into the recording
+
+
+def draw_diagram() -> None:
+    diagram = MakeCrarDiagram(load_scenario("dance_wrists"))
+    text = diagram.GetGraphvizString(max_depth=1)
+    subprocess.run(
+        ["dot", "-Tsvg", "-o", IMAGES / "diagram.svg"], input=text.encode(), check=True
+    )
+
+
+def draw_recording(page: Path) -> None:
+    with tempfile.TemporaryDirectory() as profile:
+        subprocess.run(
+            [
+                "chromium",
+                "--headless",
+                "--no-sandbox",
+                "--use-gl=angle",
+                "--use-angle=swiftshader",
+                "--enable-unsafe-swiftshader",
+                "--disable-background-networking",
+                "--no-first-run",
+                "--hide-scrollbars",
+                f"--user-data-dir={profile}",
+                f"--virtual-time-budget={int(1000 * SECONDS)}",
+                "--window-size=1000,640",
+                f"--screenshot={IMAGES / 'dance.png'}",
+                page.resolve().as_uri(),
+            ],
+            check=True,
+            capture_output=True,
+        )
+
+
+if __name__ == "__main__":
+    IMAGES.mkdir(exist_ok=True)
+    draw_diagram()
+    if len(sys.argv) > 1:
+        draw_recording(Path(sys.argv[1]))

@@ -13,7 +13,7 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -228,7 +228,9 @@ def run_sweep(
     _start_file(out, finished.values())
     done = len(set(cases)) - len(waiting)
     total = len(set(cases))
-    with _executor(executor, jobs) as pool, open(out, "a", newline="") as stream:
+    # An executor that was given is the caller's to close.
+    own = nullcontext(executor) if executor is not None else process_pool(jobs)
+    with own as pool, open(out, "a", newline="") as stream:
         futures: dict[Future, Case] = {
             pool.submit(run_case, case, text): case for case in waiting
         }
@@ -322,10 +324,12 @@ def _start_file(path: str | os.PathLike[str], results: Iterable[Result]) -> None
 
 
 @contextmanager
-def _executor(executor: Executor | None, jobs: int | None) -> Iterator[Executor]:
-    if executor is not None:
-        yield executor  # the caller's to close
-        return
+def process_pool(jobs: int | None = None) -> Iterator[Executor]:
+    """Processes for `run_case`: fresh ones, one thread each, replaced after a while.
+
+    Args:
+        jobs: number of processes; by default one per core.
+    """
     # One thread a process: the matrices are small, and threads would only queue.
     threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     before = {name: os.environ.get(name) for name in threads}

@@ -14,6 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -21,6 +22,7 @@ from crar_drake import __version__
 from crar_drake.errors import CrarError, ScenarioError
 
 if TYPE_CHECKING:
+    from crar_drake.experiments.sweep import Case, Result
     from crar_drake.run import Progress
     from crar_drake.scenario import Scenario
 
@@ -157,6 +159,78 @@ def _playback(arguments: argparse.Namespace) -> None:
     print(out)
 
 
+def _sweep(arguments: argparse.Namespace) -> None:
+    out: Path = arguments.out
+    if out.suffix != ".csv" or out.is_dir():
+        raise UsageError(f"--out: {out} must be a file that ends in .csv")
+
+    from crar_drake.experiments.sweep import (
+        find_motions,
+        make_cases,
+        read_results,
+        run_sweep,
+    )
+    from crar_drake.scenario import Scenario, load_scenario
+
+    if arguments.scenario is None:
+        scenario = Scenario(motion="dance", experiment="wrists")
+    else:
+        scenario = load_scenario(arguments.scenario)
+    if arguments.duration is not None:
+        scenario.duration = arguments.duration
+    controller = scenario.controller
+    cases = make_cases(
+        find_motions(arguments.paths),
+        EXPERIMENTS if arguments.experiment == "both" else [arguments.experiment],
+        arguments.constraints or [controller.constraints],
+        arguments.level or [controller.level],
+        arguments.period or [controller.period],
+    )
+    if not cases:
+        raise UsageError(
+            "constraints lookahead work on accelerations; use --level acceleration, "
+            "or other --constraints"
+        )
+    _check_settings(scenario, cases)
+    finished = {result.case for result in read_results(out) if not result.error}
+    common = _common_settings(scenario)
+    _keep_settings(common, out)
+
+    from concurrent.futures import BrokenExecutor
+
+    from rich.console import Console
+
+    from crar_drake.experiments.sweep_report import failures, plot_sweep, sweep_tables
+
+    _be_quiet()
+    kept = len(finished.intersection(cases))
+    try:
+        with _sweep_bar(kept, len(cases)) as progress:
+            results = run_sweep(
+                cases, out, scenario=common, jobs=arguments.jobs, progress=progress
+            )
+    except KeyboardInterrupt:
+        print(
+            f"crar-drake: what is finished is in {out}; the same command continues",
+            file=sys.stderr,
+        )
+        raise
+    except BrokenExecutor as error:
+        raise CrarError(
+            f"a worker process was killed (was there memory enough?); what is "
+            f"finished is in {out}, and the same command continues, with fewer --jobs"
+        ) from error
+    console = Console()
+    for table in sweep_tables(results):
+        console.print(table)
+    for line in failures(results):
+        print(f"failed: {line}", file=sys.stderr)
+    plot = out.with_suffix(".png")
+    plot_sweep(results, plot)
+    print(out)
+    print(plot)
+
+
 # --- what a run does --------------------------------------------------------------
 
 
@@ -240,6 +314,97 @@ def _progress_bar() -> Iterator[Progress]:
             bar.stop()
 
 
+# --- what a sweep does ------------------------------------------------------------
+
+
+def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
+    """A wrong setting is told before hours of simulation, not by every case."""
+    for constraints, level, period in {
+        (case.constraints, case.level, case.period) for case in cases
+    }:
+        controller = replace(
+            scenario.controller, constraints=constraints, level=level, period=period
+        )
+        replace(scenario, controller=controller).validate()
+
+
+def _common_settings(scenario: Scenario) -> Scenario:
+    """The scenario, with the same value in all that a case puts its own in."""
+    controller = replace(
+        scenario.controller,
+        constraints="paper",
+        level="acceleration",
+        period=scenario.plant_config.time_step or scenario.controller.period,
+    )
+    return replace(
+        scenario,
+        description="",
+        motion="dance",
+        skeleton="",  # it belongs to the scenario's motion
+        experiment="wrists",
+        tasks=[],
+        keyframes={},
+        controller=controller,
+    )
+
+
+def _keep_settings(scenario: Scenario, out: Path) -> None:
+    """Writes the scenario beside the results.
+
+    The results do not say what they have in common: a sweep with another scenario or
+    duration would take them for its own.
+    """
+    from crar_drake.files import whole_file
+
+    path, text = out.with_suffix(".yaml"), scenario.to_yaml()
+    if out.is_file() and path.is_file() and path.read_text() != text:
+        raise CrarError(
+            f"{out}: its results were made with another --scenario or --duration "
+            f"(see {path}); give another --out"
+        )
+    with whole_file(path) as temporary:
+        temporary.write_text(text)
+
+
+@contextmanager
+def _sweep_bar(
+    finished: int, total: int
+) -> Iterator[Callable[[int, int, Result], None]]:
+    """Yields a callback that draws how far the sweep is, on stderr."""
+    from rich import progress
+    from rich.console import Console
+    from rich.table import Column
+
+    from crar_drake.experiments.sweep_report import headline
+
+    columns = (
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("ETA"),
+        progress.TimeRemainingColumn(table_column=Column(min_width=7)),
+        progress.TextColumn(
+            "{task.fields[newest]}",
+            markup=False,
+            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+        ),
+    )
+    # A case takes up to minutes, so that a short average would know no speed.
+    with progress.Progress(
+        *columns,
+        console=Console(stderr=True),
+        speed_estimate_period=3600.0,
+        expand=True,
+    ) as bar:
+        task = bar.add_task("", total=total, completed=finished, newest="")
+
+        def show(done: int, total: int, newest: Result) -> None:
+            bar.update(task, completed=done, newest=headline(newest))
+            if newest.error:
+                bar.console.print(headline(newest), markup=False, highlight=False)
+
+        yield show
+
+
 # --- the arguments ----------------------------------------------------------------
 
 
@@ -321,6 +486,63 @@ def _make_parser() -> _Parser:
         "--no-recording", action="store_true", help="do not make recording.html"
     )
 
+    sweep = add(
+        "sweep",
+        _sweep,
+        "Simulate many motions in many modes, and judge them. A sweep that was "
+        "stopped goes on where it was, by the same command.",
+    )
+    sweep.add_argument(
+        "paths",
+        nargs="+",
+        metavar="PATH",
+        help="a folder with .amc files below it, an .amc file, dance, or cmu:05_02",
+    )
+    sweep.add_argument(
+        "--experiment",
+        choices=(*EXPERIMENTS, "both"),
+        default="both",
+        help="which points to track (default: %(default)s)",
+    )
+    for name, known, text in (
+        ("constraints", CONSTRAINTS, "what keeps them off"),
+        ("level", LEVELS, "where accelerations come from"),
+    ):
+        sweep.add_argument(
+            f"--{name}",
+            type=_list_of(_one_of(known)),
+            action="extend",
+            metavar=f"{name[0].upper()}[,{name[0].upper()}...]",
+            help=f"{text}, of {', '.join(known)} (default: the scenario's)",
+        )
+    sweep.add_argument(
+        "--period",
+        type=_list_of(_positive),
+        action="extend",
+        metavar="S[,S...]",
+        help="control periods [s] (default: the scenario's)",
+    )
+    sweep.add_argument(
+        "--duration",
+        type=_positive,
+        metavar="S",
+        help="simulate S seconds of each [s] (default: all of it)",
+    )
+    sweep.add_argument(
+        "--scenario",
+        help="a YAML file, or the name of a shipped scenario, for everything else",
+    )
+    sweep.add_argument(
+        "--jobs", type=_count, metavar="N", help="processes (default: one per core)"
+    )
+    sweep.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        default=OUT / "sweep" / "results.csv",
+        help="results, with a .png and a .yaml beside it (default: %(default)s)",
+    )
+
     motion = add("motion", _motion, "Print what is in a motion file, and plot it.")
     motion.add_argument("motion", help="dance, cmu:05_02, some/path.amc")
     motion.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
@@ -352,6 +574,28 @@ def _positive(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
     return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive whole number")
+    return int(text)
+
+
+def _list_of(convert: Callable[[str], object]) -> Callable[[str], list]:
+    """Converts what stands between commas."""
+    return lambda text: [convert(part.strip()) for part in text.split(",")]
+
+
+def _one_of(known: Sequence[str]) -> Callable[[str], str]:
+    def convert(text: str) -> str:
+        if text not in known:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is unknown{_nearest(text, known)}"
+            )
+        return text
+
+    return convert
 
 
 def _nearest(word: str, known: Iterable[str]) -> str:

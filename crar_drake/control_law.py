@@ -387,7 +387,7 @@ class ControlLaw:
         a_r = reference_acceleration(desired.a, desired.v, state.v, e, Kp, Kv)
         posture = None
         if gains.nominal_posture_gain:
-            # A critically damped pull, for the null space.
+            # A damped pull, for the null space.
             stiffness = gains.nominal_posture_gain
             posture = (
                 stiffness * (targets.nominal_posture - state.q)

@@ -19,7 +19,7 @@ from pydrake.systems.primitives import LogVectorOutput, MatrixGain
 from crar_drake.controller import CrarController
 from crar_drake.desired_motion import DesiredMotion, load_desired_motion
 from crar_drake.disturbances import AddMeasurement, PushSource, TargetStep
-from crar_drake.errors import ModelError
+from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.parameters import CrarParameters
 from crar_drake.recording import AddVisualization
 from crar_drake.robot import ControlModel
@@ -192,7 +192,10 @@ def MakeCrarDiagram(
     setup = setup or PrepareScenario(scenario)
     model, disturbances = setup.model, scenario.disturbances
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
+    try:
+        plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
+    except RuntimeError as error:
+        raise ScenarioError(f"plant_config: {error}") from error
     add_robot(plant, model.description)
     _lift_limits(plant, scenario.simulated_robot)
     plant.Finalize()

@@ -75,7 +75,8 @@ class CrarParameters:
         blend_time: time over which the targets are blended in from the measured
             pose [s].
         nominal_posture_gain: stiffness towards the input port "nominal_posture"
-            in the null space [1/s^2], critically damped; 0 leaves the port out.
+            in the null space [1/s^2], with damping of its own besides GvN's; 0 leaves
+            the port out.
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.

@@ -66,6 +66,13 @@ class RobotDescription:
                 raise ModelError(
                     f"robot {self.name}: pairs: {pair} must name two different links"
                 )
+        seen = [frozenset(pair) for pair in self.pairs]
+        for pair in self.pairs:
+            if seen.count(frozenset(pair)) > 1:
+                raise ModelError(
+                    f"robot {self.name}: pairs: {pair} is there twice; it would count "
+                    "twice in Eq. (26)"
+                )
         for joint, source in self.prescribed_joints.items():
             if source not in PRESCRIBED_SOURCES:
                 raise ModelError(

@@ -142,6 +142,11 @@ class Scenario:
                 f"plant_config.time_step: {self.plant_config.time_step} must be "
                 "positive, or 0 for a continuous plant"
             )
+        if self.simulator_config.start_time != 0.0:
+            raise ScenarioError(
+                f"simulator_config.start_time: {self.simulator_config.start_time:g} s "
+                "must be 0, where every motion starts"
+            )
         check_multiple(
             "controller.period", self.controller.period, self.plant_config.time_step
         )
@@ -182,6 +187,9 @@ def scenario_names() -> list[str]:
 def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
     """Loads a scenario file by path, or a shipped one by name.
 
+    Paths in the file (robot, motion, skeleton) are looked for beside it, then in the
+    working directory.
+
     Raises:
         ScenarioError: there is no such file, it has an unknown key, or a value is
             out of range; the message names file and key.
@@ -195,7 +203,13 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
                 f"ones{nearest(path.stem, scenario_names())}"
             )
         path = shipped
-    return parse_scenario(path.read_text(), str(path))
+    parsed = parse_scenario(path.read_text(), str(path))
+    # A file may name what lies beside it, wherever it is run from.
+    for name in ("robot", "motion", "skeleton"):
+        beside = path.parent / getattr(parsed, name)
+        if getattr(parsed, name) and beside.is_file():
+            setattr(parsed, name, str(beside))
+    return parsed
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:

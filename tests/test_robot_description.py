@@ -143,3 +143,9 @@ def test_nearest():
 
 def test_default_description_is_valid():
     RobotDescription().validate()
+
+
+@pytest.mark.parametrize("again", [["a", "b"], ["b", "a"]])
+def test_a_pair_twice_is_refused(again):
+    with pytest.raises(ModelError, match="twice"):
+        RobotDescription(pairs=[["a", "b"], again]).validate()

@@ -169,3 +169,18 @@ def test_validate_of_a_scenario_made_in_python():
     with pytest.raises(ScenarioError, match="either motion"):
         Scenario(experiment="wrists").validate()
     Scenario(experiment="wrists", motion="dance").validate()
+
+
+def test_paths_are_looked_for_beside_the_file(tmp_path, monkeypatch):
+    folder = tmp_path / "project"
+    folder.mkdir()
+    (folder / "walk.amc").write_text("")
+    (folder / "walk.yaml").write_text("motion: walk.amc\nexperiment: wrists\n")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario(folder / "walk.yaml").motion == str(folder / "walk.amc")
+
+
+def test_another_start_time_is_refused():
+    text = "motion: dance\nexperiment: wrists\nsimulator_config: {start_time: 1.0}\n"
+    with pytest.raises(ScenarioError, match="start_time"):
+        parse_scenario(text)

@@ -196,6 +196,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
     common = _common_settings(scenario)
     _keep_settings(common, out)
 
+    import multiprocessing
     from concurrent.futures import BrokenExecutor
 
     from rich.console import Console
@@ -210,6 +211,9 @@ def _sweep(arguments: argparse.Namespace) -> None:
                 cases, out, scenario=common, jobs=arguments.jobs, progress=progress
             )
     except KeyboardInterrupt:
+        # Those that did not get the signal would finish their cases first.
+        for worker in multiprocessing.active_children():
+            worker.terminate()
         print(
             f"crar-drake: what is finished is in {out}; the same command continues",
             file=sys.stderr,
@@ -399,8 +403,6 @@ def _sweep_bar(
 
         def show(done: int, total: int, newest: Result) -> None:
             bar.update(task, completed=done, newest=headline(newest))
-            if newest.error:
-                bar.console.print(headline(newest), markup=False, highlight=False)
 
         yield show
 

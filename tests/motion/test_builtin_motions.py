@@ -1,0 +1,138 @@
+"""The motions that this project ships, and that their script still makes them."""
+
+import numpy as np
+import pytest
+
+from crar_drake.control_law import ControlLaw
+from crar_drake.motion.asf_amc import forward_kinematics
+from crar_drake.motion.builtin.author_motions import write_motions
+from crar_drake.motion.catalogue import builtin_names, load_clip
+from crar_drake.motion.joint_centres import joint_centres
+from crar_drake.motion.report import describe, inspect
+from crar_drake.motion_targets import load_motion_targets
+from crar_drake.parameters import CrarParameters
+from crar_drake.resources import builtin_motions_folder
+from crar_drake.robot import ControlModel
+from crar_drake.robot_description import load_robot_description
+from crar_drake.task import EXPERIMENTS, position_tasks
+
+NAMES = ("boxing", "dance", "exercise", "reaching")
+STEP = 4e-3  # of the kinematic run [s]
+
+
+@pytest.fixture(scope="module")
+def clips():
+    return {name: load_clip(name) for name in NAMES}
+
+
+def test_all_are_shipped():
+    assert tuple(builtin_names()) == NAMES
+
+
+def test_files_are_what_the_script_writes(tmp_path):
+    write_motions(tmp_path)
+    written = sorted(path.name for path in tmp_path.iterdir())
+    assert written == sorted([f"{name}.amc" for name in NAMES] + ["performer.asf"])
+    for name in written:
+        shipped = (builtin_motions_folder() / name).read_bytes()
+        assert (tmp_path / name).read_bytes() == shipped, name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_size_and_duration(name, clips):
+    assert (builtin_motions_folder() / f"{name}.amc").stat().st_size < 400_000
+    assert 8.0 <= clips[name].duration <= 15.0
+    assert clips[name].frame_rate == 60.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_looks_clean_and_no_faster_than_people(name, clips):
+    report = inspect(clips[name])
+    assert report.looks_clean, list(describe(report))
+    wrists = [report.peak_speeds[f"{side}_wrist"] for side in ("left", "right")]
+    assert 2.0 < max(wrists) < 6.5  # [m/s]; a boxer's fist reaches 8 to 10
+    # No joint centre is shaken: 25 g is what a fast punch's fist sees.
+    for point, p_WC in joint_centres(clips[name]).positions.items():
+        acceleration = np.diff(p_WC, n=2, axis=0) * 60.0**2
+        assert np.linalg.norm(acceleration, axis=1).max() < 250.0, point
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_feet_stay_on_the_ground(name, clips):
+    poses = forward_kinematics(clips[name])
+    toes = np.stack([poses.end["lfoot"], poses.end["rfoot"]])[..., 1]
+    assert toes.min() > -0.005
+    assert toes.max() < 0.12
+    # Nobody flies but in a jumping jack.
+    aloft = (toes.min(axis=0) > 0.02).mean()
+    assert aloft == 0.0 if name != "exercise" else 0.02 < aloft < 0.15
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_starts_and_ends_standing_with_hanging_arms(name, clips):
+    centres = joint_centres(clips[name])
+    p = centres.positions
+    for frame in (0, -1):
+        assert p["waist"][frame, 2] > 0.96 * centres.hip_height
+        upright = p["neck"][frame] - p["waist"][frame]
+        assert upright[2] > 0.99 * np.linalg.norm(upright)
+        for side in ("left", "right"):
+            reach = p[f"{side}_wrist"][frame] - p[f"{side}_shoulder"][frame]
+            assert reach[2] < -0.9 * np.linalg.norm(reach)
+            apart = p[f"{side}_wrist"][frame] - p["waist"][frame]
+            assert np.linalg.norm(apart[:2]) > 0.25  # [m], away from the body
+
+
+def test_dance_turns_once_and_fast(clips):
+    heading = np.degrees(joint_centres(clips["dance"]).heading)
+    assert np.ptp(heading) >= 350.0
+    assert heading[-1] - heading[0] == pytest.approx(360.0, abs=5.0)
+    inside = np.flatnonzero((heading > 5.0) & (heading < 355.0))
+    turn = inside[inside > 240]
+    assert (turn[-1] - turn[0]) / 60.0 < 2.0  # [s]
+    for name in ("boxing", "exercise", "reaching"):
+        assert np.ptp(joint_centres(clips[name]).heading) < np.pi / 2.0
+
+
+def _violations(name: str, tasks: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Counts what the unconstrained motion violates at each step.
+
+    Returns:
+        Violated joint limits and penetrating pairs, (T,) each.
+    """
+    model = ControlModel.FromDescription(
+        load_robot_description("upper_body"), position_tasks(tasks)
+    )
+    targets = load_motion_targets(name, model)
+    parameters = CrarParameters(constraints="none", period=STEP)
+    law = ControlLaw(model, parameters)
+
+    def at(trajectory, time):
+        rates = [trajectory.EvalDerivative(time, order).ravel() for order in (0, 1, 2)]
+        return np.concatenate(rates)
+
+    q = model.rest_positions()
+    q[model.prescribed] = targets.prescribed.value(0.0).ravel()
+    v = np.zeros(len(q))
+    limits, pairs = [], []
+    for time in np.arange(0.0, targets.duration, STEP):
+        solution = law.step(q, v, at(targets.tasks, time), at(targets.prescribed, time))
+        joints = q[model.controlled]
+        beyond = (joints < model.lower - 1e-6) | (joints > model.upper + 1e-6)
+        limits.append(beyond.sum())
+        pairs.append((solution.signed_distances < 0.0).sum())
+        q, v = np.split(solution.position_command, 2)
+    return np.array(limits), np.array(pairs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_raw_motion_violates_limits_and_pairs_at_once(name, experiment):
+    limits, pairs = _violations(name, EXPERIMENTS[experiment])
+    total = limits + pairs
+    assert not total[: round(0.5 / STEP)].any()  # the start is free
+    assert ((limits > 0) & (pairs > 1)).any()
+    if name == "dance":
+        # More than five at once in its latter half, as in the paper's Fig. 2.
+        assert total[len(total) // 2 :].max() > 5

@@ -56,6 +56,16 @@ def test_playback_from_log(tmp_path: Path) -> None:
     assert list(tmp_path.glob("*.html")) == [page]
 
 
+@pytest.mark.slow
+def test_sweep_on_a_cluster(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="needs the extra: pip install .[cluster]")
+    out = tmp_path / "results.csv"
+    text = run_example("sweep_on_a_cluster.py", str(out), "0.1")
+    assert [f"{n} of 4" for n in (1, 2, 3, 4)] == re.findall(r"^\d of 4", text, re.M)
+    assert len(out.read_text().splitlines()) == 1 + 4
+    assert "| clips | 2 | 2 |" in text and "## Failed" not in text
+
+
 def test_every_example_has_a_test() -> None:
     tested = re.findall(r'run_example\(\s*"(\w+\.py)"', Path(__file__).read_text())
     assert {path.name for path in EXAMPLES.glob("*.py")} == set(tested)

@@ -268,8 +268,8 @@ def markdown_report(results: Iterable[Result]) -> str:
     simulated = sum(r.duration for r in ran)
     text = (
         "# Sweep over motion clips\n\n"
-        f"{len(clips)} clips, {len(ran)} simulations, {simulated / 60.0:.0f} minutes "
-        "of simulated time.\nDistances and limits are judged by the referee at every "
+        f"{len(clips)} clips, {len(ran)} simulations, {simulated:.0f} s of "
+        "simulated time.\nDistances and limits are judged by the referee at every "
         "logged sample; a joint counts as beyond its limit from 1e-6 rad on. Task "
         "error, power, peak torque and rms acceleration are computed per clip; the "
         "tables then give their mean or median over the clips.\n\n"
@@ -358,7 +358,8 @@ def _exceptions(comparisons: Sequence[Comparison]) -> str:
                 _number(factor * getattr(r, name), unit, digits)
                 for r in (c.lookahead, c.paper)
             )
-            parts.append(f"{title} {here}, paper {there}")
+            ratio = getattr(c.lookahead, name) / getattr(c.paper, name)
+            parts.append(f"{title} {here}, paper {there} ({100 * (ratio - 1):+.1f} %)")
         if parts:
             holds = "violates" if c.paper.violated else "holds"
             parts.append(f"paper {holds} its constraints")

@@ -13,11 +13,11 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
+from crar_drake.experiments.fresh_processes import FreshProcesses
 from crar_drake.experiments.sweep import (
     Case,
     Result,
     find_motions,
-    process_pool,
     run_case,
 )
 from crar_drake.experiments.tables import markdown_table, write_report
@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(argv)
     motions = find_motions(arguments.motions)
     text = ""
-    with process_pool(arguments.jobs) as pool:
+    with FreshProcesses(arguments.jobs) as pool:
         futures = {}
         for experiment in EXPERIMENTS:
             for name, controller in variations().items():

@@ -9,22 +9,18 @@ from __future__ import annotations
 
 import csv
 import io
-import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 from crar_drake.errors import CrarError
+from crar_drake.experiments.fresh_processes import FreshProcesses
 from crar_drake.files import whole_file
 from crar_drake.robot_description import nearest
 from crar_drake.scenario import Scenario, parse_scenario
-
-# A worker is replaced after so many cases: Drake 1.51 keeps the memory of Python
-# systems that declare ports.
-_CASES_PER_WORKER = 6
 
 
 @dataclass(frozen=True)
@@ -229,7 +225,7 @@ def run_sweep(
     done = len(set(cases)) - len(waiting)
     total = len(set(cases))
     # An executor that was given is the caller's to close.
-    own = nullcontext(executor) if executor is not None else process_pool(jobs)
+    own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
     with own as pool, open(out, "a", newline="") as stream:
         futures: dict[Future, Case] = {
             pool.submit(run_case, case, text): case for case in waiting
@@ -321,34 +317,3 @@ def _start_file(path: str | os.PathLike[str], results: Iterable[Result]) -> None
     """Writes header and kept results, without failed cases and cut-off lines."""
     with whole_file(path) as temporary:
         temporary.write_text(_line(None) + "".join(map(_line, results)))
-
-
-@contextmanager
-def process_pool(jobs: int | None = None) -> Iterator[Executor]:
-    """Processes for `run_case`: fresh ones, one thread each, replaced after a while.
-
-    Args:
-        jobs: number of processes; by default one per core.
-    """
-    # One thread a process: the matrices are small, and threads would only queue.
-    threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-    before = {name: os.environ.get(name) for name in threads}
-    os.environ.update(threads)
-    pool = ProcessPoolExecutor(
-        max_workers=jobs or os.cpu_count(),
-        mp_context=multiprocessing.get_context("spawn"),
-        max_tasks_per_child=_CASES_PER_WORKER,
-    )
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    else:
-        pool.shutdown()
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -1,0 +1,79 @@
+"""An executor that runs every call in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing.connection import Connection
+from typing import Any
+
+# One thread a process: the matrices are small, and threads would only queue.
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+class FreshProcesses(ThreadPoolExecutor):
+    """Runs calls in parallel, each in a new process that ends with it.
+
+    Drake 1.51 does not give back the memory of Python systems that declare ports, so
+    that a process must not run many simulations. (`ProcessPoolExecutor` could replace
+    its processes after a number of calls, but in Python 3.11 it then stalls.)
+
+    A process that dies fails its own call only. Leaving the `with` block by an
+    exception ends the processes that still run.
+    """
+
+    def __init__(self, jobs: int | None = None) -> None:
+        """
+        Args:
+            jobs: number of processes at a time; by default one per core.
+        """
+        super().__init__(max_workers=jobs or os.cpu_count())
+        self._context = multiprocessing.get_context("spawn")
+        self._running: set[multiprocessing.process.BaseProcess] = set()
+
+    def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:
+        """Schedules fn(*args, **kwargs); all of it must be picklable."""
+        return super().submit(self._run, fn, args, kwargs)
+
+    def __exit__(self, kind, error, trace) -> bool | None:
+        if kind is not None:
+            self.shutdown(wait=False, cancel_futures=True)
+            for process in list(self._running):
+                process.terminate()
+        return super().__exit__(kind, error, trace)
+
+    def _run(self, fn: Callable, args: tuple, kwargs: dict) -> Any:
+        receiver, sender = self._context.Pipe(duplex=False)
+        process = self._context.Process(
+            target=_call, args=(sender, fn, args, kwargs), daemon=True
+        )
+        process.start()
+        self._running.add(process)
+        sender.close()
+        try:
+            succeeded, value = receiver.recv()
+        except EOFError as error:
+            process.join()
+            raise RuntimeError(
+                f"the process of {fn.__name__} ended with code {process.exitcode}"
+            ) from error
+        finally:
+            process.join()
+            self._running.discard(process)
+            receiver.close()
+        if not succeeded:
+            raise value
+        return value
+
+
+def _call(sender: Connection, fn: Callable, args: tuple, kwargs: dict) -> None:
+    """What the new process does."""
+    os.environ.update(_ONE_THREAD)
+    try:
+        answer = (True, fn(*args, **kwargs))
+    except Exception as error:  # handed to the caller of submit
+        answer = (False, error)
+    sender.send(answer)
+    sender.close()

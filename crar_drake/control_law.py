@@ -30,6 +30,7 @@ from crar_drake.equations.lookahead import (
     make_limits,
     make_rows,
     resting_configuration,
+    slip_velocity,
     solve_lookahead,
 )
 from crar_drake.equations.references import reference_acceleration, reference_velocity
@@ -91,6 +92,8 @@ class Memory:
         limit_proximity, pair_proximity: |grad h_i| and |grad f_ji| of that step,
             which Eqs. (18) and (21) compare with.
         qdot_c: Eq. (15) of that step, for Eq. (10).
+        qdot, qddot, slip: measured velocity, commanded acceleration and slip of the
+            controlled joints in that step, for `slip_velocity`.
     """
 
     tick: int = -1
@@ -101,6 +104,9 @@ class Memory:
     limit_proximity: np.ndarray | None = None
     pair_proximity: np.ndarray | None = None
     qdot_c: np.ndarray | None = None
+    qdot: np.ndarray | None = None
+    qddot: np.ndarray | None = None
+    slip: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -181,6 +187,7 @@ class Resolved:
         qdot_c: (n,) Eq. (15).
         W: (n,) diagonal of the weight matrix.
         limit_proximity, pair_proximity: for the next step's Eqs. (18), (21).
+        slip: (n,) for the next step's `slip_velocity`.
         resting_margins: (2,) see `Solution`.
     """
 
@@ -189,6 +196,7 @@ class Resolved:
     W: np.ndarray
     limit_proximity: np.ndarray | None = None
     pair_proximity: np.ndarray | None = None
+    slip: np.ndarray | None = None
     resting_margins: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
 
 
@@ -332,7 +340,8 @@ class ControlLaw:
         blend = smooth_step(time - memory.start_time, gains.blend_time)
         references = self._references(state, memory, targets, desired, blend)
         if gains.constraints == "lookahead":
-            resolved = self._resolve_lookahead(workspace, q, v, state, references)
+            slip = self._slip(memory, tick, state)
+            resolved = self._resolve_lookahead(workspace, q, v, state, references, slip)
         else:
             resolved = self._resolve_paper(state, references, memory)
 
@@ -349,6 +358,9 @@ class ControlLaw:
                 limit_proximity=resolved.limit_proximity,
                 pair_proximity=resolved.pair_proximity,
                 qdot_c=resolved.qdot_c,
+                qdot=state.qdot,
+                qddot=resolved.qddot,
+                slip=resolved.slip,
             ),
         )
 
@@ -437,6 +449,7 @@ class ControlLaw:
         v: np.ndarray,
         state: ModelState,
         references: References,
+        slip: np.ndarray,
     ) -> Resolved:
         """The mode of `equations.lookahead`: constraints where q + T q_dot rests."""
         model, gains = self.model, self.parameters
@@ -458,6 +471,7 @@ class ControlLaw:
             gamma=ahead.retreat_rate,
             fastest=ahead.joint_retreat_speed,
             rho=ahead.rho_limits,
+            slip=slip,
         )
         rows = make_rows(
             h,
@@ -470,6 +484,7 @@ class ControlLaw:
             rho=ahead.rho,
             alpha=gains.alpha,
             beta=gains.beta,
+            slip=slip,
         )
         chosen = solve_lookahead(
             references.J,
@@ -487,9 +502,25 @@ class ControlLaw:
             qddot=chosen.qddot,
             qdot_c=chosen.qdot_c,
             W=np.diag(chosen.W),
+            slip=slip,
             resting_margins=np.array(
                 [h.min(initial=np.inf), limits.margin.min(initial=np.inf)]
             ),
+        )
+
+    def _slip(self, memory: Memory, tick: int, state: ModelState) -> np.ndarray:
+        """What q_s did besides s; 0 without a step before."""
+        gains = self.parameters
+        if memory.slip is None or tick != memory.tick + 1:
+            return np.zeros(self.model.n)
+        return slip_velocity(
+            memory.slip,
+            state.qdot,
+            memory.qdot,
+            memory.qddot,
+            T=gains.braking_horizon,
+            period=gains.period,
+            time_constant=gains.lookahead.slip_time_constant,
         )
 
     def _brake(

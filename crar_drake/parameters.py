@@ -26,6 +26,8 @@ class LookaheadParameters:
         retreat_rate: gamma, how fast a violation is left [1/s], but at most at
         retreat_speed: of a pair [m/s], and
         joint_retreat_speed: of a joint [rad/s].
+        slip_time_constant: of the low-pass on what the plant did other than told,
+            which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
@@ -39,6 +41,7 @@ class LookaheadParameters:
     retreat_rate: float = 30.0  # [1/s]
     retreat_speed: float = 0.5  # [m/s]
     joint_retreat_speed: float = 2.0  # [rad/s]
+    slip_time_constant: float = 0.01  # [s]
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
 

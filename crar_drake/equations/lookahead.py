@@ -58,12 +58,14 @@ class Limits:
             the lower one.
         weight: (n,) rho_JL |grad h_i| of Eq. (17) at q_s; 0 without limits.
         retreat: (n,) speed at which a violated joint must come back [rad/s].
+        drift: (n,) motion of q_s towards that limit that is not commanded [rad/s].
     """
 
     margin: np.ndarray
     outward: np.ndarray
     weight: np.ndarray
     retreat: np.ndarray
+    drift: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,37 @@ class LookaheadSolution:
 def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarray:
     """q_s = q + T q_dot: where q_ddot = -q_dot/T leads. All (n,); T in s."""
     return q + T * qdot
+
+
+def slip_velocity(
+    previous: np.ndarray,
+    qdot: np.ndarray,
+    qdot_before: np.ndarray,
+    qddot_before: np.ndarray,
+    *,
+    T: float,
+    period: float,
+    time_constant: float,
+) -> np.ndarray:
+    """How fast q_s moves besides s: T times what the plant did other than told.
+
+    A torque that is held is not an acceleration that is held, models are wrong, and
+    somebody may push. What the last control period showed of it is taken, through a
+    first-order low-pass, as what the next will bring.
+
+    Args:
+        previous: (n,) this function's value one period ago [rad/s].
+        qdot, qdot_before: (n,) velocities now and one period ago [rad/s].
+        qddot_before: (n,) commanded one period ago [rad/s^2].
+        T: braking horizon [s].
+        period: of the controller [s].
+        time_constant: of the low-pass [s].
+
+    Returns:
+        (n,) [rad/s].
+    """
+    seen = T * ((qdot - qdot_before) / period - qddot_before)
+    return previous + min(1.0, period / time_constant) * (seen - previous)
 
 
 def row_weights(
@@ -119,6 +152,7 @@ def make_rows(
     rho: float,
     alpha: float,
     beta: float,
+    slip: np.ndarray | None = None,
 ) -> Rows:
     """The rows within the influence distance, with weights and retreat speeds.
 
@@ -129,13 +163,17 @@ def make_rows(
         gamma: a row inside d_min must recede at gamma (d_min - h) [1/s],
         fastest: but at no more than this [m/s].
         rho, alpha, beta: of the weight.
+        slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
+            what approaches counts [rad/s].
     """
     near = h < influence
-    h = h[near]
+    h, g, drift = h[near], g[near], drift[near]
+    if slip is not None:
+        drift = drift + np.minimum(g @ slip, 0.0)
     return Rows(
         h=h,
-        g=g[near],
-        drift=drift[near],
+        g=g,
+        drift=drift,
         weight=row_weights(h, d_min, rho, alpha, beta),
         retreat=np.minimum(gamma * np.maximum(d_min - h, 0.0), fastest),
     )
@@ -150,6 +188,7 @@ def make_limits(
     gamma: float,
     fastest: float,
     rho: float,
+    slip: np.ndarray | float = 0.0,
 ) -> Limits:
     """The joint limits at the resting configuration.
 
@@ -160,12 +199,16 @@ def make_limits(
         gamma: a joint nearer than that must come back at gamma (margin - distance),
         fastest: but at no more than this [rad/s].
         rho: rho_JL, the weight's amplitude.
+        slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
+            what goes towards the limit counts [rad/s].
     """
     to_upper, to_lower = upper - q_s, q_s - lower
     nearest = np.minimum(to_upper, to_lower)
+    outward = np.where(to_upper <= to_lower, 1.0, -1.0)
     return Limits(
         margin=nearest,
-        outward=np.where(to_upper <= to_lower, 1.0, -1.0),
+        outward=outward,
+        drift=outward * np.maximum(outward * slip, 0.0),
         weight=rho * np.abs(joint_limit_gradient(q_s, lower, upper)),
         retreat=np.minimum(gamma * np.maximum(margin - nearest, 0.0), fastest),
     )
@@ -197,7 +240,7 @@ def solve_lookahead(
     then the guard, which brings s_0 to the speeds that the constraints allow:
 
         s = argmin |s - s_0|^2 + sum omega_j (g_j s + drift_j - r_j)^2
-                               + sum w_i (s_i - r_i)^2
+                               + sum w_i (s_i + drift_i - r_i)^2
 
     over the rows and limits that s exceeds.
 
@@ -236,7 +279,11 @@ def solve_lookahead(
             alpha = alpha + _solve_spd(M, damping2 * pull[:, None])[:, 0]
         s_0 = qdot + T * (alpha + z)
         new_rows = ~row_on & (rows.g @ s_0 + rows.drift < 0.0)
-        new_limits = ~limit_on & (limits.weight > 0.0) & (limits.outward * s_0 > 0.0)
+        new_limits = (
+            ~limit_on
+            & (limits.weight > 0.0)
+            & (limits.outward * (s_0 + limits.drift) > 0.0)
+        )
         if not (new_rows.any() or new_limits.any()):
             break
         row_on |= new_rows
@@ -250,7 +297,9 @@ def solve_lookahead(
     while True:
         new_rows = ~row_on & (rows.g @ s + rows.drift < rows.retreat)
         new_limits = (
-            ~limit_on & (limits.weight > 0.0) & (limits.outward * s > -limits.retreat)
+            ~limit_on
+            & (limits.weight > 0.0)
+            & (limits.outward * (s + limits.drift) > -limits.retreat)
         )
         if not (new_rows.any() or new_limits.any()):
             break
@@ -273,7 +322,7 @@ def _penalty(
     penalty = root.T @ root  # symmetric to the last bit
     w = np.where(limit_on, limits.weight, 0.0)
     penalty.flat[:: len(w) + 1] += w
-    drift_push = (weight * rows.drift[row_on]) @ g
+    drift_push = (weight * rows.drift[row_on]) @ g + w * limits.drift
     retreat = (weight * rows.retreat[row_on]) @ g - w * limits.outward * limits.retreat
     return penalty, drift_push, retreat
 

@@ -13,6 +13,7 @@ from crar_drake.equations.lookahead import (
     make_rows,
     resting_configuration,
     row_weights,
+    slip_velocity,
     solve_lookahead,
 )
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
@@ -53,8 +54,11 @@ class Problem:
         unlimited = rng.random(n) < 0.2
         self.lower[unlimited], self.upper[unlimited] = -np.inf, np.inf
         self.q_s = rng.uniform(-3.2, 3.2, size=n)
-        self.rows = make_rows(self.h, self.g, self.drift, **ROWS)
-        self.limits = make_limits(self.q_s, self.lower, self.upper, **LIMITS)
+        self.slip = rng.choice([0.0, 1.0]) * rng.normal(size=n)
+        self.rows = make_rows(self.h, self.g, self.drift, **ROWS, slip=self.slip)
+        self.limits = make_limits(
+            self.q_s, self.lower, self.upper, **LIMITS, slip=self.slip
+        )
 
     def solve(self) -> LookaheadSolution:
         return solve_lookahead(
@@ -121,7 +125,8 @@ def reference(problem: Problem) -> np.ndarray:
         for i in active_limits:
             root = np.sqrt(limits.weight[i])
             A.append(root * np.eye(n)[i])
-            b.append([-root * guard * limits.outward[i] * limits.retreat[i]])
+            retreat = guard * limits.outward[i] * limits.retreat[i]
+            b.append([root * (-retreat - limits.drift[i])])
         return np.vstack(A), np.concatenate(b)
 
     def grow(solve, guard: bool) -> np.ndarray:
@@ -138,7 +143,8 @@ def reference(problem: Problem) -> np.ndarray:
                 i
                 for i in range(n)
                 if limits.weight[i] > 0.0
-                and limits.outward[i] * s[i] > -guard * limits.retreat[i]
+                and limits.outward[i] * (s[i] + limits.drift[i])
+                > -guard * limits.retreat[i]
             } - active_limits
             if not more_rows and not more_limits:
                 return s
@@ -361,3 +367,55 @@ def test_drift_of_a_moving_obstacle_is_answered() -> None:
         damping=DAMPING,
     ).s
     assert (g @ s)[0] == pytest.approx(0.2, abs=1e-5)
+
+
+def test_slip_is_what_the_plant_did_other_than_told() -> None:
+    """A plant that always accelerates by 3 rad/s^2 more than told: the slip tends to
+    3 T, with the low-pass's own time constant."""
+    qdot, slip = np.array([1.0, 2.0]), np.zeros(2)
+    extra = np.array([3.0, 0.0])
+    for step in range(1, 41):
+        told = np.array([np.sin(step), 1.0])
+        before, qdot = qdot, qdot + 1e-3 * (told + extra)
+        slip = slip_velocity(
+            slip, qdot, before, told, T=T, period=1e-3, time_constant=0.01
+        )
+        expected = T * extra * (1.0 - 0.9**step)
+        np.testing.assert_allclose(slip, expected, rtol=1e-9, atol=1e-12)
+    # A period longer than the time constant takes the last period's as it is.
+    slip = slip_velocity(slip, qdot, qdot, -extra, T=T, period=0.05, time_constant=0.01)
+    np.testing.assert_allclose(slip, T * extra)
+
+
+def test_slip_towards_a_constraint_is_answered_and_away_from_it_is_not() -> None:
+    n = 2
+    rows = dict(h=np.array([D_MIN]), g=np.array([[1.0, 0.0]]), drift=np.zeros(1))
+    free = np.full(n, np.inf)
+
+    def answer(slip: np.ndarray, near_limit: bool) -> np.ndarray:
+        bound = np.array([np.inf, 1.0])
+        none = make_rows(np.empty(0), np.empty((0, n)), np.empty(0), **ROWS)
+        return solve_lookahead(
+            np.zeros((3, n)),
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros(n),
+            none if near_limit else make_rows(**rows, **ROWS, slip=slip),
+            make_limits(
+                np.array([0.0, 0.999 if near_limit else 0.0]),
+                -bound if near_limit else -free,
+                bound if near_limit else free,
+                **LIMITS,
+                slip=slip,
+            ),
+            T=T,
+            Gv=GV,
+            damping=DAMPING,
+        ).s
+
+    np.testing.assert_allclose(
+        answer(np.array([-0.3, 0.0]), False), [0.3, 0], atol=1e-4
+    )
+    np.testing.assert_allclose(answer(np.array([0.3, 0.0]), False), [0, 0], atol=1e-9)
+    np.testing.assert_allclose(answer(np.array([0.0, 0.3]), True), [0, -0.3], atol=1e-4)
+    np.testing.assert_allclose(answer(np.array([0.0, -0.3]), True), [0, 0], atol=1e-9)

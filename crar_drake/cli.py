@@ -196,9 +196,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
     common = _common_settings(scenario)
     _keep_settings(common, out)
 
-    import multiprocessing
-    from concurrent.futures import BrokenExecutor
-
     from rich.console import Console
 
     from crar_drake.experiments.sweep_report import failures, plot_sweep, sweep_tables
@@ -211,19 +208,11 @@ def _sweep(arguments: argparse.Namespace) -> None:
                 cases, out, scenario=common, jobs=arguments.jobs, progress=progress
             )
     except KeyboardInterrupt:
-        # Those that did not get the signal would finish their cases first.
-        for worker in multiprocessing.active_children():
-            worker.terminate()
         print(
             f"crar-drake: what is finished is in {out}; the same command continues",
             file=sys.stderr,
         )
         raise
-    except BrokenExecutor as error:
-        raise CrarError(
-            f"a worker process was killed (was there memory enough?); what is "
-            f"finished is in {out}, and the same command continues, with fewer --jobs"
-        ) from error
     console = Console()
     for table in sweep_tables(results):
         console.print(table)

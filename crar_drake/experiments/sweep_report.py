@@ -358,8 +358,9 @@ def _exceptions(comparisons: Sequence[Comparison]) -> str:
                 _number(factor * getattr(r, name), unit, digits)
                 for r in (c.lookahead, c.paper)
             )
-            ratio = getattr(c.lookahead, name) / getattr(c.paper, name)
-            parts.append(f"{title} {here}, paper {there} ({100 * (ratio - 1):+.1f} %)")
+            more = getattr(c.lookahead, name) - getattr(c.paper, name)
+            share = more / max(getattr(c.paper, name), 1e-12)
+            parts.append(f"{title} {here}, paper {there} ({100 * share:+.1f} %)")
         if parts:
             holds = "violates" if c.paper.violated else "holds"
             parts.append(f"paper {holds} its constraints")
@@ -480,6 +481,8 @@ def _mark_violations(axes: Sequence[Axes]) -> None:
     excess.set_xticks([0.0, 0.1, 1.0, 10.0], ["0", "0.1", "1", "10"])
     excess.xaxis.set_minor_locator(NullLocator())
     for ax in (error, torque):
+        if not math.isfinite(ax.dataLim.minposx):
+            continue  # nothing ran, so that there is nothing to scale
         ax.set_xscale("log")
         ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
         ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -372,7 +372,7 @@ def _exceptions(comparisons: Sequence[Comparison]) -> str:
 
 
 def plot_sweep(results: Iterable[Result], path: str | os.PathLike[str]) -> None:
-    """Draws a sweep, see `draw_sweep`; the file's suffix chooses the format."""
+    """Draws one result or more, see `draw_sweep`; the suffix chooses the format."""
     with whole_file(path) as temporary:
         draw_sweep(results).savefig(temporary, dpi=150)
 
@@ -565,6 +565,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         if not path.is_file():
             parser.error(f"{path}: there is no such file")
     results = merge(r for path in arguments.results for r in read_results(path))
+    if not results:
+        parser.error("there are no results in these files")
     write_report(markdown_report(results), arguments.out)
     if arguments.plot:
         plot_sweep(results, arguments.plot)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -32,6 +34,7 @@ class FreshProcesses(ThreadPoolExecutor):
         super().__init__(max_workers=jobs or os.cpu_count())
         self._context = multiprocessing.get_context("spawn")
         self._running: set[multiprocessing.process.BaseProcess] = set()
+        self._starting = threading.Lock()
 
     def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:
         """Schedules fn(*args, **kwargs); all of it must be picklable."""
@@ -49,7 +52,9 @@ class FreshProcesses(ThreadPoolExecutor):
         process = self._context.Process(
             target=_call, args=(sender, fn, args, kwargs), daemon=True
         )
-        process.start()
+        # Read by the libraries when the new process loads them, before any call.
+        with self._starting, _environment(_ONE_THREAD):
+            process.start()
         self._running.add(process)
         sender.close()
         try:
@@ -68,9 +73,23 @@ class FreshProcesses(ThreadPoolExecutor):
         return value
 
 
+@contextmanager
+def _environment(changes: dict[str, str]) -> Iterator[None]:
+    """Sets environment variables for a while."""
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
 def _call(sender: Connection, fn: Callable, args: tuple, kwargs: dict) -> None:
     """What the new process does."""
-    os.environ.update(_ONE_THREAD)
     try:
         answer = (True, fn(*args, **kwargs))
     except Exception as error:  # handed to the caller of submit

@@ -158,7 +158,8 @@ def run_case(case: Case, scenario: str = "") -> Result:
             defaults of `Scenario`.
 
     Returns:
-        The result; a user's mistake (a bad file) is its `error`, not an exception.
+        The result; what went wrong (a bad file, a simulation that diverges) is its
+        `error`, not an exception.
     """
     from crar_drake.referee import Referee
     from crar_drake.run import run_scenario
@@ -170,7 +171,9 @@ def run_case(case: Case, scenario: str = "") -> Result:
         referee = Referee(model.plant, model.scene_graph, model.description.pairs)
         verdict = referee.violations(log.q)
     except CrarError as error:
-        return Result(**asdict(case), error=" ".join(str(error).split()))
+        return _failed(case, str(error))
+    except Exception as error:  # Drake's, where a robot is thrown to infinity
+        return _failed(case, f"{type(error).__name__}: {error}")
     return Result(
         **asdict(case),
         duration=float(log.time[-1]),
@@ -232,7 +235,10 @@ def run_sweep(
         }
         try:
             for future in as_completed(futures):
-                result = future.result()
+                try:
+                    result = future.result()
+                except RuntimeError as error:  # its process died
+                    result = _failed(futures[future], str(error))
                 # One write, so that a line is there whole or is cut off at the end,
                 # where reading drops it.
                 stream.write(_line(result))
@@ -258,7 +264,7 @@ def read_results(path: str | os.PathLike[str]) -> list[Result]:
     path = Path(path)
     if not path.is_file() or not path.stat().st_size:
         return []
-    text = path.read_text()
+    text = path.read_text(errors="replace")
     whole, newline, _ = text.rpartition("\n")
     reader = csv.DictReader(io.StringIO(whole + newline))
     names = [f.name for f in fields(Result)]
@@ -275,6 +281,10 @@ def read_results(path: str | os.PathLike[str]) -> list[Result]:
         ]
     except (TypeError, ValueError) as error:
         raise CrarError(f"{path}: line {reader.line_num}: {error}") from error
+
+
+def _failed(case: Case, why: str) -> Result:
+    return Result(**asdict(case), error=" ".join(why.split()))
 
 
 def _number(value: float | None) -> float:

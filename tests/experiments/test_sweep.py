@@ -322,6 +322,36 @@ def test_any_executor_runs_the_same_sweep_and_a_bad_file_is_not_fatal(tmp_path):
         assert comparable(results) == comparable(by_default), name
 
 
+def test_a_simulation_that_diverges_is_not_fatal(tmp_path):
+    shipped = builtin_motions_folder()
+    (tmp_path / "performer.asf").write_bytes((shipped / "performer.asf").read_bytes())
+    text = (shipped / "reaching.amc").read_text()
+    # The last frame is a finite number, but no number that can be filtered.
+    start, root, end = text.rpartition("\nroot ")
+    far = f"{start}{root}1e300 {end.partition(' ')[2]}"
+    (tmp_path / "far.amc").write_text(far)
+    case = Case(str(tmp_path / "far.amc"), "wrists", "paper", "acceleration", 1e-3)
+    result = run_case(case, TINY.to_yaml())
+    assert result.case == case
+    assert result.error.startswith("RuntimeError: ")
+
+
+def test_a_process_that_dies_fails_its_own_case_only(tmp_path):
+    class Died(Counting):
+        def submit(self, function, case, scenario):
+            future = super().submit(function, case, scenario)
+            if case == CASES[1]:
+                future = Future()
+                future.set_exception(RuntimeError("the process\nended with code -9"))
+            return future
+
+    out = tmp_path / "results.csv"
+    results = run_sweep(CASES, out, executor=Died())
+    assert [r.error for r in results if r.error] == ["the process ended with code -9"]
+    assert results[1].case == CASES[1] and results[1].error
+    assert len(read_results(out)) == len(CASES)
+
+
 def test_case_function_and_result_can_be_sent_to_another_machine():
     function, result = pickle.loads(pickle.dumps((run_case, made_up(CASES[0]))))
     assert function is run_case

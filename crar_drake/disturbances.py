@@ -82,10 +82,27 @@ class Disturbances:
             raise ScenarioError(
                 f"disturbances.mass_scale: {self.mass_scale} must be positive"
             )
-        for name in ("position_noise", "velocity_noise", "delay_periods"):
-            if not 0.0 <= getattr(self, name) < np.inf:
+        numbers = {
+            name: getattr(self, name) for name in ("position_noise", "velocity_noise")
+        }
+        numbers |= {
+            f"{what}.{name}": getattr(event, name)
+            for what, event in [
+                ("target_jump", self.target_jump),
+                *((f"push on {push.frame}", push) for push in self.pushes),
+            ]
+            for name in ("start", "duration")
+        }
+        for name, value in numbers.items():
+            if not 0.0 <= value < np.inf:
                 raise ScenarioError(
-                    f"disturbances.{name}: {getattr(self, name)} must not be negative"
+                    f"disturbances.{name}: {value} must be finite and not negative"
+                )
+        for name in ("noise_seed", "delay_periods"):
+            value = getattr(self, name)
+            if value != int(value) or value < 0:
+                raise ScenarioError(
+                    f"disturbances.{name}: {value} must be a whole number, not negative"
                 )
         vectors = [("target_jump.offset", self.target_jump.offset)]
         vectors += [
@@ -230,6 +247,11 @@ def AddMeasurement(
     Returns:
         The port of the measured state.
     """
+    time_step = plant.time_step()
+    if time_step and period != time_step:
+        # As the controller does: a tick just after the plant's step, by rounding,
+        # would store the next state.
+        period *= 1.0 - 4e-15
     port = plant.get_state_output_port()
     deviations = np.concatenate(
         [

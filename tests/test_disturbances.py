@@ -65,7 +65,8 @@ def measure(
 
 @pytest.mark.parametrize("periods", [1, 3])
 @pytest.mark.parametrize(
-    "time_step, period", [(STEP, STEP), (STEP, 5 * STEP), (0.0, STEP), (0.0, 5 * STEP)]
+    "time_step, period",
+    [(STEP, STEP), (STEP, 5 * STEP), (2.5e-3, 12.5e-3), (0.0, STEP), (0.0, 5 * STEP)],
 )
 def test_delay_is_of_exactly_so_many_periods(time_step, period, periods):
     """Also where multiples of the period and of the plant's step round apart."""

@@ -20,6 +20,7 @@ from crar_drake.experiments.tables import markdown_table, write_report
 from crar_drake.log import SimulationLog
 from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
+from crar_drake.robot_description import nearest
 from crar_drake.run import make_log
 from crar_drake.scenario import Scenario
 from crar_drake.summary import controlled_joints
@@ -91,10 +92,18 @@ def violating_posture(model: ControlModel, start: Start) -> np.ndarray:
     every other pair keeps a centimetre is taken.
 
     Raises:
-        CrarError: none was found, so the start asks for the impossible.
+        CrarError: there is no such pair or joint, or no such posture was found, so
+            that the start asks for the impossible.
     """
     workspace = model.MakeWorkspace()
     names = [f"{a} - {b}" for a, b in model.pairs.names]
+    for known, wanted in (
+        (names, start.pairs),
+        (model.joint_names, [joint for joint, _ in start.joints]),
+    ):
+        for name in wanted:
+            if name not in known:
+                raise CrarError(f"start {start.name!r}: {name}{nearest(name, known)}")
     rows = np.array([names.index(pair) for pair in start.pairs], dtype=int)
     others = np.setdiff1d(np.arange(len(names)), rows)
     joints = {model.joint_names.index(joint): side for joint, side in start.joints}

@@ -14,7 +14,7 @@ from pathlib import Path
 from crar_drake import MakeCrarDiagram, load_scenario
 
 IMAGES = Path(__file__).resolve().parent / "images"
-SECONDS = 6.5  # into the recording
+SECONDS = 9.0  # into the recording
 
 
 def draw_diagram() -> None:

@@ -28,6 +28,7 @@ from crar_drake.summary import controlled_joints
 PENETRATION = 0.015  # [m]
 EXCESS = np.deg2rad(5.0)  # [rad]
 _DURATION = 2.0  # [s]
+_SETTLED = 0.5  # [s] by which a violation must have been left
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,9 @@ class Recovery:
         start: it.
         depth: penetration at the start [m]; excess: beyond limits [rad].
         time: until no constraint is violated any more, for good [s]; inf if never.
-        effort_share: largest |torque| over its joint's effort limit.
-        smallest_distance: after that time [m].
+        effort_share: largest |torque| over its joint's effort limit, until then.
+        later_effort_share: the same, afterwards, on the way to the target.
+        smallest_distance: from `_SETTLED` on [m].
     """
 
     start: Start
@@ -65,6 +67,7 @@ class Recovery:
     excess: float
     time: float
     effort_share: float
+    later_effort_share: float
     smallest_distance: float
 
 
@@ -170,13 +173,15 @@ def judge(start: Start, log: SimulationLog, model: ControlModel) -> Recovery:
     after = 0 if not len(violated) else violated[-1] + 1
     clear = after < len(log.time)
     efforts = model.effort_limits[model.controlled]
+    share = (np.abs(joints.torque) / efforts).max(axis=1)
     return Recovery(
         start=start,
         depth=max(0.0, -float(smallest[0])),
         excess=max(0.0, float(excess[0])),
         time=float(log.time[after]) if clear else float("inf"),
-        effort_share=float((np.abs(joints.torque) / efforts).max()),
-        smallest_distance=float(smallest[after:].min()) if clear else float("nan"),
+        effort_share=float(share[: after + 1].max()),
+        later_effort_share=float(share[after:].max()) if clear else float("nan"),
+        smallest_distance=float(smallest[log.time >= _SETTLED].min()),
     )
 
 
@@ -199,8 +204,9 @@ def report(results: Sequence[tuple[str, Recovery]]) -> str:
             "target",
             "depth or excess",
             "left after",
-            "peak torque / effort limit",
-            "distance kept then",
+            "peak torque / effort limit until then",
+            "and later",
+            f"smallest distance after {_SETTLED:g} s",
         ],
         [
             [
@@ -212,6 +218,7 @@ def report(results: Sequence[tuple[str, Recovery]]) -> str:
                 else f"{np.rad2deg(r.excess):.1f}°",
                 f"{r.time:.2f} s",
                 f"{100 * r.effort_share:.0f} %",
+                f"{100 * r.later_effort_share:.0f} %",
                 f"{1e3 * r.smallest_distance:.1f} mm",
             ]
             for experiment, r in results

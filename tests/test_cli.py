@@ -214,7 +214,15 @@ def test_a_mistake_found_in_the_middle_is_told(it, monkeypatch, capsys):
     assert contents(it) == before
 
 
-def test_interrupting_writes_nothing(it, monkeypatch, capsys):
+@pytest.fixture
+def interruptible():
+    """A background job may have been started with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_interrupting_writes_nothing(it, monkeypatch, capsys, interruptible):
     in_the_middle(monkeypatch, lambda: signal.raise_signal(signal.SIGINT))
     before = contents(it)
     assert cli.main(RUN) == 130

@@ -108,6 +108,8 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         task_error=np.zeros((T, layout.m)),
         signed_distances=distances,
         constraint_weights=np.ones((T, model.n)),
+        status=np.zeros((T, 1)),
+        resting_margins=np.full((T, 2), np.nan),
         position_names=np.array(model.position_names),
         actuator_names=np.array(model.position_names),
         controlled_names=np.array(model.joint_names),

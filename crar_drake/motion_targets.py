@@ -48,18 +48,16 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
         )
     plant = model.plant
     context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, model.rest_positions())
-    p = {
-        name: find_frame(plant, frame).CalcPoseInWorld(context).translation()
-        for name, frame in frames.items()
-    }
-    waist_height = float(p["waist"][2])
-    q = np.zeros(plant.num_positions())
-    plant.SetPositions(context, q)
-    p = {
-        name: find_frame(plant, frame).CalcPoseInWorld(context).translation()
-        for name, frame in frames.items()
-    }
+
+    def positions(q: np.ndarray) -> dict[str, np.ndarray]:
+        plant.SetPositions(context, q)
+        return {
+            name: find_frame(plant, frame).CalcPoseInWorld(context).translation()
+            for name, frame in frames.items()
+        }
+
+    waist_height = float(positions(model.rest_positions())["waist"][2])
+    p = positions(np.zeros(plant.num_positions()))
 
     def length(a: str, b: str) -> float:
         return float(np.linalg.norm(p[a] - p[b]))

@@ -8,7 +8,8 @@ own loop.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,13 +22,9 @@ from crar_drake.equations.collisions import (
     pair_weights,
 )
 from crar_drake.equations.composite_weight import composite_index, composite_weights
-from crar_drake.equations.joint_limits import (
-    joint_limit_gradient,
-    joint_limit_proximity,
-    joint_limit_weights,
-)
+from crar_drake.equations.joint_limits import LimitPotential, joint_limit_weights
 from crar_drake.equations.lookahead import (
-    make_limits,
+    JointLimits,
     make_rows,
     resting_configuration,
     slip_velocity,
@@ -45,7 +42,7 @@ from crar_drake.equations.tasks import DesiredTasks, task_error
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 from crar_drake.errors import CrarError
 from crar_drake.parameters import CrarParameters
-from crar_drake.robot import ControlModel, ModelState, Workspace
+from crar_drake.robot import ControlModel, Distances, ModelState, Workspace
 
 # Values of the controller's output port "status".
 STATUS_TRACKING = 0.0  # the targets as given
@@ -53,11 +50,14 @@ STATUS_BLENDING = 1.0  # on the way onto the targets
 STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 
 
+_NO_MARGINS = np.full(2, np.nan)
+
+
 class InputError(CrarError):
     """A value that reached the controller at run time cannot be used."""
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Targets:
     """What one control step is asked to do.
 
@@ -74,13 +74,14 @@ class Targets:
 
     def finite(self) -> bool:
         """Whether there is no NaN or infinite value among the targets."""
-        given = [self.tasks, self.prescribed]
+        # A sum is finite unless an entry is not, or entries are beyond all sense.
+        total = self.tasks.sum() + self.prescribed.sum()
         if self.nominal_posture is not None:
-            given.append(self.nominal_posture)
-        return all(np.isfinite(value).all() for value in given)
+            total += self.nominal_posture.sum()
+        return math.isfinite(total)
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Memory:
     """What one control step leaves to the next; never changed in place.
 
@@ -109,7 +110,7 @@ class Memory:
     slip: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Solution:
     """The results of one control step.
 
@@ -141,7 +142,7 @@ class Solution:
     status: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class ControlStep:
     """A control step's results and what it leaves to the next.
 
@@ -157,7 +158,7 @@ class ControlStep:
         return self  # Drake copies states often; nothing here is ever changed.
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class References:
     """What the targets ask for, with task weights applied to every row.
 
@@ -178,7 +179,7 @@ class References:
     qddot_p: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Resolved:
     """What a constraint mode makes of the references.
 
@@ -188,7 +189,7 @@ class Resolved:
         W: (n,) diagonal of the weight matrix.
         limit_proximity, pair_proximity: for the next step's Eqs. (18), (21).
         slip: (n,) for the next step's `slip_velocity`.
-        resting_margins: (2,) see `Solution`.
+        resting_margins: (2,) see `Solution`; None for NaN.
     """
 
     qddot: np.ndarray
@@ -197,10 +198,10 @@ class Resolved:
     limit_proximity: np.ndarray | None = None
     pair_proximity: np.ndarray | None = None
     slip: np.ndarray | None = None
-    resting_margins: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    resting_margins: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class ConstraintWeights:
     """The diagonal of W, and what its next evaluation compares with."""
 
@@ -227,6 +228,16 @@ class ControlLaw:
         self.model = model
         self.parameters = parameters or CrarParameters()
         self.parameters.validate()
+        self._limit_potential = LimitPotential(model.lower, model.upper)
+        ahead = self.parameters.lookahead
+        self._joint_limits = JointLimits(
+            model.lower,
+            model.upper,
+            margin=ahead.limit_margin,
+            gamma=ahead.retreat_rate,
+            fastest=ahead.joint_retreat_speed,
+            rho=ahead.rho_limits,
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -318,10 +329,15 @@ class ControlLaw:
             InputError: a desired orientation is a quaternion of zero length.
         """
         model, gains = self.model, self.parameters
-        state = model.evaluate(workspace, q, v)
+        there = None
+        if gains.constraints == "lookahead":
+            q_s = resting_configuration(q, v, gains.braking_horizon)
+            state, there = model.evaluate_with_ahead(workspace, q, v, q_s)
+        else:
+            state = model.evaluate(workspace, q, v)
         desired = model.layout.unpack(targets.tasks)
         # A quaternion of zero length is a number, but no orientation.
-        oriented = np.isfinite(desired.R).all()
+        oriented = not len(desired.R) or np.isfinite(desired.R).all()
         if self.brakes_without_targets and not (oriented and targets.finite()):
             return self._brake(workspace, memory, tick, q, v, state)
         if not oriented:
@@ -339,22 +355,23 @@ class ControlLaw:
             )
         blend = smooth_step(time - memory.start_time, gains.blend_time)
         references = self._references(state, memory, targets, desired, blend)
-        if gains.constraints == "lookahead":
+        if there is not None:
             slip = self._slip(memory, tick, state)
-            resolved = self._resolve_lookahead(workspace, q, v, state, references, slip)
+            resolved = self._resolve_lookahead(state, there, references, slip)
         else:
             resolved = self._resolve_paper(state, references, memory)
 
-        vdot = np.empty(model.n + model.n_p)
-        vdot[model.controlled] = resolved.qddot
-        vdot[model.prescribed] = references.qddot_p
+        vdot = model.join(resolved.qddot, references.qddot_p)
         error = task_error(model.layout, state.R, state.p, desired.R, desired.p)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
         return ControlStep(
             self._solution(workspace, q, v, vdot, state, error, resolved, status),
-            replace(
-                memory,
+            Memory(
                 tick=tick,
+                start_time=memory.start_time,
+                R_start=memory.R_start,
+                p_start=memory.p_start,
+                q_p_start=memory.q_p_start,
                 limit_proximity=resolved.limit_proximity,
                 pair_proximity=resolved.pair_proximity,
                 qdot_c=resolved.qdot_c,
@@ -405,14 +422,13 @@ class ControlLaw:
                 stiffness * (targets.nominal_posture - state.q)
                 - 2.0 * np.sqrt(stiffness) * state.qdot
             )
-        return References(
-            J=S[:, None] * state.J,
-            v_r=S * (v_r - state.J_p @ state.qdot_p),
-            a_r=S * (a_r - state.J_p @ qddot_p),
-            Jdot_qdot=S * state.Jdot_qdot,
-            posture=posture,
-            qddot_p=qddot_p,
-        )
+        J, Jdot_qdot = state.J, state.Jdot_qdot
+        v_r = v_r - state.J_p @ state.qdot_p
+        a_r = a_r - state.J_p @ qddot_p
+        if model.weighs_rows:
+            J, Jdot_qdot = S[:, None] * J, S * Jdot_qdot
+            v_r, a_r = S * v_r, S * a_r
+        return References(J, v_r, a_r, Jdot_qdot, posture, qddot_p)
 
     def _resolve_paper(
         self, state: ModelState, references: References, memory: Memory
@@ -444,35 +460,22 @@ class ControlLaw:
 
     def _resolve_lookahead(
         self,
-        workspace: Workspace,
-        q: np.ndarray,
-        v: np.ndarray,
         state: ModelState,
+        there: Distances,
         references: References,
         slip: np.ndarray,
     ) -> Resolved:
         """The mode of `equations.lookahead`: constraints where q + T q_dot rests."""
         model, gains = self.model, self.parameters
         ahead, T = gains.lookahead, gains.braking_horizon
-        q_s = resting_configuration(q, v, T)
-        there = model.evaluate_distances(workspace, q_s)
         h = np.concatenate([there.d, state.d + T * (state.dd_dq @ state.qdot)])
         g = np.concatenate([there.dd_dq, state.dd_dq])
-        drift = np.zeros(len(h))
         if model.n_p:
             h[len(there.d) :] += T * (state.dd_dq_p @ state.qdot_p)
             s_p = state.qdot_p + T * references.qddot_p
-            drift = np.concatenate([there.dd_dq_p, state.dd_dq_p]) @ s_p
-        limits = make_limits(
-            q_s[model.controlled],
-            model.lower,
-            model.upper,
-            margin=ahead.limit_margin,
-            gamma=ahead.retreat_rate,
-            fastest=ahead.joint_retreat_speed,
-            rho=ahead.rho_limits,
-            slip=slip,
-        )
+            drift = np.concatenate([there.dd_dq_p @ s_p, state.dd_dq_p @ s_p])
+        else:
+            drift = np.zeros(len(h))
         rows = make_rows(
             h,
             g,
@@ -486,13 +489,13 @@ class ControlLaw:
             beta=gains.beta,
             slip=slip,
         )
+        limits = self._joint_limits(resting_configuration(state.q, state.qdot, T), slip)
         chosen = solve_lookahead(
             references.J,
             references.v_r,
             references.a_r - references.Jdot_qdot,
             state.qdot,
-            rows,
-            limits,
+            rows.with_(limits),
             T=T,
             Gv=gains.Gv,
             damping=gains.damping,
@@ -501,10 +504,10 @@ class ControlLaw:
         return Resolved(
             qddot=chosen.qddot,
             qdot_c=chosen.qdot_c,
-            W=np.diag(chosen.W),
+            W=chosen.W.diagonal(),
             slip=slip,
             resting_margins=np.array(
-                [h.min(initial=np.inf), limits.margin.min(initial=np.inf)]
+                [h.min(initial=np.inf), limits.h.min(initial=np.inf)]
             ),
         )
 
@@ -569,7 +572,9 @@ class ControlLaw:
             constraint_weights=resolved.W,
             position_command=np.concatenate([q + period * v_next, v_next]),
             constrained_velocity=resolved.qdot_c,
-            resting_margins=resolved.resting_margins,
+            resting_margins=_NO_MARGINS
+            if resolved.resting_margins is None
+            else resolved.resting_margins,
             status=np.array([status]),
         )
 
@@ -580,8 +585,9 @@ class ControlLaw:
         model, gains = self.model, self.parameters
         if gains.constraints == "none":
             return ConstraintWeights(np.ones(model.n), None, None)
-        limit_gradient = joint_limit_gradient(state.q, model.lower, model.upper)
-        limit_proximity = joint_limit_proximity(state.q, model.lower, model.upper)
+        limit_gradient, limit_proximity = self._limit_potential.gradient_and_proximity(
+            state.q
+        )
         W_JL = joint_limit_weights(
             limit_gradient, limit_proximity, memory.limit_proximity
         )

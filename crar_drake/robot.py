@@ -13,12 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces, RigidBody
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from crar_drake.equations.collisions import distance_gradient_from_links
-from crar_drake.equations.tasks import TaskLayout, task_weights
+from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.tasks import (
+    NO_ROTATIONS,
+    TaskJacobian,
+    TaskLayout,
+    task_weights,
+)
 from crar_drake.errors import ModelError
+from crar_drake.link_kinematics import LinkKinematics
 from crar_drake.robot_description import (
     RobotDescription,
     add_robot,
@@ -30,10 +36,8 @@ from crar_drake.robot_description import (
 from crar_drake.task import Task
 from crar_drake.watched_pairs import WatchedPairs
 
-_ORIGIN = np.zeros(3)
 
-
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class ModelState:
     """What the equations need to know of one state, all in the world frame W.
 
@@ -69,7 +73,7 @@ class ModelState:
     dd_dq_p: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Distances:
     """Signed distances of the watched pairs at some configuration.
 
@@ -119,6 +123,7 @@ class ControlModel:
         description: the robot description it was made with.
         tasks, layout: the tasks and their rows.
         row_weights: (m,) per-task weights, see `equations.tasks.task_weights`.
+        weighs_rows: whether one of them is not 1.
         pairs: the watched pairs.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
         controlled, prescribed: their indices in v (and q).
@@ -248,49 +253,32 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
-        plant, context = self.plant, workspace.plant_context
-        W = plant.world_frame()
-        plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
+        context = workspace.plant_context
+        self.plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
+        points, S = self.kinematics([context])
+        (near,) = self._distances(points, S, [workspace.scene_graph_context])
+        return self._state(context, q, v, points[0], S[0], near)
 
-        p_W, J_WL = self._links(context)
+    def evaluate_with_ahead(
+        self, workspace: Workspace, q: np.ndarray, v: np.ndarray, q_ahead: np.ndarray
+    ) -> tuple[ModelState, Distances]:
+        """`evaluate`, and the distances at another configuration, at once.
 
-        # Tasks: shift each link's Jacobian to the task's point.
-        layout = self.layout
-        p_WT = p_W[self._task_points]
-        J_LT = J_WL[self._task_links]
-        J_angular = J_LT[:, :3]
-        J_linear = J_LT[:, 3:] - _skew(p_WT) @ J_angular
-        J = np.empty((self.m, plant.num_velocities()))
-        Jdot_qdot = np.empty(self.m)
-        J[layout.angular_rows] = J_angular[layout.angular_tasks]
-        J[layout.linear_rows] = J_linear[layout.linear_tasks]
-        for i, (frame, p_FT) in enumerate(self._task_targets):
-            bias = plant.CalcBiasSpatialAcceleration(
-                context, JacobianWrtVariable.kV, frame, p_FT, W, W
-            ).get_coeffs()
-            Jdot_qdot[layout.rows_of(i)] = bias[self._bias_rows[i]]
-        R_WT = np.empty((len(layout.angular_tasks), 3, 3))
-        for i, task in enumerate(layout.angular_tasks):
-            frame, _ = self._task_targets[task]
-            R_WT[i] = frame.CalcRotationMatrixInWorld(context).matrix()
-
-        near = self._distances(p_W, J_WL, workspace.scene_graph_context)
-        c, p = self.controlled, self.prescribed
-        return ModelState(
-            q=q[c],
-            qdot=v[c],
-            q_p=q[p],
-            qdot_p=v[p],
-            R=R_WT,
-            p=p_WT[layout.linear_tasks],
-            v=J @ v,
-            J=J[:, c],
-            J_p=J[:, p],
-            Jdot_qdot=Jdot_qdot,
-            d=near.d,
-            dd_dq=near.dd_dq,
-            dd_dq_p=near.dd_dq_p,
+        Args:
+            workspace: of this model.
+            q, v: (nq,), (nv,) the state, at which it leaves the workspace.
+            q_ahead: (nq,) where else the distances are wanted.
+        """
+        here, ahead = workspace.plant_context, workspace.plant_context_ahead
+        self.plant.SetPositionsAndVelocities(here, np.concatenate([q, v]))
+        self.plant.SetPositions(ahead, q_ahead)
+        points, S = self.kinematics([here, ahead])
+        near, there = self._distances(
+            points,
+            S,
+            [workspace.scene_graph_context, workspace.scene_graph_context_ahead],
         )
+        return self._state(here, q, v, points[0], S[0], near), there
 
     def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
         """Eq. (20) at a configuration other than the workspace's, which stays.
@@ -301,8 +289,8 @@ class ControlModel:
         """
         context = workspace.plant_context_ahead
         self.plant.SetPositions(context, q)
-        p_W, J_WL = self._links(context)
-        return self._distances(p_W, J_WL, workspace.scene_graph_context_ahead)
+        points, S = self.kinematics([context])
+        return self._distances(points, S, [workspace.scene_graph_context_ahead])[0]
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
@@ -323,6 +311,13 @@ class ControlModel:
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
         return self._actuators_from_efforts @ (tau + self._implicit_damping * vdot)
 
+    def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
+        """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
+        joined = np.empty(self.n + self.n_p)
+        joined[self._controlled] = controlled
+        joined[self._prescribed] = prescribed
+        return joined
+
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
         plant = self.plant
@@ -332,36 +327,80 @@ class ControlModel:
             q[joint.position_start()] = value
         return q
 
-    def _links(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
-        """All points (num_points, 3) and link Jacobians (links, 6, nv), in W.
-
-        The Jacobians are of the link's point that is at the world's origin.
-        """
-        plant = self.plant
-        W = plant.world_frame()
-        p_W = np.empty((self._num_points, 3))
-        J_WL = np.empty((len(self._links_points), 6, plant.num_velocities()))
-        for i, (frame, p_L, points) in enumerate(self._links_points):
-            p_W[points] = plant.CalcPointsPositions(context, frame, p_L, W).T
-            J_WL[i] = plant.CalcJacobianSpatialVelocity(
-                context, JacobianWrtVariable.kV, frame, _ORIGIN, W, W
+    def _state(
+        self,
+        context: Context,
+        q: np.ndarray,
+        v: np.ndarray,
+        points: np.ndarray,
+        S: np.ndarray,
+        near: Distances,
+    ) -> ModelState:
+        """What `evaluate` returns, from points (3, P) and S (6, nv) of that state."""
+        layout = self.layout
+        p_WT = points[:, : len(self.tasks)]
+        J = self._task_jacobian(p_WT, S)
+        R_WT = NO_ROTATIONS
+        if self._oriented_frames:
+            R_WT = np.array(
+                [
+                    frame.CalcRotationMatrixInWorld(context).matrix()
+                    for frame in self._oriented_frames
+                ]
             )
-        J_WL[:, 3:] += _skew(p_W[self._origin_points]) @ J_WL[:, :3]
-        return p_W, J_WL
+        c, p = self._controlled, self._prescribed
+        return ModelState(
+            q=q[c],
+            qdot=v[c],
+            q_p=q[p],
+            qdot_p=v[p],
+            R=R_WT,
+            p=p_WT.T[layout.linear_tasks],
+            v=J @ v,
+            J=J[:, c],
+            J_p=J[:, p],
+            Jdot_qdot=self._bias_accelerations(context),
+            d=near.d,
+            dd_dq=near.dd_dq,
+            dd_dq_p=near.dd_dq_p,
+        )
+
+    def _bias_accelerations(self, context: Context) -> np.ndarray:
+        """Jdot qdot (m,), Eq. (6)."""
+        plant, W, kV = self.plant, self.plant.world_frame(), JacobianWrtVariable.kV
+        parts = [
+            plant.CalcBiasTranslationalAcceleration(context, kV, frame, p_FT, W, W)
+            for frame, p_FT in self._points_of_frame
+        ]
+        parts += [
+            plant.CalcBiasSpatialAcceleration(
+                context, kV, frame, p_FT, W, W
+            ).get_coeffs()[:, None]
+            for frame, p_FT in self._oriented_targets
+        ]
+        stacked = [part.ravel(order="F") for part in parts]
+        return np.concatenate(stacked)[self._bias_rows]
 
     def _distances(
-        self, p_W: np.ndarray, J_WL: np.ndarray, scene_graph_context: Context
-    ) -> Distances:
-        query = None
+        self,
+        points: np.ndarray,
+        S: np.ndarray,
+        scene_graph_contexts: Sequence[Context],
+    ) -> list[Distances]:
+        """Eq. (20) in K configurations, from points (K, 3, P) and S (K, 6, nv)."""
+        queries = ()
         if self.pairs.needs_query:
-            query = self.scene_graph.get_query_output_port().Eval(scene_graph_context)
-        near = self.pairs.proximity(
-            p_W[self._axis_points[:, 0]], p_W[self._axis_points[:, 1]], query
+            port = self.scene_graph.get_query_output_port()
+            queries = [port.Eval(context) for context in scene_graph_contexts]
+        near = self.pairs.proximity(points[:, :, len(self.tasks) :], queries)
+        dd_dv = distance_gradient_about_origin(
+            near.normal, near.p_WA, S, self._pair_moves
         )
-        dd_dv = distance_gradient_from_links(
-            near.normal, near.p_WA, self._pair_links_a, self._pair_links_b, J_WL
-        )
-        return Distances(near.d, dd_dv[:, self.controlled], dd_dv[:, self.prescribed])
+        c, p = self._controlled, self._prescribed
+        return [
+            Distances(d, gradient[:, c], gradient[:, p])
+            for d, gradient in zip(near.d, dd_dv, strict=True)
+        ]
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
@@ -386,10 +425,14 @@ class ControlModel:
                 f"{', '.join(names[i] for i in unactuated)}; add actuators "
                 "(transmissions in a URDF), or weld the joints"
             )
-        self._actuators_from_efforts = plant.MakeActuationMatrixPseudoinverse()
+        self._actuators_from_efforts = (
+            plant.MakeActuationMatrixPseudoinverse().toarray()
+        )
         self.prescribed = np.array(prescribed, dtype=int)
         self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
+        self._controlled = _slice_if_contiguous(self.controlled)
+        self._prescribed = _slice_if_contiguous(self.prescribed)
         if not self.n:
             raise ModelError("the plant has no joint left to control")
         self.position_names = names
@@ -456,74 +499,64 @@ class ControlModel:
                 raise ModelError(f"two tasks are named {name!r}; name them apart")
         self.layout = TaskLayout(names, tuple(task.kind for task in self.tasks))
         self.m = self.layout.m
-        rows = {
-            "position": slice(3, 6),
-            "orientation": slice(0, 3),
-            "pose": slice(0, 6),
-        }
-        self._bias_rows = [rows[task.kind] for task in self.tasks]
+        self._set_bias_calls()
         self.row_weights = task_weights(
             self.layout,
             [task.position_weight for task in self.tasks],
             [task.orientation_weight for task in self.tasks],
         )
+        self.weighs_rows = bool((self.row_weights != 1.0).any())
+
+    def _set_bias_calls(self) -> None:
+        """Which calls give Jdot qdot: one per frame for points, else one per task."""
+        points: dict[int, tuple[Frame, list[np.ndarray]]] = {}
+        places: dict[int, tuple[int, int]] = {}  # task to (frame, place in the call)
+        self._oriented_targets = []
+        for i, (frame, p_FT) in enumerate(self._task_targets):
+            if self.layout.kinds[i] == "position":
+                of_frame = points.setdefault(int(frame.index()), (frame, []))[1]
+                places[i] = (int(frame.index()), len(of_frame))
+                of_frame.append(p_FT)
+            else:
+                self._oriented_targets.append((frame, p_FT))
+        self._points_of_frame = [(frame, np.array(p).T) for frame, p in points.values()]
+        sizes = [3 * len(p) for _, p in points.values()]
+        starts = dict(zip(points, np.cumsum([0, *sizes]), strict=False))
+        rows: list[int] = []
+        row = sum(sizes)
+        for i, kind in enumerate(self.layout.kinds):
+            if kind == "position":
+                frame, place = places[i]
+                first = int(starts[frame]) + 3 * place
+                rows += range(first, first + 3)
+            else:
+                rows += range(row, row + (3 if kind == "orientation" else 6))
+                row += 6
+        self._bias_rows = np.array(rows)
+        self._oriented_frames = [frame for frame, _ in self._oriented_targets]
 
     def _set_points(self) -> None:
-        """Collects, link by link, every point whose position a step needs.
-
-        Bodies that are welded together count as one link: a hand is a segment of its
-        own, but moves with its forearm.
-        """
-        plant = self.plant
-        context = plant.CreateDefaultContext()
-        bodies: list[RigidBody] = []  # one per link
-        points: list[list[np.ndarray]] = []  # per link, its origin first
-
-        def link_of(body: RigidBody) -> int:
-            welded = plant.GetBodiesWeldedTo(body)
-            first = min(welded, key=lambda other: int(other.index()))
-            for link, known in enumerate(bodies):
-                if known.index() == first.index():
-                    return link
-            bodies.append(first)
-            points.append([np.zeros(3)])
-            return len(bodies) - 1
-
-        def add(body: RigidBody, p_B: np.ndarray) -> tuple[int, int]:
-            """Adds a point of a body; returns its link and its place there."""
-            link = link_of(body)
-            X_LB = plant.CalcRelativeTransform(
-                context, bodies[link].body_frame(), body.body_frame()
-            )
-            points[link].append(X_LB.multiply(p_B))
-            return link, len(points[link]) - 1
-
+        """Collects every point whose position a step needs, and what moves it."""
         tasks = [
-            add(frame.body(), frame.GetFixedPoseInBodyFrame().multiply(p_FT))
+            (frame.body(), frame.GetFixedPoseInBodyFrame().multiply(p_FT))
             for frame, p_FT in self._task_targets
         ]
         axes = [
-            (add(body, axis.p_B0), add(body, axis.p_B1))
-            for body, body_axes in zip(self.pairs.bodies, self.pairs.axes, strict=True)
-            for axis in body_axes
+            (body, axis)
+            for body, axes in zip(self.pairs.bodies, self.pairs.axes, strict=True)
+            for axis in axes
         ]
-        of_body = np.array([link_of(body) for body in self.pairs.bodies], dtype=int)
-
-        starts = np.cumsum([0] + [len(of_link) for of_link in points])
-        self._num_points = int(starts[-1])
-        self._origin_points = starts[:-1]
-        self._links_points = [
-            (body.body_frame(), np.array(of_link).T, slice(start, start + len(of_link)))
-            for body, of_link, start in zip(bodies, points, starts[:-1], strict=True)
-        ]
-        self._task_links = np.array([link for link, _ in tasks])
-        self._task_points = np.array([starts[link] + i for link, i in tasks])
-        self._axis_points = np.array(
-            [[starts[k0] + i0, starts[k1] + i1] for (k0, i0), (k1, i1) in axes],
-            dtype=int,
-        ).reshape(-1, 2)
-        self._pair_links_a = of_body[self.pairs.body_a]
-        self._pair_links_b = of_body[self.pairs.body_b]
+        starts = [(body, axis.p_B0) for body, axis in axes]
+        vectors = [(body, axis.p_B1 - axis.p_B0) for body, axis in axes]
+        bodies = self.pairs.bodies
+        self.kinematics = LinkKinematics(self.plant, [*tasks, *starts], vectors, bodies)
+        carried_by = self.kinematics.carried_by
+        self._task_jacobian = TaskJacobian(
+            self.layout, np.array([carried_by(body) for body, _ in tasks])
+        )
+        carried = np.array([carried_by(body) for body in bodies], dtype=float)
+        carried = carried.reshape(-1, self.plant.num_velocities())
+        self._pair_moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""
@@ -555,10 +588,8 @@ def _names_by_joint(plant: MultibodyPlant) -> list[str]:
     return names
 
 
-def _skew(r: np.ndarray) -> np.ndarray:
-    """Matrices S (N, 3, 3) with S x = r cross x, of vectors (N, 3)."""
-    S = np.zeros((len(r), 3, 3))
-    S[:, 0, 1], S[:, 0, 2] = -r[:, 2], r[:, 1]
-    S[:, 1, 0], S[:, 1, 2] = r[:, 2], -r[:, 0]
-    S[:, 2, 0], S[:, 2, 1] = -r[:, 1], r[:, 0]
-    return S
+def _slice_if_contiguous(indices: np.ndarray) -> slice | np.ndarray:
+    """The same selection as a slice where it is one: views, not copies."""
+    if len(indices) and (np.diff(indices) == 1).all():
+        return slice(int(indices[0]), int(indices[-1]) + 1)
+    return indices

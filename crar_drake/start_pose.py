@@ -11,7 +11,7 @@ from crar_drake.equations.collisions import (
     pair_weights,
 )
 from crar_drake.equations.composite_weight import composite_index, composite_weights
-from crar_drake.equations.joint_limits import joint_limit_gradient, joint_limit_weights
+from crar_drake.equations.joint_limits import LimitPotential, joint_limit_weights
 from crar_drake.equations.tasks import task_error
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 from crar_drake.robot import ControlModel, ModelState
@@ -85,7 +85,7 @@ def solve_start_pose(
 def _weights(model: ControlModel, state: ModelState) -> np.ndarray:
     """Eq. (27) with every joint counted as approaching, and gentle decay."""
     W_JL = joint_limit_weights(
-        joint_limit_gradient(state.q, model.lower, model.upper),
+        LimitPotential(model.lower, model.upper).gradient(state.q),
         np.zeros(model.n),
         None,
     )

@@ -17,7 +17,7 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
-from crar_drake.equations.capsule_distances import capsule_distances
+from crar_drake.equations.capsule_distances import CapsulePairs
 from crar_drake.errors import ModelError
 
 DISTANCES = ("closed_form", "scene_graph")
@@ -32,21 +32,20 @@ class CapsuleAxis:
     radius: float  # [m]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Proximity:
-    """Where the segments of each watched pair are nearest.
+    """Where the segments of each watched pair are nearest, in K configurations.
 
     Attributes:
-        d: (Nc,) signed distances [m].
-        normal: (Nc, 3) unit vectors from segment b to segment a, in W.
-        p_WA, p_WB: (Nc, 3) points fixed to a and b on the line of the shortest
-            distance [m]: on the axes of capsules, else on the surfaces.
+        d: (K, Nc) signed distances [m].
+        normal: (K, 3, Nc) unit vectors from segment b to segment a, in W.
+        p_WA: (K, 3, Nc) points fixed to a on the line of the shortest distance [m]:
+            on the axes of capsules, else on the surfaces.
     """
 
     d: np.ndarray
     normal: np.ndarray
     p_WA: np.ndarray
-    p_WB: np.ndarray
 
 
 class WatchedPairs:
@@ -136,8 +135,13 @@ class WatchedPairs:
                         queried.append((row, geometry_a, geometry_b))
                     row += 1
             members.append(list(range(start, row)))
-        self._axis_a = np.array(axis_a, dtype=int)
-        self._axis_b = np.array(axis_b, dtype=int)
+        axis_a = np.array(axis_a, dtype=int)
+        axis_b = np.array(axis_b, dtype=int)
+        # The starts and then the vectors of the axes, each first of a, then of b.
+        num_axes = sum(map(len, self.axes))
+        self._gather = np.concatenate(
+            [axis_a, axis_b, num_axes + axis_a, num_axes + axis_b]
+        )
         self._closed = np.array(closed, dtype=int)
         self._queried = queried
         # Rectangular: a pair with fewer shape pairs repeats its first one.
@@ -145,10 +149,14 @@ class WatchedPairs:
         self._shape_pairs = np.array(
             [rows + rows[:1] * (most - len(rows)) for rows in members], dtype=int
         ).reshape(-1, most)
+        self._shape_pair_rows = most * np.arange(len(pairs))
         self._num_shape_pairs = row
-        radii = np.array([axis.radius for axes in self.axes for axis in axes])
-        self._radius_a = radii[self._axis_a] if len(radii) else np.empty(0)
-        self._radius_b = radii[self._axis_b] if len(radii) else np.empty(0)
+        every = [axis for axes in self.axes for axis in axes]
+        radii = np.array([axis.radius for axis in every])
+        lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
+        self._capsules = CapsulePairs(
+            lengths[axis_a], radii[axis_a], lengths[axis_b], radii[axis_b]
+        )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -159,60 +167,66 @@ class WatchedPairs:
         return bool(self._queried)
 
     def proximity(
-        self, p_W0: np.ndarray, p_W1: np.ndarray, query: QueryObject | None
+        self, axes: np.ndarray, queries: Sequence[QueryObject] = ()
     ) -> Proximity:
-        """The nearest points of every watched pair.
+        """The nearest points of every watched pair in K configurations.
 
         Args:
-            p_W0, p_W1: (Na, 3) ends of all axes, those of `axes[0]` first, in W [m].
-            query: SceneGraph's answers at the same state; only if `needs_query`.
+            axes: (K, 3, 2 Na) in W, the starts of all axes [m], those of `axes[0]`
+                first, and then the vectors from there to their ends.
+            queries: SceneGraph's answers in each configuration; only if
+                `needs_query`.
         """
-        d, normal, p_WA, p_WB = capsule_distances(
-            p_W0[self._axis_a],
-            p_W1[self._axis_a],
-            self._radius_a,
-            p_W0[self._axis_b],
-            p_W1[self._axis_b],
-            self._radius_b,
-        )
+        K, N = len(axes), len(self._gather) // 4
+        gathered = axes.take(self._gather, axis=2).reshape(K, 3, 4, N)
+        p_a, p_b, u, v = (gathered[:, :, i] for i in range(4))
+        d, normal, p_WA, _ = self._capsules(p_a, u, p_b, v)
         if self._queried:
-            d, normal, p_WA, p_WB = self._add_queried(query, d, normal, p_WA, p_WB)
+            d, normal, p_WA = self._add_queried(queries, d, normal, p_WA)
         if self._num_shape_pairs != len(self):
             # The nearest shape pair of each segment pair.
-            best = np.argmin(d[self._shape_pairs], axis=1)
-            keep = self._shape_pairs[np.arange(len(self)), best]
-            d, normal, p_WA, p_WB = d[keep], normal[keep], p_WA[keep], p_WB[keep]
-        return Proximity(d, normal, p_WA, p_WB)
+            best = d.take(self._shape_pairs, axis=1).argmin(axis=2)
+            keep = self._shape_pairs.take(best + self._shape_pair_rows)
+            start = self._num_shape_pairs * np.arange(3 * K)[:, None]
+            places = start.reshape(K, 3, 1) + keep[:, None]
+            d = d.take(start[:K] + keep)
+            normal, p_WA = normal.take(places), p_WA.take(places)
+        return Proximity(d, normal, p_WA)
 
-    def _add_queried(self, query, d, normal, p_WA, p_WB):
+    def _add_queried(self, queries, d, normal, p_WA):
         """Puts SceneGraph's answers between the closed-form rows."""
-        n = self._num_shape_pairs
-        all_d = np.empty(n)
-        all_normal, all_a, all_b = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-        all_d[self._closed], all_normal[self._closed] = d, normal
-        all_a[self._closed], all_b[self._closed] = p_WA, p_WB
-        for row, geometry_a, geometry_b in self._queried:
-            result = query.ComputeSignedDistancePairClosestPoints(
-                geometry_a, geometry_b
-            )
-            X_WA = query.GetPoseInWorld(geometry_a)
-            X_WB = query.GetPoseInWorld(geometry_b)
-            p_ACa, p_BCb, normal_W = result.p_ACa, result.p_BCb, result.nhat_BA_W
-            if result.id_A != geometry_a:
-                # The answer has an order of its own.
-                p_ACa, p_BCb, normal_W = p_BCb, p_ACa, -normal_W
-            all_a[row] = X_WA.multiply(p_ACa)
-            all_b[row] = X_WB.multiply(p_BCb)
-            all_d[row] = result.distance
-            direction = np.array(normal_W)
-            if not np.isfinite(direction).all() or not direction.any():
-                # At an exact touch the library has no normal: take the line
-                # between the shapes' origins.
-                direction = X_WA.translation() - X_WB.translation()
-                if not direction.any():
-                    direction = np.array([0.0, 0.0, 1.0])
-            all_normal[row] = direction / np.linalg.norm(direction)
-        return all_d, all_normal, all_a, all_b
+        K, n = len(d), self._num_shape_pairs
+        all_d = np.empty((K, n))
+        all_normal, all_a = np.empty((K, 3, n)), np.empty((K, 3, n))
+        all_d[:, self._closed] = d
+        all_normal[:, :, self._closed] = normal
+        all_a[:, :, self._closed] = p_WA
+        for k, query in enumerate(queries):
+            for row, geometry_a, geometry_b in self._queried:
+                all_d[k, row], all_normal[k, :, row], all_a[k, :, row] = _ask(
+                    query, geometry_a, geometry_b
+                )
+        return all_d, all_normal, all_a
+
+
+def _ask(
+    query: QueryObject, geometry_a: GeometryId, geometry_b: GeometryId
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """SceneGraph's distance, unit normal from b towards a, and point on a, in W."""
+    result = query.ComputeSignedDistancePairClosestPoints(geometry_a, geometry_b)
+    X_WA = query.GetPoseInWorld(geometry_a)
+    p_ACa, normal = result.p_ACa, np.array(result.nhat_BA_W)
+    if result.id_A != geometry_a:
+        # The answer has an order of its own.
+        p_ACa, normal = result.p_BCb, -normal
+    if not np.isfinite(normal).all() or not normal.any():
+        # At an exact touch the library has no normal: take the line between the
+        # shapes' origins.
+        X_WB = query.GetPoseInWorld(geometry_b)
+        normal = X_WA.translation() - X_WB.translation()
+        if not normal.any():
+            normal = np.array([0.0, 0.0, 1.0])
+    return result.distance, normal / np.linalg.norm(normal), X_WA.multiply(p_ACa)
 
 
 def capsule_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.vectors import cross_rows
+from crar_drake.equations.vectors import cross_columns
 
 # Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
 # d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
@@ -68,36 +68,29 @@ def distance_gradient(
     return np.einsum("ci,cin->cn", normal, J_a - J_b)
 
 
-def distance_gradient_from_links(
-    normal: np.ndarray,
-    point: np.ndarray,
-    link_a: np.ndarray,
-    link_b: np.ndarray,
-    J: np.ndarray,
+def distance_gradient_about_origin(
+    normal: np.ndarray, point: np.ndarray, S: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:
-    """Eq. (20) from the links' spatial Jacobians: many pairs share a link.
+    """Eq. (20) of all pairs as one product, from the joints' motion S.
 
     Both witness points lie on one line along the normal, so that a unit force along
-    it has the same moment m = p x n about the world's origin at either. With
-    J = [J_omega; J_v] there, n^T J_a = m^T J_omega + n^T J_v, and all pairs are one
-    product.
+    it has the same moment p x n about the world's origin at either. The wrench does
+    work on joint j at the rate [p x n; n]^T S_j if j carries a, less that if it
+    carries b: n^T (J_a - J_b).
 
     Args:
-        normal: (Nc, 3) unit vectors from b towards a, in W.
-        point: (Nc, 3) any point of the line through both witness points [m].
-        link_a, link_b: (Nc,) the links that carry the witness points.
-        J: (L, 6, n) spatial Jacobians of the links, of their points at the world's
-            origin, angular rows first, in W.
+        normal: (..., 3, Nc) unit vectors from b towards a, in W.
+        point: (..., 3, Nc) any point of the line through both witness points [m].
+        S: (..., 6, n) the joints' motion about the world's origin, angular above
+            linear, see `LinkKinematics`.
+        moves: (Nc, n) 1 where the joint carries a alone, -1 where it carries b
+            alone, else 0.
 
     Returns:
-        (Nc, n) gradients [m/rad or 1].
+        (..., Nc, n) gradients [m/rad or 1].
     """
-    wrench = np.concatenate([cross_rows(point, normal), normal], axis=1)
-    pairs = np.arange(len(normal))
-    rows = np.zeros((len(normal), len(J), 6))
-    rows[pairs, link_a] = wrench
-    rows[pairs, link_b] -= wrench
-    return rows.reshape(len(normal), 6 * len(J)) @ J.reshape(6 * len(J), J.shape[2])
+    wrench = np.concatenate([cross_columns(point, normal), normal], axis=-2)
+    return (wrench.swapaxes(-1, -2) @ S) * moves
 
 
 def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:
@@ -127,8 +120,11 @@ def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
     Returns:
         (Nc, n).
     """
+    magnitude = np.abs(gradient)
+    if d.min(initial=np.inf) >= DISTANCE_CLAMP:
+        return magnitude
     depth = np.maximum(DISTANCE_CLAMP - d, 0.0) / DISTANCE_CLAMP
-    return np.abs(gradient) * (1.0 + depth)[:, None]
+    return magnitude * (1.0 + depth)[:, None]
 
 
 def pair_weights(
@@ -148,7 +144,7 @@ def pair_weights(
     magnitude = np.abs(gradient)
     if previous is None:
         return 1.0 + magnitude
-    return 1.0 + np.where(proximity >= previous, magnitude, 0.0)
+    return 1.0 + magnitude * (proximity >= previous)
 
 
 def collision_weights(W_COL_j: np.ndarray) -> np.ndarray:
@@ -162,4 +158,4 @@ def collision_weights(W_COL_j: np.ndarray) -> np.ndarray:
     """
     if not len(W_COL_j):
         return np.ones(W_COL_j.shape[1])
-    return W_COL_j.mean(axis=0)
+    return W_COL_j.sum(axis=0) / len(W_COL_j)

@@ -25,56 +25,60 @@ def joint_limit_potential(
     return (upper - lower) ** 2 / (4.0 * (upper - q) * (q - lower))
 
 
-def joint_limit_gradient(
-    q: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> np.ndarray:
-    """Eq. (17): the gradient of the joint-limit potential, per joint.
+class LimitPotential:
+    """The gradient of the joint-limit potential, Eq. (17), for one set of limits.
 
     Inside by less than LIMIT_CLAMP, or outside, it is taken at LIMIT_CLAMP inside
     (for a range narrower than four clamps, at a quarter of the range; a locked
     joint has a range as wide as one clamp). Where a limit is infinite the joint
     counts as unlimited and the gradient is 0.
-
-    Args:
-        q: (n,) positions [rad or m].
-        lower, upper: (n,) limits [rad or m], +-inf where there is none.
-
-    Returns:
-        (n,) gradient [1/rad or 1/m].
     """
-    limited = np.isfinite(lower) & np.isfinite(upper)
-    lower = np.where(limited, lower, -1.0)
-    upper = np.where(limited, upper, 1.0)
-    # Equal limits would give 0/0.
-    widening = 0.5 * np.maximum(LIMIT_CLAMP - (upper - lower), 0.0)
-    lower, upper = lower - widening, upper + widening
-    span = upper - lower
-    clamp = np.minimum(LIMIT_CLAMP, 0.25 * span)
-    q = np.clip(q, lower + clamp, upper - clamp)
-    to_upper, to_lower = upper - q, q - lower
-    gradient = span**2 * (to_lower - to_upper) / (4.0 * (to_upper * to_lower) ** 2)
-    return np.where(limited, gradient, 0.0)
 
+    def __init__(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """
+        Args:
+            lower, upper: (n,) limits [rad or m], +-inf where there is none.
+        """
+        limited = np.isfinite(lower) & np.isfinite(upper)
+        lower = np.where(limited, lower, -1.0)
+        upper = np.where(limited, upper, 1.0)
+        # Equal limits would give 0/0.
+        widening = 0.5 * np.maximum(LIMIT_CLAMP - (upper - lower), 0.0)
+        self._lower, self._upper = lower - widening, upper + widening
+        span = self._upper - self._lower
+        clamp = np.minimum(LIMIT_CLAMP, 0.25 * span)
+        self._first, self._last = self._lower + clamp, self._upper - clamp
+        self._factor = np.where(limited, 0.25 * span**2, 0.0)
 
-def joint_limit_proximity(
-    q: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> np.ndarray:
-    """The |grad h_i| that Eq. (18) compares between steps.
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """Eq. (17) at q (n,) [rad or m]: (n,) [1/rad or 1/m]."""
+        return self._gradient(self._clamped(q))
 
-    Inside the clamp it is the magnitude of Eq. (17). From there outwards the
-    printed formula jumps to infinity and then shrinks, so it would take going
-    further out for coming back; here it goes on growing linearly with q instead.
+    def gradient_and_proximity(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Eq. (17), and the |grad h_i| that Eq. (18) compares between steps.
 
-    Args:
-        q: (n,) positions, not clamped [rad or m].
-        lower, upper: (n,) limits [rad or m], +-inf where there is none.
+        Inside the clamp that is the magnitude of Eq. (17). From there outwards the
+        printed formula jumps to infinity and then shrinks, so it would take going
+        further out for coming back; here it goes on growing linearly with q instead.
 
-    Returns:
-        (n,) monotone measure of nearness [1/rad or 1/m]; 0 for unlimited joints.
-    """
-    magnitude = np.abs(joint_limit_gradient(q, lower, upper))
-    beyond = np.maximum(lower + LIMIT_CLAMP - q, q - upper + LIMIT_CLAMP)
-    return magnitude * (1.0 + np.maximum(beyond, 0.0) / LIMIT_CLAMP)
+        Args:
+            q: (n,) positions, not clamped [rad or m].
+
+        Returns:
+            (n,) gradient and (n,) monotone measure of nearness [1/rad or 1/m], both
+            0 for unlimited joints.
+        """
+        clamped = self._clamped(q)
+        gradient = self._gradient(clamped)
+        beyond = np.abs(q - clamped)
+        return gradient, np.abs(gradient) * (1.0 + beyond / LIMIT_CLAMP)
+
+    def _clamped(self, q: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(q, self._first), self._last)
+
+    def _gradient(self, q: np.ndarray) -> np.ndarray:
+        to_upper, to_lower = self._upper - q, q - self._lower
+        return self._factor * (to_lower - to_upper) / np.square(to_upper * to_lower)
 
 
 def joint_limit_weights(
@@ -84,7 +88,7 @@ def joint_limit_weights(
 
     Args:
         gradient: (n,) Eq. (17) at the present step.
-        proximity: (n,) `joint_limit_proximity` at the present step.
+        proximity: (n,) `LimitPotential.gradient_and_proximity` at the present step.
         previous: (n,) the same at the previous step; None at the first step,
             where the change counts as 0, that is as approaching.
 
@@ -93,4 +97,4 @@ def joint_limit_weights(
     """
     if previous is None:
         return 1.0 + np.abs(gradient)
-    return 1.0 + np.where(proximity >= previous, np.abs(gradient), 0.0)
+    return 1.0 + np.abs(gradient) * (proximity >= previous)

@@ -20,24 +20,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, dpotrs
 
-from crar_drake.equations.joint_limits import joint_limit_gradient
+from crar_drake.equations.joint_limits import LimitPotential
 
 # A margin of a row smaller than this [m] weighs as this: weights stay finite.
 SMALLEST_MARGIN = 1e-4
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Constraints h >= d_min that change by g s + drift per second.
+@dataclass(slots=True)
+class Constraints:
+    """Margins h that should stay positive and change by g s + drift per second.
+
+    Rows of pairs and of joint limits alike: of a limit, g is a signed unit vector.
 
     Attributes:
-        h: (R,) where the distances will come to rest [m].
-        g: (R, n) their gradients by the controlled joints [m/rad].
-        drift: (R,) their change by the prescribed joints' motion [m/s].
-        weight: (R,) omega, `row_weights` [s^2/m^2 per (rad/s)^2].
-        retreat: (R,) r, the speed at which a violated row must recede [m/s].
+        h: (C,) margins where the robot will come to rest: distances of pairs [m],
+            or from a joint to its nearer limit [rad], negative beyond it.
+        g: (C, n) their gradients by the controlled joints [m/rad or 1].
+        drift: (C,) their change other than by s: by the prescribed joints, and by
+            what of the slip goes towards the constraint [m/s or rad/s].
+        weight: (C,) omega of a pair, `row_weights`, or rho_JL |grad h_i| of a limit.
+        retreat: (C,) r, the speed at which a violated one must recede [m/s or
+            rad/s].
     """
 
     h: np.ndarray
@@ -46,29 +51,18 @@ class Rows:
     weight: np.ndarray
     retreat: np.ndarray
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Joint limits seen from q_s, per controlled joint.
-
-    Attributes:
-        margin: (n,) from q_s to the nearer limit [rad], negative beyond it,
-            infinite where there is none.
-        outward: (n,) +1 where the nearer limit is the upper one, -1 where it is
-            the lower one.
-        weight: (n,) rho_JL |grad h_i| of Eq. (17) at q_s; 0 without limits.
-        retreat: (n,) speed at which a violated joint must come back [rad/s].
-        drift: (n,) motion of q_s towards that limit that is not commanded [rad/s].
-    """
-
-    margin: np.ndarray
-    outward: np.ndarray
-    weight: np.ndarray
-    retreat: np.ndarray
-    drift: np.ndarray
+    def with_(self, other: Constraints) -> Constraints:
+        """These and others, as one set."""
+        return Constraints(
+            np.concatenate([self.h, other.h]),
+            np.concatenate([self.g, other.g]),
+            np.concatenate([self.drift, other.drift]),
+            np.concatenate([self.weight, other.weight]),
+            np.concatenate([self.retreat, other.retreat]),
+        )
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class LookaheadSolution:
     """The lookahead's choice.
 
@@ -153,7 +147,7 @@ def make_rows(
     alpha: float,
     beta: float,
     slip: np.ndarray | None = None,
-) -> Rows:
+) -> Constraints:
     """The rows within the influence distance, with weights and retreat speeds.
 
     Args:
@@ -166,11 +160,11 @@ def make_rows(
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
             what approaches counts [rad/s].
     """
-    near = h < influence
-    h, g, drift = h[near], g[near], drift[near]
+    near = np.flatnonzero(h < influence)
+    h, g, drift = h.take(near), g.take(near, axis=0), drift.take(near)
     if slip is not None:
         drift = drift + np.minimum(g @ slip, 0.0)
-    return Rows(
+    return Constraints(
         h=h,
         g=g,
         drift=drift,
@@ -179,39 +173,59 @@ def make_rows(
     )
 
 
-def make_limits(
-    q_s: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    *,
-    margin: float,
-    gamma: float,
-    fastest: float,
-    rho: float,
-    slip: np.ndarray | float = 0.0,
-) -> Limits:
-    """The joint limits at the resting configuration.
+class JointLimits:
+    """The joint limits as constraints on the resting configuration."""
 
-    Args:
-        q_s: (n,) resting configuration [rad].
-        lower, upper: (n,) limits [rad], infinite where there is none.
-        margin: to keep from them [rad].
-        gamma: a joint nearer than that must come back at gamma (margin - distance),
-        fastest: but at no more than this [rad/s].
-        rho: rho_JL, the weight's amplitude.
-        slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
-            what goes towards the limit counts [rad/s].
-    """
-    to_upper, to_lower = upper - q_s, q_s - lower
-    nearest = np.minimum(to_upper, to_lower)
-    outward = np.where(to_upper <= to_lower, 1.0, -1.0)
-    return Limits(
-        margin=nearest,
-        outward=outward,
-        drift=outward * np.maximum(outward * slip, 0.0),
-        weight=rho * np.abs(joint_limit_gradient(q_s, lower, upper)),
-        retreat=np.minimum(gamma * np.maximum(margin - nearest, 0.0), fastest),
-    )
+    def __init__(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        *,
+        margin: float,
+        gamma: float,
+        fastest: float,
+        rho: float,
+    ) -> None:
+        """
+        Args:
+            lower, upper: (n,) limits [rad], infinite where there is none.
+            margin: to keep from them [rad].
+            gamma: a joint nearer than that must come back at gamma (margin -
+                distance) [1/s],
+            fastest: but at no more than this [rad/s].
+            rho: rho_JL, the weight's amplitude.
+        """
+        self._limited = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
+        self._lower, self._upper = lower[self._limited], upper[self._limited]
+        self._potential = LimitPotential(self._lower, self._upper)
+        self._units = np.eye(len(lower))[self._limited]
+        self._margin, self._gamma, self._fastest = margin, gamma, fastest
+        self._rho = rho
+
+    def __call__(self, q_s: np.ndarray, slip: np.ndarray | None = None) -> Constraints:
+        """One row per limited joint, of its nearer limit, with weight Eq. (17) at q_s.
+
+        Args:
+            q_s: (n,) resting configuration [rad].
+            slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`;
+                only what goes towards the limit counts [rad/s].
+        """
+        q_s = q_s.take(self._limited)
+        to_upper, to_lower = self._upper - q_s, q_s - self._lower
+        h = np.minimum(to_upper, to_lower)
+        inward = np.copysign(1.0, to_upper - to_lower)  # -1 near the upper limit
+        if slip is None:
+            drift = np.zeros(len(h))
+        else:
+            drift = np.minimum(inward * slip.take(self._limited), 0.0)
+        short = np.maximum(self._margin - h, 0.0)
+        return Constraints(
+            h=h,
+            g=inward[:, None] * self._units,
+            drift=drift,
+            weight=self._rho * np.abs(self._potential.gradient(q_s)),
+            retreat=np.minimum(self._gamma * short, self._fastest),
+        )
 
 
 def solve_lookahead(
@@ -219,37 +233,38 @@ def solve_lookahead(
     v_r: np.ndarray,
     a_r: np.ndarray,
     qdot: np.ndarray,
-    rows: Rows,
-    limits: Limits,
+    constraints: Constraints,
     *,
     T: float,
     Gv: float,
     damping: float,
     posture: np.ndarray | None = None,
 ) -> LookaheadSolution:
-    """Resolved acceleration under `rows` and `limits`; it always exists.
+    """Resolved acceleration under constraints; it always exists.
 
     Two stages, each a loop over a growing active set A that starts empty and takes
     up whatever the solution moves towards, until nothing is added. First the
-    paper's law with W(A) = I + sum w_i e_i e_i^T + sum omega_j g_j g_j^T in place of
-    its diagonal W, Eqs. (15), (30), (34), (35) by the push-through identity:
+    paper's law with W(A) = I + sum omega_j g_j g_j^T (of a limit: w_i e_i e_i^T) in
+    place of its diagonal W, Eqs. (15), (30), (34), (35) by the push-through
+    identity:
 
-        M = J^T J + lambda^2 W,   q_dot_c = M^-1 J^T v_r,   z = Gv (q_dot_c - q_dot)
+        M = J^T J + lambda^2 W
+        q_dot_c = M^-1 (J^T v_r - lambda^2 sum omega_j drift_j g_j)
+        z = Gv (q_dot_c - q_dot)
         alpha = M^-1 [J^T a_r + lambda^2 z  if m < n],   s_0 = q_dot + T (alpha + z)
 
     then the guard, which brings s_0 to the speeds that the constraints allow:
 
         s = argmin |s - s_0|^2 + sum omega_j (g_j s + drift_j - r_j)^2
-                               + sum w_i (s_i + drift_i - r_i)^2
 
-    over the rows and limits that s exceeds.
+    over the constraints that s exceeds.
 
     Args:
         J: (m, n) task Jacobian.
         v_r: (m,) v_d + K e less the prescribed joints' share.
         a_r: (m,) Eq. (14) less bias and the prescribed joints' share.
         qdot: (n,) present velocity [rad/s].
-        rows, limits: the constraints.
+        constraints: rows and limits.
         T: braking horizon [s].
         Gv: joint velocity gain [1/s].
         damping: lambda [m], positive.
@@ -257,82 +272,62 @@ def solve_lookahead(
     """
     m, n = J.shape
     damping2 = damping**2
+    g, drift, retreat = constraints.g, constraints.drift, constraints.retreat
+    # With lambda in the roots, both stages have lambda^2 on their diagonals.
+    root = damping * np.sqrt(constraints.weight)
+    rows = root[:, None] * g
+
     normal = J.T @ J
     normal.flat[:: n + 1] += damping2
-    right = np.stack([J.T @ v_r, J.T @ a_r], axis=1)
-    row_on = np.zeros(len(rows.h), dtype=bool)
-    limit_on = np.zeros(n, dtype=bool)
-    penalty = np.zeros((n, n))
-    drift_push = np.zeros(n)
+    sides = np.array([v_r, a_r]) @ J  # (2, n)
+    M, right, penalty = normal, sides, np.zeros((n, n))
+    on = np.zeros(len(drift), dtype=bool)
     passes = 0
     while True:
         passes += 1
-        M = normal + damping2 * penalty
-        velocity_side = right[:, 0] - damping2 * drift_push
-        qdot_c, M_inv_a = _solve_spd(
-            M, np.stack([velocity_side, right[:, 1]], axis=1)
-        ).T
+        factor, answers = _solve_spd(M, right.T)
+        qdot_c, alpha = answers.T
         z = Gv * (qdot_c - qdot)
-        alpha = M_inv_a
         if m < n:
             pull = z if posture is None else z + posture
-            alpha = alpha + _solve_spd(M, damping2 * pull[:, None])[:, 0]
+            alpha = alpha + dpotrs(factor, damping2 * pull)[0]
         s_0 = qdot + T * (alpha + z)
-        new_rows = ~row_on & (rows.g @ s_0 + rows.drift < 0.0)
-        new_limits = (
-            ~limit_on
-            & (limits.weight > 0.0)
-            & (limits.outward * (s_0 + limits.drift) > 0.0)
-        )
-        if not (new_rows.any() or new_limits.any()):
+        rate = g @ s_0 + drift
+        added = (rate < 0.0) > on
+        if not added.any():
             break
-        row_on |= new_rows
-        limit_on |= new_limits
-        penalty, drift_push, _ = _penalty(rows, limits, row_on, limit_on)
-    W = np.eye(n) + penalty
+        on |= added
+        active = rows[on]
+        penalty = active.T @ active  # symmetric to the last bit
+        M = normal + penalty
+        right = sides.copy()
+        right[0] -= (root * drift)[on] @ active
+    W = penalty / damping2
+    W.flat[:: n + 1] += 1.0
 
-    row_on[:] = False
-    limit_on[:] = False
+    wish = root * (retreat - drift)
+    on = np.zeros(len(drift), dtype=bool)
     s = s_0
     while True:
-        new_rows = ~row_on & (rows.g @ s + rows.drift < rows.retreat)
-        new_limits = (
-            ~limit_on
-            & (limits.weight > 0.0)
-            & (limits.outward * (s + limits.drift) > -limits.retreat)
-        )
-        if not (new_rows.any() or new_limits.any()):
+        added = (rate < retreat) > on
+        if not added.any():
             break
-        row_on |= new_rows
-        limit_on |= new_limits
         passes += 1
-        penalty, drift_push, pull = _penalty(rows, limits, row_on, limit_on)
-        penalty.flat[:: n + 1] += 1.0
-        s = _solve_spd(penalty, (s_0 - drift_push + pull)[:, None])[:, 0]
+        on |= added
+        active = rows[on]
+        M = active.T @ active
+        M.flat[:: n + 1] += damping2
+        _, s = _solve_spd(M, damping2 * s_0 + wish[on] @ active)
+        rate = g @ s + drift
     return LookaheadSolution((s - qdot) / T, s, qdot_c, W, passes)
 
 
-def _penalty(
-    rows: Rows, limits: Limits, row_on: np.ndarray, limit_on: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sums over the active set: the matrix of sum omega g g^T + sum w e e^T (n, n),
-    its right-hand side of the drifts (n,), and that of the retreats (n,)."""
-    g, weight = rows.g[row_on], rows.weight[row_on]
-    root = np.sqrt(weight)[:, None] * g
-    penalty = root.T @ root  # symmetric to the last bit
-    w = np.where(limit_on, limits.weight, 0.0)
-    penalty.flat[:: len(w) + 1] += w
-    drift_push = (weight * rows.drift[row_on]) @ g + w * limits.drift
-    retreat = (weight * rows.retreat[row_on]) @ g - w * limits.outward * limits.retreat
-    return penalty, drift_push, retreat
-
-
-def _solve_spd(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """Solves A X = B for a symmetric positive definite A (n, n) by Cholesky."""
-    _, X, info = dposv(A, B)
+def _solve_spd(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The Cholesky factor of A (n, n), and X of A X = B (n,) or (n, k)."""
+    factor, X, info = dposv(A, B)
     if info:
         raise FloatingPointError(
             "a matrix that is positive definite by construction is not: a NaN or an "
             "overflow reached the solver"
         )
-    return X
+    return factor, X

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.weighted_inverse import null_space_projector
-
 
 def constrained_velocity(J_star: np.ndarray, v_r: np.ndarray) -> np.ndarray:
     """Eq. (15): q_dot_c = J+ (v_d + K e), constrained by the weight in J+.
@@ -75,7 +73,7 @@ def acceleration_level_acceleration(
     alpha = J_star @ (a_r - Jdot_qdot)
     m, n = J.shape
     if m < n:
-        alpha += null_space_projector(J, J_star) @ zeta
+        alpha += zeta - J_star @ (J @ zeta)  # N zeta, Eq. (31)
     return alpha
 
 

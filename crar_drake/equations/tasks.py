@@ -9,6 +9,8 @@ import numpy as np
 
 KINDS = ("position", "orientation", "pose")
 
+NO_ROTATIONS = np.empty((0, 3, 3))
+
 
 @dataclass(frozen=True)
 class TaskLayout:
@@ -95,8 +97,11 @@ class TaskLayout:
     def unpack(self, desired: np.ndarray) -> DesiredTasks:
         """Splits [x_d; v_d; a_d] (size,) into its parts."""
         x = desired[: self.size_x]
+        oriented = len(self.angular_tasks) > 0
         return DesiredTasks(
-            R=rotation_from_quaternion(x[self.quaternion_entries]),
+            R=rotation_from_quaternion(x[self.quaternion_entries])
+            if oriented
+            else NO_ROTATIONS,
             p=x[self.position_entries],
             v=desired[self.size_x : self.size_x + self.m],
             a=desired[self.size_x + self.m :],
@@ -121,7 +126,7 @@ class TaskLayout:
         return desired
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class DesiredTasks:
     """The targets of one instant, in the order of a TaskLayout.
 
@@ -136,6 +141,45 @@ class DesiredTasks:
     p: np.ndarray
     v: np.ndarray
     a: np.ndarray
+
+
+class TaskJacobian:
+    """Eq. (5): the task Jacobian J, of v = J q_dot, from the joints' motion.
+
+    A unit velocity of a task's point p along axis e is felt by the joints as the
+    wrench [p x e; e] about the world's origin, a turn about e as [e; 0]: these are
+    the rows that multiply S, see `LinkKinematics`.
+    """
+
+    def __init__(self, layout: TaskLayout, carried: np.ndarray) -> None:
+        """
+        Args:
+            layout: which rows belong to which task.
+            carried: (tasks, n) whether a joint moves the task's frame.
+        """
+        m = layout.m
+        task_of_row = np.empty(m, dtype=int)
+        fixed = np.zeros((m, 6))
+        # Per row and column of [p x e; e], its factors of all tasks' (x, y, z).
+        by_point = np.zeros((m, 6, 3, len(carried)))
+        for task, rows in zip(layout.angular_tasks, layout.angular_rows, strict=True):
+            task_of_row[rows] = task
+            fixed[rows, :3] = np.eye(3)
+        for task, rows in zip(layout.linear_tasks, layout.linear_rows, strict=True):
+            task_of_row[rows] = task
+            fixed[rows, 3:] = np.eye(3)
+            for axis, row in enumerate(rows):
+                for component in range(3):
+                    unit = np.eye(3)[component]
+                    by_point[row, :3, component, task] = np.cross(unit, np.eye(3)[axis])
+        self._fixed = fixed.ravel()
+        self._by_point = by_point.reshape(6 * m, -1)
+        self._carried = carried[task_of_row].astype(float)
+
+    def __call__(self, p: np.ndarray, S: np.ndarray) -> np.ndarray:
+        """J (m, n) of tasks at the points p (3, tasks) [m], from S (6, n), in W."""
+        wrenches = (self._by_point @ p.ravel() + self._fixed).reshape(-1, 6)
+        return (wrenches @ S) * self._carried
 
 
 def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:

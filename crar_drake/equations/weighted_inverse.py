@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 
 def weighted_pseudo_inverse(J: np.ndarray, W: np.ndarray) -> np.ndarray:
@@ -39,17 +40,27 @@ def damped_weighted_pseudo_inverse(
     Returns:
         (n, m).
     """
-    WinvJT = J.T / W[:, None]
     m, n = J.shape
     if damping > 0.0 and n < m:
         # The same matrix by the push-through identity, and the smaller system:
         # (J^T J + lambda^2 W)^-1 J^T.
         normal = J.T @ J
         normal.flat[:: n + 1] += damping**2 * W
-        return np.linalg.solve(normal, J.T)
-    core = J @ WinvJT
+        return _solve_spd(normal, J.T)
+    JWinv = J / W
+    core = JWinv @ J.T
     core.flat[:: m + 1] += damping**2
-    return np.linalg.solve(core, WinvJT.T).T  # core is symmetric
+    return _solve_spd(core, JWinv).T
+
+
+def _solve_spd(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """X of A X = B for a symmetric positive definite A, by Cholesky."""
+    if not A.size:
+        return np.zeros(B.shape)
+    _, X, info = dposv(A, B)
+    if info:
+        raise np.linalg.LinAlgError("the matrix is singular: damp it, or check for NaN")
+    return X
 
 
 def null_space_projector(J: np.ndarray, J_star: np.ndarray) -> np.ndarray:

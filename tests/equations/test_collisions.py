@@ -11,7 +11,7 @@ from crar_drake.equations.collisions import (
     collision_proximity,
     collision_weights,
     distance_gradient,
-    distance_gradient_from_links,
+    distance_gradient_about_origin,
     pair_weights,
 )
 
@@ -138,27 +138,26 @@ def test_distance_gradient_is_the_printed_one():
     )
 
 
-def test_distance_gradient_from_links_is_that_of_the_witness_points():
-    """Each point's Jacobian, column by column: J_v + J_omega x r, for witness points
-    at different places of the line, each on its own link."""
+def test_distance_gradient_about_origin_is_that_of_the_witness_points():
+    """Each point's Jacobian, column by column: J_v + J_omega x p, for witness points
+    at different places of the line, each on its own link; two configurations."""
     rng = np.random.default_rng(4)
-    count, n = 7, 5
-    normal = rng.normal(size=(count, 3))
+    K, count, n = 2, 7, 5
+    normal = rng.normal(size=(K, 3, count))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    p_a = rng.normal(size=(count, 3))
-    p_b = p_a - rng.normal(size=(count, 1)) * normal
-    J = rng.normal(size=(4, 6, n))
-    link_a, link_b = np.array([0, 1, 2, 3, 0, 2, 3]), np.array([1, 0, 3, 2, 2, 1, 0])
-    expected = np.empty((count, n))
-    for j in range(count):
-        J_a, J_b = J[link_a[j]], J[link_b[j]]
-        for i in range(n):
-            v_a = J_a[3:, i] + np.cross(J_a[:3, i], p_a[j])
-            v_b = J_b[3:, i] + np.cross(J_b[:3, i], p_b[j])
-            expected[j, i] = normal[j] @ (v_a - v_b)
+    p_a = rng.normal(size=(K, 3, count))
+    p_b = p_a - rng.normal(size=(K, 1, count)) * normal
+    S = rng.normal(size=(K, 6, n))
+    carries_a, carries_b = rng.integers(2, size=(2, count, n))
+    expected = np.empty((K, count, n))
+    for k, j, i in np.ndindex(K, count, n):
+        omega, v = S[k, :3, i], S[k, 3:, i]
+        v_a = carries_a[j, i] * (v + np.cross(omega, p_a[k, :, j]))
+        v_b = carries_b[j, i] * (v + np.cross(omega, p_b[k, :, j]))
+        expected[k, j, i] = normal[k, :, j] @ (v_a - v_b)
     for point in (p_a, p_b):
         np.testing.assert_allclose(
-            distance_gradient_from_links(normal, point, link_a, link_b, J),
+            distance_gradient_about_origin(normal, point, S, carries_a - carries_b),
             expected,
             atol=1e-13,
         )

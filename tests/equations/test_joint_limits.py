@@ -5,13 +5,20 @@ import pytest
 
 from crar_drake.equations.joint_limits import (
     LIMIT_CLAMP,
-    joint_limit_gradient,
+    LimitPotential,
     joint_limit_potential,
-    joint_limit_proximity,
     joint_limit_weights,
 )
 
 LOWER, UPPER = np.array([-0.7]), np.array([1.9])
+
+
+def joint_limit_gradient(q, lower, upper) -> np.ndarray:
+    return LimitPotential(lower, upper).gradient(q)
+
+
+def joint_limit_proximity(q, lower, upper) -> np.ndarray:
+    return LimitPotential(lower, upper).gradient_and_proximity(q)[1]
 
 
 def gradient_at(q) -> np.ndarray:

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crar_drake.equations.joint_limits import joint_limit_gradient
+from crar_drake.equations.joint_limits import LimitPotential
 from crar_drake.equations.lookahead import (
     SMALLEST_MARGIN,
+    Constraints,
+    JointLimits,
     LookaheadSolution,
-    make_limits,
     make_rows,
     resting_configuration,
     row_weights,
@@ -56,9 +57,11 @@ class Problem:
         self.q_s = rng.uniform(-3.2, 3.2, size=n)
         self.slip = rng.choice([0.0, 1.0]) * rng.normal(size=n)
         self.rows = make_rows(self.h, self.g, self.drift, **ROWS, slip=self.slip)
-        self.limits = make_limits(
-            self.q_s, self.lower, self.upper, **LIMITS, slip=self.slip
-        )
+        self.limits = JointLimits(self.lower, self.upper, **LIMITS)(self.q_s, self.slip)
+
+    @property
+    def constraints(self) -> Constraints:
+        return self.rows.with_(self.limits)
 
     def solve(self) -> LookaheadSolution:
         return solve_lookahead(
@@ -66,8 +69,7 @@ class Problem:
             self.v_r,
             self.a_r,
             self.qdot,
-            self.rows,
-            self.limits,
+            self.constraints,
             T=T,
             Gv=GV,
             damping=DAMPING,
@@ -114,45 +116,31 @@ def reference(problem: Problem) -> np.ndarray:
     """The two stages in plain code: each solve a least-squares problem by QR of the
     stacked residuals, instead of normal equations by Cholesky."""
     n, m = len(problem.qdot), len(problem.v_r)
-    rows, limits = problem.rows, problem.limits
+    rows = problem.constraints
 
-    def penalties(active_rows: set[int], active_limits: set[int], guard: bool):
+    def penalties(active: set[int], guard: bool):
         A, b = [np.eye(n)], [np.zeros(n)]
-        for j in active_rows:
+        for j in active:
             root = np.sqrt(rows.weight[j])
             A.append(root * rows.g[j])
             b.append([root * (guard * rows.retreat[j] - rows.drift[j])])
-        for i in active_limits:
-            root = np.sqrt(limits.weight[i])
-            A.append(root * np.eye(n)[i])
-            retreat = guard * limits.outward[i] * limits.retreat[i]
-            b.append([root * (-retreat - limits.drift[i])])
         return np.vstack(A), np.concatenate(b)
 
     def grow(solve, guard: bool) -> np.ndarray:
-        active_rows: set[int] = set()
-        active_limits: set[int] = set()
+        active: set[int] = set()
         while True:
-            s = solve(active_rows, active_limits)
-            more_rows = {
+            s = solve(active)
+            more = {
                 j
                 for j in range(len(rows.h))
                 if rows.g[j] @ s + rows.drift[j] < guard * rows.retreat[j]
-            } - active_rows
-            more_limits = {
-                i
-                for i in range(n)
-                if limits.weight[i] > 0.0
-                and limits.outward[i] * (s[i] + limits.drift[i])
-                > -guard * limits.retreat[i]
-            } - active_limits
-            if not more_rows and not more_limits:
+            } - active
+            if not more:
                 return s
-            active_rows |= more_rows
-            active_limits |= more_limits
+            active |= more
 
-    def stage_1(active_rows: set[int], active_limits: set[int]) -> np.ndarray:
-        A, b = penalties(active_rows, active_limits, guard=False)
+    def stage_1(active: set[int]) -> np.ndarray:
+        A, b = penalties(active, guard=False)
         stacked = np.vstack([problem.J, DAMPING * A])
         qdot_c = np.linalg.lstsq(
             stacked, np.concatenate([problem.v_r, DAMPING * b]), rcond=None
@@ -169,8 +157,8 @@ def reference(problem: Problem) -> np.ndarray:
 
     s_0 = grow(stage_1, guard=False)
 
-    def stage_2(active_rows: set[int], active_limits: set[int]) -> np.ndarray:
-        A, b = penalties(active_rows, active_limits, guard=True)
+    def stage_2(active: set[int]) -> np.ndarray:
+        A, b = penalties(active, guard=True)
         b[:n] = s_0
         return np.linalg.lstsq(A, b, rcond=None)[0]
 
@@ -210,7 +198,6 @@ def test_violated_row_recedes(n: int, h: float) -> None:
             J @ g[0] * -5000.0,
             rng.normal(size=n),
             make_rows(np.array([h]), g, np.zeros(1), **ROWS),
-            make_limits(np.zeros(n), np.full(n, -np.inf), np.full(n, np.inf), **LIMITS),
             T=T,
             Gv=GV,
             damping=DAMPING,
@@ -231,7 +218,7 @@ def test_rows_inside_the_margin_are_not_approached(problem: Problem) -> None:
         problem.h[j : j + 1], problem.g[j : j + 1], problem.drift[j : j + 1], **ROWS
     )
     free = np.full(len(problem.qdot), np.inf)
-    problem.limits = make_limits(problem.q_s, -free, free, **LIMITS)
+    problem.limits = JointLimits(-free, free, **LIMITS)(problem.q_s)
     s = problem.solve().s
     speed = problem.g[j] @ s + problem.drift[j] - problem.rows.retreat[0]
     stiffness = problem.rows.weight[0] * problem.g[j] @ problem.g[j]
@@ -247,14 +234,12 @@ def test_no_constraints_is_the_papers_law() -> None:
     for m, n in ((3, 7), (7, 7), (9, 7)):
         J = rng.normal(size=(m, n))
         v_r, a_r, qdot = rng.normal(size=m), rng.normal(size=m), rng.normal(size=n)
-        free = np.full(n, np.inf)
         solution = solve_lookahead(
             J,
             v_r,
             a_r,
             qdot,
             make_rows(np.empty(0), np.empty((0, n)), np.empty(0), **ROWS),
-            make_limits(np.zeros(n), -free, free, **LIMITS),
             T=T,
             Gv=GV,
             damping=DAMPING,
@@ -274,12 +259,10 @@ def test_sliding_along_an_obstacle_is_free() -> None:
     J = np.eye(2)
     v_r, a_r = np.array([1.0, -1.0]), np.zeros(2)
     row = make_rows(np.array([D_MIN]), np.array([[0.0, 1.0]]), np.zeros(1), **ROWS)
-    free = np.full(2, np.inf)
-    limits = make_limits(np.zeros(2), -free, free, **LIMITS)
     arguments = dict(T=T, Gv=GV, damping=DAMPING)
-    s = solve_lookahead(J, v_r, a_r, np.zeros(2), row, limits, **arguments).s
+    s = solve_lookahead(J, v_r, a_r, np.zeros(2), row, **arguments).s
     none = make_rows(np.empty(0), np.empty((0, 2)), np.empty(0), **ROWS)
-    s_free = solve_lookahead(J, v_r, a_r, np.zeros(2), none, limits, **arguments).s
+    s_free = solve_lookahead(J, v_r, a_r, np.zeros(2), none, **arguments).s
     assert s[0] == pytest.approx(s_free[0], rel=1e-9)
     assert s_free[1] < -0.9 and abs(s[1]) < 1e-6
 
@@ -294,7 +277,7 @@ def test_resting_point_never_leaves_the_box(seed: int) -> None:
     lower, upper = -rng.uniform(0.3, 2.0, n), rng.uniform(0.3, 2.0, n)
     q, qdot = np.zeros(n), np.zeros(n)
     J = np.eye(n)
-    none = make_rows(np.empty(0), np.empty((0, n)), np.empty(0), **ROWS)
+    limits = JointLimits(lower, upper, **LIMITS)
     v_r = np.zeros(n)
     for step in range(1000):
         if step % 100 == 0:
@@ -307,8 +290,7 @@ def test_resting_point_never_leaves_the_box(seed: int) -> None:
             v_r,
             GV * (v_r - qdot),
             qdot,
-            none,
-            make_limits(q_s, lower, upper, **LIMITS),
+            limits(q_s),
             T=T,
             Gv=GV,
             damping=DAMPING,
@@ -340,28 +322,25 @@ def test_row_weight_is_the_magnitude_of_eq_23() -> None:
 def test_limits_see_the_nearer_side() -> None:
     lower, upper = np.array([-1.0, -1.0, -np.inf]), np.array([1.0, 1.0, np.inf])
     q_s = np.array([0.9, -1.02, 5.0])
-    limits = make_limits(q_s, lower, upper, **LIMITS)
-    np.testing.assert_allclose(limits.margin, [0.1, -0.02, np.inf])
-    np.testing.assert_array_equal(limits.outward[:2], [1.0, -1.0])
-    np.testing.assert_allclose(limits.retreat, [0.0, GAMMA * 0.021, 0.0])
-    np.testing.assert_allclose(
-        limits.weight, 0.01 * np.abs(joint_limit_gradient(q_s, lower, upper))
-    )
-    assert limits.weight[2] == 0.0
+    limits = JointLimits(lower, upper, **LIMITS)(q_s)
+    # The third joint has no limits.
+    np.testing.assert_allclose(limits.h, [0.1, -0.02])
+    np.testing.assert_array_equal(limits.g, [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    np.testing.assert_allclose(limits.retreat, [0.0, GAMMA * 0.021])
+    gradient = LimitPotential(lower, upper).gradient(q_s)
+    np.testing.assert_allclose(limits.weight, 0.01 * np.abs(gradient[:2]))
 
 
 def test_drift_of_a_moving_obstacle_is_answered() -> None:
     """An obstacle that comes nearer pushes a robot that has nothing else to do."""
     n = 3
     g = np.array([[0.5, 0.0, 0.0]])
-    free = np.full(n, np.inf)
     s = solve_lookahead(
         np.zeros((3, n)),
         np.zeros(3),
         np.zeros(3),
         np.zeros(n),
         make_rows(np.array([D_MIN]), g, np.array([-0.2]), **ROWS),
-        make_limits(np.zeros(n), -free, free, **LIMITS),
         T=T,
         Gv=GV,
         damping=DAMPING,
@@ -390,24 +369,18 @@ def test_slip_is_what_the_plant_did_other_than_told() -> None:
 def test_slip_towards_a_constraint_is_answered_and_away_from_it_is_not() -> None:
     n = 2
     rows = dict(h=np.array([D_MIN]), g=np.array([[1.0, 0.0]]), drift=np.zeros(1))
-    free = np.full(n, np.inf)
+    bound = np.array([np.inf, 1.0])
+    limits = JointLimits(-bound, bound, **LIMITS)
 
     def answer(slip: np.ndarray, near_limit: bool) -> np.ndarray:
-        bound = np.array([np.inf, 1.0])
-        none = make_rows(np.empty(0), np.empty((0, n)), np.empty(0), **ROWS)
         return solve_lookahead(
             np.zeros((3, n)),
             np.zeros(3),
             np.zeros(3),
             np.zeros(n),
-            none if near_limit else make_rows(**rows, **ROWS, slip=slip),
-            make_limits(
-                np.array([0.0, 0.999 if near_limit else 0.0]),
-                -bound if near_limit else -free,
-                bound if near_limit else free,
-                **LIMITS,
-                slip=slip,
-            ),
+            limits(np.array([0.0, 0.999]), slip)
+            if near_limit
+            else make_rows(**rows, **ROWS, slip=slip),
             T=T,
             Gv=GV,
             damping=DAMPING,

@@ -32,17 +32,6 @@ from crar_drake.scenario import Scenario, SimulatedRobot, check_multiple
 from crar_drake.start_pose import solve_start_pose
 from crar_drake.task import Task
 
-# The controller's outputs that a run keeps, by port name.
-LOGGED_OUTPUTS = (
-    "actuation",
-    "desired_acceleration",
-    "task_error",
-    "signed_distances",
-    "constraint_weights",
-    "status",
-    "resting_margins",
-)
-
 
 def AddCrarController(
     builder: DiagramBuilder,
@@ -174,7 +163,7 @@ def MakeCrarDiagram(
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
     "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
-    "log_<port>" for the state, the targets and each of LOGGED_OUTPUTS; with
+    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); with
     `meshcat` its visualiser and "playback_overlay". The default context starts at
     rest in a valid pose near the first target.
 
@@ -240,7 +229,8 @@ def MakeCrarDiagram(
     logged = {
         "state": plant.get_state_output_port(),
         "desired_tasks": tasks,
-    } | {name: controller.GetOutputPort(name) for name in LOGGED_OUTPUTS}
+        "diagnostics": controller.get_output_port_diagnostics(),
+    }
     for name, port in logged.items():
         period = scenario.log_period or scenario.controller.period
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")

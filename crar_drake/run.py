@@ -14,7 +14,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from crar_drake.diagram import LOGGED_OUTPUTS, MakeCrarDiagram, PrepareScenario, Setup
+from crar_drake.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.disturbances import ScaleMasses
 from crar_drake.errors import ScenarioError
 from crar_drake.files import whole_file
@@ -24,6 +24,17 @@ from crar_drake.summary import Summary, summarize
 
 # What a run writes into its folder.
 RECORDING, LOG, SUMMARY, PLOT = "recording.html", "log.npz", "summary.json", "plot.png"
+
+# The controller's outputs that a log keeps.
+_LOGGED = (
+    "actuation",
+    "desired_acceleration",
+    "task_error",
+    "signed_distances",
+    "constraint_weights",
+    "status",
+    "resting_margins",
+)
 
 # The progress is told this often [s of simulated time].
 _SLICE = 0.0625
@@ -118,6 +129,8 @@ def make_log(
         sink = diagram.GetSubsystemByName(f"log_{port}")
         return sink.FindLog(context).data().T.copy()
 
+    diagnostics = samples("diagnostics")
+    slices = diagram.GetSubsystemByName("crar_controller").diagnostics_slices
     model = setup.model
     plant = model.plant
     nq = plant.num_positions()
@@ -132,7 +145,7 @@ def make_log(
         q=state[:, :nq],
         v=state[:, nq:],
         desired_tasks=samples("desired_tasks"),
-        **{name: samples(name) for name in LOGGED_OUTPUTS},
+        **{name: diagnostics[:, slices[name]].copy() for name in _LOGGED},
         position_names=np.array(model.position_names),
         actuator_names=np.array(
             [model.position_names[a.joint().velocity_start()] for a in actuators]

@@ -434,10 +434,19 @@ def test_ports(lone):
         "position_command": (lone.get_output_port_position_command(), 8),
         "status": (lone.get_output_port_status(), 1),
         "resting_margins": (lone.get_output_port_resting_margins(), 2),
+        "diagnostics": (lone.get_output_port_diagnostics(), 29),
     }
     for name, (port, size) in sizes.items():
         assert (port.get_name(), port.size()) == (name, size)
     assert lone.num_input_ports() + lone.num_output_ports() == len(sizes)
+
+
+def test_diagnostics_are_the_other_ports(lone):
+    context = fixed_context(lone)
+    everything = lone.get_output_port_diagnostics().Eval(context)
+    for name, place in lone.diagnostics_slices.items():
+        alone = lone.GetOutputPort(name).Eval(context)
+        np.testing.assert_array_equal(everything[place], alone)
 
 
 def test_no_ports_without_need():

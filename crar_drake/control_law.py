@@ -329,10 +329,10 @@ class ControlLaw:
             InputError: a desired orientation is a quaternion of zero length.
         """
         model, gains = self.model, self.parameters
-        there = None
+        near = None
         if gains.constraints == "lookahead":
             q_s = resting_configuration(q, v, gains.braking_horizon)
-            state, there = model.evaluate_with_ahead(workspace, q, v, q_s)
+            state, near = model.evaluate_with_ahead(workspace, q, v, q_s)
         else:
             state = model.evaluate(workspace, q, v)
         desired = model.layout.unpack(targets.tasks)
@@ -354,15 +354,15 @@ class ControlLaw:
                 q_p_start=state.q_p,
             )
         blend = smooth_step(time - memory.start_time, gains.blend_time)
-        references = self._references(state, memory, targets, desired, blend)
-        if there is not None:
+        error = task_error(model.layout, state.R, state.p, desired.R, desired.p)
+        references = self._references(state, memory, targets, desired, error, blend)
+        if near is not None:
             slip = self._slip(memory, tick, state)
-            resolved = self._resolve_lookahead(state, there, references, slip)
+            resolved = self._resolve_lookahead(state, near, references, slip)
         else:
             resolved = self._resolve_paper(state, references, memory)
 
         vdot = model.join(resolved.qddot, references.qddot_p)
-        error = task_error(model.layout, state.R, state.p, desired.R, desired.p)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
         return ControlStep(
             self._solution(workspace, q, v, vdot, state, error, resolved, status),
@@ -395,9 +395,13 @@ class ControlLaw:
         memory: Memory,
         targets: Targets,
         desired: DesiredTasks,
+        e: np.ndarray,
         blend: tuple[float, float, float],
     ) -> References:
-        """Eqs. (9), (11), (14): what the blended targets ask for, weighted."""
+        """Eqs. (9), (14): what the blended targets ask for, weighted.
+
+        `e` is the error of Eq. (11) against `desired`.
+        """
         model, gains = self.model, self.parameters
         layout, S = model.layout, model.row_weights
         q_d, v_d, a_d = targets.prescribed.reshape(3, -1)
@@ -406,12 +410,12 @@ class ControlLaw:
                 layout, memory.R_start, memory.p_start, desired, blend
             )
             q_d, v_d, a_d = blend_vectors(memory.q_p_start, q_d, v_d, a_d, blend)
+            e = task_error(layout, state.R, state.p, desired.R, desired.p)
         # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
         Kp, Kv = gains.Kp, gains.velocity_gain
         qddot_p = reference_acceleration(
             a_d, v_d, state.qdot_p, q_d - state.q_p, Kp, Kv
         )
-        e = task_error(layout, state.R, state.p, desired.R, desired.p)
         v_r = reference_velocity(desired.v, e, gains.K)
         a_r = reference_acceleration(desired.a, desired.v, state.v, e, Kp, Kv)
         posture = None
@@ -461,25 +465,21 @@ class ControlLaw:
     def _resolve_lookahead(
         self,
         state: ModelState,
-        there: Distances,
+        near: Distances,
         references: References,
         slip: np.ndarray,
     ) -> Resolved:
         """The mode of `equations.lookahead`: constraints where q + T q_dot rests."""
         model, gains = self.model, self.parameters
         ahead, T = gains.lookahead, gains.braking_horizon
-        h = np.concatenate([there.d, state.d + T * (state.dd_dq @ state.qdot)])
-        g = np.concatenate([there.dd_dq, state.dd_dq])
-        if model.n_p:
-            h[len(there.d) :] += T * (state.dd_dq_p @ state.qdot_p)
-            s_p = state.qdot_p + T * references.qddot_p
-            drift = np.concatenate([there.dd_dq_p @ s_p, state.dd_dq_p @ s_p])
-        else:
-            drift = np.zeros(len(h))
+        # Two rows a pair: at the state, told T ahead by its velocity; and at q_s.
+        h = near.d.copy()
+        h[0] += T * (state.dd_dq @ state.qdot + state.dd_dq_p @ state.qdot_p)
+        s_p = state.qdot_p + T * references.qddot_p
         rows = make_rows(
-            h,
-            g,
-            drift,
+            h.ravel(),
+            near.dd_dq.reshape(-1, model.n),
+            (near.dd_dq_p @ s_p).ravel(),
             d_min=ahead.distance_margin,
             influence=ahead.influence_distance,
             gamma=ahead.retreat_rate,

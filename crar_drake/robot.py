@@ -75,12 +75,12 @@ class ModelState:
 
 @dataclass(slots=True)
 class Distances:
-    """Signed distances of the watched pairs at some configuration.
+    """Signed distances of the watched pairs at one configuration, or several (...).
 
     Attributes:
-        d: (Nc,) [m].
-        dd_dq: (Nc, n) Eq. (20), controlled joints.
-        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
+        d: (..., Nc) [m].
+        dd_dq: (..., Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (..., Nc, n_p) Eq. (20), prescribed joints.
     """
 
     d: np.ndarray
@@ -256,29 +256,33 @@ class ControlModel:
         context = workspace.plant_context
         self.plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
         points, S = self.kinematics([context])
-        (near,) = self._distances(points, S, [workspace.scene_graph_context])
+        near = self._distances(points, S, [workspace.scene_graph_context])
         return self._state(context, q, v, points[0], S[0], near)
 
     def evaluate_with_ahead(
         self, workspace: Workspace, q: np.ndarray, v: np.ndarray, q_ahead: np.ndarray
     ) -> tuple[ModelState, Distances]:
-        """`evaluate`, and the distances at another configuration, at once.
+        """`evaluate`, and the distances at another configuration too, at once.
 
         Args:
             workspace: of this model.
             q, v: (nq,), (nv,) the state, at which it leaves the workspace.
             q_ahead: (nq,) where else the distances are wanted.
+
+        Returns:
+            The state, and the distances at the state and at q_ahead, in this order
+            along the first axis.
         """
         here, ahead = workspace.plant_context, workspace.plant_context_ahead
         self.plant.SetPositionsAndVelocities(here, np.concatenate([q, v]))
         self.plant.SetPositions(ahead, q_ahead)
         points, S = self.kinematics([here, ahead])
-        near, there = self._distances(
+        near = self._distances(
             points,
             S,
             [workspace.scene_graph_context, workspace.scene_graph_context_ahead],
         )
-        return self._state(here, q, v, points[0], S[0], near), there
+        return self._state(here, q, v, points[0], S[0], near), near
 
     def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
         """Eq. (20) at a configuration other than the workspace's, which stays.
@@ -290,7 +294,8 @@ class ControlModel:
         context = workspace.plant_context_ahead
         self.plant.SetPositions(context, q)
         points, S = self.kinematics([context])
-        return self._distances(points, S, [workspace.scene_graph_context_ahead])[0]
+        near = self._distances(points, S, [workspace.scene_graph_context_ahead])
+        return Distances(near.d[0], near.dd_dq[0], near.dd_dq_p[0])
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
@@ -309,7 +314,9 @@ class ControlModel:
         plant, context = self.plant, workspace.plant_context
         plant.CalcForceElementsContribution(context, workspace.forces)
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
-        return self._actuators_from_efforts @ (tau + self._implicit_damping * vdot)
+        if self._is_damped:
+            tau = tau + self._implicit_damping * vdot
+        return self._actuators_from_efforts @ tau
 
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
@@ -336,7 +343,8 @@ class ControlModel:
         S: np.ndarray,
         near: Distances,
     ) -> ModelState:
-        """What `evaluate` returns, from points (3, P) and S (6, nv) of that state."""
+        """What `evaluate` returns, from points (3, P) and S (6, nv) of that state and
+        the distances there, the first of `near`."""
         layout = self.layout
         p_WT = points[:, : len(self.tasks)]
         J = self._task_jacobian(p_WT, S)
@@ -360,9 +368,9 @@ class ControlModel:
             J=J[:, c],
             J_p=J[:, p],
             Jdot_qdot=self._bias_accelerations(context),
-            d=near.d,
-            dd_dq=near.dd_dq,
-            dd_dq_p=near.dd_dq_p,
+            d=near.d[0],
+            dd_dq=near.dd_dq[0],
+            dd_dq_p=near.dd_dq_p[0],
         )
 
     def _bias_accelerations(self, context: Context) -> np.ndarray:
@@ -386,7 +394,7 @@ class ControlModel:
         points: np.ndarray,
         S: np.ndarray,
         scene_graph_contexts: Sequence[Context],
-    ) -> list[Distances]:
+    ) -> Distances:
         """Eq. (20) in K configurations, from points (K, 3, P) and S (K, 6, nv)."""
         queries = ()
         if self.pairs.needs_query:
@@ -397,10 +405,7 @@ class ControlModel:
             near.normal, near.p_WA, S, self._pair_moves
         )
         c, p = self._controlled, self._prescribed
-        return [
-            Distances(d, gradient[:, c], gradient[:, p])
-            for d, gradient in zip(near.d, dd_dv, strict=True)
-        ]
+        return Distances(near.d, dd_dv[:, :, c], dd_dv[:, :, p])
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
@@ -455,6 +460,7 @@ class ControlModel:
                 self._implicit_damping[start : start + joint.num_velocities()] = (
                     plant.time_step() * joint.default_damping_vector()
                 )
+        self._is_damped = bool(self._implicit_damping.any())
 
     def _check_described_joints(self) -> None:
         """Welds have no position to prescribe or to rest in, others not just one."""

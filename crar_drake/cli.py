@@ -108,7 +108,7 @@ def _motion(arguments: argparse.Namespace) -> None:
 def _list(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
     from crar_drake.resources import data_folder
-    from crar_drake.robot_description import robot_names
+    from crar_drake.robot_description import imported_names, robot_names
     from crar_drake.scenario import load_scenario, scenario_names
 
     def duration(motion: str) -> str:
@@ -123,11 +123,13 @@ def _list(arguments: argparse.Namespace) -> None:
         with readme.open(encoding="utf-8") as lines:
             return lines.readline().partition(":")[2].strip()
 
+    robots = {name: "imported" for name in imported_names()}
+    robots |= {name: about(name) for name in robot_names()}
     motions = {name: duration(name) for name in builtin_names()}
     motions |= {files.name: str(files.amc) for files in available_trials()}
     scenarios = {name: load_scenario(name).description for name in scenario_names()}
     for title, entries in (
-        ("Robots", {name: about(name) for name in robot_names()}),
+        ("Robots", robots),
         ("Motions", motions),
         ("Scenarios", scenarios),
     ):
@@ -147,6 +149,66 @@ def _fetch(arguments: argparse.Namespace) -> None:
             files = fetch(trial, progress=progress, force=arguments.force)
         print(files.asf)
         print(files.amc)
+
+
+def _import_robot(arguments: argparse.Namespace) -> None:
+    from crar_drake.files import whole_file
+    from crar_drake.resources import imported_robots_folder
+    from crar_drake.robot_description import IMPORT_FILE, import_file
+    from crar_drake.robot_import import import_robot
+
+    given = arguments.robot
+    robot, out = given, arguments.out
+    shipped = import_file(given)
+    if shipped is not None:
+        robot = ""
+        out = out or imported_robots_folder() / given
+        kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
+        if not kept:
+            with whole_file(out / IMPORT_FILE) as temporary:
+                temporary.write_bytes(shipped.read_bytes())
+    elif (Path(given) / IMPORT_FILE).is_file():
+        robot, out = "", out or Path(given)
+    elif out is None:
+        out = imported_robots_folder() / Path(given).stem
+    with _import_bar() as progress:
+        report = import_robot(
+            robot,
+            out,
+            package_paths=tuple(arguments.package_path or ()),
+            progress=progress,
+        )
+    for line in report.lines():
+        print(line)
+    print()
+    for name in (IMPORT_FILE, "robot.yaml", "robot.urdf", "picture.png", "report.txt"):
+        print(out / name)
+
+
+@contextmanager
+def _import_bar() -> Iterator[Callable[[str, float], None]]:
+    """Yields a callback that draws how far an import is, on stderr."""
+    from rich import progress
+    from rich.console import Console
+
+    columns = (
+        progress.BarColumn(bar_width=20),
+        progress.TextColumn("{task.description}"),
+    )
+    bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+
+    def show(what: str, share: float) -> None:
+        if not bar.tasks:
+            bar.add_task(what, total=1.0)
+        if share > 0.0:  # a robot that is refused shows no bar
+            bar.start()
+        bar.update(bar.task_ids[0], completed=share, description=what)
+
+    try:
+        yield show
+    finally:
+        if bar.live.is_started:
+            bar.stop()
 
 
 def _playback(arguments: argparse.Namespace) -> None:
@@ -547,6 +609,30 @@ def _make_parser() -> _Parser:
     fetch.add_argument("trials", nargs="+", metavar="TRIAL", help="such as 05_02")
     fetch.add_argument(
         "--force", action="store_true", help="even if they are there already"
+    )
+
+    imported = add(
+        "import-robot",
+        _import_robot,
+        "Turn a robot's URDF into a folder that scenarios can name as their robot.",
+    )
+    imported.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="a URDF file, g1, talos, the name of another robot of the package "
+        "example-robot-data, or a folder that was imported before",
+    )
+    imported.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="(default: a folder of the robot's name in the user's cache)",
+    )
+    imported.add_argument(
+        "--package-path",
+        action="append",
+        metavar="DIR",
+        help="folder in which the packages of package:// addresses lie",
     )
 
     playback = add("playback", _playback, "Make a page of a log, without simulating.")

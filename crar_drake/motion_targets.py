@@ -15,6 +15,8 @@ from crar_drake.motion.retarget import SegmentLengths, retarget
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import find_frame
 
+_WAIST_AXES = ("waist.x", "waist.y", "waist.z")
+
 
 @dataclass(frozen=True)
 class MotionTargets:
@@ -108,21 +110,38 @@ def load_motion_targets(
 
 
 def _prescribed_trajectory(model: ControlModel, retargeted) -> PiecewisePolynomial:
-    """Positions of the prescribed joints: each takes its share of the waist's
-    position, less where the waist is while the joints are at zero."""
+    """Positions of the prescribed joints: the performer's heading, and each its share
+    of the waist's position, less where the waist is while these joints are at zero."""
+    sources = list(model.description.prescribed_joints.values())
+    rest = model.rest_positions()[model.prescribed]
+    positions = np.tile(rest, (retargeted.num_frames, 1))
+    for column, source in enumerate(sources):
+        if source == "waist.heading":
+            positions[:, column] = retargeted.heading
+    offset = _waist_offset(model, sources, positions)
+    for column, source in enumerate(sources):
+        if source in _WAIST_AXES:
+            axis = _WAIST_AXES.index(source)
+            waist = retargeted.positions["waist"][:, axis]
+            positions[:, column] = waist - offset[:, axis]
+    return spline(retargeted.time, positions)
+
+
+def _waist_offset(
+    model: ControlModel, sources: list[str], positions: np.ndarray
+) -> np.ndarray:
+    """(T, 3) where the waist is with all joints at zero but the heading [m]."""
     plant = model.plant
     context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
     waist = find_frame(plant, model.description.task_frames["waist"])
-    p_WWaist = waist.CalcPoseInWorld(context).translation()
-    rest = model.rest_positions()[model.prescribed]
-    columns = []
-    for source, at_rest in zip(
-        model.description.prescribed_joints.values(), rest, strict=True
-    ):
-        if source == "hold":
-            columns.append(np.full(retargeted.num_frames, at_rest))
-        else:
-            axis = "xyz".index(source.removeprefix("waist."))
-            columns.append(retargeted.positions["waist"][:, axis] - p_WWaist[axis])
-    return spline(retargeted.time, np.stack(columns, axis=1))
+    turning = [i for i, source in enumerate(sources) if source == "waist.heading"]
+    q = np.zeros(plant.num_positions())
+
+    def offset(heading: np.ndarray) -> np.ndarray:
+        q[model.prescribed[turning]] = heading
+        plant.SetPositions(context, q)
+        return waist.CalcPoseInWorld(context).translation()
+
+    if not turning:
+        return np.tile(offset(np.zeros(0)), (len(positions), 1))
+    return np.array([offset(row) for row in positions[:, turning]])

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import platformdirs
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -26,3 +28,8 @@ def data_folder(kind: str) -> Path:
 def builtin_motions_folder() -> Path:
     """Returns the folder of the motions that this project authored."""
     return _PACKAGE / "motion" / "builtin"
+
+
+def imported_robots_folder() -> Path:
+    """Where `crar-drake import-robot` keeps robots, each in a folder of its name."""
+    return Path(platformdirs.user_cache_dir("crar-drake")) / "robots"

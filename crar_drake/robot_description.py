@@ -19,10 +19,13 @@ from pydrake.multibody.tree import (
 )
 
 from crar_drake.errors import ModelError
-from crar_drake.resources import data_folder
+from crar_drake.resources import data_folder, imported_robots_folder
+
+# What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
+IMPORT_FILE = "import.yaml"
 
 # What a motion can drive a prescribed joint with.
-PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "hold")
+PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 
 
 @dataclass
@@ -37,8 +40,8 @@ class RobotDescription:
         model: URDF, SDF or model directives (.dmd.yaml), beside the file.
         base: link that is welded to the world; "" where the model welds itself.
         prescribed_joints: joint to what the motion drives it with: "waist.x",
-            "waist.y", "waist.z" (the waist's position in the world) or "hold"
-            (stays where it starts).
+            "waist.y", "waist.z" (the waist's position in the world), "waist.heading"
+            (yaw of the performer's hips) or "hold" (stays where it starts).
         task_frames: name of a point that a motion has to a frame of the model.
         pairs: watched segment pairs, two links each; a link that is welded to the
             world counts as environment.
@@ -82,27 +85,33 @@ class RobotDescription:
 
 
 def robot_names() -> list[str]:
-    """Names of the shipped robots."""
-    return sorted(p.parent.name for p in data_folder("models").glob("*/robot.yaml"))
+    """Names of the shipped robots, those to be imported among them."""
+    models = data_folder("models")
+    files = [*models.glob("*/robot.yaml"), *models.glob(f"*/{IMPORT_FILE}")]
+    return sorted({path.parent.name for path in files})
+
+
+def import_file(robot: str) -> Path | None:
+    """The import file of a shipped robot whose model is not; None for others."""
+    path = data_folder("models") / robot / IMPORT_FILE
+    return path if robot and path.is_file() else None
 
 
 def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
-    """Loads a shipped robot by name, or any `robot.yaml` (or its folder) by path.
+    """Loads a robot by name, or any `robot.yaml` (or its folder) by path.
+
+    A name is that of a shipped robot, or of one that `crar-drake import-robot` has
+    put into the user's cache.
 
     Raises:
-        ModelError: there is no such robot, or its file is not a description.
+        ModelError: there is no such robot, it is not imported yet, or its file is
+            not a description.
     """
     path = Path(robot)
     if path.is_dir():
         path = path / "robot.yaml"
     if not path.is_file():
-        shipped = data_folder("models") / str(robot) / "robot.yaml"
-        if not shipped.is_file():
-            raise ModelError(
-                f"no robot {str(robot)!r}: neither a robot.yaml nor one of the shipped "
-                f"robots{nearest(str(robot), robot_names())}"
-            )
-        path = shipped
+        path = _by_name(str(robot))
     try:
         description = yaml_load_typed(schema=RobotDescription, filename=str(path))
     except Exception as error:
@@ -114,6 +123,41 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
         )
     description.validate()
     return description
+
+
+def _by_name(name: str) -> Path:
+    """The robot.yaml of a shipped or imported robot."""
+    shipped = data_folder("models") / name / "robot.yaml"
+    if shipped.is_file():
+        return shipped
+    imported = imported_robots_folder() / name / "robot.yaml"
+    source = import_file(name)
+    if source is not None:
+        if not imported.is_file():
+            raise ModelError(
+                f"robot {name!r} is not imported yet; its model is not shipped: "
+                f"run `crar-drake import-robot {name}` once (it needs "
+                "`pip install 'crar-drake[robots]'`)"
+            )
+        made_from = imported.with_name(IMPORT_FILE)
+        if not made_from.is_file() or made_from.read_bytes() != source.read_bytes():
+            raise ModelError(
+                f"robot {name!r} was imported with another {IMPORT_FILE} than the one "
+                f"shipped now: run `crar-drake import-robot {name}` again"
+            )
+    if name and imported.is_file():
+        return imported
+    known = {*robot_names(), *imported_names()}
+    raise ModelError(
+        f"no robot {name!r}: neither a robot.yaml nor one of the shipped or imported "
+        f"robots{nearest(name, known)}"
+    )
+
+
+def imported_names() -> list[str]:
+    """Names of the robots in the user's cache."""
+    found = imported_robots_folder().glob("*/robot.yaml")
+    return sorted(path.parent.name for path in found)
 
 
 def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:

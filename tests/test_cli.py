@@ -325,6 +325,60 @@ def test_list_names_trials_that_are_at_hand(cmu, capsys):
     assert "  cmu:05_02" in capsys.readouterr().out
 
 
+# --- importing a robot ------------------------------------------------------------
+
+
+ARM = """<robot name="arm">
+<link name="base"/>
+<link name="tip"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><sphere radius="0.1"/></geometry></visual></link>
+<joint name="turn" type="continuous"><parent link="base"/><child link="tip"/>
+<axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+def test_import_robot_lists_its_guesses_and_files(empty_folder, capsys):
+    Path("arm.urdf").write_text(ARM)
+    assert cli.main(["import-robot", "arm.urdf", "--out", "arm"]) == 0
+    out = capsys.readouterr().out
+    assert "tip: 1, 100.0 %" in out and "guessed; correct it in import.yaml" in out
+    for line in out.splitlines()[-5:]:
+        assert Path(line).is_file()
+    # The same again, of its folder: nothing is guessed any more.
+    assert cli.main(["import-robot", "arm"]) == 0
+    assert "guessed" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "robot, words",
+    [
+        ("nothing.urdf", ["no URDF at nothing.urdf"]),
+        ("two.urdf", ["closed chain", "'tip'"]),
+    ],
+)
+def test_import_robot_refuses(robot, words, empty_folder, capsys):
+    again = ARM.replace("</robot>", "")
+    again += '<joint name="j" type="fixed"><parent link="base"/><child link="tip"/>'
+    Path("two.urdf").write_text(again + "</joint></robot>")
+    message = refused(capsys, "import-robot", robot, "--out", "out")
+    for word in words:
+        assert word in message
+    assert names(empty_folder) == ["two.urdf"]
+
+
+def test_running_without_the_import_names_the_command(
+    empty_folder, capsys, monkeypatch
+):
+    from crar_drake import robot_description
+
+    monkeypatch.setattr(
+        robot_description, "imported_robots_folder", lambda: Path("nowhere")
+    )
+    Path("s.yaml").write_text("robot: g1\nmotion: dance\nexperiment: wrists\n")
+    assert "crar-drake import-robot g1" in refused(capsys, "run", "s.yaml")
+
+
 def test_motion_tells_and_plots(empty_folder, capsys):
     assert cli.main(["motion", "dance"]) == 0
     output = capsys.readouterr().out

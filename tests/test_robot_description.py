@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import add_plant, chain_urdf
 
+from crar_drake import robot_description
 from crar_drake.errors import ModelError
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import (
@@ -16,6 +17,8 @@ from crar_drake.robot_description import (
     find_body,
     find_frame,
     find_joint,
+    import_file,
+    imported_names,
     load_robot_description,
     nearest,
     robot_names,
@@ -36,19 +39,53 @@ def plant() -> MultibodyPlant:
 
 
 def write(folder: Path, text: str, model: str | None = None) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.yaml").write_text(text)
     if model is not None:
         (folder / "arm.urdf").write_text(model)
     return folder / "robot.yaml"
 
 
-@pytest.mark.parametrize("name", robot_names())
+SHIPPED = [name for name in robot_names() if import_file(name) is None]
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch) -> Path:
+    """The folder of imported robots, an empty one."""
+    folder = tmp_path / "cache"
+    monkeypatch.setattr(robot_description, "imported_robots_folder", lambda: folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_robots_by_name_folder_and_file(name):
     by_name = load_robot_description(name)
     by_folder = load_robot_description(by_name.folder)
     by_file = load_robot_description(Path(by_name.folder) / "robot.yaml")
     assert by_name == by_folder == by_file
     assert by_name.name == name and by_name.pairs
+
+
+@pytest.mark.parametrize("name", sorted({*robot_names()} - {*SHIPPED}))
+def test_robots_that_need_an_import_name_the_command(name, cache):
+    with pytest.raises(ModelError, match=f"crar-drake import-robot {name}` once"):
+        load_robot_description(name)
+    text = f"name: {name}\nmodel: arm.urdf\nbase: base\n"
+    write(cache / name, text, chain_urdf("zz"))
+    made_from = cache / name / "import.yaml"
+    made_from.write_text("source: old.urdf")
+    with pytest.raises(ModelError, match=f"import-robot {name}` again"):
+        load_robot_description(name)
+    made_from.write_bytes(import_file(name).read_bytes())
+    assert load_robot_description(name).folder == str(cache / name)
+
+
+def test_an_imported_robot_has_a_name(cache):
+    write(cache / "mine", "name: m\nmodel: arm.urdf\nbase: base\n", chain_urdf("zz"))
+    assert imported_names() == ["mine"]
+    assert load_robot_description("mine").name == "m"
+    with pytest.raises(ModelError, match="did you mean 'mine'"):
+        load_robot_description("mnie")
 
 
 def test_a_description_of_ones_own(tmp_path):

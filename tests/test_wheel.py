@@ -30,6 +30,7 @@ def test_wheel_carries_data(wheel: Path) -> None:
         "crar_drake/models/upper_body/robot.yaml",
         "crar_drake/models/upper_body/upper_body.urdf",
         "crar_drake/models/obstacle_arm/scene.dmd.yaml",
+        "crar_drake/models/g1/import.yaml",
         "crar_drake/diagrams/dance_wrists.yaml",
         "crar_drake/motion/builtin/dance.amc",
         "crar_drake/motion/known_trials.csv",

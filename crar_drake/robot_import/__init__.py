@@ -1,0 +1,10 @@
+"""From a robot's own URDF to a folder that the controller can use.
+
+`import_robot` is the whole way; `docs/your-robot.md` walks it. Needs the optional
+dependencies of the extra `robots`.
+"""
+
+from crar_drake.robot_import.choices import ImportChoices, load_choices
+from crar_drake.robot_import.importer import ImportReport, import_robot
+
+__all__ = ["ImportChoices", "ImportReport", "import_robot", "load_choices"]

@@ -1,0 +1,196 @@
+"""What an import decided about a robot: `import.yaml`, which the user may correct.
+
+A key that is there is kept by every later import; a key that is left out is guessed
+again and appended, with a comment.
+"""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+import math
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_load_typed
+
+from crar_drake.errors import ModelError
+from crar_drake.files import whole_file
+from crar_drake.robot_description import nearest
+
+BASES = ("prescribed", "fixed")
+
+_HEADER = """\
+# What `crar-drake import-robot` decided about this robot. Correct it and import
+# again: what stands here is kept, a key that you remove is guessed anew. Everything
+# else in this folder is made from this file and will be overwritten.
+"""
+
+# What is written above each key.
+_COMMENTS = {
+    "source": "the robot's own URDF",
+    "base": "prescribed: the motion moves and turns the root link; fixed: welded",
+    "locked": "joint -> position [rad or m] at which it is welded",
+    "segments": "link -> links welded to it that share its capsules",
+    "frames": "the motion's point -> link, and where in it [m]; rpy [rad] turns it",
+    "rest_posture": "joint -> position [rad or m]; those not named are at 0",
+    "pairs": "watched segment pairs",
+}
+
+
+@dataclass
+class FrameChoice:
+    """A point of the motion on the robot.
+
+    Attributes:
+        link: that carries it.
+        point: its position in the link's frame [m].
+        rpy: roll, pitch, yaw of its frame in the link's [rad]; matters only to
+            tasks of kind orientation and pose.
+    """
+
+    link: str = ""
+    point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+
+@dataclass
+class ImportChoices:
+    """The keys of an import file; None is a key that is left out.
+
+    Attributes:
+        source: path of the URDF (relative to the file), or
+            `example-robot-data:` and its path in that package.
+        package_paths: folders in which the URDF's packages are looked for.
+        name: of the robot.
+        base: "prescribed" (three prismatic joints and a heading between world and
+            root link, driven by the motion) or "fixed".
+        locked: joint to the position [rad or m] at which it is welded.
+        segments: link to the links welded to it that are one segment with it: they
+            get common capsules, which are its own.
+        frames: point of a motion to its place on the robot.
+        rest_posture: joint to position [rad or m].
+        pairs: watched segment pairs, two links each.
+        most_capsules: per link, at most.
+        faces: triangles per part that a recording shows, at most about.
+    """
+
+    source: str = ""
+    package_paths: list[str] = field(default_factory=list)
+    name: str = ""
+    base: str | None = None
+    locked: dict[str, float] | None = None
+    segments: dict[str, list[str]] | None = None
+    frames: dict[str, FrameChoice] | None = None
+    rest_posture: dict[str, float] | None = None
+    pairs: list[list[str]] | None = None
+    most_capsules: int = 8
+    faces: int = 2500
+
+    def validate(self, where: str) -> None:
+        """Checks what can be checked without the URDF.
+
+        Raises:
+            ModelError: names the file, the key and what it may be.
+        """
+        if not self.source:
+            raise ModelError(f"{where}: source: name the robot's URDF")
+        if self.base is not None and self.base not in BASES:
+            raise ModelError(
+                f"{where}: base: {self.base!r} is none of {', '.join(BASES)}"
+            )
+        for key in ("locked", "rest_posture"):
+            for joint, value in (getattr(self, key) or {}).items():
+                if not math.isfinite(value):
+                    raise ModelError(f"{where}: {key}: {joint}: {value} is not finite")
+        for point, frame in (self.frames or {}).items():
+            if len(frame.point) != 3 or len(frame.rpy) != 3:
+                raise ModelError(
+                    f"{where}: frames: {point}: point and rpy must be three numbers"
+                )
+        if not 1 <= self.most_capsules <= 32:
+            raise ModelError(
+                f"{where}: most_capsules: {self.most_capsules} must be 1 to 32"
+            )
+        if self.faces < 4:
+            raise ModelError(f"{where}: faces: {self.faces} must be at least 4")
+
+
+def load_choices(path: Path) -> ImportChoices:
+    """Reads an import file.
+
+    Raises:
+        ModelError: it is not one; the message names file and key.
+    """
+    try:
+        choices = yaml_load_typed(
+            schema=ImportChoices, filename=str(path), defaults=ImportChoices()
+        )
+    except Exception as error:
+        known = [entry.name for entry in fields(ImportChoices)]
+        words = str(error).replace("[", " ").replace("]", " ").replace(",", " ").split()
+        unknown = [w.strip("'") for w in words if w.startswith("'")]
+        hint = next((nearest(w, known) for w in unknown if w not in known), "")
+        raise ModelError(f"{path}: {error}{hint}") from error
+    choices.validate(str(path))
+    return choices
+
+
+def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) -> None:
+    """Writes what is new into the file and leaves the rest of it as it is.
+
+    Args:
+        path: of the import file; it need not be there yet.
+        choices: complete.
+        guessed: key to how it was guessed, of those that are not in the file.
+    """
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if not text:
+        text = _HEADER
+        for key in ("source", "package_paths", "name"):
+            if getattr(choices, key):
+                text += "\n" + _block(key, getattr(choices, key), "")
+    elif not guessed:
+        return
+    for key, how in guessed.items():
+        text += "\n" + _block(key, getattr(choices, key), how)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _block(key: str, value, how: str) -> str:
+    comment = _COMMENTS.get(key)
+    lines = [f"# {comment}"] if comment else []
+    if how:
+        lines.append(f"# GUESSED, check it: {how}")
+    if isinstance(value, str | int | float):
+        lines.append(f"{key}: {value}")
+    elif not value:
+        lines.append(f"{key}: {'{}' if isinstance(value, dict) else '[]'}")
+    else:
+        lines.append(f"{key}:")
+        lines += [f"  {line}" for line in _entries(value)]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(value) -> list[str]:
+    if isinstance(value, list):
+        return [
+            f"- [{', '.join(v)}]" if isinstance(v, list) else f"- {v}" for v in value
+        ]
+    lines = []
+    for name, entry in value.items():
+        if isinstance(entry, FrameChoice):
+            numbers = _numbers(entry.point)
+            turned = f", rpy: {_numbers(entry.rpy)}" if any(entry.rpy) else ""
+            lines.append(f"{name}: {{link: {entry.link}, point: {numbers}{turned}}}")
+        elif isinstance(entry, list):
+            lines.append(f"{name}: [{', '.join(entry)}]")
+        else:
+            lines.append(f"{name}: {_number(entry)}")
+    return lines
+
+
+def _numbers(values: list[float]) -> str:
+    return f"[{', '.join(map(_number, values))}]"
+
+
+def _number(value: float) -> str:
+    return f"{round(float(value), 5) + 0.0:.5g}" if value else "0.0"

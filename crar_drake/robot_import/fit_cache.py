@@ -1,0 +1,71 @@
+"""Fits that an earlier import made are used again: fitting takes most of the time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+
+from crar_drake.files import whole_file
+from crar_drake.robot_import import capsule_fitting
+from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, fit_link
+from crar_drake.robot_import.meshes import Part
+
+
+class FitCache:
+    """Fits by what they were made from: the shape, the bounds and the code."""
+
+    def __init__(self, path: Path) -> None:
+        """
+        Args:
+            path: JSON file; a missing or unreadable one is an empty cache.
+        """
+        self._path = path
+        self._used: dict[str, list] = {}
+        self._code = Path(capsule_fitting.__file__).read_bytes()
+        try:
+            self._known = json.loads(path.read_text())
+        except (OSError, ValueError):
+            self._known = {}
+
+    def fit(self, parts: list[Part], most: int) -> Fit | None:
+        """`fit_link`, or what it answered to the same before."""
+        key = self._key(parts, most)
+        if key not in self._known:
+            fit = fit_link(parts, most)
+            self._known[key] = None if fit is None else _to_json(fit)
+        self._used[key] = self._known[key]
+        return None if self._known[key] is None else _from_json(self._known[key])
+
+    def save(self) -> None:
+        """Keeps what this import used."""
+        with whole_file(self._path) as temporary:
+            temporary.write_text(json.dumps(self._used))
+
+    def _key(self, parts: list[Part], most: int) -> str:
+        digest = hashlib.sha256(self._code)
+        digest.update(str(most).encode())
+        for part in parts:
+            digest.update(np.round(part.vertices, 7).tobytes())
+            digest.update(np.asarray(part.faces, dtype=np.int64).tobytes())
+        return digest.hexdigest()
+
+
+def _to_json(fit: Fit) -> list:
+    shapes = [[*c.p_L0, *c.p_L1, c.radius] for c in fit.capsules]
+    return [
+        [[float(v) for v in shape] for shape in shapes],
+        fit.coverage,
+        fit.volume_ratio,
+        fit.farthest,
+    ]
+
+
+def _from_json(entry: list) -> Fit:
+    shapes, *figures = entry
+    capsules = tuple(
+        FittedCapsule(np.array(s[:3]), np.array(s[3:6]), s[6]) for s in shapes
+    )
+    return Fit(capsules, *figures)

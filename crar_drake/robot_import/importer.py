@@ -1,0 +1,589 @@
+"""The whole way from a robot's URDF to a folder that the controller can use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from crar_drake.errors import ModelError
+from crar_drake.files import whole_file
+from crar_drake.robot_description import (
+    IMPORT_FILE,
+    RobotDescription,
+    add_robot,
+    find_joint,
+    nearest,
+)
+from crar_drake.robot_import.anatomy import (
+    find_anatomy,
+    guess_frames,
+    guess_locked,
+    guess_rest,
+)
+from crar_drake.robot_import.capsule_fitting import Fit, coverage
+from crar_drake.robot_import.choices import (
+    ImportChoices,
+    load_choices,
+    save_choices,
+)
+from crar_drake.robot_import.fit_cache import FitCache
+from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
+from crar_drake.robot_import.meshes import (
+    Part,
+    convex_hulls,
+    link_parts,
+    simplified,
+    write_obj,
+)
+from crar_drake.robot_import.pair_sampling import sample_pairs
+from crar_drake.robot_import.picture import draw_robot
+from crar_drake.robot_import.source_urdf import (
+    PACKAGE_SCHEME,
+    SourceRobot,
+    find_urdf,
+    read_urdf,
+)
+from crar_drake.robot_import.urdf_writer import (
+    BASE_JOINTS,
+    VisualMesh,
+    frame_name,
+    write_urdf,
+)
+
+URDF, DESCRIPTION, PICTURE, REPORT = (
+    "robot.urdf",
+    "robot.yaml",
+    "picture.png",
+    "report.txt",
+)
+
+# Takes what is being done, and the share that is done.
+Progress = Callable[[str, float], None]
+
+
+@dataclass
+class ImportReport:
+    """What an import made of a robot.
+
+    Attributes:
+        folder: that it wrote.
+        choices: all that was decided.
+        guessed: key of the import file to how it was guessed, of new ones.
+        fits: link to its capsules.
+        covered: link without capsules to the link whose capsules enclose it.
+        notes: everything else that the user should know, one line each.
+    """
+
+    folder: Path
+    choices: ImportChoices
+    guessed: dict[str, str] = field(default_factory=dict)
+    fits: dict[str, Fit] = field(default_factory=dict)
+    covered: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def lines(self) -> list[str]:
+        """The report as text."""
+        lines = [f"robot {self.choices.name}, from {self.choices.source}", ""]
+        lines += ["link: capsules, vertices within 5 mm, volume over the hull's"]
+        for link, fit in self.fits.items():
+            if link in self.covered:
+                lines.append(f"  {link}: none, inside those of {self.covered[link]}")
+                continue
+            bad = "" if fit.good else "  MISSES 95 % or 1.6"
+            lines.append(
+                f"  {link}: {len(fit.capsules)}, {100 * fit.coverage:.1f} %, "
+                f"{fit.volume_ratio:.2f}{bad}"
+            )
+        pairs = self.choices.pairs or []
+        lines += ["", f"watched pairs: {len(pairs)}"]
+        if self.notes:
+            lines += ["", *self.notes]
+        if self.guessed:
+            lines += ["", f"guessed; correct it in {IMPORT_FILE} and import again:"]
+            lines += [f"  {key}: {how}" for key, how in self.guessed.items()]
+        return lines
+
+
+def import_robot(
+    source: str | os.PathLike[str],
+    out: Path,
+    *,
+    package_paths: tuple[str, ...] = (),
+    progress: Progress | None = None,
+) -> ImportReport:
+    """Turns a URDF into a folder with everything that a scenario's `robot` needs.
+
+    The folder then holds import.yaml (what was decided; kept if it is there),
+    robot.urdf, robot.yaml, meshes/, picture.png and report.txt.
+
+    Args:
+        source: path of a URDF, or the name of one in example-robot-data; "" where
+            `out` has an import.yaml that says it.
+        out: the folder.
+        package_paths: folders in which the URDF's packages are looked for.
+        progress: is told what is being done.
+
+    Raises:
+        ModelError: something in the URDF or the choices is wrong or not supported;
+            the message names it.
+    """
+    _check_installed()
+    progress = progress or (lambda what, share: None)
+    file = out / IMPORT_FILE
+    choices = None
+    if file.is_file():
+        choices = load_choices(file)
+        if source and find_urdf(source)[0] != _locate(choices.source, out):
+            raise ModelError(
+                f"{file} was made from {choices.source}; to import another robot give "
+                "another --out, or remove that file"
+            )
+    if choices is None:
+        path, name = find_urdf(source)
+        choices = ImportChoices(source=name, package_paths=list(package_paths))
+    choices.validate(str(file))
+    path = _locate(choices.source, out)
+    progress("reading", 0.0)
+    robot = read_urdf(path, [Path(p) for p in (*package_paths, *choices.package_paths)])
+    choices = replace(choices, name=choices.name or robot.name)
+    report = ImportReport(out, choices)
+    _guess_structure(robot, choices, report)
+    try:
+        locked = _check_structure(robot, choices, file)
+    except ModelError:
+        save_choices(file, choices, report.guessed)  # so that it can be corrected
+        raise
+
+    parts = {name: link_parts(link) for name, link in robot.links.items()}
+    segments = _merge_segments(robot, locked, parts, choices)
+    cache = FitCache(out / "meshes" / "fits.json")
+    for index, (name, of_segment) in enumerate(segments.items()):
+        progress(f"fitting {name}", index / len(segments))
+        fit = cache.fit(of_segment, choices.most_capsules)
+        if fit is None:
+            report.notes.append(f"link {name} is flat: it gets no collision shape")
+        else:
+            report.fits[name] = fit
+    _find_covered(robot, locked, segments, report)
+    capsules = {
+        name: fit.capsules
+        for name, fit in report.fits.items()
+        if name not in report.covered
+    }
+    inertias = _inertias(robot, locked, parts, report)
+    _note_joints(robot, locked, report)
+    progress("writing meshes", 1.0)
+    visuals = _write_meshes(out, parts, choices.faces)
+    _write_hulls(out, segments)
+    cache.save()
+    prescribed = choices.base == "prescribed"
+    write_urdf(
+        out / URDF,
+        robot,
+        choices.name,
+        prescribed=prescribed,
+        locked=locked,
+        frames=choices.frames,
+        visuals=visuals,
+        capsules=capsules,
+        inertias=inertias,
+    )
+    description = RobotDescription(
+        name=choices.name,
+        model=URDF,
+        base="" if prescribed else robot.root,
+        prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
+        if prescribed
+        else {},
+        task_frames={point: frame_name(point) for point in choices.frames},
+        folder=str(out),
+    )
+    plant = _parse(description)
+    if choices.rest_posture is None:
+        rest = guess_rest(robot, find_anatomy(robot), locked)
+        if prescribed:
+            height = _ground_height(robot, parts, {**locked, **rest})
+            rest = {"waist_z": round(height, 4)} | rest
+        choices.rest_posture = rest
+        report.guessed["rest_posture"] = (
+            "arms a little out, elbows bent, standing on the ground"
+        )
+    description.rest_posture = dict(choices.rest_posture)
+    rest = _rest(plant, choices, file)
+    progress("sampling pairs", 1.0)
+    _pairs(plant, robot, locked, capsules, rest, choices, report, file)
+    description.pairs = choices.pairs
+    description.validate()
+    _write_description(out, description)
+    progress("drawing", 1.0)
+    _draw(out, plant, description, rest, parts, capsules)
+    save_choices(file, choices, report.guessed)
+    with whole_file(out / REPORT) as temporary:
+        temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
+    return report
+
+
+def _check_installed() -> None:
+    import importlib.util
+
+    modules = {"trimesh": "trimesh", "collada": "pycollada"}
+    modules["fast_simplification"] = "fast-simplification"
+    missing = [p for m, p in modules.items() if importlib.util.find_spec(m) is None]
+    if missing:
+        raise ModelError(
+            f"importing robots needs {', '.join(missing)}: "
+            "pip install 'crar-drake[robots]'"
+        )
+
+
+def _locate(source: str, out: Path) -> Path:
+    if source.startswith(PACKAGE_SCHEME) or Path(source).is_absolute():
+        return find_urdf(source)[0]
+    beside = out / source
+    return find_urdf(beside if beside.is_file() else source)[0]
+
+
+def _guess_structure(
+    robot: SourceRobot, choices: ImportChoices, report: ImportReport
+) -> None:
+    """Fills in base, locked and frames where the import file leaves them out."""
+    anatomy = find_anatomy(robot)
+    if choices.base is None:
+        choices.base = "fixed" if anatomy is None else "prescribed"
+        report.guessed["base"] = (
+            "two mirrored arms were found"
+            if anatomy
+            else "no pair of mirrored arms was found"
+        )
+    if choices.locked is None:
+        choices.locked = guess_locked(robot, anatomy)
+        report.guessed["locked"] = (
+            "all joints that are not between the root and a hand"
+            if anatomy
+            else "joints that mimic or are mimicked, and fingers"
+        )
+    if choices.segments is None:
+        group = _groups(robot, choices.locked)
+        choices.segments = {}
+        for hand in (anatomy.left.hand, anatomy.right.hand) if anatomy else ():
+            others = [a for a in robot.links if group[a] == group[hand] and a != hand]
+            others = [a for a in others if not robot.is_bare(a)]
+            if others and group[hand] != robot.root:
+                choices.segments[hand] = others
+        report.guessed["segments"] = "all that is welded to a hand is one with it"
+    if choices.frames is None:
+        choices.frames = guess_frames(robot, anatomy) if anatomy else {}
+        report.guessed["frames"] = (
+            "from the axes of the arms' joints"
+            if anatomy
+            else "none; a motion needs waist, neck and both arms' shoulder, elbow and "
+            "wrist, keyframes only what your tasks name"
+        )
+
+
+def _check_structure(
+    robot: SourceRobot, choices: ImportChoices, file: Path
+) -> dict[str, float]:
+    """Checks names and supported joints; returns where each locked joint is."""
+    locked = dict(choices.locked)
+    for name in locked:
+        if name not in robot.joints:
+            raise ModelError(
+                f"{file}: locked: the robot has no joint {name!r}"
+                f"{nearest(name, robot.joints)}"
+            )
+    for point, frame in choices.frames.items():
+        if frame.link not in robot.links:
+            raise ModelError(
+                f"{file}: frames: {point}: the robot has no link {frame.link!r}"
+                f"{nearest(frame.link, robot.links)}"
+            )
+    group = _groups(robot, locked)
+    taken: set[str] = set()
+    for name, others in choices.segments.items():
+        for link in (name, *others):
+            if link not in robot.links:
+                raise ModelError(
+                    f"{file}: segments: the robot has no link {link!r}"
+                    f"{nearest(link, robot.links)}"
+                )
+            if link in taken:
+                raise ModelError(f"{file}: segments: {link!r} is there twice")
+            if group[link] != group[name]:
+                raise ModelError(
+                    f"{file}: segments: {link!r} is not welded to {name!r}"
+                )
+            taken.add(link)
+    for joint in robot.joints.values():
+        if joint.kind in ("floating", "planar") and joint.name not in locked:
+            raise ModelError(
+                f"{file}: joint {joint.name!r} is {joint.kind}, which the controller "
+                "does not support; add it to locked"
+            )
+        if not joint.mimic:
+            continue
+        if joint.name not in locked:
+            raise ModelError(
+                f"{file}: joint {joint.name!r} mimics {joint.mimic!r}: a mimic joint "
+                "cannot be controlled; add both to locked"
+            )
+        if joint.mimic not in locked and robot.joints[joint.mimic].kind != "fixed":
+            raise ModelError(
+                f"{file}: joint {joint.mimic!r} is mimicked by {joint.name!r}, which "
+                "is locked; add it to locked, too"
+            )
+        if joint.name not in choices.locked or choices.locked[joint.name] == 0.0:
+            leader = locked.get(joint.mimic, 0.0)
+            locked[joint.name] = joint.multiplier * leader + joint.offset
+    for name, position in locked.items():
+        joint = robot.joints[name]
+        if not joint.lower - 1e-3 <= position <= joint.upper + 1e-3:
+            raise ModelError(
+                f"{file}: locked: {name}: {position:g} is beyond the joint's limits, "
+                f"{joint.lower:g} to {joint.upper:g}"
+            )
+    if all(j.kind == "fixed" or j.name in locked for j in robot.joints.values()):
+        raise ModelError(f"{file}: no joint is left to control; take some from locked")
+    return locked
+
+
+def _merge_segments(
+    robot: SourceRobot,
+    locked: dict[str, float],
+    parts: dict[str, list[Part]],
+    choices: ImportChoices,
+) -> dict[str, list[Part]]:
+    """What each fit is made of: a link's parts and those of its segment's others, in
+    the link's frame."""
+    X = robot.poses(locked)
+    merged = {name: list(of_link) for name, of_link in parts.items()}
+    for name, others in choices.segments.items():
+        for other in others:
+            X_LO = X[name].inverse() @ X[other]
+            merged[name] += [part.moved(X_LO) for part in merged.pop(other)]
+    return {name: of_segment for name, of_segment in merged.items() if of_segment}
+
+
+def _groups(robot: SourceRobot, locked: dict[str, float]) -> dict[str, str]:
+    """Link to the first link of those that are welded to it."""
+    group = {robot.root: robot.root}
+    for link in robot.below(robot.root):
+        joint = robot.parent_joint(link)
+        if joint is not None:
+            welded = joint.kind == "fixed" or joint.name in locked
+            group[link] = group[joint.parent] if welded else link
+    return group
+
+
+def _find_covered(robot, locked, parts, report: ImportReport) -> None:
+    """Links that lie inside another link's capsules need none of their own."""
+    group = _groups(robot, locked)
+    X = robot.poses(locked)
+    by_size = sorted(
+        report.fits, key=lambda name: np.ptp(_vertices(parts[name]), axis=0).max()
+    )
+    for name in by_size:
+        for other in report.fits:
+            if other == name or other in report.covered or group[other] != group[name]:
+                continue
+            X_OL = X[other].inverse() @ X[name]
+            p_O = _vertices(parts[name]) @ X_OL.rotation().matrix().T
+            p_O += X_OL.translation()
+            if coverage(report.fits[other].capsules, p_O) >= 0.995:
+                report.covered[name] = other
+                break
+
+
+def _vertices(parts: list[Part]) -> np.ndarray:
+    return np.concatenate([part.vertices for part in parts])
+
+
+def _inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
+    """The URDF's inertias, and a stand-in where the dynamics need one."""
+    group = _groups(robot, locked)
+    inertias: dict[str, Inertia] = {}
+    wrong: dict[str, str] = {}
+    for name, link in robot.links.items():
+        inertia, complaint = read_inertia(link)
+        if inertia is not None:
+            inertias[name] = inertia
+        elif own_mass(link) > 0.0:
+            inertias[name] = stand_in(parts[name], own_mass(link))
+            report.notes.append(
+                f"inertia: link {name} {complaint}: taken from its convex hull"
+            )
+        else:
+            wrong[name] = complaint
+    massive = {group[name] for name in inertias}
+    left_alone = []
+    for name, complaint in wrong.items():
+        if group[name] in massive or group[name] == robot.root:
+            left_alone.append(name)
+            continue
+        inertias[name] = stand_in(parts[name], 0.0)
+        massive.add(group[name])
+        report.notes.append(
+            f"inertia: link {name} {complaint} but moves: given "
+            f"{inertias[name].mass:.3g} kg from its convex hull"
+        )
+    if left_alone:
+        report.notes.append(
+            "inertia: without mass, and left so since they are welded to links that "
+            f"have one: {', '.join(left_alone)}"
+        )
+    if robot.root not in massive:
+        inertias[robot.root] = stand_in([], 0.0)
+    return inertias
+
+
+def _note_joints(robot, locked, report: ImportReport) -> None:
+    moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
+    report.notes.append(f"controlled joints: {', '.join(j.name for j in moving)}")
+    unlimited = [j.name for j in moving if not np.isfinite(j.lower)]
+    if unlimited:
+        report.notes.append(f"joints without limits: {', '.join(unlimited)}")
+    no_effort = [j.name for j in moving if not j.effort]
+    if no_effort:
+        report.notes.append(f"joints without an effort limit: {', '.join(no_effort)}")
+    report.notes.append("every controlled joint was given an actuator of its name")
+
+
+def _write_meshes(
+    out: Path, parts: dict[str, list[Part]], faces: int
+) -> dict[str, list[VisualMesh]]:
+    visuals: dict[str, list[VisualMesh]] = {}
+    for name, of_link in parts.items():
+        # One budget a link: parts share it by their number of triangles.
+        total = sum(len(part.faces) for part in of_link)
+        safe = name.replace("/", "_")
+        for index, part in enumerate(of_link):
+            share = max(60, round(faces * len(part.faces) / total))
+            small = simplified(part, share)
+            file = f"meshes/{safe}_{index}.obj"
+            write_obj(out / file, small.vertices, small.faces)
+            visuals.setdefault(name, []).append(VisualMesh(file, part.rgba))
+    return visuals
+
+
+def _write_hulls(out: Path, segments: dict[str, list[Part]]) -> None:
+    """The real meshes' hulls, which `hull_judge` asks for distances."""
+    for name, of_segment in segments.items():
+        for index, (vertices, triangles) in enumerate(convex_hulls(of_segment)):
+            write_obj(hull_file(out, name, index), vertices, triangles)
+
+
+def hull_file(folder: Path, link: str, index: int) -> Path:
+    """Where the convex hull of a link's mesh number `index` lies."""
+    return folder / "hulls" / f"{link.replace('/', '_')}_{index}.obj"
+
+
+def _parse(description: RobotDescription) -> MultibodyPlant:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    add_robot(plant, description)
+    plant.Finalize()
+    return plant
+
+
+def _ground_height(robot, parts, positions) -> float:
+    """How high the root link is when the robot stands on the ground [m]."""
+    X = robot.poses(positions)
+    lowest = [
+        (_vertices(of_link) @ X[name].rotation().matrix()[2]).min()
+        + X[name].translation()[2]
+        for name, of_link in parts.items()
+        if of_link
+    ]
+    return float(-min(lowest, default=0.0))
+
+
+def _rest(plant: MultibodyPlant, choices: ImportChoices, file: Path) -> np.ndarray:
+    q = plant.GetPositions(plant.CreateDefaultContext())
+    for name, value in choices.rest_posture.items():
+        try:
+            joint = find_joint(plant, name)
+        except ModelError as error:
+            raise ModelError(f"{file}: rest_posture: {error}") from error
+        if joint.num_positions() != 1:
+            raise ModelError(f"{file}: rest_posture: joint {name!r} is locked")
+        q[joint.position_start()] = value
+    return q
+
+
+def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
+    known = set(capsules)
+    for pair in choices.pairs or []:
+        for link in pair:
+            if link not in known:
+                raise ModelError(
+                    f"{file}: pairs: {link!r} has no collision shape"
+                    f"{nearest(link, known)}"
+                )
+    if choices.pairs is not None:
+        return
+    found = sample_pairs(plant, capsules, rest, _adjacent(robot, locked, capsules))
+    choices.pairs = found.watched
+    report.guessed["pairs"] = (
+        f"all that came within 2 cm in sampled configurations; {found.never} never did"
+    )
+    if found.overlapping:
+        report.notes.append(
+            "not watched, since they touch in the rest posture: "
+            + ", ".join(" - ".join(pair) for pair in found.overlapping)
+        )
+    if found.always:
+        report.notes.append(
+            "not watched, since they nearly always touch: "
+            + ", ".join(" - ".join(pair) for pair in found.always)
+        )
+
+
+def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:
+    """Pairs of links with shapes that are joined, be it through bare links."""
+    pairs = set()
+    for link in capsules:
+        joint = robot.parent_joint(link)
+        while joint is not None:
+            if joint.parent in capsules:
+                pairs.add(frozenset((link, joint.parent)))
+                break
+            joint = robot.parent_joint(joint.parent)
+    return pairs
+
+
+def _write_description(out: Path, description: RobotDescription) -> None:
+    written = replace(description, folder="")
+    text = (
+        f"# Made by crar-drake import-robot from {IMPORT_FILE}; change that one.\n"
+        + yaml_dump_typed(written)
+    )
+    with whole_file(out / DESCRIPTION) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _draw(out, plant, description, rest, parts, capsules) -> None:
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, rest)
+    poses = {
+        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+        for name in parts
+    }
+    points = {
+        point: plant.GetFrameByName(frame).CalcPoseInWorld(context).translation()
+        for point, frame in description.task_frames.items()
+    }
+    draw_robot(
+        out / PICTURE,
+        f"{description.name}: meshes, and {sum(map(len, capsules.values()))} capsules",
+        poses,
+        parts,
+        capsules,
+        points,
+    )

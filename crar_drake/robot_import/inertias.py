@@ -1,0 +1,102 @@
+"""Inertias that are missing, zero or impossible, and what stands in for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+
+from crar_drake.robot_import.meshes import Part, convex_hulls
+from crar_drake.robot_import.source_urdf import Link
+
+_DENSITY = 500.0  # [kg/m^3] of a link without a mass: a hollow shell
+_SMALL_MASS = 1e-3  # [kg]
+_SMALL_INERTIA = 1e-6  # [kg m^2]
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass and central inertia of a link.
+
+    Attributes:
+        mass: [kg].
+        X_LB: pose of the central frame in the link's.
+        moments: (3, 3) central inertia in that frame [kg m^2].
+    """
+
+    mass: float
+    X_LB: RigidTransform
+    moments: np.ndarray
+
+
+def read_inertia(link: Link) -> tuple[Inertia | None, str]:
+    """The link's own inertia, and what is wrong with it ("" if nothing)."""
+    element = link.inertial
+    mass_element = None if element is None else element.find("mass")
+    if mass_element is None:
+        return None, "has no inertia"
+    mass = float(mass_element.get("value", 0.0))
+    if mass <= 0.0:
+        return None, "has no mass"
+    origin, matrix = element.find("origin"), element.find("inertia")
+    xyz = rpy = np.zeros(3)
+    if origin is not None:
+        xyz, rpy = (
+            np.array([float(c) for c in origin.get(key, "0 0 0").split()])
+            for key in ("xyz", "rpy")
+        )
+    X = RigidTransform(RollPitchYaw(rpy), xyz)
+    ixx, iyy, izz, ixy, ixz, iyz = (
+        float(matrix.get(key, 0.0)) if matrix is not None else 0.0
+        for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    )
+    moments = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    if not moments.any():
+        return None, f"has {mass:g} kg but an inertia of zero"
+    if not _is_possible(moments):
+        return None, f"has an inertia that no body of {mass:g} kg can have"
+    return Inertia(mass, X, moments), ""
+
+
+def own_mass(link: Link) -> float:
+    """The mass that the URDF gives [kg]; 0 if none."""
+    mass = None if link.inertial is None else link.inertial.find("mass")
+    return 0.0 if mass is None else max(0.0, float(mass.get("value", 0.0)))
+
+
+def stand_in(parts: list[Part], mass: float) -> Inertia:
+    """An inertia from the link's convex hulls, with the given mass if there is one."""
+    import trimesh
+
+    hulls = convex_hulls(parts)
+    if not hulls:
+        mass = mass or _SMALL_MASS
+        return Inertia(mass, RigidTransform(), np.eye(3) * _SMALL_INERTIA)
+    hull = trimesh.util.concatenate([trimesh.Trimesh(*each) for each in hulls])
+    hull.density = mass / hull.volume if mass else _DENSITY
+    moments = np.asarray(hull.moment_inertia)
+    return Inertia(float(hull.mass), RigidTransform(hull.center_mass), moments)
+
+
+def _is_possible(moments: np.ndarray) -> bool:
+    if not np.isfinite(moments).all():
+        return False
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = moments
+    try:
+        inertia = RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
+        return bool(inertia.CouldBePhysicallyValid())
+    except RuntimeError:
+        return False
+
+
+def spatial_inertia(inertia: Inertia) -> SpatialInertia:
+    """The inertia as Drake's, about the link's origin, in its frame."""
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.moments
+    central = RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
+    return SpatialInertia.MakeFromCentralInertia(
+        inertia.mass,
+        inertia.X_LB.translation(),
+        central.ReExpress(inertia.X_LB.rotation()),
+    )

@@ -1,0 +1,164 @@
+"""Meshes of any common format, as what Drake reads: OBJ, in metres, one colour each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from crar_drake.errors import ModelError
+from crar_drake.files import whole_file
+from crar_drake.robot_import.source_urdf import Link, Mesh, Shape
+
+# A recorded page carries every mesh; this keeps a whole robot below 10 MB.
+DEFAULT_FACES = 2500
+
+_GREY = (0.7, 0.7, 0.7, 1.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One colour of a visual element, in its link's frame L.
+
+    Attributes:
+        vertices: (N, 3) p_LV [m].
+        faces: (M, 3) indices of vertices.
+        rgba: its colour.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    rgba: tuple[float, ...]
+
+    def moved(self, X_AL: RigidTransform) -> Part:
+        """The same in another frame A."""
+        vertices = self.vertices @ X_AL.rotation().matrix().T + X_AL.translation()
+        return Part(vertices, self.faces, self.rgba)
+
+
+def link_parts(link: Link) -> list[Part]:
+    """The link's real look: its visual elements, else its collision elements.
+
+    Raises:
+        ModelError: a mesh cannot be read.
+    """
+    shapes = link.visual or link.collision
+    return [part for shape in shapes for part in _shape_parts(shape, link.name)]
+
+
+def _shape_parts(shape: Shape, link: str) -> list[Part]:
+    import trimesh
+
+    if shape.kind == "mesh":
+        pieces = _load(shape.mesh, link)
+    else:
+        makers = {
+            "box": lambda: trimesh.creation.box(extents=shape.size),
+            "sphere": lambda: trimesh.creation.icosphere(3, radius=shape.size[0]),
+            "cylinder": lambda: trimesh.creation.cylinder(
+                radius=shape.size[0], height=shape.size[1], sections=48
+            ),
+            "capsule": lambda: trimesh.creation.capsule(
+                radius=shape.size[0], height=shape.size[1]
+            ),
+        }
+        pieces = [(makers[shape.kind](), None)]
+    X_LG = shape.X_LG.GetAsMatrix4()
+    parts = []
+    for mesh, colour in pieces:
+        mesh.apply_transform(X_LG)
+        parts.append(
+            Part(
+                np.asarray(mesh.vertices, dtype=float),
+                np.asarray(mesh.faces),
+                tuple(shape.rgba or colour or _GREY),
+            )
+        )
+    return parts
+
+
+def _load(source: Mesh, link: str) -> list[tuple]:
+    """The file's meshes, scaled, one for each colour, with that colour."""
+    import trimesh
+
+    try:
+        scene = trimesh.load_scene(source.path)
+        bodies = scene.dump()
+    except Exception as error:  # each format's reader has errors of its own
+        raise ModelError(
+            f"link {link!r}: mesh {source.path} cannot be read: {error}"
+        ) from error
+    by_colour: dict[tuple, list] = {}
+    for body in bodies:
+        if not isinstance(body, trimesh.Trimesh) or not len(body.faces):
+            continue
+        body.apply_scale(_metres(body.units))
+        colour = _colour(body)
+        by_colour.setdefault(colour, []).append(body)
+    if not by_colour:
+        raise ModelError(f"link {link!r}: mesh {source.path} has no triangles")
+    pieces = []
+    for colour, members in by_colour.items():
+        mesh = trimesh.util.concatenate(
+            [trimesh.Trimesh(m.vertices, m.faces, process=False) for m in members]
+        )
+        # A mirroring scale turns triangles inside out; trimesh turns them back.
+        mesh.apply_transform(np.diag([*source.scale, 1.0]))
+        mesh.merge_vertices(merge_norm=True, merge_tex=True)
+        if not np.isfinite(mesh.vertices).all():
+            raise ModelError(f"link {link!r}: mesh {source.path} has NaN vertices")
+        pieces.append((mesh, colour))
+    return pieces
+
+
+def _metres(units: str | None) -> float:
+    """A COLLADA file's unit, which trimesh reads but does not apply."""
+    if units is None or units == "meters":
+        return 1.0
+    return float(units.partition("*")[0])
+
+
+def _colour(mesh) -> tuple[float, ...] | None:
+    material = getattr(mesh.visual, "material", None)
+    if material is None:
+        return None
+    colour = np.asarray(material.main_color, dtype=float) / 255.0
+    return tuple(round(float(c), 4) for c in colour)
+
+
+def convex_hulls(parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Vertices and faces of each part's convex hull; flat parts have none."""
+    import trimesh
+    from scipy.spatial import QhullError
+
+    hulls = []
+    for part in parts:
+        try:
+            hull = trimesh.Trimesh(part.vertices, part.faces, process=False).convex_hull
+        except QhullError:
+            continue
+        if hull.volume > 1e-9:
+            hulls.append((np.asarray(hull.vertices), np.asarray(hull.faces)))
+    return hulls
+
+
+def simplified(part: Part, faces: int) -> Part:
+    """The part with at most about `faces` triangles (quadric decimation)."""
+    if len(part.faces) <= faces:
+        return part
+    import trimesh
+
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    small = mesh.simplify_quadric_decimation(face_count=faces)
+    return Part(np.asarray(small.vertices), np.asarray(small.faces), part.rgba)
+
+
+def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Writes an OBJ without normals, so that edges stay sharp when drawn."""
+    lines = [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
+    with whole_file(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n")

@@ -1,0 +1,123 @@
+"""A picture of a robot's real meshes and of the capsules that stand for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from crar_drake.files import whole_file
+from crar_drake.robot_import.capsule_fitting import FittedCapsule
+from crar_drake.robot_import.meshes import Part
+
+# Name of a view -> the world's axes to the right, up and towards the viewer.
+_VIEWS = {
+    "front": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    "side": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+}
+_LIGHT = np.array([0.4, 0.5, 0.8]) / np.linalg.norm([0.4, 0.5, 0.8])
+
+
+def draw_robot(
+    path: Path,
+    title: str,
+    poses: Mapping[str, RigidTransform],
+    parts: Mapping[str, Sequence[Part]],
+    capsules: Mapping[str, Sequence[FittedCapsule]],
+    points: Mapping[str, np.ndarray],
+) -> None:
+    """Draws front and side view: the meshes, and over them the capsules and points.
+
+    Args:
+        path: of the PNG.
+        title: over the picture.
+        poses: X_WL of every link.
+        parts: of every link.
+        capsules: of every link.
+        points: the motion's points, (3,) each, in W [m].
+    """
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15, 10))
+    axes = figure.subplots(1, 4)
+    triangles, colours = _triangles(poses, parts)
+    lower, upper = triangles.min(axis=(0, 1)) - 0.1, triangles.max(axis=(0, 1)) + 0.1
+    half_width = np.max(upper - lower - [0.0, 0.0, np.inf]) / 2.0
+    for column, (name, axis) in enumerate(zip([*_VIEWS] * 2, axes, strict=True)):
+        view = np.array(_VIEWS[name], dtype=float)
+        seen = triangles @ view.T
+        order = np.argsort(seen[:, :, 2].mean(axis=1))
+        with_capsules = column >= len(_VIEWS)
+        axis.add_collection(
+            PolyCollection(
+                seen[order][:, :, :2],
+                facecolors=_shade(triangles, colours, view)[order],
+                edgecolors="none",
+            )
+        )
+        if with_capsules:
+            outlines = [
+                _outline(poses[link], capsule, view)
+                for link in capsules
+                for capsule in capsules[link]
+            ]
+            axis.add_collection(
+                PolyCollection(
+                    outlines,
+                    facecolors=(0.9, 0.3, 0.1, 0.18),
+                    edgecolors=(0.8, 0.2, 0.0, 0.9),
+                    linewidths=0.8,
+                )
+            )
+            for label, p_W in points.items():
+                x, y, _ = view @ p_W
+                axis.plot(x, y, "k+", markersize=7)
+                axis.annotate(label, (x, y), fontsize=6, color="black")
+        axis.set_aspect("equal")
+        middle = np.abs(view[0]) @ (lower + upper) / 2.0
+        axis.set_xlim(middle - half_width, middle + half_width)
+        axis.set_ylim(lower[2], upper[2])
+        axis.set_title(f"{name}{', capsules' if with_capsules else ''}")
+        axis.set_xlabel("m")
+    figure.suptitle(title)
+    figure.tight_layout()
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _triangles(poses, parts) -> tuple[np.ndarray, np.ndarray]:
+    corners, colours = [np.empty((0, 3, 3))], [np.empty((0, 4))]
+    for link, of_link in parts.items():
+        X_WL = poses[link]
+        for part in of_link:
+            p_W = part.vertices @ X_WL.rotation().matrix().T + X_WL.translation()
+            corners.append(p_W[part.faces])
+            rgba = np.resize(np.asarray(part.rgba, dtype=float), 4)
+            colours.append(np.tile(rgba, (len(part.faces), 1)))
+    return np.concatenate(corners), np.concatenate(colours)
+
+
+def _shade(triangles, colours, view) -> np.ndarray:
+    normal = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / np.maximum(length, 1e-15)
+    bright = 0.45 + 0.55 * np.abs((normal @ view.T) @ _LIGHT)
+    shaded = colours.copy()
+    shaded[:, :3] = np.clip(0.15 + 0.85 * colours[:, :3], 0, 1) * bright[:, None]
+    return shaded
+
+
+def _outline(X_WL: RigidTransform, capsule: FittedCapsule, view: np.ndarray):
+    """The capsule's silhouette: two circles and what is between them."""
+    from scipy.spatial import ConvexHull
+
+    angles = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    circle = capsule.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ends = [(view @ X_WL.multiply(p))[:2] for p in (capsule.p_L0, capsule.p_L1)]
+    points = np.concatenate([end + circle for end in ends])
+    return points[ConvexHull(points).vertices]

@@ -1,0 +1,196 @@
+"""The imported folder: what Drake reads of it, what is kept, what is refused."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Capsule, Sphere
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+from small_urdfs import humanoid, joint, link, robot, write
+
+from crar_drake.errors import ModelError
+from crar_drake.referee import Referee
+from crar_drake.robot import ControlModel
+from crar_drake.robot_description import load_robot_description
+from crar_drake.robot_import import import_robot, load_choices
+from crar_drake.robot_import.importer import DESCRIPTION, PICTURE, REPORT, URDF
+from crar_drake.task import EXPERIMENTS, position_tasks
+
+TASKS = position_tasks(EXPERIMENTS["upper-body"])
+WAIST = ["waist_x", "waist_y", "waist_z", "waist_heading"]
+
+
+@pytest.fixture(scope="module")
+def model(imported) -> ControlModel:
+    return ControlModel.FromDescription(load_robot_description(imported.folder), TASKS)
+
+
+def source_model(folder: Path):
+    """The URDF as Drake reads it itself: the independent source."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    Parser(plant).AddModels(str(folder / "small.urdf"))
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("pelvis"))
+    plant.Finalize()
+    return plant
+
+
+def test_the_folder_is_whole(imported):
+    names = {path.name for path in imported.folder.iterdir()}
+    assert names >= {URDF, DESCRIPTION, PICTURE, REPORT, "import.yaml"}
+    assert all(fit.coverage >= 0.95 for fit in imported.fits.values())
+
+
+def test_joints(model):
+    assert set(model.prescribed_names) == set(WAIST)
+    arms = [f"{s}_arm_{i}" for s in ("left", "right") for i in range(1, 7)]
+    assert set(model.joint_names) == {"waist_yaw", *arms}
+    elbow = model.joint_names.index("left_arm_4")
+    assert (model.lower[elbow], model.upper[elbow]) == (-2.2, 0.0)
+    v = model.controlled[elbow]
+    assert model.effort_limits[v] == 20.0
+    assert np.isinf(model.effort_limits[model.prescribed]).all()
+
+
+def test_it_moves_as_the_source_does(imported, model):
+    """Poses and inverse dynamics are those of the URDF itself, read by Drake."""
+    source = source_model(imported.folder)
+    rng = np.random.default_rng(0)
+    theirs, ours = source.CreateDefaultContext(), model.plant.CreateDefaultContext()
+    for name in model.joint_names:
+        q = rng.uniform(-1.0, 0.0)
+        source.GetJointByName(name).set_angle(theirs, q)
+        model.plant.GetJointByName(name).set_angle(ours, q)
+    for body in ("left_arm_hand", "right_arm_finger", "head", "right_leg"):
+        X_source = source.GetBodyByName(body).EvalPoseInWorld(theirs)
+        X_ours = model.plant.GetBodyByName(body).EvalPoseInWorld(ours)
+        assert X_ours.IsNearlyEqualTo(X_source, 1e-6)
+    gravity = source.CalcGravityGeneralizedForces(theirs)
+    here = model.plant.CalcGravityGeneralizedForces(ours)
+    for name in model.joint_names:
+        there = gravity[source.GetJointByName(name).velocity_start()]
+        mine = here[model.plant.GetJointByName(name).velocity_start()]
+        assert mine == pytest.approx(there, abs=1e-6)
+
+
+def test_pairs_are_clear_at_rest_and_can_meet(imported, model):
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    assert (referee.distances(model.rest_positions()) > 5e-3).all()
+    rng = np.random.default_rng(5)
+    lower = np.maximum(model.plant.GetPositionLowerLimits(), -np.pi)
+    upper = np.minimum(model.plant.GetPositionUpperLimits(), np.pi)
+    q = rng.uniform(lower, upper, size=(300, len(lower)))
+    least = np.min([referee.distances(row) for row in q], axis=0)
+    assert np.mean(least < 0.05) > 0.8
+    pairs = {frozenset(pair) for pair in model.description.pairs}
+    assert frozenset(("left_arm_hand", "head")) in pairs
+    assert frozenset(("left_arm_hand", "left_arm_finger")) not in pairs
+    assert frozenset(("left_leg", "right_leg")) not in pairs
+
+
+def test_shapes_are_capsules_and_spheres(model):
+    inspector = model.scene_graph.model_inspector()
+    body = model.plant.GetBodyByName("torso")
+    ids = model.plant.GetCollisionGeometriesForBody(body)
+    assert ids
+    assert all(isinstance(inspector.GetShape(i), Capsule | Sphere) for i in ids)
+
+
+def test_corrections_are_kept(imported, tmp_path):
+    folder = tmp_path / "again"
+    shutil.copytree(imported.folder, folder)
+    file = folder / "import.yaml"
+    before = file.read_text()
+    import_robot("", folder)
+    assert file.read_text() == before
+    # The head is freed; the pairs are to be guessed again.
+    text = before.replace("  neck_joint: 0.0\n", "")
+    file.write_text(text[: text.index("# watched segment pairs")])
+    report = import_robot("", folder)
+    assert set(report.guessed) == {"pairs"}
+    assert "neck_joint" not in load_choices(file).locked
+    assert file.read_text().startswith(text[: text.index("# watched")].rstrip())
+    assert "neck_joint" in load_robot_model(folder).joint_names
+
+
+def load_robot_model(folder: Path) -> ControlModel:
+    return ControlModel.FromDescription(load_robot_description(folder), TASKS)
+
+
+def test_locked_joints_are_welded_where_the_file_says(imported, tmp_path):
+    folder = tmp_path / "sitting"
+    shutil.copytree(imported.folder, folder)
+    file = folder / "import.yaml"
+    file.write_text(file.read_text().replace("left_hip: 0.0", "left_hip: -1.2"))
+    import_robot("", folder)
+    ours, source = load_robot_model(folder).plant, source_model(imported.folder)
+    theirs = source.CreateDefaultContext()
+    source.GetJointByName("left_hip").set_angle(theirs, -1.2)
+    expected = source.GetBodyByName("left_leg").EvalPoseInWorld(theirs)
+    context = ours.CreateDefaultContext()
+    pose = ours.GetBodyByName("left_leg").EvalPoseInWorld(context)
+    assert pose.IsNearlyEqualTo(expected, 1e-6)
+
+
+def test_an_arm_is_fixed_and_has_no_frames(tmp_path):
+    parts = [link("base", '<sphere radius="0.1"/>')]
+    names = ["base", *(f"l{i}" for i in range(5))]
+    for i, name in enumerate(names[1:]):
+        parts += [
+            link(name, '<capsule radius="0.03" length="0.1"/>', "0 0 0.1", mass=i),
+            joint(f"j{i}", names[i], name, "0 1 0", "0 0 0.2"),
+        ]
+    path = write(tmp_path, robot(parts))
+    (tmp_path / "out").mkdir()
+    report = import_robot(path, tmp_path / "out")
+    description = load_robot_description(tmp_path / "out")
+    assert description.base == "base" and not description.task_frames
+    # The first link had no mass although it moves.
+    assert any("l0" in note and "moves" in note for note in report.notes)
+    assert any("none; a motion needs waist" in how for how in report.guessed.values())
+
+
+def two_joints(extra: str = "", **options) -> str:
+    parts = [link("a", '<sphere radius="0.1"/>'), link("b"), link("c")]
+    parts += [joint("ab", "a", "b", **options), joint("bc", "b", "c", extra=extra)]
+    return robot(parts)
+
+
+@pytest.mark.parametrize(
+    "text, choices, words",
+    [
+        (two_joints('<mimic joint="ab"/>'), "locked: {}", ["'bc' mimics 'ab'", "lock"]),
+        (
+            two_joints('<mimic joint="ab"/>'),
+            "locked: {bc: 0.0}",
+            ["'ab' is mimicked by 'bc'", "locked, too"],
+        ),
+        (two_joints(kind="planar"), "locked: {}", ["'ab' is planar", "locked"]),
+        (two_joints(), "locked: {ab: 0.0, bc: 0.0}", ["no joint is left"]),
+        (two_joints(), "locked: {ab: 3.0}", ["ab: 3 is beyond"]),
+        (two_joints(), "locked: {abc: 0.0}", ["abc", "did you mean"]),
+        (two_joints(), "frames: {waist: {link: aa}}", ["waist", "'aa'"]),
+        (two_joints(), "segments: {a: [b]}", ["'b' is not welded to 'a'"]),
+        (two_joints(), "pairs: [[a, d]]", ["'d' has no collision shape"]),
+        (two_joints(), "rest_posture: {cb: 1.0}", ["rest_posture", "cb"]),
+        (two_joints(), "base: floating", ["base", "floating", "prescribed"]),
+        (two_joints(), "lcoked: {}", ["lcoked", "did you mean 'locked'"]),
+    ],
+)
+def test_refused(tmp_path, text, choices, words):
+    write(tmp_path, text)
+    (tmp_path / "import.yaml").write_text(f"source: small.urdf\n{choices}\n")
+    with pytest.raises(ModelError) as caught:
+        import_robot("", tmp_path)
+    for word in words:
+        assert word in str(caught.value)
+    assert not (tmp_path / DESCRIPTION).exists()
+
+
+def test_a_folder_belongs_to_one_robot(imported, tmp_path):
+    other = write(tmp_path, humanoid(), "other.urdf")
+    with pytest.raises(ModelError, match="was made from small.urdf"):
+        import_robot(other, imported.folder)

@@ -1,0 +1,59 @@
+"""Inertias that are read, refused or made up."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import CalcSpatialInertia
+
+from crar_drake.robot_import.inertias import read_inertia, stand_in
+from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.source_urdf import Link, Shape
+
+
+def element(mass="2", **inertia) -> Link:
+    values = dict(ixx=0.02, iyy=0.03, izz=0.04, ixy=0, ixz=0, iyz=0) | inertia
+    text = " ".join(f'{key}="{value}"' for key, value in values.items())
+    return Link(
+        "l",
+        (),
+        (),
+        ElementTree.fromstring(
+            f'<inertial><origin xyz="1 2 3"/><mass value="{mass}"/>'
+            f"<inertia {text}/></inertial>"
+        ),
+    )
+
+
+def test_as_it_stands():
+    inertia, complaint = read_inertia(element())
+    assert not complaint and inertia.mass == 2.0
+    np.testing.assert_array_equal(inertia.X_LB.translation(), [1, 2, 3])
+    np.testing.assert_array_equal(np.diag(inertia.moments), [0.02, 0.03, 0.04])
+
+
+@pytest.mark.parametrize(
+    "link, complaint",
+    [
+        (Link("l", (), (), None), "no inertia"),
+        (element(mass="0"), "no mass"),
+        (element(ixx=0, iyy=0, izz=0), "an inertia of zero"),
+        (element(izz=0.5), "that no body of 2 kg can have"),  # triangle inequality
+        (element(ixx=-0.01), "that no body"),
+    ],
+)
+def test_complaints(link, complaint):
+    inertia, told = read_inertia(link)
+    assert inertia is None and complaint in told
+
+
+def test_a_stand_in_is_that_of_a_solid_hull():
+    box = Shape(RigidTransform([0.1, 0, 0]), "box", size=(0.2, 0.3, 0.4))
+    made = stand_in(link_parts(Link("l", (box,), (), None)), 3.0)
+    solid = CalcSpatialInertia(Box(0.2, 0.3, 0.4), 3.0 / (0.2 * 0.3 * 0.4))
+    assert made.mass == pytest.approx(3.0)
+    np.testing.assert_allclose(made.X_LB.translation(), [0.1, 0, 0], atol=1e-12)
+    expected = solid.CalcRotationalInertia().CopyToFullMatrix3()
+    np.testing.assert_allclose(made.moments, expected, atol=1e-9)

@@ -1,0 +1,84 @@
+"""Meshes of any format arrive in metres, in the link's frame, the right way out."""
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.math import RigidTransform
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.meshes import (
+    convex_hulls,
+    link_parts,
+    simplified,
+    write_obj,
+)
+from crar_drake.robot_import.source_urdf import Link, Mesh, Shape
+
+
+def one(shape: Shape):
+    (part,) = link_parts(Link("l", (shape,), (), None))
+    return part
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "dae"])
+def test_formats(tmp_path, suffix):
+    path = tmp_path / f"box.{suffix}"
+    trimesh.creation.box(extents=(1, 2, 3)).export(path)
+    part = one(Shape(RigidTransform([0, 0, 1.0]), "mesh", Mesh(path)))
+    np.testing.assert_allclose(part.vertices.max(axis=0), [0.5, 1.0, 2.5])
+    np.testing.assert_allclose(part.vertices.min(axis=0), [-0.5, -1.0, -0.5])
+
+
+def test_a_collada_file_in_millimetres(tmp_path):
+    path = tmp_path / "box.dae"
+    trimesh.creation.box(extents=(100, 200, 300)).export(path)
+    text = path.read_text()
+    assert "<asset" in text
+    head, asset, rest = text.partition("</asset>")
+    path.write_text(head + '<unit name="millimeter" meter="0.001"/>' + asset + rest)
+    part = one(Shape(RigidTransform(), "mesh", Mesh(path)))
+    np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [0.1, 0.2, 0.3])
+
+
+def test_a_mirroring_scale_keeps_triangles_outside_out(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box(extents=(1, 2, 3)).export(path)
+    part = one(Shape(RigidTransform(), "mesh", Mesh(path, (1.0, -0.5, 1.0))))
+    assert trimesh.Trimesh(part.vertices, part.faces).volume == pytest.approx(3.0)
+
+
+def test_colours(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box().export(path)
+    assert one(Shape(RigidTransform(), "mesh", Mesh(path), rgba=(1, 0, 0, 1))).rgba == (
+        1,
+        0,
+        0,
+        1,
+    )
+    assert one(Shape(RigidTransform(), "sphere", size=(0.1,))).rgba[3] == 1.0
+
+
+def test_decimation_keeps_the_shape():
+    part = one(Shape(RigidTransform(), "capsule", size=(0.1, 0.4)))
+    small = simplified(part, 300)
+    assert len(small.faces) <= 330 < len(part.faces)
+    np.testing.assert_allclose(
+        np.ptp(small.vertices, axis=0), np.ptp(part.vertices, axis=0), rtol=0.05
+    )
+
+
+def test_obj_and_hulls(tmp_path):
+    part = one(Shape(RigidTransform(), "box", size=(1.0, 2.0, 3.0)))
+    write_obj(tmp_path / "a.obj", part.vertices, part.faces)
+    again = trimesh.load_mesh(tmp_path / "a.obj")
+    assert again.volume == pytest.approx(6.0)
+    ((vertices, faces),) = convex_hulls([part])
+    assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(6.0)
+
+
+def test_unreadable_meshes_are_named(tmp_path):
+    path = tmp_path / "hand.stl"
+    path.write_bytes(b"nothing of the kind")
+    with pytest.raises(ModelError, match="link 'l': mesh .*hand.stl"):
+        one(Shape(RigidTransform(), "mesh", Mesh(path)))

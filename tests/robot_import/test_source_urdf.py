@@ -1,0 +1,124 @@
+"""Reading a robot's own URDF: what is found, and what is refused."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from small_urdfs import humanoid, joint, link, robot, write
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+
+MESH = '<mesh filename="{}"/>'
+
+
+def test_tree_and_poses(tmp_path):
+    source = read_urdf(write(tmp_path, humanoid()))
+    assert source.root == "pelvis" and source.name == "small_humanoid"
+    way = [j.name for j in source.path_to("left_arm_fore")]
+    assert way == ["waist_yaw", *(f"left_arm_{i}" for i in range(1, 5))]
+    X = source.poses()
+    np.testing.assert_allclose(X["left_arm_fore"].translation(), [0, 0.2, 0.15])
+    # A quarter turn of the trunk to the left brings the left elbow behind.
+    X = source.poses({"waist_yaw": np.pi / 2})
+    np.testing.assert_allclose(
+        X["left_arm_fore"].translation(), [-0.2, 0, 0.15], atol=1e-12
+    )
+
+
+def test_a_joint_turns_about_its_axis_after_its_origin(tmp_path):
+    text = robot(
+        [
+            link("a"),
+            link("b"),
+            '<joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+            '<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/><axis xyz="0 0 2"/>'
+            '<limit lower="-1" upper="1"/></joint>',
+        ]
+    )
+    read = read_urdf(write(tmp_path, text)).joints["j"]
+    expected = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1, 2, 3]) @ RigidTransform(
+        RollPitchYaw(0, 0, 0.5), np.zeros(3)
+    )
+    assert read.transform(0.5).IsNearlyEqualTo(expected, 1e-12)
+
+
+def closed_chain() -> str:
+    parts = [link("a"), link("b"), link("c")]
+    parts += [joint("ab", "a", "b"), joint("ac", "a", "c"), joint("bc", "b", "c")]
+    return robot(parts)
+
+
+def ring() -> str:
+    parts = [link("a"), link("b"), link("c")]
+    return robot([*parts, joint("bc", "b", "c"), joint("cb", "c", "b")])
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (closed_chain(), ["closed chain", "'ac'", "'bc'", "'c'"]),
+        (ring(), ["closed chain", "b, c"]),
+        (robot([link("a"), link("b")]), ["not one tree", "a, b"]),
+        (robot([link("a"), joint("j", "a", "bb")]), ["'j'", "'bb'"]),
+        (robot([link("a"), link("b"), joint("j", "a", "b", kind="screw")]), ["screw"]),
+        (robot([link("a"), link("b"), joint("j", "a", "b", "0 0 0")]), ["no length"]),
+        (
+            robot(
+                [
+                    link("a"),
+                    '<drake:ball_constraint name="loop"/>',
+                ]
+            ),
+            ["drake:ball_constraint", "closes a chain"],
+        ),
+        (robot([link("a", MESH.format("hand.stl"))]), ["hand.stl", "link a"]),
+        (
+            robot([link("a", MESH.format("package://acme_robot/hand.stl"))]),
+            ["acme_robot", "--package-path"],
+        ),
+        ("<sdf/>", ["not a URDF", "<sdf>"]),
+        ("<robot", ["not a URDF"]),
+        (robot([]), ["no links"]),
+    ],
+)
+def test_refused(tmp_path, text, words):
+    path = write(tmp_path, text)
+    with pytest.raises(ModelError) as caught:
+        read_urdf(path)
+    for word in [str(path), *words]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("where", ["argument", "environment", "ancestor", "manifest"])
+def test_packages_are_found(tmp_path, monkeypatch, where):
+    monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)
+    text = robot([link("a", MESH.format("package://acme/meshes/hand.stl"))])
+    root = tmp_path / "some" / ("acme" if where != "manifest" else "checkout")
+    (root / "meshes").mkdir(parents=True)
+    (root / "meshes" / "hand.stl").touch()
+    if where == "manifest":
+        (root / "package.xml").write_text("<package><name>acme</name></package>")
+    inside = where in ("ancestor", "manifest")
+    path = write(root / "urdf" if inside else tmp_path / "elsewhere", text)
+    paths = [tmp_path / "some"] if where == "argument" else []
+    if where == "environment":
+        monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'some'}")
+    shape = read_urdf(path, paths).links["a"].visual[0]
+    assert shape.mesh.path == root / "meshes" / "hand.stl"
+
+
+def test_unknown_robots(robot_data, tmp_path):
+    with pytest.raises(ModelError, match="no URDF at"):
+        find_urdf(tmp_path / "nothing.urdf")
+    with pytest.raises(ModelError, match="did you mean 'panda'"):
+        find_urdf("pnda")
+    with pytest.raises(ModelError, match="has no robots/none.urdf"):
+        find_urdf("example-robot-data:robots/none.urdf")
+
+
+def test_without_the_package_names_are_refused(monkeypatch):
+    from crar_drake.robot_import import source_urdf
+
+    monkeypatch.setattr(source_urdf, "robot_data_folder", lambda: None)
+    with pytest.raises(ModelError, match=r"pip install 'crar-drake\[robots\]'"):
+        find_urdf("panda")

@@ -231,8 +231,8 @@ def MakeCrarDiagram(
         "desired_tasks": tasks,
         "diagnostics": controller.get_output_port_diagnostics(),
     }
+    period = scenario.log_period_for(scenario.duration or setup.motion.duration)
     for name, port in logged.items():
-        period = scenario.log_period or scenario.controller.period
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")
     if meshcat is not None:
         _add_visualization(builder, scenario, meshcat, model, tasks, controller)

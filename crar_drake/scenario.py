@@ -5,6 +5,7 @@ configured by Drake's own dataclasses.
 """
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
+import math
 import os
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -22,6 +23,9 @@ from crar_drake.parameters import CrarParameters, LookaheadParameters
 from crar_drake.resources import data_folder
 from crar_drake.robot_description import nearest
 from crar_drake.task import EXPERIMENTS, Task, position_tasks
+
+# A log of more samples takes its memory from the run: 60 s at 1 ms take 100 MB.
+MAX_LOG_SAMPLES = 60_000
 
 
 def _plant_config() -> MultibodyPlantConfig:
@@ -83,7 +87,8 @@ class Scenario:
         duration: of the simulation [s]; by default that of the motion.
         warning_distance: segments nearer than this are coloured in the recording
             [m].
-        log_period: of log.npz [s]; by default the control period.
+        log_period: of log.npz [s]; by default the control period, or of runs with
+            more than MAX_LOG_SAMPLES steps the multiple of it that keeps to them.
         plant_config, simulator_config, visualization: Drake's own.
     """
 
@@ -156,6 +161,13 @@ class Scenario:
         if self.experiment:
             return position_tasks(EXPERIMENTS[self.experiment])
         return self.tasks
+
+    def log_period_for(self, duration: float) -> float:
+        """The period that a run of `duration` [s] is logged at [s]."""
+        period = self.controller.period
+        if self.log_period is not None:
+            return self.log_period
+        return period * max(1, math.ceil(duration / period / MAX_LOG_SAMPLES))
 
     def to_yaml(self) -> str:
         """The scenario as YAML text, every field written out."""

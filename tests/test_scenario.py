@@ -184,3 +184,12 @@ def test_another_start_time_is_refused():
     text = "motion: dance\nexperiment: wrists\nsimulator_config: {start_time: 1.0}\n"
     with pytest.raises(ScenarioError, match="start_time"):
         parse_scenario(text)
+
+
+def test_long_runs_are_logged_at_a_lower_rate():
+    scenario = Scenario()
+    assert scenario.log_period_for(60.0) == 1e-3
+    assert scenario.log_period_for(600.0) == pytest.approx(1e-2)
+    assert scenario.log_period_for(61.0) == pytest.approx(2e-3)
+    scenario.log_period = 0.05
+    assert scenario.log_period_for(1.0) == 0.05

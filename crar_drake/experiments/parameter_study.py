@@ -46,9 +46,18 @@ def variations() -> dict[str, CrarParameters]:
         "d_min = 10 mm": ahead(distance_margin=1e-2),
         "limit margin 1e-3 rad": ahead(limit_margin=1e-3),
         "γ = 10/s": ahead(retreat_rate=10.0),
+        "retreat at most 0.1 m/s, 0.4 rad/s": ahead(
+            retreat_speed=0.1, joint_retreat_speed=0.4
+        ),
+        "retreat at most 2 m/s, 8 rad/s": ahead(
+            retreat_speed=2.0, joint_retreat_speed=8.0
+        ),
+        "slip low-pass 2 ms": ahead(slip_time_constant=2e-3),
+        "slip not seen (10^6 s)": ahead(slip_time_constant=1e6),
         "T = 1/60 s": ahead(horizon=1.0 / 60.0),
         "T = 1/15 s": ahead(horizon=1.0 / 15.0),
         "influence 0.15 m": ahead(influence_distance=0.15),
+        "influence 0.6 m": ahead(influence_distance=0.6),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),
         "doubled gains (Gv, K = 60, Kp = 900, T = 1/60 s)": replace(

@@ -34,6 +34,7 @@ OUT = Path("out")
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
+MEASUREMENTS = ("step", "simulation", "scaling")  # of crar_drake.experiments.bench
 
 
 class UsageError(CrarError):
@@ -284,6 +285,49 @@ def _sweep(arguments: argparse.Namespace) -> None:
     plot_sweep(results, plot)
     print(out)
     print(plot)
+
+
+def _bench(arguments: argparse.Namespace) -> None:
+    # NumPy's library reads them when it is loaded, which is below.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+
+    from rich.console import Console
+
+    from crar_drake.experiments.bench import BenchSettings, run_bench, write_json
+    from crar_drake.experiments.bench_report import (
+        machine_line,
+        plot_bench,
+        rich_tables,
+        text_of_page,
+        write_page,
+    )
+
+    if arguments.markdown is not None:
+        text_of_page(arguments.markdown)  # before minutes of measuring
+    settings = BenchSettings(
+        motion=arguments.motion,
+        duration=arguments.duration or (1.0 if arguments.quick else 3.0),
+        measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
+    )
+    if arguments.quick:
+        settings = replace(settings, repeats=1, scaling_steps=20)
+    _be_quiet()
+    result = run_bench(
+        settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
+    )
+    console = Console()
+    for table in rich_tables(result):
+        console.print(table)
+    print(machine_line(result))
+    data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
+    write_json(result, data)
+    plot_bench(result, plot)
+    print(data)
+    print(plot)
+    if arguments.markdown is not None:
+        write_page(result, arguments.markdown)
+        print(arguments.markdown)
 
 
 # --- what a run does --------------------------------------------------------------
@@ -594,6 +638,48 @@ def _make_parser() -> _Parser:
         metavar="FILE",
         default=OUT / "sweep" / "results.csv",
         help="results, with a .png and a .yaml beside it (default: %(default)s)",
+    )
+
+    bench = add(
+        "bench",
+        _bench,
+        "Time a control step, its parts, the whole simulation, and how they grow "
+        "(docs/speed.md).",
+    )
+    bench.add_argument(
+        "--motion",
+        default="dance",
+        help="steps along this one: dance, cmu:05_02, some/path.amc "
+        "(default: %(default)s)",
+    )
+    bench.add_argument(
+        "--duration",
+        type=_positive,
+        metavar="S",
+        help="of the motion that is taken [s] (default: 3)",
+    )
+    bench.add_argument(
+        "--only",
+        type=_list_of(_one_of(MEASUREMENTS)),
+        action="extend",
+        metavar="M[,M...]",
+        help=f"of {', '.join(MEASUREMENTS)} (default: all)",
+    )
+    bench.add_argument(
+        "--quick", action="store_true", help="a first look, with few samples"
+    )
+    bench.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        default=OUT / "bench",
+        help="folder for bench.json and bench.png (default: %(default)s)",
+    )
+    bench.add_argument(
+        "--markdown",
+        type=Path,
+        metavar="FILE",
+        help="a page such as docs/speed.md, to renew the tables of",
     )
 
     motion = add("motion", _motion, "Print what is in a motion file, and plot it.")

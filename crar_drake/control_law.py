@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crar_drake.equations.adaptive_gain import adaptive_gain
 from crar_drake.equations.blending import blend_tasks, blend_vectors, smooth_step
 from crar_drake.equations.collisions import (
     collision_gradient,
@@ -21,7 +22,11 @@ from crar_drake.equations.collisions import (
     collision_weights,
     pair_weights,
 )
-from crar_drake.equations.composite_weight import composite_index, composite_weights
+from crar_drake.equations.composite_weight import (
+    composite_index,
+    composite_weights,
+    inertia_weight,
+)
 from crar_drake.equations.joint_limits import LimitPotential, joint_limit_weights
 from crar_drake.equations.lookahead import (
     JointLimits,
@@ -203,11 +208,18 @@ class Resolved:
 
 @dataclass(slots=True)
 class ConstraintWeights:
-    """The diagonal of W, and what its next evaluation compares with."""
+    """The diagonal of W, and what its next evaluation compares with.
+
+    Attributes:
+        W: (n,).
+        nearness: (n,) what W would be if everything were being approached.
+        limit_proximity, pair_proximity: see `Memory`.
+    """
 
     W: np.ndarray
-    limit_proximity: np.ndarray | None
-    pair_proximity: np.ndarray | None
+    nearness: np.ndarray
+    limit_proximity: np.ndarray | None = None
+    pair_proximity: np.ndarray | None = None
 
 
 class ControlLaw:
@@ -360,7 +372,7 @@ class ControlLaw:
             slip = self._slip(memory, tick, state)
             resolved = self._resolve_lookahead(state, near, references, slip)
         else:
-            resolved = self._resolve_paper(state, references, memory)
+            resolved = self._resolve_paper(workspace, state, references, memory)
 
         vdot = model.join(resolved.qddot, references.qddot_p)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
@@ -435,29 +447,37 @@ class ControlLaw:
         return References(J, v_r, a_r, Jdot_qdot, posture, qddot_p)
 
     def _resolve_paper(
-        self, state: ModelState, references: References, memory: Memory
+        self,
+        workspace: Workspace,
+        state: ModelState,
+        references: References,
+        memory: Memory,
     ) -> Resolved:
         """Eqs. (10), (15)-(35); W = I where constraints are "none"."""
         gains = self.parameters
         weights = self._constraint_weights(state, memory)
-        J = references.J
-        J_star = damped_weighted_pseudo_inverse(J, weights.W, gains.damping)
+        J, W = references.J, weights.W
+        if gains.metric == "inertia":
+            W = inertia_weight(self.model.inertia_matrix(workspace), W)
+        Gv, GvN = gains.Gv, gains.null_space_gain
+        if gains.Gv_near is not None:
+            Gv = adaptive_gain(gains.Gv, gains.Gv_near, weights.nearness)
+            GvN = Gv if gains.GvN is None else GvN
+        J_star = damped_weighted_pseudo_inverse(J, W, gains.damping)
         qdot_c = constrained_velocity(J_star, references.v_r)
         if gains.level == "velocity":
             alpha = velocity_level_acceleration(qdot_c, memory.qdot_c, gains.period)
         else:
-            zeta = null_space_motion(qdot_c, state.qdot, gains.null_space_gain)
+            zeta = null_space_motion(qdot_c, state.qdot, GvN)
             if references.posture is not None:
                 zeta = zeta + references.posture
             alpha = acceleration_level_acceleration(
                 J, J_star, references.a_r, references.Jdot_qdot, zeta
             )
         return Resolved(
-            qddot=constrained_resolved_acceleration(
-                alpha, qdot_c, state.qdot, gains.Gv
-            ),
+            qddot=constrained_resolved_acceleration(alpha, qdot_c, state.qdot, Gv),
             qdot_c=qdot_c,
-            W=weights.W,
+            W=weights.W if W.ndim == 1 else np.diag(W),
             limit_proximity=weights.limit_proximity,
             pair_proximity=weights.pair_proximity,
         )
@@ -584,7 +604,7 @@ class ControlLaw:
         """Eqs. (17)-(28) at a state; W = I where constraints are "none"."""
         model, gains = self.model, self.parameters
         if gains.constraints == "none":
-            return ConstraintWeights(np.ones(model.n), None, None)
+            return ConstraintWeights(np.ones(model.n), np.ones(model.n))
         limit_gradient, limit_proximity = self._limit_potential.gradient_and_proximity(
             state.q
         )
@@ -601,7 +621,12 @@ class ControlLaw:
         if a is None:
             a = composite_index(len(model.pairs))
         W = composite_weights(W_JL, W_COL, a)
-        return ConstraintWeights(W, limit_proximity, pair_proximity)
+        nearness = W
+        if gains.Gv_near is not None:
+            nearness = composite_weights(
+                1.0 + limit_proximity, collision_weights(1.0 + pair_proximity), a
+            )
+        return ConstraintWeights(W, nearness, limit_proximity, pair_proximity)
 
 
 def check_finite(name: str, value: np.ndarray, time: float) -> None:

@@ -9,6 +9,7 @@ from crar_drake.watched_pairs import DISTANCES
 
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
+METRICS = ("identity", "inertia")
 LOST_TARGET = ("brake", "error")
 
 
@@ -71,6 +72,12 @@ class CrarParameters:
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv.
+        Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
+            the constraints and this near them, joint by joint, see
+            `equations.adaptive_gain` [1/s]; GvN goes along unless it is given.
+        metric: of the joint velocities that W weighs, for constraints "paper" and
+            "none": "identity", or "inertia" for the dynamically consistent inverse,
+            see `equations.composite_weight.inertia_weight`.
         damping: lambda of Eq. (34) [m].
         rho, alpha, beta: amplitude, decay [1/m] and exponent of the collision
             potential, Eq. (24), for every pair.
@@ -93,6 +100,8 @@ class CrarParameters:
     Kv: float | None = None  # [1/s]
     Gv: float = 30.0  # [1/s]
     GvN: float | None = None  # [1/s]
+    Gv_near: float | None = None  # [1/s]
+    metric: str = "identity"
     damping: float = 0.1  # [m]
     rho: float = 1.0
     alpha: float = 50.0  # [1/m]
@@ -112,6 +121,7 @@ class CrarParameters:
         _check_choice("controller", self, "level", LEVELS)
         _check_choice("controller", self, "constraints", CONSTRAINTS)
         _check_choice("controller", self, "distances", DISTANCES)
+        _check_choice("controller", self, "metric", METRICS)
         _check_numbers(
             "controller",
             self,
@@ -126,6 +136,16 @@ class CrarParameters:
             raise ScenarioError(
                 "controller.level: the lookahead constraints choose accelerations; "
                 "use level acceleration, or constraints paper"
+            )
+        if self.constraints == "lookahead" and self.metric != "identity":
+            raise ScenarioError(
+                f"controller.metric: {self.metric!r} belongs to constraints paper or "
+                "none; the lookahead constraints have a weight of their own"
+            )
+        if self.constraints != "paper" and self.Gv_near is not None:
+            raise ScenarioError(
+                f"controller.Gv_near: {self.Gv_near} belongs to constraints paper, "
+                f"whose weights say what is near; they are {self.constraints!r}"
             )
 
     @property

@@ -325,6 +325,18 @@ class ControlModel:
         joined[self._prescribed] = prescribed
         return joined
 
+    def inertia_matrix(self, workspace: Workspace) -> np.ndarray:
+        """H of Eqs. (1), (2) for the controlled joints, at the workspace's state.
+
+        Args:
+            workspace: at the state of the last `evaluate`.
+
+        Returns:
+            (n, n) symmetric positive definite [kg m^2]; rotor inertias are in it.
+        """
+        H = self.plant.CalcMassMatrix(workspace.plant_context)
+        return H[np.ix_(self.controlled, self.controlled)]
+
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
         plant = self.plant

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.multibody.tree import MultibodyForces
 from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, free_of_constraints, make_model, random_state
 
@@ -113,6 +114,86 @@ def test_paper_weights_enter_the_inverse(spatial):
     p_d, v_d, _ = target.reshape(3, 3)
     expected = weighted_pseudo_inverse(state.J, W) @ (v_d + 30.0 * (p_d - state.p[0]))
     np.testing.assert_allclose(solution.constrained_velocity, expected, rtol=1e-6)
+
+
+def inertia_by_inverse_dynamics(model: ControlModel, q: np.ndarray) -> np.ndarray:
+    """H, column by column: the torque of a unit acceleration at rest, less gravity."""
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    forces = MultibodyForces(plant)
+    columns = np.vstack([np.zeros(len(q)), np.eye(len(q))])
+    tau = [plant.CalcInverseDynamics(context, vdot, forces) for vdot in columns]
+    H = (np.array(tau[1:]) - tau[0]).T
+    return H[np.ix_(model.controlled, model.controlled)]
+
+
+def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
+    """Of all q_dot that do the task (Karush-Kuhn-Tucker), and H is the robot's own."""
+    q, v = random_state(on_rail, 5)
+    state, H = at(on_rail, q, v), inertia_by_inverse_dynamics(on_rail, q)
+    workspace = on_rail.MakeWorkspace()
+    on_rail.evaluate(workspace, q, v)
+    np.testing.assert_allclose(on_rail.inertia_matrix(workspace), H, atol=1e-12)
+
+    target = circle(on_rail, np.array([0.8, 0.3, 0.2]), 0.4)
+    prescribed = np.concatenate([q[on_rail.prescribed], [0.0, 0.0]])
+    gains = free_of_constraints(metric="inertia")
+    solution = ControlLaw(on_rail, gains).step(q, v, target, prescribed)
+    p_d, v_d, _ = target.reshape(3, 3)
+    v_r = v_d + gains.K * (p_d - state.p[0]) - state.J_p @ state.qdot_p
+    system = np.block([[H, state.J.T], [state.J, np.zeros((3, 3))]])
+    least = np.linalg.solve(system, np.concatenate([np.zeros(4), v_r]))[:4]
+    np.testing.assert_allclose(solution.constrained_velocity, least, rtol=1e-5)
+    plain = ControlLaw(on_rail, free_of_constraints()).step(q, v, target, prescribed)
+    qdot = plain.constrained_velocity
+    assert least @ H @ least < 0.99 * qdot @ H @ qdot
+
+
+def test_adaptive_gain_is_far_or_near_with_the_constraints():
+    """Far from all limits it is Gv; where every joint is at its limit, Gv_near."""
+    model = make_model(chain_urdf("zyzyz", limits=(-1e4, 1e4)))
+    q, v = random_state(model, 4)
+    target = circle(model, np.array([0.8, 0.3, 0.2]), 0.4)
+
+    def acceleration(model, **gains):
+        law = ControlLaw(
+            model, CrarParameters(constraints="paper", blend_time=0.0, **gains)
+        )
+        return law.step(q, v, target).acceleration
+
+    adaptive = acceleration(model, Gv=10.0, Gv_near=80.0)
+    np.testing.assert_allclose(adaptive, acceleration(model, Gv=10.0), rtol=1e-3)
+    assert np.abs(adaptive - acceleration(model, Gv=80.0)).max() > 1.0
+
+    limits = (q.min() - 1e-3, q.max() + 1e-3)
+    narrow = make_model(chain_urdf("zyzyz", limits=limits))
+    narrow.lower, narrow.upper = q - 2e-3, q + 1e-3
+    adaptive = acceleration(narrow, Gv=10.0, Gv_near=80.0)
+    np.testing.assert_allclose(adaptive, acceleration(narrow, Gv=80.0), rtol=1e-2)
+    # The null-space gain goes along unless it is given.
+    fixed = acceleration(narrow, Gv=10.0, Gv_near=80.0, GvN=10.0)
+    np.testing.assert_allclose(
+        fixed, acceleration(narrow, Gv=80.0, GvN=10.0), rtol=1e-2
+    )
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"metric": "inertai"}, "metric: 'inertai' is none of identity, inertia"),
+        (
+            {"metric": "inertia", "constraints": "lookahead"},
+            "metric: 'inertia' belongs",
+        ),
+        ({"Gv_near": 60.0, "constraints": "lookahead"}, "Gv_near: 60.0 belongs"),
+        ({"Gv_near": 60.0, "constraints": "none"}, "Gv_near: 60.0 belongs"),
+        ({"Gv_near": -1.0}, "Gv_near: -1.0 must be positive"),
+    ],
+)
+def test_variants_of_the_paper_are_for_its_own_constraints(changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        CrarParameters(**({"constraints": "paper"} | changes)).validate()
 
 
 def residual_of_eq_32(constraints: str, period: float) -> tuple[float, float, float]:

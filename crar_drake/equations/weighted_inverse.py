@@ -34,7 +34,8 @@ def damped_weighted_pseudo_inverse(
 
     Args:
         J: (m, n) task Jacobian, any rank.
-        W: (n,) diagonal of the weight matrix, positive.
+        W: (n,) diagonal of the weight matrix, positive, or the whole matrix (n, n),
+            symmetric positive definite.
         damping: lambda [m].
 
     Returns:
@@ -45,9 +46,12 @@ def damped_weighted_pseudo_inverse(
         # The same matrix by the push-through identity, and the smaller system:
         # (J^T J + lambda^2 W)^-1 J^T.
         normal = J.T @ J
-        normal.flat[:: n + 1] += damping**2 * W
+        if W.ndim == 2:
+            normal += damping**2 * W
+        else:
+            normal.flat[:: n + 1] += damping**2 * W
         return _solve_spd(normal, J.T)
-    JWinv = J / W
+    JWinv = J / W if W.ndim == 1 else _solve_spd(W, J.T).T
     core = JWinv @ J.T
     core.flat[:: m + 1] += damping**2
     return _solve_spd(core, JWinv).T

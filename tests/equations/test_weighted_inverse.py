@@ -162,3 +162,43 @@ def test_null_space_projector_keeps_motion_that_is_in_the_null_space():
     N = null_space_projector(J, damped_weighted_pseudo_inverse(J, W, 0.1))
     kernel = np.linalg.svd(J)[2][3:].T
     np.testing.assert_allclose(N @ kernel, kernel, atol=1e-10)
+
+
+def random_full_weight(n: int) -> np.ndarray:
+    rng = np.random.default_rng(n)
+    root = rng.normal(size=(n, n))
+    return root @ root.T + np.diag(10.0 ** rng.uniform(-1.0, 3.0, n))
+
+
+@pytest.mark.parametrize("m, n", SHAPES)
+def test_a_full_weight_matrix_gives_the_printed_formula(m, n):
+    J, _ = random_problem(m, n)
+    W = random_full_weight(n)
+    inverse = np.linalg.inv(W)
+    printed = inverse @ J.T @ np.linalg.inv(J @ inverse @ J.T + 0.01 * np.eye(m))
+    np.testing.assert_allclose(
+        damped_weighted_pseudo_inverse(J, W, 0.1), printed, rtol=1e-8, atol=1e-11
+    )
+
+
+@pytest.mark.parametrize("m, n", SHAPES)
+def test_a_diagonal_matrix_is_its_diagonal(m, n):
+    J, W = random_problem(m, n)
+    np.testing.assert_allclose(
+        damped_weighted_pseudo_inverse(J, np.diag(W), 0.1),
+        damped_weighted_pseudo_inverse(J, W, 0.1),
+        rtol=1e-8,
+        atol=1e-14,
+    )
+
+
+@pytest.mark.parametrize("m, n", [(3, 7), (6, 11)])
+def test_a_full_weight_matrix_minimises_its_quadratic_form(m, n):
+    """min x^T W x with J x = y, by the Karush-Kuhn-Tucker system."""
+    J, _ = random_problem(m, n)
+    W, y = random_full_weight(n), np.arange(1.0, m + 1.0)
+    system = np.block([[W, J.T], [J, np.zeros((m, m))]])
+    x = np.linalg.solve(system, np.concatenate([np.zeros(n), y]))[:n]
+    np.testing.assert_allclose(
+        damped_weighted_pseudo_inverse(J, W, 0.0) @ y, x, rtol=1e-7, atol=1e-10
+    )

@@ -330,6 +330,49 @@ def _bench(arguments: argparse.Namespace) -> None:
         print(arguments.markdown)
 
 
+def _reproduce(arguments: argparse.Namespace) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from crar_drake.experiments.section_iv.plan import MOTION_SETS, make_plan
+    from crar_drake.experiments.section_iv.report import report_path
+    from crar_drake.experiments.section_iv.reproduce import reproduce
+    from crar_drake.experiments.section_iv.simulate import finished
+    from crar_drake.experiments.sweep import find_motions
+
+    chosen = arguments.motions or ["builtin"]
+    motions = [m for name in chosen for m in MOTION_SETS.get(name, (name,))]
+    plan = make_plan(find_motions(motions), duration=arguments.duration)
+    out = arguments.out or OUT / "reproduce" / "-".join(map(_motion_label, chosen))
+
+    _be_quiet()
+    try:
+        with _sweep_bar(len(finished(plan, out)), len(plan.simulations)) as show:
+            result = reproduce(
+                plan,
+                out,
+                jobs=arguments.jobs,
+                progress=lambda done, total, newest: show(done, total, newest.result),
+            )
+    except KeyboardInterrupt:
+        print(
+            f"crar-drake: what is finished is in {out}; the same command continues",
+            file=sys.stderr,
+        )
+        raise
+    table = Table(title="The paper's findings", title_justify="left")
+    for column in ("paper", "finding", "here"):
+        table.add_column(column)
+    for finding in result.findings:
+        style = "green" if finding.holds else "red"
+        table.add_row(
+            finding.source, finding.statement, Text(finding.verdict, style=style)
+        )
+    Console().print(table)
+    print(report_path(out))
+
+
 # --- what a run does --------------------------------------------------------------
 
 
@@ -680,6 +723,37 @@ def _make_parser() -> _Parser:
         type=Path,
         metavar="FILE",
         help="a page such as docs/speed.md, to renew the tables of",
+    )
+
+    reproduce = add(
+        "reproduce",
+        _reproduce,
+        "Run what Section IV of the paper reports, and write a report like it. If "
+        "stopped, it goes on where it was, by the same command.",
+    )
+    reproduce.add_argument(
+        "--motions",
+        type=_list_of(str),
+        action="extend",
+        metavar="M[,M...]",
+        help="builtin; cmu, the CMU trials 05_02, 13_29, 14_07 and 13_17; or names of "
+        "motions, the first of which is the dance (default: builtin)",
+    )
+    reproduce.add_argument(
+        "--duration",
+        type=_positive,
+        metavar="S",
+        help="simulate S seconds of each [s] (default: all of it)",
+    )
+    reproduce.add_argument(
+        "--jobs", type=_count, metavar="N", help="processes (default: one per core)"
+    )
+    reproduce.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for report.html and what belongs to it (default: out/reproduce/ "
+        "and the motions)",
     )
 
     motion = add("motion", _motion, "Print what is in a motion file, and plot it.")

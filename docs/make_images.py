@@ -1,11 +1,13 @@
 """Draws the pictures of the documentation.
 
-    python docs/make_images.py [out/dance/recording.html]
+    python docs/make_images.py [out/dance/recording.html] [out/reproduce/cmu]
 
 `images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a recorded
-page, `images/dance.png` is what a browser shows of it (needs Chromium).
+page, `images/dance.png` is what a browser shows of it (needs Chromium); given the
+folder of a reproduction, its figures become `images/section-iv-*`.
 """
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -49,8 +51,13 @@ def draw_recording(page: Path) -> None:
         )
 
 
+def copy_figures(reproduction: Path) -> None:
+    for figure in (reproduction / "figures").iterdir():
+        shutil.copy(figure, IMAGES / f"section-iv-{figure.name}")
+
+
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     draw_diagram()
-    if len(sys.argv) > 1:
-        draw_recording(Path(sys.argv[1]))
+    for given in map(Path, sys.argv[1:]):
+        (copy_figures if given.is_dir() else draw_recording)(given)

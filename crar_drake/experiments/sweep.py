@@ -15,12 +15,17 @@ from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from crar_drake.errors import CrarError
 from crar_drake.experiments.fresh_processes import FreshProcesses
 from crar_drake.files import whole_file
 from crar_drake.robot_description import nearest
 from crar_drake.scenario import Scenario, parse_scenario
+
+if TYPE_CHECKING:
+    from crar_drake.referee import Violations
+    from crar_drake.run import RunResult
 
 
 @dataclass(frozen=True)
@@ -161,20 +166,25 @@ def run_case(case: Case, scenario: str = "") -> Result:
         The result; what went wrong (a bad file, a simulation that diverges) is its
         `error`, not an exception.
     """
-    from crar_drake.referee import Referee
     from crar_drake.run import run_scenario
 
     try:
         base = parse_scenario(scenario) if scenario else _default_scenario()
         run = run_scenario(_scenario_of(case, base), record=False)
-        log, summary, model = run.log, run.summary, run.setup.model
-        referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-        verdict = referee.violations(log.q)
-    except CrarError as error:
-        return _failed(case, str(error))
-    except Exception as error:  # Drake's, where a robot is thrown to infinity
-        return _failed(case, f"{type(error).__name__}: {error}")
-    return Result(
+        result, _ = judge(case, run)
+    except Exception as error:
+        return failed(case, error)
+    return result
+
+
+def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
+    """The figures of a run, and what the referee says of its every sample."""
+    from crar_drake.referee import Referee
+
+    log, summary, model = run.log, run.summary, run.setup.model
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    verdict = referee.violations(log.q)
+    result = Result(
         **asdict(case),
         duration=float(log.time[-1]),
         samples=len(log.time),
@@ -191,6 +201,15 @@ def run_case(case: Case, scenario: str = "") -> Result:
         resting_margin=_number(summary.resting_margin),
         wall_time=_number(summary.wall_time),
     )
+    return result, verdict
+
+
+def failed(case: Case, error: Exception) -> Result:
+    """The result of a case that could not be run."""
+    if isinstance(error, CrarError):
+        return _failed(case, str(error))
+    # Drake's, where a robot is thrown to infinity.
+    return _failed(case, f"{type(error).__name__}: {error}")
 
 
 def run_sweep(

@@ -1,16 +1,17 @@
 """What a sweep shows: tables for the terminal and the documentation, and a plot.
 
 python -m crar_drake.experiments.sweep_report results.csv [more.csv ...]
-    [--out docs/sweep.md] [--plot sweep.png]
+    [--reasons reasons.json] [--out docs/sweep.md] [--plot sweep.png]
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -260,8 +261,15 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
 # --- the documentation ------------------------------------------------------------
 
 
-def markdown_report(results: Iterable[Result]) -> str:
-    """The documentation's page; it names clips, and no folder of this machine."""
+def markdown_report(
+    results: Iterable[Result], reasons: Mapping[str, str] | None = None
+) -> str:
+    """The documentation's page; it names clips, and no folder of this machine.
+
+    Args:
+        results: of one sweep or several.
+        reasons: "clip, experiment" to why the lookahead does not do better there.
+    """
     results = merge(results)
     ran = [r for r in results if not r.error]
     clips = {r.motion for r in ran}
@@ -288,12 +296,16 @@ def markdown_report(results: Iterable[Result]) -> str:
         text += f"\n## Modes, {experiment}\n\n{markdown_table(header, rows)}"
     comparisons = compare(results)
     if comparisons:
-        text += _clip_tables(comparisons) + _exceptions(comparisons)
-    failed = [r for r in results if r.error]
+        text += _clip_tables(comparisons) + _exceptions(comparisons, reasons or {})
+    failed: dict[tuple[str, str], int] = {}
+    for r in results:
+        if r.error:
+            reason = clip_label(r.motion), without_folders(r.error, r.motion)
+            failed[reason] = failed.get(reason, 0) + 1
     if failed:
         text += "\n## Failed\n\n"
-    for r in failed:
-        text += f"- {_place(r)}: {without_folders(r.error, r.motion)}\n"
+    for (clip, error), count in failed.items():
+        text += f"- `{clip}`, {count} {'case' if count == 1 else 'cases'}: {error}\n"
     return text
 
 
@@ -341,7 +353,7 @@ def _clip_tables(comparisons: Sequence[Comparison]) -> str:
     return text
 
 
-def _exceptions(comparisons: Sequence[Comparison]) -> str:
+def _exceptions(comparisons: Sequence[Comparison], reasons: Mapping[str, str]) -> str:
     """Every clip on which the lookahead does not do better, and in what."""
     text = "\n## Where the lookahead does not do better\n\n"
     units = {
@@ -364,6 +376,9 @@ def _exceptions(comparisons: Sequence[Comparison]) -> str:
         if parts:
             holds = "violates" if c.paper.violated else "holds"
             parts.append(f"paper {holds} its constraints")
+            place = f"{clip_label(c.lookahead.motion)}, {c.lookahead.experiment}"
+            if place in reasons:
+                parts.append(reasons[place])
             lines += f"- {_place(c.lookahead)}: {'; '.join(parts)}\n"
     return text + (lines or "Nowhere.\n")
 
@@ -559,6 +574,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", nargs="+", type=Path, help="CSV files of sweeps")
     parser.add_argument("--out", help="Markdown file for the report")
+    parser.add_argument(
+        "--reasons",
+        type=Path,
+        help='JSON file, "clip, experiment" to why the lookahead is not better',
+    )
     parser.add_argument("--plot", help="picture (.png, .pdf, .svg) to draw as well")
     arguments = parser.parse_args(argv)
     for path in arguments.results:
@@ -567,7 +587,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     results = merge(r for path in arguments.results for r in read_results(path))
     if not results:
         parser.error("there are no results in these files")
-    write_report(markdown_report(results), arguments.out)
+    reasons = {}
+    if arguments.reasons:
+        try:
+            reasons = json.loads(arguments.reasons.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            parser.error(f"{arguments.reasons}: {error}")
+    write_report(markdown_report(results, reasons), arguments.out)
     if arguments.plot:
         plot_sweep(results, arguments.plot)
 

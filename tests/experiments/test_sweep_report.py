@@ -265,6 +265,21 @@ def test_the_page_compares_clips_and_lists_exceptions():
     ]
 
 
+def test_reasons_stand_beside_their_exceptions(tmp_path):
+    reasons = tmp_path / "reasons.json"
+    reasons.write_text('{"13_29, wrists": "it turns"}')
+    results = tmp_path / "results.csv"
+    results.write_text("".join(map(_line, [None, *ALL])))
+    page = tmp_path / "page.md"
+    main([str(results), "--reasons", str(reasons), "--out", str(page)])
+    text = page.read_text()
+    assert "(+0.0 %); paper violates its constraints; it turns\n" in text
+    assert text.count("it turns") == 1
+    reasons.write_text("{")
+    with pytest.raises(SystemExit):
+        main([str(results), "--reasons", str(reasons)])
+
+
 def test_the_page_without_exceptions_and_without_comparison():
     assert "not do better\n\nNowhere.\n" in markdown_report([LOOKAHEAD[0], PAPER[0]])
     text = markdown_report(LOOKAHEAD)
@@ -274,7 +289,7 @@ def test_the_page_without_exceptions_and_without_comparison():
 def test_no_folder_of_the_machine_reaches_the_page():
     text = markdown_report([*ALL, failed("05_02", "paper")])
     assert text.endswith(
-        "## Failed\n\n- `05_02`, wrists, paper, 1 ms: 05_02.amc:7: hips | are no bone\n"
+        "## Failed\n\n- `05_02`, 1 case: 05_02.amc:7: hips | are no bone\n"
     )
     assert "home" not in text and "some body" not in text and "subjects" not in text
 

@@ -131,9 +131,10 @@ class CrarController(LeafSystem):
         if self.law.parameters.nominal_posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
 
-        self._held_index = self.DeclareAbstractState(
+        held = self.DeclareAbstractState(
             AbstractValue.Make(ControlStep(None, Memory()))
         )
+        self._held_index = int(held)
         self._workspace_cache = self.DeclareCacheEntry(
             "control model's contexts",
             ValueProducer(
@@ -145,7 +146,7 @@ class CrarController(LeafSystem):
         sources = {
             self.time_ticket(),
             self.all_input_ports_ticket(),
-            self.abstract_state_ticket(self._held_index),
+            self.abstract_state_ticket(held),
         }
         self._solve_cache = self.DeclareCacheEntry(
             "this control step",
@@ -264,7 +265,7 @@ class CrarController(LeafSystem):
 
     def _Update(self, context: Context, state: State) -> None:
         step = self._solve_cache.Eval(context)
-        state.get_mutable_abstract_state(int(self._held_index)).set_value(step)
+        state.get_mutable_abstract_state(self._held_index).set_value(step)
 
     def _CalcStep(self, context: Context, value: AbstractValue) -> None:
         tick = self._Tick(context)
@@ -288,25 +289,27 @@ class CrarController(LeafSystem):
         )
         value.set_value(step)
 
-    def _EvalPort(self, port: InputPort | None, context: Context):
+    def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
         if port is None:
             return _NOTHING
-        if not port.HasValue(context):
+        try:
+            value = port.Eval(context)
+        except RuntimeError as error:
+            if port.HasValue(context):
+                raise
             raise InputError(
                 f"input port {port.get_name()} of {self.get_name()} is not connected"
-            )
-        value = port.Eval(context)
-        if port is not self._state_port and self.law.brakes_without_targets:
-            return value
-        check_finite(
-            f"input port {port.get_name()} of {self.get_name()}",
-            value,
-            context.get_time(),
-        )
+            ) from error
+        # A sum is finite unless an entry is not, or entries are beyond all sense.
+        if not math.isfinite(value.sum()):
+            is_target = port is not self._state_port
+            if not (is_target and self.law.brakes_without_targets):
+                name = f"input port {port.get_name()} of {self.get_name()}"
+                check_finite(name, value, context.get_time())
         return value
 
     def _GetHeld(self, context: Context) -> ControlStep:
-        return context.get_abstract_state(int(self._held_index)).get_value()
+        return context.get_abstract_state(self._held_index).get_value()
 
     def _Tick(self, context: Context) -> int:
         # The time of a tick is a multiple of the period up to rounding.

@@ -86,7 +86,7 @@ def run_scenario(
             `out` cannot be written to.
     """
     if out is not None:
-        _check_writable(Path(out))
+        check_writable(Path(out))
     setup = PrepareScenario(scenario)
     meshcat = Meshcat() if record and out is not None else None
     diagram = MakeCrarDiagram(scenario, meshcat, setup)
@@ -196,8 +196,12 @@ def _write(
     return paths
 
 
-def _check_writable(out: Path) -> None:
-    """Better to know before a long simulation than after it."""
+def check_writable(out: Path) -> None:
+    """Better to know before a long simulation than after it.
+
+    Raises:
+        ScenarioError: `out` is below a file, or may not be written to.
+    """
     place = out.absolute()
     while not place.exists():
         place = place.parent

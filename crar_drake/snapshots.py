@@ -131,7 +131,7 @@ class SnapshotRenderer:
         image = query.RenderColorImage(
             ColorRenderCamera(self._core),
             self._scene_graph.world_frame_id(),
-            _look_from(_YAW, _PITCH, self._distance, np.mean(origins, axis=0)),
+            look_from(_YAW, _PITCH, self._distance, np.mean(origins, axis=0)),
         )
         width, height = self.size
         blocks = (image.data[:, :, :3] / 255.0).reshape(
@@ -140,10 +140,17 @@ class SnapshotRenderer:
         return blocks.mean(axis=(1, 3))
 
 
-def _look_from(
+def look_from(
     yaw: float, pitch: float, distance: float, target: np.ndarray
 ) -> RigidTransform:
-    """X_WC of a camera that looks at `target`; z is its viewing axis."""
+    """X_WC of a camera that looks at a point; z is its viewing axis.
+
+    Args:
+        yaw, pitch: azimuth about world z and elevation of the camera as seen from
+            the point [rad]; yaw 0 is on the +x axis.
+        distance: from the point [m].
+        target: (3,) the point [m].
+    """
     direction = np.array(
         [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
     )
@@ -162,7 +169,7 @@ def _make_engine():
         LightParameter(
             type="directional",
             frame="world",
-            direction=-_look_from(
+            direction=-look_from(
                 _YAW + turn, elevation, 1.0, np.zeros(3)
             ).translation(),
             intensity=intensity,

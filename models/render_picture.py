@@ -27,32 +27,17 @@ from pydrake.geometry import (
     RenderEngineVtkParams,
     Rgba,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from crar_drake.files import whole_file
+from crar_drake.snapshots import look_from
 
 _FLOOR = np.array([0.80, 0.85, 0.87])
 _OVERSAMPLING = 3  # the picture is rendered larger and averaged: smooth edges
-
-
-def _camera_pose(
-    target: np.ndarray, distance: float, yaw: float, pitch: float
-) -> RigidTransform:
-    """Returns X_WC of a camera that looks at `target`; z is its viewing axis."""
-    direction = np.array(
-        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
-    )
-    z = -direction
-    x = np.cross(z, [0, 0, 1])
-    x /= np.linalg.norm(x)
-    return RigidTransform(
-        RotationMatrix(np.column_stack([x, np.cross(z, x), z])),
-        target + distance * direction,
-    )
 
 
 def _set_posture(
@@ -104,7 +89,7 @@ def render(
         (0.0, pitch, 0.46),
     ):
         irradiance += intensity * np.sin(elevation)
-        towards_light = _camera_pose(np.zeros(3), 1.0, yaw + d_yaw, elevation)
+        towards_light = look_from(yaw + d_yaw, elevation, 1.0, np.zeros(3))
         lights.append(
             LightParameter(
                 type="directional",
@@ -152,7 +137,7 @@ def render(
     image = query.RenderColorImage(
         ColorRenderCamera(core),
         scene_graph.world_frame_id(),
-        _camera_pose(target, distance, yaw, pitch),
+        look_from(yaw, pitch, distance, target),
     )
     pixels = image.data[:, :, :3].astype(float) / 255.0
     blocks = pixels.reshape(size[1], _OVERSAMPLING, size[0], _OVERSAMPLING, 3)

@@ -28,6 +28,7 @@ from crar_drake.experiments.section_iv.simulate import (
 from crar_drake.files import whole_file
 from crar_drake.log import SimulationLog
 from crar_drake.motion.catalogue import load_clip
+from crar_drake.run import check_writable
 
 # Pictures and thousands of lines are smaller as pixels.
 _PIXELS = ("figure-3", "torque-spikes")
@@ -58,13 +59,9 @@ def reproduce(
         CrarError: a simulation could not be run, or the folder not be written to.
     """
     out, start = Path(out), time.perf_counter()
-    if out.exists() and not out.is_dir():
-        raise CrarError(f"{out}: this is a file; name a folder")
+    check_writable(out)
     kept = len(finished(plan, out))
-    try:
-        outcomes = run_plan(plan, out, executor=executor, jobs=jobs, progress=progress)
-    except PermissionError as error:
-        raise CrarError(f"{out}: {error.strerror}; name another folder") from error
+    outcomes = run_plan(plan, out, executor=executor, jobs=jobs, progress=progress)
     failures = [f"{n}: {o.result.error}" for n, o in outcomes.items() if o.result.error]
     if failures:
         raise CrarError("could not be simulated: " + "; ".join(failures))

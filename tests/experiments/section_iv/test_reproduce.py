@@ -307,7 +307,7 @@ def test_mistakes_are_refused(tmp_path, capsys, monkeypatch):
     (tmp_path / "file").write_text("")
     for command, message in (
         ("--motions danse", "did you mean 'dance'?"),
-        ("--motions dance --out file", "file: this is a file; name a folder"),
+        ("--motions dance --out file", "file is a file; name another folder"),
         ("--duration 0", "'0' is not a positive number"),
         ("--jobs none", "'none' is not a positive whole number"),
     ):

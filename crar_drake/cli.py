@@ -212,6 +212,46 @@ def _import_bar() -> Iterator[Callable[[str, float], None]]:
             bar.stop()
 
 
+def _judge(arguments: argparse.Namespace) -> None:
+    from crar_drake.log import SimulationLog
+    from crar_drake.referee import Referee
+    from crar_drake.robot import ControlModel
+    from crar_drake.robot_description import load_robot_description
+    from crar_drake.robot_import.hull_judge import HullJudge, has_hulls
+    from crar_drake.scenario import parse_scenario
+
+    log = SimulationLog.load(arguments.log)
+    scenario = parse_scenario(log.scenario, "the log's scenario")
+    description = load_robot_description(scenario.robot)
+    model = ControlModel.FromDescription(description, scenario.task_list())
+    capsules = Referee(model.plant, model.scene_graph, description.pairs).violations(
+        log.q
+    )
+    print(
+        f"referee, collision shapes, {capsules.num_samples} samples: "
+        f"{capsules.num_penetrating} in penetration, {capsules.num_beyond_limit} "
+        f"beyond a joint limit, smallest distance "
+        f"{1e3 * capsules.smallest_distance:.1f} mm"
+        + _of_pair(capsules.smallest_distance_pair)
+    )
+    if not has_hulls(description):
+        return
+    every = max(1, round(arguments.every / (log.time[-1] / max(1, len(log.time) - 1))))
+    hulls = HullJudge(description).judge(log.q[::every])
+    print(
+        f"convex hulls of the real meshes, {hulls.num_samples} samples: "
+        f"{hulls.num_penetrating} in penetration, smallest distance "
+        f"{1e3 * hulls.smallest_distance:.1f} mm"
+        + _of_pair(hulls.smallest_distance_pair)
+    )
+    for a, b in hulls.left_out:
+        print(f"left out, since their hulls overlap in the rest posture: {a} - {b}")
+
+
+def _of_pair(pair: tuple[str, str] | None) -> str:
+    return f" ({pair[0]} - {pair[1]})" if pair else ""
+
+
 def _playback(arguments: argparse.Namespace) -> None:
     from crar_drake.log import SimulationLog
     from crar_drake.recording import record_log
@@ -793,6 +833,20 @@ def _make_parser() -> _Parser:
         action="append",
         metavar="DIR",
         help="folder in which the packages of package:// addresses lie",
+    )
+
+    judge = add(
+        "judge",
+        _judge,
+        "Judge a saved log by the referee and by the real meshes' hulls.",
+    )
+    judge.add_argument("log", type=Path, help="the log.npz of a run")
+    judge.add_argument(
+        "--every",
+        type=_positive,
+        default=0.02,
+        metavar="S",
+        help="ask the hulls this often [s] (default: %(default)s)",
     )
 
     playback = add("playback", _playback, "Make a page of a log, without simulating.")

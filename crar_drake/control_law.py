@@ -44,6 +44,7 @@ from crar_drake.equations.resolved_acceleration import (
     velocity_level_acceleration,
 )
 from crar_drake.equations.tasks import DesiredTasks, task_error
+from crar_drake.equations.torque_limit import torque_scale
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 from crar_drake.errors import CrarError
 from crar_drake.parameters import CrarParameters
@@ -55,6 +56,7 @@ STATUS_BLENDING = 1.0  # on the way onto the targets
 STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 
 
+_UNLIMITED = np.array([1.0, 0.0])  # Solution.torque_limit
 _NO_MARGINS = np.full(2, np.nan)
 
 
@@ -134,6 +136,10 @@ class Solution:
             distance [m] and the smallest margin to a joint limit [rad]; NaN
             unless constraints are "lookahead".
         status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
+        torque_limit: (2,) share theta of the wish that the effort limits allowed,
+            1 where they are not active or not respected, and by which share of its
+            limit the worst actuator was beyond it before clipping, see
+            `equations.torque_limit`.
     """
 
     actuation: np.ndarray
@@ -145,6 +151,7 @@ class Solution:
     constrained_velocity: np.ndarray
     resting_margins: np.ndarray
     status: np.ndarray
+    torque_limit: np.ndarray
 
 
 @dataclass(slots=True)
@@ -376,8 +383,9 @@ class ControlLaw:
 
         vdot = model.join(resolved.qddot, references.qddot_p)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
+        solution = self._solution(workspace, q, v, vdot, state, error, resolved, status)
         return ControlStep(
-            self._solution(workspace, q, v, vdot, state, error, resolved, status),
+            solution,
             Memory(
                 tick=tick,
                 start_time=memory.start_time,
@@ -388,7 +396,7 @@ class ControlLaw:
                 pair_proximity=resolved.pair_proximity,
                 qdot_c=resolved.qdot_c,
                 qdot=state.qdot,
-                qddot=resolved.qddot,
+                qddot=solution.acceleration[model.controlled],
                 slip=resolved.slip,
             ),
         )
@@ -583,9 +591,15 @@ class ControlLaw:
         status: float,
     ) -> Solution:
         period = self.parameters.period
+        actuation = self.model.inverse_dynamics(workspace, vdot)
+        torque_limit = _UNLIMITED
+        if self.parameters.respect_effort_limits:
+            vdot, actuation, torque_limit = self._limit_torque(
+                workspace, vdot, actuation, state
+            )
         v_next = v + period * vdot
         return Solution(
-            actuation=self.model.inverse_dynamics(workspace, vdot),
+            actuation=actuation,
             acceleration=vdot,
             task_error=error,
             signed_distances=state.d,
@@ -596,6 +610,38 @@ class ControlLaw:
             if resolved.resting_margins is None
             else resolved.resting_margins,
             status=np.array([status]),
+            torque_limit=torque_limit,
+        )
+
+    def _limit_torque(
+        self,
+        workspace: Workspace,
+        vdot: np.ndarray,
+        actuation: np.ndarray,
+        state: ModelState,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Accelerations and torque within the effort limits, see
+        `equations.torque_limit`; and `Solution.torque_limit`."""
+        model, T = self.model, self.parameters.braking_horizon
+        limits = model.actuator_limits
+        brake, still = vdot.copy(), vdot.copy()
+        brake[model.controlled] = -state.qdot / T
+        still[model.controlled] = 0.0
+        tau_brake = model.inverse_dynamics(workspace, brake)
+        scale = torque_scale(
+            actuation,
+            tau_brake,
+            model.inverse_dynamics(workspace, still),
+            limits,
+            period_over_horizon=self.parameters.period / T,
+        )
+        if scale.theta == 1.0:
+            return vdot, np.clip(actuation, -limits, limits), _UNLIMITED
+        tau = tau_brake + scale.theta * (actuation - tau_brake)
+        return (
+            brake + scale.theta * (vdot - brake),
+            np.clip(tau, -limits, limits),
+            np.array([scale.theta, scale.excess]),
         )
 
     def _constraint_weights(

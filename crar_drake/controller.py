@@ -51,6 +51,7 @@ class CrarController(LeafSystem):
                               │                ├──► position_command
                               │                ├──► status
                               │                ├──► resting_margins
+                              │                ├──► torque_limit
                               └────────────────┴──► diagnostics
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
@@ -75,6 +76,8 @@ class CrarController(LeafSystem):
         resting_margins: (2,) where the robot would come to rest, the smallest
             distance [m] and the smallest margin to a joint limit [rad]; NaN unless
             constraints are "lookahead".
+        torque_limit: (2,) share of the wish that the effort limits allowed, and the
+            excess before clipping, see `Solution`.
         diagnostics: all of the above one after the other, for loggers: one port is
             cheaper than eight. `diagnostics_slices` tells what is where.
 
@@ -172,6 +175,7 @@ class CrarController(LeafSystem):
             "position_command": nq + nv,
             "status": 1,
             "resting_margins": 2,
+            "torque_limit": 2,
         }
         self._outputs = {
             name: self.DeclareVectorOutputPort(
@@ -235,6 +239,11 @@ class CrarController(LeafSystem):
     def get_output_port_resting_margins(self) -> OutputPort:
         """Port (2,): smallest distance [m] and limit margin [rad] at rest."""
         return self._outputs["resting_margins"]
+
+    def get_output_port_torque_limit(self) -> OutputPort:
+        """Port (2,): share of the wish that the effort limits allowed, and the excess
+        before clipping."""
+        return self._outputs["torque_limit"]
 
     def get_output_port_diagnostics(self) -> OutputPort:
         """Port: all other outputs, placed as `diagnostics_slices` says."""

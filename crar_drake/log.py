@@ -31,6 +31,8 @@ class SimulationLog:
         status: (T, 1) tracking, blending or braking, see `control_law`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
+        torque_limit: (T, 2) share of the wish that the effort limits allowed, and
+            the excess before clipping, see `control_law.Solution`.
         position_names: (nq,) joint of each column of q and v.
         actuator_names: (nu,) joint that each actuator moves.
         controlled_names: (n,) the controlled joints.
@@ -52,6 +54,7 @@ class SimulationLog:
     constraint_weights: np.ndarray
     status: np.ndarray
     resting_margins: np.ndarray
+    torque_limit: np.ndarray
     position_names: np.ndarray
     actuator_names: np.ndarray
     controlled_names: np.ndarray

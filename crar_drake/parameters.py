@@ -87,6 +87,8 @@ class CrarParameters:
         nominal_posture_gain: stiffness towards the input port "nominal_posture"
             in the null space [1/s^2], with damping of its own besides GvN's; 0 leaves
             the port out.
+        respect_effort_limits: whether the commanded torque stays within the
+            actuators' effort limits, see `equations.torque_limit`.
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
@@ -109,6 +111,7 @@ class CrarParameters:
     limit_share: float | None = None
     blend_time: float = 0.5  # [s]
     nominal_posture_gain: float = 0.0  # [1/s^2]
+    respect_effort_limits: bool = False
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
 

@@ -132,6 +132,7 @@ class ControlModel:
             prescribed joints.
         lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
+        actuator_limits: (nu,) the same per actuator, in their order.
     """
 
     def __init__(
@@ -458,12 +459,17 @@ class ControlModel:
         self.lower = plant.GetPositionLowerLimits()[self.controlled]
         self.upper = plant.GetPositionUpperLimits()[self.controlled]
         self.effort_limits = np.zeros(nv)
+        self.actuator_limits = np.full(plant.num_actuated_dofs(), np.inf)
         for index in plant.GetJointActuatorIndices():
             actuator = plant.get_joint_actuator(index)
             start = actuator.joint().velocity_start()
             self.effort_limits[start : start + actuator.num_inputs()] += (
                 actuator.effort_limit()
             )
+            inputs = slice(
+                actuator.input_start(), actuator.input_start() + actuator.num_inputs()
+            )
+            self.actuator_limits[inputs] = actuator.effort_limit()
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:
             for index in plant.GetJointIndices():

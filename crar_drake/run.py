@@ -34,6 +34,7 @@ _LOGGED = (
     "constraint_weights",
     "status",
     "resting_margins",
+    "torque_limit",
 )
 
 # The progress is told this often [s of simulated time].

@@ -85,6 +85,10 @@ class Summary:
         resting_distance: smallest distance where the robot would have come to rest
             [m]; None unless constraints are "lookahead".
         resting_margin: smallest margin to a joint limit there [rad]; likewise.
+        torque_limited_samples: samples where the effort limits allowed less than what
+            was wished for; 0 unless they are respected.
+        torque_clipped_samples: those among them where not even braking was within
+            the limits, so that torques were clipped.
         braking_samples: samples without targets, which count in no error.
         wall_time: that the simulation took [s]; None if not known.
         real_time_factor: duration / wall_time; None if not known.
@@ -120,6 +124,8 @@ class Summary:
     rms_acceleration: float  # [rad/s^2]
     resting_distance: float | None  # [m]
     resting_margin: float | None  # [rad]
+    torque_limited_samples: int
+    torque_clipped_samples: int
     braking_samples: int
     wall_time: float | None  # [s]
     real_time_factor: float | None
@@ -258,6 +264,8 @@ def summarize(log: SimulationLog, wall_time: float | None = None) -> Summary:
         rms_acceleration=float(np.sqrt(np.mean(joints.acceleration**2))),
         resting_distance=_smallest(log.resting_margins[:, 0]),
         resting_margin=_smallest(log.resting_margins[:, 1]),
+        torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
+        torque_clipped_samples=int(np.count_nonzero(log.torque_limit[:, 1] > 0.0)),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
@@ -319,6 +327,14 @@ def summary_table(summary: Summary) -> Table:
         f"{summary.peak_torque:.1f} Nm",
         f"{summary.peak_torque_joint}, at {summary.peak_torque_time:.2f} s",
     )
+    if summary.torque_limited_samples:
+        share = summary.torque_limited_samples / summary.samples
+        table.add_row(
+            "torque limit active",
+            f"{100 * share:.1f} %",
+            f"of {summary.samples} samples; clipped in "
+            f"{summary.torque_clipped_samples}",
+        )
     table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", "")
     if summary.real_time_factor is not None:
         table.add_row(

@@ -1,5 +1,7 @@
 """The control law by itself: theory, weights, posture, prescribed joints, extremes."""
 
+import re
+
 import numpy as np
 import pytest
 from pydrake.multibody.tree import MultibodyForces
@@ -725,3 +727,70 @@ def test_parameters_out_of_range_are_refused(planar, change):
     name = next(iter(change))
     with pytest.raises(ScenarioError, match=f"controller.{name}"):
         ControlLaw(planar, CrarParameters(**{"constraints": "paper"} | change))
+
+
+# --- effort limits ----------------------------------------------------------------
+
+
+def limited_model(effort: float) -> ControlModel:
+    text, count = re.subn("<limit ", f'<limit effort="{effort}" ', chain_urdf("zyzyz"))
+    assert count == 5
+    return make_model(text)
+
+
+def test_effort_limits_are_respected_when_asked_for():
+    """A far target asks for more than the actuators have; then the robot comes to
+    the target nevertheless, and never is more commanded than there is."""
+    effort = 170.0  # gravity alone takes up to 135 Nm
+    model = limited_model(effort)
+    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
+    far = np.array([0.1, 0.9, -0.6, 0.9, 0.1])
+    target = at(model, far).p
+    results = {}
+    for respect in (False, True):
+        law = ControlLaw(
+            model, CrarParameters(respect_effort_limits=respect, blend_time=0.0, Kp=1e3)
+        )
+        *_, solutions = integrate(law, q, np.zeros(5), lambda t: hold(model, target), 2)
+        results[respect] = solutions
+    torque = {
+        respect: np.abs([s.actuation for s in solutions]).max()
+        for respect, solutions in results.items()
+    }
+    theta = np.array([s.torque_limit[0] for s in results[True]])
+    assert torque[False] > 1.2 * effort
+    assert torque[True] <= effort
+    assert theta.min() < 1.0 and theta[-1] == 1.0
+    assert all((s.torque_limit == [1.0, 0.0]).all() for s in results[False])
+    assert np.linalg.norm(results[True][-1].task_error) < 0.03
+
+
+def test_wide_effort_limits_change_nothing():
+    model = limited_model(1e6)
+    q, v = random_state(model, 3)
+    targets = hold(model, at(model, q).p + 0.1)
+    a, b = (
+        ControlLaw(model, CrarParameters(respect_effort_limits=respect)).step(
+            q, v, targets
+        )
+        for respect in (False, True)
+    )
+    np.testing.assert_array_equal(a.actuation, b.actuation)
+    np.testing.assert_array_equal(a.acceleration, b.acceleration)
+
+
+def test_the_torque_is_that_of_the_acceleration():
+    """What is reported as commanded is what the limited torque does."""
+    model = limited_model(170.0)
+    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
+    v = np.array([0.3, -0.2, 0.4, 0.1, 0.0])
+    law = ControlLaw(model, CrarParameters(respect_effort_limits=True, blend_time=0.0))
+    solution = law.step(q, v, hold(model, at(model, q).p + 0.3))
+    assert 0.0 < solution.torque_limit[0] < 1.0 and solution.torque_limit[1] == 0.0
+    workspace = model.MakeWorkspace()
+    model.evaluate(workspace, q, v)
+    np.testing.assert_allclose(
+        model.inverse_dynamics(workspace, solution.acceleration),
+        solution.actuation,
+        atol=1e-9,
+    )

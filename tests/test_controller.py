@@ -434,7 +434,8 @@ def test_ports(lone):
         "position_command": (lone.get_output_port_position_command(), 8),
         "status": (lone.get_output_port_status(), 1),
         "resting_margins": (lone.get_output_port_resting_margins(), 2),
-        "diagnostics": (lone.get_output_port_diagnostics(), 29),
+        "torque_limit": (lone.get_output_port_torque_limit(), 2),
+        "diagnostics": (lone.get_output_port_diagnostics(), 31),
     }
     for name, (port, size) in sizes.items():
         assert (port.get_name(), port.size()) == (name, size)

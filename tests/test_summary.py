@@ -144,7 +144,8 @@ def test_the_keys_of_the_json_are_stable():
         "mean_violations penetrating_samples penetrating_pairs beyond_limit_samples "
         "joints_beyond_limits largest_excess largest_excess_joint mean_power "
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
-        "resting_distance resting_margin braking_samples wall_time real_time_factor"
+        "resting_distance resting_margin torque_limited_samples "
+        "torque_clipped_samples braking_samples wall_time real_time_factor"
     )
     assert list(json.loads(summarize(small_log()).to_json())) == keys.split()
 
@@ -181,3 +182,10 @@ def test_table_shows_the_figures():
     ):
         line = next(line for line in text.splitlines() if row[0] in line)
         assert all(part in line for part in row), line
+
+
+def test_torque_limited_samples():
+    summary = summarize(small_log())
+    assert (summary.torque_limited_samples, summary.torque_clipped_samples) == (2, 1)
+    free = summarize(small_log(torque_limit=np.array([[1.0, 0.0]] * 3)))
+    assert (free.torque_limited_samples, free.torque_clipped_samples) == (0, 0)

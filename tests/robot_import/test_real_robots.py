@@ -1,0 +1,65 @@
+"""Real robots of example-robot-data: close fits, and a second of a real motion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crar_drake.referee import Referee
+from crar_drake.robot_description import import_file
+from crar_drake.robot_import import import_robot, load_choices
+from crar_drake.robot_import.capsule_fitting import fit_link
+from crar_drake.robot_import.hull_judge import HullJudge
+from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.run import run_scenario
+from crar_drake.scenario import Scenario, load_scenario
+
+
+@pytest.mark.parametrize(
+    "robot, links",
+    [
+        ("g1_29dof_rev_1_0", ["torso_link", "left_elbow_link"]),
+        ("talos_full_v2", ["arm_left_4_link", "base_link"]),
+    ],
+)
+def test_fits_are_close(robot_data, robot, links):
+    read = read_urdf(find_urdf(robot)[0])
+    for link in links:
+        fit = fit_link(link_parts(read.links[link]))
+        assert fit.good and len(fit.capsules) <= 3
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_shipped_choices_fit_the_urdf(robot_data, robot):
+    choices = load_choices(import_file(robot))
+    read = read_urdf(find_urdf(choices.source)[0])
+    named = {link for pair in choices.pairs for link in pair}
+    named |= {frame.link for frame in choices.frames.values()}
+    assert named <= set(read.links)
+    assert set(choices.locked) <= set(read.joints)
+    mimics = {j.name for j in read.joints.values() if j.mimic}
+    assert mimics <= set(choices.locked)
+    # Nothing is left to be guessed.
+    for key in ("base", "locked", "segments", "frames", "rest_posture", "pairs"):
+        assert getattr(choices, key) is not None
+    pairs = [frozenset(pair) for pair in choices.pairs]
+    assert len(set(pairs)) == len(pairs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot, name", [("g1", "g1_dance"), ("talos", "talos_boxing")])
+def test_a_second_of_a_real_motion(robot_data, cmu, tmp_path, robot, name):
+    """Untouched by referee and real hulls, within limits and efforts."""
+    text = import_file(robot).read_text()
+    (tmp_path / "import.yaml").write_text(text + "most_capsules: 3\n")
+    import_robot("", tmp_path)
+    scenario: Scenario = load_scenario(name)
+    scenario.robot, scenario.duration = str(Path(tmp_path)), 1.0
+    result = run_scenario(scenario, record=False)
+    model, q = result.setup.model, result.log.q
+    judged = Referee(model.plant, model.scene_graph, model.description.pairs)
+    assert judged.violations(q[::10]).num_violated == 0
+    assert HullJudge(model.description).judge(q[::50]).num_penetrating == 0
+    assert (np.abs(result.log.actuation) <= model.actuator_limits + 1e-9).all()
+    assert result.summary.rms_task_error < 0.25

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.trajectories import BsplineTrajectory
 
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import load_clip
@@ -28,8 +28,8 @@ class MotionTargets:
         duration: [s].
     """
 
-    tasks: PiecewisePolynomial
-    prescribed: PiecewisePolynomial | None
+    tasks: BsplineTrajectory
+    prescribed: BsplineTrajectory | None
     duration: float  # [s]
 
 
@@ -109,7 +109,7 @@ def load_motion_targets(
     )
 
 
-def _prescribed_trajectory(model: ControlModel, retargeted) -> PiecewisePolynomial:
+def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory:
     """Positions of the prescribed joints: the performer's heading, and each its share
     of the waist's position, less where the waist is while these joints are at zero."""
     sources = list(model.description.prescribed_joints.values())

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.trajectories import BsplineTrajectory
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass, spline
@@ -89,11 +89,11 @@ class RetargetedMotion:
         return (self.num_frames - 1) / self.frame_rate
 
     @property
-    def waist(self) -> PiecewisePolynomial:
+    def waist(self) -> BsplineTrajectory:
         """Trajectory of the waist's x, y, z [m]."""
         return self.trajectory(["waist"])
 
-    def trajectory(self, names: Sequence[str]) -> PiecewisePolynomial:
+    def trajectory(self, names: Sequence[str]) -> BsplineTrajectory:
         """Returns p_WC of the named joint centres, three rows each [m].
 
         It is twice continuously differentiable over [0, duration].

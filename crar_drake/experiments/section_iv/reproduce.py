@@ -84,7 +84,7 @@ def reproduce(
             path = out / FIGURES / f"{name}{'.png' if pixels else '.svg'}"
             with whole_file(path) as temporary:
                 metadata = {} if pixels else {"Date": None}
-                draw().savefig(temporary, dpi=130, metadata=metadata)
+                draw().savefig(temporary, dpi=100, metadata=metadata)
             figures[name] = path
     tables = write_tables(plan, outcomes, findings, log, frame_rate, out)
     result = Reproduction(

@@ -1,0 +1,1 @@
+"""The control step with its arithmetic compiled: a prototype, for measuring only."""

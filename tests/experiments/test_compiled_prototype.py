@@ -1,0 +1,211 @@
+"""The compiled control law is the control law; how fast it is, no test asks."""
+
+import numpy as np
+import pytest
+
+from crar_drake.control_law import ControlLaw
+from crar_drake.equations.capsule_distances import capsule_distances
+from crar_drake.errors import CrarError, ModelError
+from crar_drake.experiments import compiled_prototype
+from crar_drake.experiments.bench_report import text_of_page
+from crar_drake.experiments.compiled.distances import Shapes, distances
+from crar_drake.experiments.compiled.law import CompiledLaw
+from crar_drake.experiments.compiled_prototype import HEADING, main, renewed
+from crar_drake.parameters import CrarParameters
+from crar_drake.robot import ControlModel
+from crar_drake.robot_description import load_robot_description
+from crar_drake.task import EXPERIMENTS, Task, position_tasks
+
+MODES = ("paper", "lookahead")
+STATES = 30
+FIELDS = (
+    "actuation",
+    "acceleration",
+    "task_error",
+    "signed_distances",
+    "constraint_weights",
+    "position_command",
+    "constrained_velocity",
+    "resting_margins",
+    "status",
+)
+
+
+@pytest.fixture(scope="module", params=[*EXPERIMENTS, "weighed"])
+def model(request) -> ControlModel:
+    if request.param == "weighed":
+        robot = "obstacle_arm"
+        tasks = [Task(frame="tool", point=[0.02, 0.0, 0.1], position_weight=0.4)]
+    else:
+        robot, tasks = "upper_body", position_tasks(EXPERIMENTS[request.param])
+    return ControlModel.FromDescription(load_robot_description(robot), tasks)
+
+
+def steps_of(model: ControlModel, seed: int):
+    """Three consecutive states and their targets, about anywhere within the limits and
+    a little beyond."""
+    rng = np.random.default_rng(seed)
+    nv = len(model.position_names)
+    lower, upper = np.full(nv, -0.5), np.full(nv, 0.5)
+    lower[model.controlled] = np.maximum(model.lower, -np.pi)
+    upper[model.controlled] = np.minimum(model.upper, np.pi)
+    span = upper - lower
+    q = rng.uniform(lower - 0.01 * span, upper + 0.01 * span)
+    v = rng.normal(size=nv)
+    state = model.evaluate(model.MakeWorkspace(), q, v)
+    for _ in range(3):
+        desired = model.layout.pack(
+            state.R,
+            state.p + 0.05 * rng.normal(size=state.p.shape),
+            rng.normal(size=model.m),
+            5.0 * rng.normal(size=model.m),
+        )
+        yield q, v, desired, rng.normal(size=3 * model.n_p)
+        q = q + 1e-3 * v
+        v = v + 1e-2 * rng.normal(size=nv)
+
+
+@pytest.mark.parametrize("blend_time", [0.0, 0.5])
+@pytest.mark.parametrize("constraints", MODES)
+def test_answers_are_the_control_laws(model, constraints, blend_time):
+    """To 1e-9; to 1e-8 where weights above 1e6 multiply the last bit of a gradient."""
+    parameters = CrarParameters(constraints=constraints, blend_time=blend_time)
+    law, compiled = ControlLaw(model, parameters), CompiledLaw(model, parameters)
+    bounds = []
+    for seed in range(STATES):
+        law.reset()
+        compiled.reset()
+        largest = 0.0
+        for given in steps_of(model, seed):
+            expected, found = law.step(*given), compiled.step(*given)
+            largest = max(largest, expected.constraint_weights.max())
+            bounds.append(1e-9 if largest < 1e6 else 1e-8)
+            for name in FIELDS:
+                right, value = getattr(expected, name), getattr(found, name)
+                scale = np.abs(right).max() if np.isfinite(right).all() else 1.0
+                np.testing.assert_allclose(
+                    value, right, rtol=0.0, atol=bounds[-1] * scale, err_msg=name
+                )
+    assert bounds.count(1e-9) >= STATES
+
+
+def test_distances_are_those_of_the_closed_form_where_axes_are_special():
+    x, y = np.eye(3)[:2]
+    o, up = np.zeros(3), np.array([0.0, 0.0, 0.1])
+    rng = np.random.default_rng(0)
+    axes = [
+        (o, x, up, x),  # parallel, side by side
+        (o, x, up + 0.3 * x, 0.2 * x),
+        (o, x, up + 2.0 * x, x),  # one behind the other
+        (o, x, up, x + 1e-6 * y),  # nearly parallel
+        (o, x, -0.5 * y + 0.4 * x, y),  # they meet
+        (o, x, 0.3 * x, x),  # on one line
+        (o, o, up, o),  # spheres
+        (o, x, up + 0.2 * x, o),
+        (o, o, 0.2 * x + y, y),
+        (o, o, o, o),
+        *rng.normal(size=(40, 4, 3)),
+    ]
+    p_a, u, p_b, v = (np.array(part) for part in zip(*axes, strict=True))
+    N = len(axes)
+    radius_a, radius_b = rng.uniform(0.01, 0.1, size=(2, N))
+    d, normal, on_a, _ = capsule_distances(
+        p_a, p_a + u, radius_a, p_b, p_b + v, radius_b
+    )
+    shapes = Shapes(
+        axis_a=np.arange(N),
+        axis_b=N + np.arange(N),
+        uu=np.square(np.linalg.norm(u, axis=1)),
+        vv=np.square(np.linalg.norm(v, axis=1)),
+        radii=radius_a + radius_b,
+        pair=np.arange(N),
+        moves=np.ones((N, 6)),
+    )
+    points = np.concatenate([p_a, p_b, u, v]).T[None].copy()
+    # With this S a gradient is the wrench [p x n; n].
+    found, wrench = distances(points, np.eye(6)[None], shapes)
+    np.testing.assert_allclose(found[0], d, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(wrench[0, :, 3:], normal, rtol=0.0, atol=1e-9)
+    moment = np.cross(on_a, normal)
+    np.testing.assert_allclose(wrench[0, :, :3], moment, rtol=0.0, atol=1e-8)
+
+
+def test_a_lost_target_brakes_and_comes_back_as_in_the_control_law(model):
+    laws = ControlLaw(model), CompiledLaw(model)
+    lost = [False, True, True, False]
+    given = [*steps_of(model, 0), *steps_of(model, 1)]
+    for is_lost, (q, v, tasks, prescribed) in zip(lost, given, strict=False):
+        if is_lost:
+            tasks = np.full_like(tasks, np.nan)
+        expected, found = (law.step(q, v, tasks, prescribed) for law in laws)
+        assert found.status == expected.status
+        scale = np.abs(expected.actuation).max()
+        np.testing.assert_allclose(
+            found.actuation, expected.actuation, rtol=0.0, atol=1e-9 * scale
+        )
+
+
+def test_what_the_prototype_does_not_cover_is_refused():
+    poses = ControlModel.FromDescription(
+        load_robot_description("obstacle_arm"), [Task(frame="tool", kind="pose")]
+    )
+    with pytest.raises(ModelError, match="does not cover tasks other than positions"):
+        CompiledLaw(poses)
+    positions = ControlModel.FromDescription(
+        load_robot_description("obstacle_arm"), [Task(frame="tool")]
+    )
+    with pytest.raises(ModelError, match="does not cover level velocity, metric"):
+        CompiledLaw(
+            positions,
+            CrarParameters(level="velocity", constraints="paper", metric="inertia"),
+        )
+
+
+# --- the measurement --------------------------------------------------------------
+
+PAGE = f"# Speed\n\ntext\n\n{HEADING}\n\nold\n\n## One run\n\nothers\n"
+
+
+def test_it_measures_and_renews_its_part_of_the_page(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("numba")
+    monkeypatch.setattr(compiled_prototype, "EXPERIMENTS", ["wrists"])
+    page = tmp_path / "speed.md"
+    page.write_text(PAGE)
+    assert main(["--duration", "0.03", "--markdown", str(page)]) == 0
+    text = page.read_text()
+    before, after = text.split(HEADING)
+    assert before == "# Speed\n\ntext\n\n"
+    assert after.endswith("\n\n## One run\n\nothers\n")
+    assert "old" not in text
+    for order in ("In a row", "By turns"):
+        assert f"{order}:" in after
+    for mode in MODES:
+        assert after.count(f"| wrists, {mode} | ") == 3
+    assert "In a row:" in capsys.readouterr().out
+    # The other command's tables leave this part alone.
+    assert text_of_page(page) + "## One run\n\nothers\n" == text
+
+
+def test_without_numba_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(compiled_prototype, "HAS_NUMBA", False)
+    page = tmp_path / "speed.md"
+    page.write_text(PAGE)
+    assert main(["--markdown", str(page)]) == 2
+    assert "pip install numba" in capsys.readouterr().err
+    assert page.read_text() == PAGE
+
+
+def test_answers_that_differ_are_an_error_not_a_figure(monkeypatch):
+    monkeypatch.setattr(compiled_prototype, "LARGEST_DIFFERENCE", -1.0)
+    with pytest.raises(CrarError, match="wrists, paper: the compiled answers differ"):
+        compiled_prototype.measure("dance", 0.01, "wrists", "paper")
+
+
+def test_a_page_without_the_heading_is_left_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(compiled_prototype, "HAS_NUMBA", True)
+    page = tmp_path / "speed.md"
+    page.write_text("# Something else\n")
+    assert main(["--markdown", str(page)]) == 2
+    assert f"{page}: it has no line '{HEADING}'" in capsys.readouterr().err
+    assert page.read_text() == "# Something else\n"
+    assert renewed(f"{HEADING}\n", "text\n") == f"{HEADING}\n\ntext\n"

@@ -28,6 +28,7 @@ FIELDS = (
     "constrained_velocity",
     "resting_margins",
     "status",
+    "torque_limit",
 )
 
 

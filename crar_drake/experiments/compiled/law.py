@@ -28,14 +28,15 @@ from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel, Workspace
 
 _ORIGIN = np.zeros(3)
+_UNLIMITED = np.array([1.0, 0.0])  # Solution.torque_limit
 
 
 class CompiledLaw(ControlLaw):
     """Answers as `ControlLaw` does, with Drake's calls between compiled functions.
 
     For position tasks, capsules and spheres, constraints "lookahead" or "paper" at the
-    acceleration level, with the identity as metric and a constant Gv. What is not
-    finite goes to `ControlLaw`, which brakes or complains.
+    acceleration level, with the identity as metric, a constant Gv and no effort
+    limits. What is not finite goes to `ControlLaw`, which brakes or complains.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class CompiledLaw(ControlLaw):
             constrained_velocity=qdot_c,
             resting_margins=margins,
             status=np.array([STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING]),
+            torque_limit=_UNLIMITED,
         )
         return ControlStep(
             solution,
@@ -264,6 +266,7 @@ def _check_scope(model: ControlModel, parameters: CrarParameters) -> None:
         (parameters.metric != "identity", "metric inertia"),
         (parameters.Gv_near is not None, "Gv_near"),
         (parameters.nominal_posture_gain > 0.0, "nominal_posture_gain"),
+        (parameters.respect_effort_limits, "respect_effort_limits"),
     ]
     found = [name for is_beyond, name in beyond if is_beyond]
     if found:

@@ -1,5 +1,6 @@
 """The wheel works by itself: built, installed elsewhere, run from an empty folder."""
 
+import os
 import subprocess
 import sys
 import venv
@@ -52,9 +53,12 @@ def test_wheel_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
 
+    # A checkout on the path would hide what the wheel lacks.
+    clean = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+
     def run(*command: str | Path) -> str:
         finished = subprocess.run(
-            command, cwd=empty, capture_output=True, text=True, timeout=240
+            command, cwd=empty, env=clean, capture_output=True, text=True, timeout=240
         )
         assert finished.returncode == 0, finished.stderr
         return finished.stdout

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from crar_drake.controller import CrarController
     from crar_drake.diagram import AddCrarController, MakeCrarDiagram
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
+    from crar_drake.law_choice import make_control_law
     from crar_drake.log import SimulationLog
     from crar_drake.parameters import CrarParameters, LookaheadParameters
     from crar_drake.robot import ControlModel
@@ -42,6 +43,7 @@ _MODULES = {
     "Task": "task",
     "load_robot_description": "robot_description",
     "load_scenario": "scenario",
+    "make_control_law": "law_choice",
     "position_tasks": "task",
 }
 
@@ -65,6 +67,7 @@ __all__ = [
     "Task",
     "load_robot_description",
     "load_scenario",
+    "make_control_law",
     "position_tasks",
 ]
 

@@ -17,7 +17,6 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.control_law import (
-    ControlLaw,
     ControlStep,
     InputError,
     Memory,
@@ -25,6 +24,7 @@ from crar_drake.control_law import (
     Targets,
     check_finite,
 )
+from crar_drake.law_choice import make_control_law
 from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 
@@ -115,7 +115,7 @@ class CrarController(LeafSystem):
         """
         super().__init__()
         self.set_name("crar_controller")
-        self.law = ControlLaw(model, parameters)
+        self.law = make_control_law(model, parameters)
         self._plant_is_discrete = plant_is_discrete
         self._period = self.law.parameters.period
 

@@ -10,6 +10,7 @@ from crar_drake.watched_pairs import DISTANCES
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
 METRICS = ("identity", "inertia")
+ARITHMETICS = ("numpy", "compiled")
 LOST_TARGET = ("brake", "error")
 
 
@@ -91,6 +92,8 @@ class CrarParameters:
             actuators' effort limits, see `equations.torque_limit`.
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
+        arithmetic: "numpy", or "compiled": a third of the time, needs Numba, and
+            covers position tasks, capsules and spheres at the acceleration level.
         lookahead: what the mode "lookahead" needs besides.
     """
 
@@ -113,6 +116,7 @@ class CrarParameters:
     nominal_posture_gain: float = 0.0  # [1/s^2]
     respect_effort_limits: bool = False
     distances: str = "closed_form"
+    arithmetic: str = "numpy"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
 
     def validate(self) -> None:
@@ -124,6 +128,7 @@ class CrarParameters:
         _check_choice("controller", self, "level", LEVELS)
         _check_choice("controller", self, "constraints", CONSTRAINTS)
         _check_choice("controller", self, "distances", DISTANCES)
+        _check_choice("controller", self, "arithmetic", ARITHMETICS)
         _check_choice("controller", self, "metric", METRICS)
         _check_numbers(
             "controller",

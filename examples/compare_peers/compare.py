@@ -36,6 +36,7 @@ from crar_drake import CrarError  # noqa: E402
 from crar_drake.files import whole_file  # noqa: E402
 
 PERIOD = 0.005  # [s] of all controllers
+COMPILED = {"arithmetic": "compiled"}  # needs crar-drake[compiled]
 WARM_UP = 20  # first steps of a run, not timed
 
 
@@ -139,8 +140,10 @@ def entries(chosen: list[Peer]) -> list[Entry]:
         ours = tuned["crossing"]["settings"]
         for name, one in (
             ("lookahead, tuned", ours),
+            ("lookahead, tuned, compiled", ours | COMPILED),
             ("lookahead, tuned, as torque", ours | {"torque": True}),
             ("lookahead, defaults", {}),
+            ("lookahead, defaults, compiled", COMPILED),
             ("lookahead, defaults, as torque", {"torque": True}),
         ):
             made.append(Entry(name, peer, dict.fromkeys(CASES, one)))

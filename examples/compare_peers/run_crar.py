@@ -14,11 +14,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake import (
-    ControlLaw,
     ControlModel,
     CrarParameters,
     LookaheadParameters,
     load_robot_description,
+    make_control_law,
     position_tasks,
 )
 from crar_drake.robot_description import add_robot
@@ -36,6 +36,8 @@ class Crar(Controller):
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
         settings = dict(settings)
         self.torque = settings.pop("torque", False)
+        if settings.get("arithmetic") == "compiled":
+            self.packages = (*self.packages, "numba")
         lookahead = LookaheadParameters(**settings.pop("lookahead", {}))
         self.description = describe(
             problem.folder, load_robot_description(problem.robot)
@@ -44,7 +46,7 @@ class Crar(Controller):
             self.description, position_tasks(problem.links), time_step=PLANT_STEP
         )
         assert list(model.joint_names) == problem.joints
-        self.law = ControlLaw(
+        self.law = make_control_law(
             model, CrarParameters(period=period, lookahead=lookahead, **settings)
         )
 

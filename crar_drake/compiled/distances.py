@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.experiments.compiled.numba_or_not import njit
-from crar_drake.experiments.compiled.vectors import along, column, cross, dot, unit
+from crar_drake.compiled.compiler import njit
+from crar_drake.compiled.vectors import along, column, cross, dot, unit
 
 # As in equations.capsule_distances.
 _NEARLY_PARALLEL, _PARALLEL, _TOUCHING = 1e-8, 1e-24, 1e-12

@@ -7,12 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.collisions import DISTANCE_CLAMP
-from crar_drake.equations.joint_limits import LIMIT_CLAMP
-from crar_drake.equations.lookahead import SMALLEST_MARGIN
-from crar_drake.experiments.compiled.distances import distances
-from crar_drake.experiments.compiled.numba_or_not import njit
-from crar_drake.experiments.compiled.vectors import (
+from crar_drake.compiled.compiler import njit
+from crar_drake.compiled.distances import distances
+from crar_drake.compiled.vectors import (
     add_square,
     column,
     cross,
@@ -21,6 +18,9 @@ from crar_drake.experiments.compiled.vectors import (
     times,
     transposed_times,
 )
+from crar_drake.equations.collisions import DISTANCE_CLAMP
+from crar_drake.equations.joint_limits import LIMIT_CLAMP
+from crar_drake.equations.lookahead import SMALLEST_MARGIN
 
 
 class Robot(NamedTuple):

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from crar_drake.compiled.arithmetic import Gains, Robot, compiled_step
+from crar_drake.compiled.distances import Shapes
 from crar_drake.control_law import (
     STATUS_BLENDING,
     STATUS_TRACKING,
@@ -21,9 +23,7 @@ from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.joint_limits import LimitPotential
 from crar_drake.equations.lookahead import resting_configuration
-from crar_drake.errors import ModelError
-from crar_drake.experiments.compiled.arithmetic import Gains, Robot, compiled_step
-from crar_drake.experiments.compiled.distances import Shapes
+from crar_drake.errors import ScenarioError
 from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel, Workspace
 
@@ -36,7 +36,9 @@ class CompiledLaw(ControlLaw):
 
     For position tasks, capsules and spheres, constraints "lookahead" or "paper" at the
     acceleration level, with the identity as metric, a constant Gv and no effort
-    limits. What is not finite goes to `ControlLaw`, which brakes or complains.
+    limits. What is not finite goes to `ControlLaw`, which brakes or complains. The
+    answers are those of `ControlLaw` but for rounding (1e-9), and without Numba, too,
+    slowly.
     """
 
     def __init__(
@@ -44,7 +46,8 @@ class CompiledLaw(ControlLaw):
     ) -> None:
         """
         Raises:
-            ModelError: the model or a parameter is beyond the prototype.
+            ScenarioError: a parameter is out of range, or the compiled arithmetic does
+                not cover it or the model.
         """
         super().__init__(model, parameters)
         _check_scope(model, self.parameters)
@@ -270,4 +273,7 @@ def _check_scope(model: ControlModel, parameters: CrarParameters) -> None:
     ]
     found = [name for is_beyond, name in beyond if is_beyond]
     if found:
-        raise ModelError(f"the compiled prototype does not cover {', '.join(found)}")
+        raise ScenarioError(
+            f"controller.arithmetic: compiled does not cover {', '.join(found)}; use "
+            "numpy"
+        )

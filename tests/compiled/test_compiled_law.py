@@ -1,19 +1,23 @@
 """The compiled control law is the control law; how fast it is, no test asks."""
 
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from crar_drake.compiled import compiler
+from crar_drake.compiled.distances import Shapes, distances
+from crar_drake.compiled.law import CompiledLaw
 from crar_drake.control_law import ControlLaw
 from crar_drake.equations.capsule_distances import capsule_distances
-from crar_drake.errors import CrarError, ModelError
-from crar_drake.experiments import compiled_prototype
-from crar_drake.experiments.bench_report import text_of_page
-from crar_drake.experiments.compiled.distances import Shapes, distances
-from crar_drake.experiments.compiled.law import CompiledLaw
-from crar_drake.experiments.compiled_prototype import HEADING, main, renewed
+from crar_drake.errors import ScenarioError
+from crar_drake.law_choice import make_control_law
 from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import load_robot_description
+from crar_drake.run import run_scenario
+from crar_drake.scenario import load_scenario
 from crar_drake.task import EXPERIMENTS, Task, position_tasks
 
 MODES = ("paper", "lookahead")
@@ -146,67 +150,62 @@ def test_a_lost_target_brakes_and_comes_back_as_in_the_control_law(model):
         )
 
 
-def test_what_the_prototype_does_not_cover_is_refused():
+def test_what_is_not_covered_is_refused():
     poses = ControlModel.FromDescription(
         load_robot_description("obstacle_arm"), [Task(frame="tool", kind="pose")]
     )
-    with pytest.raises(ModelError, match="does not cover tasks other than positions"):
+    with pytest.raises(
+        ScenarioError, match="does not cover tasks other than positions"
+    ):
         CompiledLaw(poses)
     positions = ControlModel.FromDescription(
         load_robot_description("obstacle_arm"), [Task(frame="tool")]
     )
-    with pytest.raises(ModelError, match="does not cover level velocity, metric"):
+    with pytest.raises(ScenarioError, match="does not cover level velocity, metric"):
         CompiledLaw(
             positions,
             CrarParameters(level="velocity", constraints="paper", metric="inertia"),
         )
 
 
-# --- the measurement --------------------------------------------------------------
+def test_a_whole_run_is_that_of_plain_numpy():
+    """Through scenario, controller and plant; chaos has no time to grow."""
+    scenario = load_scenario("dance")
+    scenario.duration = 0.2
+    plain = run_scenario(scenario, record=False).log
+    scenario.controller = replace(scenario.controller, arithmetic="compiled")
+    run = run_scenario(scenario, record=False)
+    np.testing.assert_allclose(run.log.q, plain.q, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(run.log.actuation, plain.actuation, atol=1e-6)
 
-PAGE = f"# Speed\n\ntext\n\n{HEADING}\n\nold\n\n## One run\n\nothers\n"
 
-
-def test_it_measures_and_renews_its_part_of_the_page(tmp_path, monkeypatch, capsys):
+def test_the_parameters_choose_the_law(model, monkeypatch):
     pytest.importorskip("numba")
-    monkeypatch.setattr(compiled_prototype, "EXPERIMENTS", ["wrists"])
-    page = tmp_path / "speed.md"
-    page.write_text(PAGE)
-    assert main(["--duration", "0.03", "--markdown", str(page)]) == 0
-    text = page.read_text()
-    before, after = text.split(HEADING)
-    assert before == "# Speed\n\ntext\n\n"
-    assert after.endswith("\n\n## One run\n\nothers\n")
-    assert "old" not in text
-    for order in ("In a row", "By turns"):
-        assert f"{order}:" in after
-    for mode in MODES:
-        assert after.count(f"| wrists, {mode} | ") == 3
-    assert "In a row:" in capsys.readouterr().out
-    # The other command's tables leave this part alone.
-    assert text_of_page(page) + "## One run\n\nothers\n" == text
+    compiled = CrarParameters(arithmetic="compiled")
+    assert type(make_control_law(model)) is ControlLaw
+    assert type(make_control_law(model, compiled)) is CompiledLaw
+    monkeypatch.setattr(compiler, "HAS_NUMBA", False)
+    with pytest.raises(ScenarioError, match=r"pip install 'crar-drake\[compiled\]'"):
+        make_control_law(model, compiled)
+    with pytest.raises(ScenarioError, match="controller.arithmetic: 'numpi' is none"):
+        make_control_law(model, CrarParameters(arithmetic="numpi"))
 
 
-def test_without_numba_it_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(compiled_prototype, "HAS_NUMBA", False)
-    page = tmp_path / "speed.md"
-    page.write_text(PAGE)
-    assert main(["--markdown", str(page)]) == 2
-    assert "pip install numba" in capsys.readouterr().err
-    assert page.read_text() == PAGE
+def test_compiled_functions_are_kept_apart_by_their_sources(monkeypatch, tmp_path):
+    """In a folder of the user's cache; Numba's own setting is left alone."""
+    numba = pytest.importorskip("numba")
+    monkeypatch.setattr(compiler, "_CACHE_FOLDER", tmp_path / "kept")
+    theirs = numba.config.CACHE_DIR
+    path = tmp_path / "twice.py"
+    path.write_text("def twice(x):\n    return 2.0 * x\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    import twice
 
-
-def test_answers_that_differ_are_an_error_not_a_figure(monkeypatch):
-    monkeypatch.setattr(compiled_prototype, "LARGEST_DIFFERENCE", -1.0)
-    with pytest.raises(CrarError, match="wrists, paper: the compiled answers differ"):
-        compiled_prototype.measure("dance", 0.01, "wrists", "paper")
-
-
-def test_a_page_without_the_heading_is_left_alone(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(compiled_prototype, "HAS_NUMBA", True)
-    page = tmp_path / "speed.md"
-    page.write_text("# Something else\n")
-    assert main(["--markdown", str(page)]) == 2
-    assert f"{page}: it has no line '{HEADING}'" in capsys.readouterr().err
-    assert page.read_text() == "# Something else\n"
-    assert renewed(f"{HEADING}\n", "text\n") == f"{HEADING}\n\ntext\n"
+    function = compiler.njit(twice.twice)
+    assert function(3.0) == 6.0
+    assert list((tmp_path / "kept").rglob("*.nbc"))
+    assert numba.config.CACHE_DIR == theirs
+    folder = compiler.cache_folder()
+    monkeypatch.setattr(compiler, "LIMIT_CLAMP", 1.0)
+    assert compiler.cache_folder() != folder
+    sys.modules.pop("twice")

@@ -1,11 +1,10 @@
-"""What a control step would take if its arithmetic were compiled by Numba.
+"""What a control step and a simulation take with compiled arithmetic.
 
-    OMP_NUM_THREADS=1 python -m crar_drake.experiments.compiled_prototype
+    OMP_NUM_THREADS=1 python -m crar_drake.experiments.compiled_speed
         [--motion dance] [--duration 3] [--markdown docs/speed.md]
 
-Needs Numba, which the package itself does not (`pip install numba`). Steps and bounds
-are those of `crar-drake bench`, along the same motion and in the same orders; the
-compiled law takes the place of `ControlLaw` in `CrarController`.
+Needs Numba (`pip install 'crar-drake[compiled]'`). Steps and bounds are those of
+`crar-drake bench`, along the same motion and in the same orders.
 """
 
 from __future__ import annotations
@@ -15,14 +14,24 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
+from crar_drake.compiled.compiler import HAS_NUMBA
+from crar_drake.compiled.distances import distances
+from crar_drake.compiled.law import CompiledLaw, find_shapes
 from crar_drake.control_law import ControlLaw, Memory, Targets
 from crar_drake.errors import CrarError
-from crar_drake.experiments.bench import MODES, STEP_OVER_BOUND, describe_machine
+from crar_drake.experiments.bench import (
+    MODES,
+    STEP_OVER_BOUND,
+    describe_machine,
+    time_simulation,
+)
 from crar_drake.experiments.bench_step import Bound, Samples, Step, samples_of_run
 from crar_drake.experiments.bench_timing import (
     BY_TURNS,
@@ -30,9 +39,6 @@ from crar_drake.experiments.bench_timing import (
     Subject,
     time_side_by_side,
 )
-from crar_drake.experiments.compiled.distances import distances
-from crar_drake.experiments.compiled.law import CompiledLaw, find_shapes
-from crar_drake.experiments.compiled.numba_or_not import HAS_NUMBA
 from crar_drake.experiments.tables import markdown_table
 from crar_drake.files import whole_file
 from crar_drake.parameters import CrarParameters
@@ -46,16 +52,6 @@ HEADING = "### Compiled, in one run"
 ORDERS = {"in a row": IN_A_ROW, "by turns": BY_TURNS}
 LARGEST_DIFFERENCE = 1e-9
 AT_REST = 1e-3  # of a step without accelerations; the motions' are about 10 rad/s^2
-
-
-class CompiledStep(Step):
-    """A control step whose law is compiled."""
-
-    def __init__(
-        self, model: ControlModel, parameters: CrarParameters, samples: Samples
-    ) -> None:
-        super().__init__(model, parameters, samples)
-        self.controller.law = CompiledLaw(model, parameters)
 
 
 class CompiledBound(Bound):
@@ -133,6 +129,7 @@ def measure(motion: str, duration: float, experiment: str, mode: str) -> dict:
         CrarError: the motion cannot be used, or the answers differ.
     """
     parameters = CrarParameters(constraints=mode)
+    compiled = replace(parameters, arithmetic="compiled")
     scenario = Scenario(
         motion=motion, experiment=experiment, controller=parameters, duration=duration
     )
@@ -161,7 +158,7 @@ def measure(motion: str, duration: float, experiment: str, mode: str) -> dict:
     for order, block in ORDERS.items():
         subjects = {
             "step": Step(model, parameters, samples),
-            "compiled step": CompiledStep(model, parameters, samples),
+            "compiled step": Step(model, compiled, samples),
             "bound": Bound(model, parameters, samples),
             "compiled bound": CompiledBound(model, parameters, samples),
         }
@@ -170,6 +167,11 @@ def measure(motion: str, duration: float, experiment: str, mode: str) -> dict:
             subjects["compiled law"] = Solve(CompiledLaw(model, parameters), samples)
         timings = time_side_by_side(subjects, len(samples), block)
         entry[order] = {name: timing.figures() for name, timing in timings.items()}
+    entry["simulation"] = {
+        name: time_simulation(replace(scenario, controller=chosen), run.setup, True)
+        for name, chosen in (("numpy", parameters), ("compiled", compiled))
+    }
+    entry["duration"] = run.log.time[-1]
     return entry
 
 
@@ -205,7 +207,15 @@ def report(entries: Sequence[dict], motion: str, duration: float) -> str:
         plain, fast = (e["in a row"][n]["cpu_median"] for n in ("law", "compiled law"))
         rows.append([_case(e), _us(plain), _us(fast), f"{plain / fast:.1f}"])
     header = ["tasks, constraints", "`ControlLaw`", "compiled", "ratio"]
-    return text + markdown_table(header, rows)
+    text += markdown_table(header, rows)
+    text += (
+        "\nThe whole simulation at 1 kHz with recording, real-time factors by the wall "
+        "clock (by processor time):\n\n"
+    )
+    rows = [
+        [_case(e), *map(partial(_factor, e), ("numpy", "compiled"))] for e in entries
+    ]
+    return text + markdown_table(["tasks, constraints", "numpy", "compiled"], rows)
 
 
 _HEADER = [
@@ -244,6 +254,12 @@ def _row(entry: dict, order: str) -> list[str]:
     ]
 
 
+def _factor(entry: dict, arithmetic: str) -> str:
+    timing = entry["simulation"][arithmetic]
+    wall, cpu = (entry["duration"] / spent for spent in (timing.wall, timing.cpu))
+    return f"{wall:.2f} ({cpu:.2f})"
+
+
 def _case(entry: dict) -> str:
     return f"{entry['experiment']}, {entry['constraints']}"
 
@@ -280,8 +296,7 @@ def require_numba() -> None:
     """Raises CrarError unless Numba is there."""
     if not HAS_NUMBA:
         raise CrarError(
-            "this measurement needs Numba, which crar-drake does not install: "
-            "pip install numba"
+            "this measurement needs Numba: pip install 'crar-drake[compiled]'"
         )
 
 
@@ -311,7 +326,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             with whole_file(arguments.markdown) as temporary:
                 temporary.write_text(renewed(page, text), encoding="utf-8")
     except CrarError as error:
-        print(f"compiled_prototype: error: {error}", file=sys.stderr)
+        print(f"compiled_speed: error: {error}", file=sys.stderr)
         return 2
     return 0
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from crar_drake.experiments.compiled.numba_or_not import njit
+from crar_drake.compiled.compiler import njit
 
 
 @njit

@@ -1,1 +1,0 @@
-"""The control step with its arithmetic compiled: a prototype, for measuring only."""

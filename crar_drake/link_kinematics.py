@@ -23,6 +23,13 @@ class LinkKinematics:
     [p x f; f].
 
     Bodies that are welded together are one link.
+
+    Attributes:
+        links: L bodies, one of each link.
+        selection: (4 L, P + V) homogeneous points and vectors in their links' frames,
+            each in the rows of its link.
+        ends: links whose Jacobians tell S, and
+        end_signs: (ends, 1, nv) -1 where a column is taken from an end, else 0.
     """
 
     def __init__(
@@ -41,17 +48,17 @@ class LinkKinematics:
         """
         self._plant = plant
         self._world: Frame = plant.world_frame()
-        self._links: list[RigidBody] = []
+        self.links: list[RigidBody] = []
         self._link_of: dict[int, int] = {}  # index of a link's first body to the link
         for body in (*bodies, *(body for body, _ in (*points, *vectors))):
             first = self._first_welded(body)
             if int(first.index()) not in self._link_of:
-                self._link_of[int(first.index())] = len(self._links)
-                self._links.append(first)
+                self._link_of[int(first.index())] = len(self.links)
+                self.links.append(first)
         # Column i picks point i out of all links' poses [X_WL0 X_WL1 ...] (3, 4 L).
         placed = [(*point, 1.0) for point in points]
         placed += [(*vector, 0.0) for vector in vectors]
-        self._selection = np.zeros((4 * len(self._links), len(placed)))
+        self.selection = np.zeros((4 * len(self.links), len(placed)))
         context = plant.CreateDefaultContext()
         for i, (body, p_B, one) in enumerate(placed):
             first = self._first_welded(body)
@@ -59,8 +66,8 @@ class LinkKinematics:
                 context, first.body_frame(), body.body_frame()
             ).GetAsMatrix34()
             row = 4 * self._link_of[int(first.index())]
-            self._selection[row : row + 3, i] = X_LB @ np.append(p_B, one)
-            self._selection[row + 3, i] = one
+            self.selection[row : row + 3, i] = X_LB @ np.append(p_B, one)
+            self.selection[row + 3, i] = one
         self._carried = self._find_carried()  # (L, nv)
         self._choose_ends()
 
@@ -79,21 +86,19 @@ class LinkKinematics:
         for context in contexts:
             poses += [
                 plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34()
-                for link in self._links
+                for link in self.links
             ]
             # How the world moves as seen from the link is the link's motion, negated;
             # of the world's origin it needs no shift.
             ends += [
                 plant.CalcJacobianSpatialVelocity(context, kV, W, _ORIGIN, end, W)
-                for end in self._ends
+                for end in self.ends
             ]
         K = len(contexts)
         X = np.concatenate(poses, axis=1).reshape(3, K, -1)
-        points = X.swapaxes(0, 1) @ self._selection
-        J = np.concatenate(ends).reshape(
-            K, len(self._ends), 6, self._end_signs.shape[2]
-        )
-        return points, (J * self._end_signs).sum(axis=1)
+        points = X.swapaxes(0, 1) @ self.selection
+        J = np.concatenate(ends).reshape(K, len(self.ends), 6, self.end_signs.shape[2])
+        return points, (J * self.end_signs).sum(axis=1)
 
     def _first_welded(self, body: RigidBody) -> RigidBody:
         welded = self._plant.GetBodiesWeldedTo(body)
@@ -101,7 +106,7 @@ class LinkKinematics:
 
     def _find_carried(self) -> np.ndarray:
         plant = self._plant
-        carried = np.zeros((len(self._links), plant.num_velocities()), dtype=bool)
+        carried = np.zeros((len(self.links), plant.num_velocities()), dtype=bool)
         for index in plant.GetJointIndices():
             joint = plant.get_joint(index)
             if not joint.num_velocities():
@@ -110,7 +115,7 @@ class LinkKinematics:
             moved = {
                 int(body) for body in plant.GetBodiesKinematicallyAffectedBy([index])
             }
-            for i, link in enumerate(self._links):
+            for i, link in enumerate(self.links):
                 if int(link.index()) in moved:
                     carried[i, start : start + joint.num_velocities()] = True
         return carried
@@ -122,11 +127,11 @@ class LinkKinematics:
         while missing.any():
             best = int(np.argmax((self._carried & missing).sum(axis=1)))
             taken = self._carried[best] & missing
-            ends.append(self._links[best].body_frame())
+            ends.append(self.links[best].body_frame())
             signs.append(-1.0 * taken)
             missing &= ~taken
         if not ends:  # nothing moves: any link will do, and contributes nothing
             ends.append(self._world)
             signs.append(np.zeros(self._carried.shape[1]))
-        self._ends = ends
-        self._end_signs = np.array(signs)[:, None, :]
+        self.ends = ends
+        self.end_signs = np.array(signs)[:, None, :]

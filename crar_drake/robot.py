@@ -124,7 +124,10 @@ class ControlModel:
         tasks, layout: the tasks and their rows.
         row_weights: (m,) per-task weights, see `equations.tasks.task_weights`.
         weighs_rows: whether one of them is not 1.
+        task_targets: per task its frame F and its point p_FT (3,) [m].
+        kinematics: `LinkKinematics` of the tasks' points and the watched axes.
         pairs: the watched pairs.
+        pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
         controlled, prescribed: their indices in v (and q).
         position_names: (nq,) the joint of each position of the plant.
@@ -380,14 +383,14 @@ class ControlModel:
             v=J @ v,
             J=J[:, c],
             J_p=J[:, p],
-            Jdot_qdot=self._bias_accelerations(context),
+            Jdot_qdot=self.bias_accelerations(context),
             d=near.d[0],
             dd_dq=near.dd_dq[0],
             dd_dq_p=near.dd_dq_p[0],
         )
 
-    def _bias_accelerations(self, context: Context) -> np.ndarray:
-        """Jdot qdot (m,), Eq. (6)."""
+    def bias_accelerations(self, context: Context) -> np.ndarray:
+        """Eq. (6): Jdot qdot (m,), at the plant context's state."""
         plant, W, kV = self.plant, self.plant.world_frame(), JacobianWrtVariable.kV
         parts = [
             plant.CalcBiasTranslationalAcceleration(context, kV, frame, p_FT, W, W)
@@ -415,7 +418,7 @@ class ControlModel:
             queries = [port.Eval(context) for context in scene_graph_contexts]
         near = self.pairs.proximity(points[:, :, len(self.tasks) :], queries)
         dd_dv = distance_gradient_about_origin(
-            near.normal, near.p_WA, S, self._pair_moves
+            near.normal, near.p_WA, S, self.pair_moves
         )
         c, p = self._controlled, self._prescribed
         return Distances(near.d, dd_dv[:, :, c], dd_dv[:, :, p])
@@ -502,7 +505,7 @@ class ControlModel:
         if not tasks:
             raise ModelError("give at least one task")
         self.tasks = tuple(tasks)
-        self._task_targets = []
+        self.task_targets = []
         for task in self.tasks:
             task.validate()
             known = self.description.task_frames
@@ -516,7 +519,7 @@ class ControlModel:
                     f"task {task.name or task.frame}: {error}"
                     f"{nearest(task.frame, known) if known else ''}"
                 ) from error
-            self._task_targets.append((frame, np.asarray(task.point, dtype=float)))
+            self.task_targets.append((frame, np.asarray(task.point, dtype=float)))
         names = tuple(task.name or task.frame for task in self.tasks)
         for name in names:
             if names.count(name) > 1:
@@ -536,7 +539,7 @@ class ControlModel:
         points: dict[int, tuple[Frame, list[np.ndarray]]] = {}
         places: dict[int, tuple[int, int]] = {}  # task to (frame, place in the call)
         self._oriented_targets = []
-        for i, (frame, p_FT) in enumerate(self._task_targets):
+        for i, (frame, p_FT) in enumerate(self.task_targets):
             if self.layout.kinds[i] == "position":
                 of_frame = points.setdefault(int(frame.index()), (frame, []))[1]
                 places[i] = (int(frame.index()), len(of_frame))
@@ -563,7 +566,7 @@ class ControlModel:
         """Collects every point whose position a step needs, and what moves it."""
         tasks = [
             (frame.body(), frame.GetFixedPoseInBodyFrame().multiply(p_FT))
-            for frame, p_FT in self._task_targets
+            for frame, p_FT in self.task_targets
         ]
         axes = [
             (body, axis)
@@ -580,7 +583,7 @@ class ControlModel:
         )
         carried = np.array([carried_by(body) for body in bodies], dtype=float)
         carried = carried.reshape(-1, self.plant.num_velocities())
-        self._pair_moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
+        self.pair_moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""

@@ -60,6 +60,10 @@ class WatchedPairs:
         body_a, body_b: (Nc,) index of each segment in `bodies`.
         bodies: the bodies that carry watched shapes.
         axes: per body in `bodies` its capsule axes.
+        gather: (4 N,) of N shape pairs in closed form, places in `proximity`'s axes:
+            starts of a, of b, vectors of a, of b.
+        shape_pairs: (Nc, most) the shape pairs of each pair; the first fills up.
+        capsules: the sizes of the N shape pairs.
     """
 
     def __init__(
@@ -139,14 +143,14 @@ class WatchedPairs:
         axis_b = np.array(axis_b, dtype=int)
         # The starts and then the vectors of the axes, each first of a, then of b.
         num_axes = sum(map(len, self.axes))
-        self._gather = np.concatenate(
+        self.gather = np.concatenate(
             [axis_a, axis_b, num_axes + axis_a, num_axes + axis_b]
         )
         self._closed = np.array(closed, dtype=int)
         self._queried = queried
         # Rectangular: a pair with fewer shape pairs repeats its first one.
         most = max(map(len, members), default=1)
-        self._shape_pairs = np.array(
+        self.shape_pairs = np.array(
             [rows + rows[:1] * (most - len(rows)) for rows in members], dtype=int
         ).reshape(-1, most)
         self._shape_pair_rows = most * np.arange(len(pairs))
@@ -154,7 +158,7 @@ class WatchedPairs:
         every = [axis for axes in self.axes for axis in axes]
         radii = np.array([axis.radius for axis in every])
         lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
-        self._capsules = CapsulePairs(
+        self.capsules = CapsulePairs(
             lengths[axis_a], radii[axis_a], lengths[axis_b], radii[axis_b]
         )
 
@@ -177,16 +181,16 @@ class WatchedPairs:
             queries: SceneGraph's answers in each configuration; only if
                 `needs_query`.
         """
-        K, N = len(axes), len(self._gather) // 4
-        gathered = axes.take(self._gather, axis=2).reshape(K, 3, 4, N)
+        K, N = len(axes), len(self.gather) // 4
+        gathered = axes.take(self.gather, axis=2).reshape(K, 3, 4, N)
         p_a, p_b, u, v = (gathered[:, :, i] for i in range(4))
-        d, normal, p_WA, _ = self._capsules(p_a, u, p_b, v)
+        d, normal, p_WA, _ = self.capsules(p_a, u, p_b, v)
         if self._queried:
             d, normal, p_WA = self._add_queried(queries, d, normal, p_WA)
         if self._num_shape_pairs != len(self):
             # The nearest shape pair of each segment pair.
-            best = d.take(self._shape_pairs, axis=1).argmin(axis=2)
-            keep = self._shape_pairs.take(best + self._shape_pair_rows)
+            best = d.take(self.shape_pairs, axis=1).argmin(axis=2)
+            keep = self.shape_pairs.take(best + self._shape_pair_rows)
             start = self._num_shape_pairs * np.arange(3 * K)[:, None]
             places = start.reshape(K, 3, 1) + keep[:, None]
             d = d.take(start[:K] + keep)

@@ -146,17 +146,17 @@ class CompiledLaw(ControlLaw):
         poses = [
             plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34()
             for context in contexts
-            for link in kinematics._links
+            for link in kinematics.links
         ]
         ends = [
             plant.CalcJacobianSpatialVelocity(context, kV, W, _ORIGIN, end, W)
             for context in contexts
-            for end in kinematics._ends
+            for end in kinematics.ends
         ]
         # Of one layout always, lest the step be compiled for another.
         X = np.ascontiguousarray(np.concatenate(poses).reshape(self._K, -1, 3, 4))
         J = np.concatenate(ends).reshape(self._K, -1, 6, len(v))
-        return X, np.ascontiguousarray(J), self.model._bias_accelerations(here)
+        return X, np.ascontiguousarray(J), self.model.bias_accelerations(here)
 
     def _task_positions(self, X: np.ndarray) -> np.ndarray:
         """(tasks, 3) at the state [m]."""
@@ -180,37 +180,37 @@ class CompiledLaw(ControlLaw):
 
 def find_shapes(model: ControlModel) -> Shapes:
     """The watched pairs of a model, for `distances`."""
-    pairs, capsules = model.pairs, model.pairs._capsules
-    N = len(pairs._gather) // 4
+    pairs, capsules = model.pairs, model.pairs.capsules
+    N = len(pairs.gather) // 4
     # Of the rectangular table each shape pair is in one line, or repeated there.
     pair = np.empty(N, dtype=np.int64)
-    for i, members in enumerate(pairs._shape_pairs):
+    for i, members in enumerate(pairs.shape_pairs):
         pair[members] = i
     return Shapes(
-        axis_a=pairs._gather[:N],
-        axis_b=pairs._gather[N : 2 * N],
-        uu=capsules._uu,
-        vv=capsules._vv,
-        radii=capsules._radii,
+        axis_a=pairs.gather[:N],
+        axis_b=pairs.gather[N : 2 * N],
+        uu=capsules.uu,
+        vv=capsules.vv,
+        radii=capsules.radii,
         pair=pair,
-        moves=model._pair_moves,
+        moves=model.pair_moves,
     )
 
 
 def find_robot(model: ControlModel) -> Robot:
     """The rest of a model, for `compiled_step`."""
     kinematics = model.kinematics
-    selection = kinematics._selection.T.reshape(len(kinematics._selection.T), -1, 4)
+    selection = kinematics.selection.T.reshape(len(kinematics.selection.T), -1, 4)
     link = np.abs(selection).sum(axis=2).argmax(axis=1)
     potential = LimitPotential(model.lower, model.upper)
     return Robot(
         link=link,
         p_L=selection[np.arange(len(link)), link],
-        end_signs=np.ascontiguousarray(kinematics._end_signs[:, 0]),
+        end_signs=np.ascontiguousarray(kinematics.end_signs[:, 0]),
         carried=np.array(
             [
                 kinematics.carried_by(frame.body()).astype(float)
-                for frame, _ in model._task_targets
+                for frame, _ in model.task_targets
             ]
         ),
         row_weights=model.row_weights,
@@ -220,11 +220,11 @@ def find_robot(model: ControlModel) -> Robot:
         upper=model.upper,
         potential=np.array(
             [
-                potential._lower,
-                potential._upper,
-                potential._first,
-                potential._last,
-                potential._factor,
+                potential.lower,
+                potential.upper,
+                potential.first,
+                potential.last,
+                potential.factor,
             ]
         ),
     )

@@ -27,6 +27,10 @@ class CapsulePairs:
     inside the depth along the line between the axes' nearest points. Of parallel
     axes that face each other the witness points are in the middle of the overlap.
     Where the axes meet, the normal is perpendicular to both.
+
+    Attributes:
+        uu, vv: (N,) squared lengths of the axes [m^2].
+        radii: (N,) sums of both radii [m].
     """
 
     def __init__(
@@ -41,14 +45,14 @@ class CapsulePairs:
             length_a, length_b: (N,) of the axes, 0 for spheres [m].
             radius_a, radius_b: (N,) [m].
         """
-        self._uu, self._vv = np.square(length_a), np.square(length_b)
+        self.uu, self.vv = np.square(length_a), np.square(length_b)
         # Of an axis without length the parameter does not matter.
-        self._per_uu = 1.0 / np.where(self._uu > 0.0, self._uu, 1.0)
-        self._per_vv = 1.0 / np.where(self._vv > 0.0, self._vv, 1.0)
-        product = self._uu * self._vv
+        self._per_uu = 1.0 / np.where(self.uu > 0.0, self.uu, 1.0)
+        self._per_vv = 1.0 / np.where(self.vv > 0.0, self.vv, 1.0)
+        product = self.uu * self.vv
         self._uu_vv = np.where(product > 0.0, product, 1.0)
         self._close = _NEARLY_PARALLEL * self._uu_vv
-        self._radii = radius_a + radius_b
+        self.radii = radius_a + radius_b
 
     def __call__(
         self, p_a: np.ndarray, u: np.ndarray, p_b: np.ndarray, v: np.ndarray
@@ -71,7 +75,7 @@ class CapsulePairs:
         close = determinant < self._close
         if close.any():
             determinant[close] = 1.0
-        s = (uv * vr - ur * self._vv) / determinant
+        s = (uv * vr - ur * self.vv) / determinant
         if close.any():
             s[close] = self._along_nearly_parallel(close, u, v, r, uv, ur)
         # Best t for this s; limited, and then the best s for that t.
@@ -86,12 +90,12 @@ class CapsulePairs:
             normal = _normals_where_axes_meet(difference, axis_distance, u, v)
         else:
             normal = difference / axis_distance[..., None, :]
-        return axis_distance - self._radii, normal, nearest_a, nearest_b
+        return axis_distance - self.radii, normal, nearest_a, nearest_b
 
     def _along_nearly_parallel(self, close, u, v, r, uv, ur) -> np.ndarray:
         """s without cancellation, of the pairs `close` (..., N)."""
-        uu = np.broadcast_to(self._uu, close.shape)[close]
-        vv = np.broadcast_to(self._vv, close.shape)[close]
+        uu = np.broadcast_to(self.uu, close.shape)[close]
+        vv = np.broadcast_to(self.vv, close.shape)[close]
         uv, ur = uv[close], ur[close]
         u, v, r = (np.moveaxis(x, -2, -1)[close] for x in (u, v, r))
         cross = cross_rows(u, v)

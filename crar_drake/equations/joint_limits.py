@@ -32,6 +32,11 @@ class LimitPotential:
     (for a range narrower than four clamps, at a quarter of the range; a locked
     joint has a range as wide as one clamp). Where a limit is infinite the joint
     counts as unlimited and the gradient is 0.
+
+    Attributes:
+        lower, upper: (n,) limits, finite, and not equal [rad or m].
+        first, last: (n,) where the gradient is taken at the least and at the most.
+        factor: (n,) a quarter of the squared range; 0 for unlimited joints.
     """
 
     def __init__(self, lower: np.ndarray, upper: np.ndarray) -> None:
@@ -44,11 +49,11 @@ class LimitPotential:
         upper = np.where(limited, upper, 1.0)
         # Equal limits would give 0/0.
         widening = 0.5 * np.maximum(LIMIT_CLAMP - (upper - lower), 0.0)
-        self._lower, self._upper = lower - widening, upper + widening
-        span = self._upper - self._lower
+        self.lower, self.upper = lower - widening, upper + widening
+        span = self.upper - self.lower
         clamp = np.minimum(LIMIT_CLAMP, 0.25 * span)
-        self._first, self._last = self._lower + clamp, self._upper - clamp
-        self._factor = np.where(limited, 0.25 * span**2, 0.0)
+        self.first, self.last = self.lower + clamp, self.upper - clamp
+        self.factor = np.where(limited, 0.25 * span**2, 0.0)
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """Eq. (17) at q (n,) [rad or m]: (n,) [1/rad or 1/m]."""
@@ -74,11 +79,11 @@ class LimitPotential:
         return gradient, np.abs(gradient) * (1.0 + beyond / LIMIT_CLAMP)
 
     def _clamped(self, q: np.ndarray) -> np.ndarray:
-        return np.minimum(np.maximum(q, self._first), self._last)
+        return np.minimum(np.maximum(q, self.first), self.last)
 
     def _gradient(self, q: np.ndarray) -> np.ndarray:
-        to_upper, to_lower = self._upper - q, q - self._lower
-        return self._factor * (to_lower - to_upper) / np.square(to_upper * to_lower)
+        to_upper, to_lower = self.upper - q, q - self.lower
+        return self.factor * (to_lower - to_upper) / np.square(to_upper * to_lower)
 
 
 def joint_limit_weights(

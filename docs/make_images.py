@@ -4,7 +4,8 @@
 
 `images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a recorded
 page, `images/dance.png` is what a browser shows of it (needs Chromium); given the
-folder of a reproduction, its figures become `images/section-iv-*`.
+folder of a reproduction, those that `reproduction.md` shows become
+`images/section-iv-*`.
 """
 
 import shutil
@@ -52,8 +53,11 @@ def draw_recording(page: Path) -> None:
 
 
 def copy_figures(reproduction: Path) -> None:
+    shown = (IMAGES.parent / "reproduction.md").read_text(encoding="utf-8")
     for figure in (reproduction / "figures").iterdir():
-        shutil.copy(figure, IMAGES / f"section-iv-{figure.name}")
+        name = f"section-iv-{figure.name}"
+        if name in shown:
+            shutil.copy(figure, IMAGES / name)
 
 
 if __name__ == "__main__":

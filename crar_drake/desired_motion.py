@@ -50,24 +50,33 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
         scenario.motion, model, skeleton=scenario.skeleton, cutoff=scenario.cutoff
     )
 
-    def tasks_at(time: float) -> np.ndarray:
-        derivatives = [motion.tasks.EvalDerivative(time, k) for k in range(3)]
-        return np.concatenate(derivatives).ravel()
+    tasks = motion.tasks
+    if isinstance(tasks, dict):
+        ways = tasks
+        tasks_at = PoseTrajectorySource(model.layout, ways).at
+
+        def MakeTaskSource() -> LeafSystem:
+            return PoseTrajectorySource(model.layout, ways)
+
+    else:
+
+        def tasks_at(time: float) -> np.ndarray:
+            derivatives = [tasks.EvalDerivative(time, k) for k in range(3)]
+            return np.concatenate(derivatives).ravel()
+
+        def MakeTaskSource() -> LeafSystem:
+            return TrajectorySource(tasks, 2)
 
     prescribed = motion.prescribed
     if prescribed is None:
         return DesiredMotion(
-            motion.duration,
-            tasks_at,
-            lambda time: np.zeros(0),
-            lambda: TrajectorySource(motion.tasks, 2),
-            None,
+            motion.duration, tasks_at, lambda time: np.zeros(0), MakeTaskSource, None
         )
     return DesiredMotion(
         motion.duration,
         tasks_at,
         lambda time: prescribed.value(time).ravel(),
-        lambda: TrajectorySource(motion.tasks, 2),
+        MakeTaskSource,
         lambda: TrajectorySource(prescribed, 2),
     )
 

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ScenarioError
+from crar_drake.quaternion_spline import QuaternionSpline
 
 
 @dataclass
@@ -66,11 +67,7 @@ class KeyframeTrajectory:
         )
         angles = [list(frame.rpy_deg) for frame in keyframes]
         quaternions = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
-        for i in range(1, len(quaternions)):
-            # Q and -Q are the same orientation; the nearer is the shorter way.
-            if quaternions[i] @ quaternions[i - 1] < 0.0:
-                quaternions[i] *= -1.0
-        self._quaternion = CubicSpline(times, quaternions, bc_type="clamped")
+        self._orientation = QuaternionSpline(times, quaternions, bc_type="clamped")
 
     def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
@@ -82,20 +79,4 @@ class KeyframeTrajectory:
 
     def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
-        moving = self.start <= time <= self.end
-        t = min(max(time, self.start), self.end)
-        Q = self._quaternion(t)
-        R = Rotation.from_quat(Q).as_matrix()
-        if not moving:
-            return R, np.zeros(3), np.zeros(3)
-        # omega = 2 Im(Q_dot / Q), whatever the length of Q, and its derivative.
-        inverse = Q * [-1.0, -1.0, -1.0, 1.0] / (Q @ Q)
-        rate = _product(self._quaternion(t, 1), inverse)
-        rate_dot = _product(self._quaternion(t, 2), inverse) - _product(rate, rate)
-        return R, 2.0 * rate[:3], 2.0 * rate_dot[:3]
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The product (4,) of two quaternions (x, y, z, w), of any length."""
-    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])
+        return self._orientation(time)

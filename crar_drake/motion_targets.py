@@ -8,14 +8,69 @@ import numpy as np
 from pydrake.trajectories import BsplineTrajectory
 
 from crar_drake.errors import ScenarioError
+from crar_drake.motion.asf_amc import Clip
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.conditioning import spline
+from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
-from crar_drake.motion.retarget import SegmentLengths, retarget
+from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
+from crar_drake.quaternion_spline import QuaternionSpline
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import find_frame
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
+
+
+class PointTrajectory:
+    """The way of a joint centre."""
+
+    def __init__(self, position: BsplineTrajectory) -> None:
+        """
+        Args:
+            position: p_WC, three rows, from time 0 [m].
+        """
+        self.end = position.end_time()
+        self._derivatives = [position.MakeDerivative(k) for k in range(3)]
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W.
+
+        After the end it stands still there.
+        """
+        p, v, a = (f.value(min(time, self.end)).ravel() for f in self._derivatives)
+        return (p, v, a) if time <= self.end else (p, np.zeros(3), np.zeros(3))
+
+
+class HandTrajectory:
+    """The way of a hand: turned as the performer's, ahead of the robot's wrist.
+
+    Its position is p_WH = p_WC + length x_H, with C the wrist and x_H the hand's first
+    axis, the one to the fingertips.
+    """
+
+    def __init__(
+        self, wrist: PointTrajectory, orientation: QuaternionSpline, length: float
+    ) -> None:
+        """
+        Args:
+            wrist: the way of C.
+            orientation: R_WH, as long as the wrist's way.
+            length: of the robot, from its wrist to its hand [m].
+        """
+        self.end = wrist.end
+        self._wrist, self._orientation, self._length = wrist, orientation, length
+
+    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
+        return self._orientation(time)
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
+        p, v, a = self._wrist.position(time)
+        R, omega, alpha = self._orientation(time)
+        arm = self._length * R[:, 0]
+        turning = np.cross(omega, arm)
+        return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
 
 
 @dataclass(frozen=True)
@@ -23,12 +78,13 @@ class MotionTargets:
     """Trajectories of one motion for one robot, over [0, duration].
 
     Attributes:
-        tasks: positions p_WT of the tasks, three rows each, in their order [m].
+        tasks: positions p_WT of the tasks, three rows each, in their order [m]; with
+            tasks of hands, which may have orientations, the way of each by its name.
         prescribed: positions of the prescribed joints; None if there are none.
         duration: [s].
     """
 
-    tasks: BsplineTrajectory
+    tasks: BsplineTrajectory | dict[str, PointTrajectory | HandTrajectory]
     prescribed: BsplineTrajectory | None
     duration: float  # [s]
 
@@ -83,30 +139,88 @@ def load_motion_targets(
 
     Args:
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
-        model: the robot, with position tasks named like joint centres.
+        model: the robot, with position tasks of JOINT_CENTRES, and tasks of HANDS
+            of any kind.
         skeleton: path of the .asf, where it is not beside the motion.
         cutoff: of the low-pass [Hz].
 
     Raises:
-        MotionError: the motion cannot be found, read or scaled.
-        ScenarioError: a task is none that a motion of joint centres can drive.
+        MotionError: the motion cannot be found, read or scaled, or its skeleton
+            lacks hands that a task needs.
+        ScenarioError: a task is none that a motion can drive.
     """
-    for task, name in zip(model.tasks, model.layout.names, strict=True):
-        if task.kind != "position" or task.frame not in JOINT_CENTRES:
-            raise ScenarioError(
-                f"task {name}: a motion gives positions of {', '.join(JOINT_CENTRES)}; "
-                f"track one of these with kind position, or use keyframes"
-            )
-    centres = joint_centres(load_clip(motion, skeleton or None))
+    _check_tasks(model)
+    clip = load_clip(motion, skeleton or None)
+    centres = joint_centres(clip)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
     prescribed = None
     if model.n_p:
         prescribed = _prescribed_trajectory(model, retargeted)
-    return MotionTargets(
-        retargeted.trajectory([task.frame for task in model.tasks]),
-        prescribed,
-        retargeted.duration,
+    frames = [task.frame for task in model.tasks]
+    if any(frame in HANDS for frame in frames):
+        tasks = _task_ways(model, clip, retargeted, cutoff)
+    else:
+        tasks = retargeted.trajectory(frames)
+    return MotionTargets(tasks, prescribed, retargeted.duration)
+
+
+def _check_tasks(model: ControlModel) -> None:
+    """Raises ScenarioError unless a motion gives what each task tracks."""
+    for task, name in zip(model.tasks, model.layout.names, strict=True):
+        if task.frame in HANDS:
+            if task.frame not in model.description.task_frames:
+                raise ScenarioError(
+                    f"task {name}: robot {model.description.name} has no task_frame "
+                    f"{task.frame}; to follow a motion's hand, add it to its "
+                    f"robot.yaml (import.yaml of an imported robot), x to the "
+                    f"fingertips and z to the thumb's side"
+                )
+        elif task.frame not in JOINT_CENTRES:
+            raise ScenarioError(
+                f"task {name}: a motion has no {task.frame}; it gives positions of "
+                f"{', '.join(JOINT_CENTRES)}, and position and orientation of "
+                f"{', '.join(HANDS)}; track one of these, or use keyframes"
+            )
+        elif task.kind != "position":
+            raise ScenarioError(
+                f"task {name}: a motion gives no orientation of {task.frame}, only "
+                f"of {', '.join(HANDS)}; track one of these, take kind position, or "
+                f"use keyframes"
+            )
+
+
+def _task_ways(
+    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+) -> dict[str, PointTrajectory | HandTrajectory]:
+    """The way of each task, by its name."""
+    quaternions = hand_orientations(clip).smooth(cutoff)
+
+    def way(frame: str) -> PointTrajectory | HandTrajectory:
+        if frame not in HANDS:
+            return PointTrajectory(retargeted.trajectory([frame]))
+        wrist = frame.replace("hand", "wrist")
+        return HandTrajectory(
+            PointTrajectory(retargeted.trajectory([wrist])),
+            QuaternionSpline(retargeted.time, quaternions[frame]),
+            _distance(model, wrist, frame),
+        )
+
+    names = model.layout.names
+    return {
+        name: way(task.frame) for name, task in zip(names, model.tasks, strict=True)
+    }
+
+
+def _distance(model: ControlModel, a: str, b: str) -> float:
+    """Between two task frames at zero joint angles [m]."""
+    plant, frames = model.plant, model.description.task_frames
+    context = model.MakeWorkspace().plant_context
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    p_a, p_b = (
+        find_frame(plant, frames[name]).CalcPoseInWorld(context).translation()
+        for name in (a, b)
     )
+    return float(np.linalg.norm(p_b - p_a))
 
 
 def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory:

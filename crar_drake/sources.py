@@ -3,17 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
-from crar_drake.keyframes import KeyframeTrajectory
+
+
+class PoseTrajectory(Protocol):
+    """The way of one task; it stands still after `end`.
+
+    A way that no task of its layout asks for its orientation needs none, and likewise
+    for the position.
+    """
+
+    end: float  # [s]
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
+
+    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
 
 
 class PoseTrajectorySource(LeafSystem):
-    """Emits [x_d; v_d; a_d] of tasks of any kind along keyframes.
+    """Emits [x_d; v_d; a_d] of tasks of any kind along keyframes or a motion.
 
     Drake's TrajectorySource serves position tasks; it has no derivatives for
     orientations.
@@ -23,7 +39,7 @@ class PoseTrajectorySource(LeafSystem):
     """
 
     def __init__(
-        self, layout: TaskLayout, trajectories: Mapping[str, KeyframeTrajectory]
+        self, layout: TaskLayout, trajectories: Mapping[str, PoseTrajectory]
     ) -> None:
         """
         Args:

@@ -175,7 +175,11 @@ def test_it_starts_at_rest_and_valid(built):
     acceleration = diagram.GetOutputPort("desired_acceleration").Eval(context)
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-6)
     error = diagram.GetOutputPort("task_error").Eval(context)
-    assert np.isfinite(error).all() and np.abs(error).max() < 0.3
+    layout = model.layout
+    assert np.isfinite(error).all()
+    assert np.abs(error[layout.linear_rows]).max(initial=0.0) < 0.3  # [m]
+    # A hand may have to turn far from the rest posture; blending does the rest.
+    assert np.abs(error[layout.angular_rows]).max(initial=0.0) < 0.9  # sine
 
 
 def test_nothing_hides_a_violation(built):

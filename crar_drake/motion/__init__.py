@@ -22,6 +22,11 @@ from crar_drake.motion.catalogue import (
 )
 from crar_drake.motion.conditioning import low_pass, spline
 from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
+from crar_drake.motion.hand_orientations import (
+    HANDS,
+    HandOrientations,
+    hand_orientations,
+)
 from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres, joint_centres
 from crar_drake.motion.report import (
     MotionReport,
@@ -32,11 +37,13 @@ from crar_drake.motion.report import (
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 
 __all__ = [
+    "HANDS",
     "JOINT_CENTRES",
     "LICENCE_NOTICE",
     "Bone",
     "BonePoses",
     "Clip",
+    "HandOrientations",
     "JointCentres",
     "MotionFiles",
     "MotionReport",
@@ -49,6 +56,7 @@ __all__ = [
     "describe",
     "fetch",
     "forward_kinematics",
+    "hand_orientations",
     "inspect",
     "joint_centres",
     "load_clip",

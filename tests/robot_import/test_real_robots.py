@@ -48,7 +48,10 @@ def test_shipped_choices_fit_the_urdf(robot_data, robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot, name", [("g1", "g1_dance"), ("talos", "talos_boxing")])
+@pytest.mark.parametrize(
+    "robot, name",
+    [("g1", "g1_dance"), ("g1", "g1_dance_hands"), ("talos", "talos_boxing")],
+)
 def test_a_second_of_a_real_motion(robot_data, cmu, tmp_path, robot, name):
     """Untouched by referee and real hulls, within limits, and efforts if asked for."""
     text = import_file(robot).read_text()

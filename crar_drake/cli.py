@@ -34,6 +34,7 @@ OUT = Path("out")
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
+ARITHMETICS = ("numpy", "compiled")
 MEASUREMENTS = ("step", "simulation", "scaling")  # of crar_drake.experiments.bench
 
 
@@ -443,6 +444,8 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
         scenario.controller.level = arguments.level
     if arguments.constraints is not None:
         scenario.controller.constraints = arguments.constraints
+    if arguments.arithmetic is not None:
+        scenario.controller.arithmetic = arguments.arithmetic
     if arguments.duration is not None:
         scenario.duration = arguments.duration
     scenario.validate()
@@ -652,6 +655,11 @@ def _make_parser() -> _Parser:
     run.add_argument("--experiment", choices=EXPERIMENTS, help="which points to track")
     run.add_argument("--level", choices=LEVELS, help="where accelerations come from")
     run.add_argument("--constraints", choices=CONSTRAINTS, help="what keeps them off")
+    run.add_argument(
+        "--arithmetic",
+        choices=ARITHMETICS,
+        help="compiled: faster, needs crar-drake[compiled]",
+    )
     run.add_argument(
         "--duration", type=_positive, metavar="S", help="simulate S seconds [s]"
     )

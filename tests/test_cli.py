@@ -17,7 +17,7 @@ from crar_drake import cli
 from crar_drake.control_law import ControlLaw, InputError
 from crar_drake.log import SimulationLog
 from crar_drake.motion.catalogue import MotionFiles
-from crar_drake.parameters import CONSTRAINTS, LEVELS
+from crar_drake.parameters import ARITHMETICS, CONSTRAINTS, LEVELS
 from crar_drake.scenario import parse_scenario, scenario_names
 from crar_drake.summary import summarize
 from crar_drake.task import EXPERIMENTS
@@ -264,6 +264,7 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --level x", "'x' is unknown; known: velocity, acceleration"),
         ("run --experiment wrist", "did you mean wrists?"),
         ("run --constraints lookahed", "did you mean lookahead?"),
+        ("run --arithmetic compild", "did you mean compiled?"),
         ("run --duration -1", "--duration: '-1' is not a positive number"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
         ("run --duration long", "--duration: 'long' is not a positive number"),
@@ -416,6 +417,7 @@ def test_version(capsys):
 def test_help_offers_what_there_is():
     assert cli.LEVELS == LEVELS
     assert cli.CONSTRAINTS == CONSTRAINTS
+    assert cli.ARITHMETICS == ARITHMETICS
     assert cli.EXPERIMENTS == tuple(EXPERIMENTS)
     assert cli.DEFAULT_SCENARIO in scenario_names()
 

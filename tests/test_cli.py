@@ -414,6 +414,16 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"crar-drake {crar_drake.__version__}\n"
 
 
+def test_the_package_runs_as_a_module():
+    result = subprocess.run(
+        [sys.executable, "-m", "crar_drake", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert result.stdout == f"crar-drake {crar_drake.__version__}\n"
+
+
 def test_help_offers_what_there_is():
     assert cli.LEVELS == LEVELS
     assert cli.CONSTRAINTS == CONSTRAINTS

@@ -1,0 +1,8 @@
+"""`python -m crar_drake` is `crar-drake`."""
+
+import sys
+
+from crar_drake.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Where the shipped data lies: robot models, scenarios and built-in motions."""
+"""Where data lies: what is shipped, and what is kept in the user's cache."""
 
 from pathlib import Path
 
@@ -30,6 +30,11 @@ def builtin_motions_folder() -> Path:
     return _PACKAGE / "motion" / "builtin"
 
 
+def cached(kind: str) -> Path:
+    """Returns a folder of the user's cache; it need not exist."""
+    return platformdirs.user_cache_path("crar-drake") / kind
+
+
 def imported_robots_folder() -> Path:
     """Where `crar-drake import-robot` keeps robots, each in a folder of its name."""
-    return Path(platformdirs.user_cache_dir("crar-drake")) / "robots"
+    return cached("robots")

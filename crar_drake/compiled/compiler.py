@@ -9,11 +9,10 @@ import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
-import platformdirs
-
 from crar_drake.equations.collisions import DISTANCE_CLAMP
 from crar_drake.equations.joint_limits import LIMIT_CLAMP
 from crar_drake.equations.lookahead import SMALLEST_MARGIN
+from crar_drake.resources import cached
 
 try:
     import numba
@@ -33,8 +32,7 @@ def cache_folder() -> Path:
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
     digest.update(repr((DISTANCE_CLAMP, LIMIT_CLAMP, SMALLEST_MARGIN)).encode())
-    cache = platformdirs.user_cache_path("crar_drake")
-    return cache / "compiled" / digest.hexdigest()[:16]
+    return cached("compiled") / digest.hexdigest()[:16]
 
 
 def njit(function: Callable) -> Callable:

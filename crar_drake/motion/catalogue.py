@@ -19,11 +19,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import platformdirs
-
 from crar_drake.errors import MotionError
 from crar_drake.motion.asf_amc import Clip, read_amc, read_asf
-from crar_drake.resources import builtin_motions_folder
+from crar_drake.resources import builtin_motions_folder, cached
 
 CMU_PREFIX = "cmu:"
 SEARCH_PATH_VARIABLE = "CRAR_MOCAP_PATH"
@@ -186,7 +184,7 @@ def trial_files(folder: Path, trial: str) -> MotionFiles:
 
 def cache_folder() -> Path:
     """Returns the user's folder of fetched trials; it need not exist."""
-    return Path(platformdirs.user_cache_dir("crar-drake")) / "cmu"
+    return cached("cmu")
 
 
 def search_path() -> list[Path]:

@@ -49,6 +49,22 @@ def every(**choices: tuple) -> tuple[dict, ...]:
 
 MARGIN = 0.005  # [m] that every controller is asked to keep
 
+
+def placo_dynamics(**choices: tuple) -> tuple[dict, ...]:
+    """The grid of PlaCo's dynamics solver, with choices besides."""
+    return every(
+        solver=("dynamics",),
+        kp=(300.0, 900.0),
+        posture=(1e-3,),
+        posture_kp=(100.0,),
+        torque_cost=(1e-6, 1e-4),
+        qdd_safe=(20.0, 80.0, 200.0),
+        margin=(MARGIN,),
+        trigger=(0.1,),
+        **choices,
+    )
+
+
 PEERS = (
     Peer(
         "PlaCo, kinematics",
@@ -82,28 +98,12 @@ PEERS = (
         "PlaCo, dynamics",
         "run_placo.py",
         "placo",
-        every(
-            solver=("dynamics",),
-            kp=(300.0, 900.0),
-            posture=(1e-3,),
-            posture_kp=(100.0,),
-            torque_cost=(1e-6, 1e-4),
-            qdd_safe=(20.0, 80.0, 200.0),
-            margin=(MARGIN,),
-            trigger=(0.1,),
+        placo_dynamics(
             priority=("hard",),
             weight=(1.0,),
             velocity_limits=(True,),
         )
-        + every(
-            solver=("dynamics",),
-            kp=(300.0, 900.0),
-            posture=(1e-3,),
-            posture_kp=(100.0,),
-            torque_cost=(1e-6, 1e-4),
-            qdd_safe=(20.0, 80.0, 200.0),
-            margin=(MARGIN,),
-            trigger=(0.1,),
+        + placo_dynamics(
             priority=("soft",),
             weight=(1e3,),
             velocity_limits=(False,),

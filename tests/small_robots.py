@@ -165,3 +165,19 @@ def free_of_constraints(**changes) -> CrarParameters:
     return CrarParameters(
         **({"constraints": "none", "blend_time": 0.0, "damping": 1e-6} | changes)
     )
+
+
+def state_about_the_limits(
+    model: ControlModel, rng: np.random.Generator, free: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions anywhere within the limits and a little beyond, and velocities.
+
+    Prescribed joints are within +-`free`.
+    """
+    nv = len(model.position_names)
+    lower, upper = np.full(nv, -free), np.full(nv, free)
+    lower[model.controlled] = np.maximum(model.lower, -np.pi)
+    upper[model.controlled] = np.minimum(model.upper, np.pi)
+    span = upper - lower
+    q = rng.uniform(lower - 0.01 * span, upper + 0.01 * span)
+    return q, rng.normal(size=nv)

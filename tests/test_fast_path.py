@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plain_control_law import PlainControlLaw, PlainKinematics
 from scipy.spatial.transform import Rotation
-from small_robots import chain_urdf, make_model
+from small_robots import chain_urdf, make_model, state_about_the_limits
 
 from crar_drake.control_law import ControlLaw
 from crar_drake.parameters import CrarParameters
@@ -66,13 +66,7 @@ def random_states(model: ControlModel, period: float, seed: int):
     """Two consecutive states anywhere, some beyond limits, most with penetrations, and
     targets around them."""
     rng = np.random.default_rng(seed)
-    nv = len(model.position_names)
-    lower, upper = np.full(nv, -1.0), np.full(nv, 1.0)
-    lower[model.controlled] = np.maximum(model.lower, -np.pi)
-    upper[model.controlled] = np.minimum(model.upper, np.pi)
-    span = upper - lower
-    q = rng.uniform(lower - 0.01 * span, upper + 0.01 * span)
-    v = rng.normal(size=nv)
+    q, v = state_about_the_limits(model, rng, 1.0)
     layout = model.layout
     state = model.evaluate(model.MakeWorkspace(), q, v)
     for _ in range(2):
@@ -92,7 +86,7 @@ def random_states(model: ControlModel, period: float, seed: int):
         )
         yield q, v, desired, prescribed
         q = q + period * v
-        v = v + period * 10.0 * rng.normal(size=nv)
+        v = v + period * 10.0 * rng.normal(size=len(v))
 
 
 def deviation(fast: np.ndarray, plain: np.ndarray) -> float:

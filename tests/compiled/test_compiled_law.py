@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_robots import state_about_the_limits
 
 from crar_drake.compiled import compiler
 from crar_drake.compiled.distances import Shapes, distances
@@ -50,13 +51,7 @@ def steps_of(model: ControlModel, seed: int):
     """Three consecutive states and their targets, about anywhere within the limits and
     a little beyond."""
     rng = np.random.default_rng(seed)
-    nv = len(model.position_names)
-    lower, upper = np.full(nv, -0.5), np.full(nv, 0.5)
-    lower[model.controlled] = np.maximum(model.lower, -np.pi)
-    upper[model.controlled] = np.minimum(model.upper, np.pi)
-    span = upper - lower
-    q = rng.uniform(lower - 0.01 * span, upper + 0.01 * span)
-    v = rng.normal(size=nv)
+    q, v = state_about_the_limits(model, rng, 0.5)
     state = model.evaluate(model.MakeWorkspace(), q, v)
     for _ in range(3):
         desired = model.layout.pack(
@@ -67,7 +62,7 @@ def steps_of(model: ControlModel, seed: int):
         )
         yield q, v, desired, rng.normal(size=3 * model.n_p)
         q = q + 1e-3 * v
-        v = v + 1e-2 * rng.normal(size=nv)
+        v = v + 1e-2 * rng.normal(size=len(v))
 
 
 @pytest.mark.parametrize("blend_time", [0.0, 0.5])

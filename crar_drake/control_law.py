@@ -56,7 +56,7 @@ STATUS_BLENDING = 1.0  # on the way onto the targets
 STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 
 
-_UNLIMITED = np.array([1.0, 0.0])  # Solution.torque_limit
+UNLIMITED = np.array([1.0, 0.0])  # Solution.torque_limit
 _NO_MARGINS = np.full(2, np.nan)
 
 
@@ -81,11 +81,12 @@ class Targets:
 
     def finite(self) -> bool:
         """Whether there is no NaN or infinite value among the targets."""
-        # A sum is finite unless an entry is not, or entries are beyond all sense.
-        total = self.tasks.sum() + self.prescribed.sum()
-        if self.nominal_posture is not None:
-            total += self.nominal_posture.sum()
-        return math.isfinite(total)
+        posture = self.nominal_posture
+        return (
+            is_finite(self.tasks)
+            and is_finite(self.prescribed)
+            and (posture is None or is_finite(posture))
+        )
 
 
 @dataclass(slots=True)
@@ -377,7 +378,7 @@ class ControlLaw:
         references = self._references(state, memory, targets, desired, error, blend)
         if near is not None:
             slip = self._slip(memory, tick, state)
-            resolved = self._resolve_lookahead(state, near, references, slip)
+            resolved = self._resolve_lookahead(state, q_s, near, references, slip)
         else:
             resolved = self._resolve_paper(workspace, state, references, memory)
 
@@ -493,6 +494,7 @@ class ControlLaw:
     def _resolve_lookahead(
         self,
         state: ModelState,
+        q_s: np.ndarray,
         near: Distances,
         references: References,
         slip: np.ndarray,
@@ -517,7 +519,7 @@ class ControlLaw:
             beta=gains.beta,
             slip=slip,
         )
-        limits = self._joint_limits(resting_configuration(state.q, state.qdot, T), slip)
+        limits = self._joint_limits(q_s[model.controlled], slip)
         chosen = solve_lookahead(
             references.J,
             references.v_r,
@@ -592,7 +594,7 @@ class ControlLaw:
     ) -> Solution:
         period = self.parameters.period
         actuation = self.model.inverse_dynamics(workspace, vdot)
-        torque_limit = _UNLIMITED
+        torque_limit = UNLIMITED
         if self.parameters.respect_effort_limits:
             vdot, actuation, torque_limit = self._limit_torque(
                 workspace, vdot, actuation, state
@@ -636,7 +638,7 @@ class ControlLaw:
             period_over_horizon=self.parameters.period / T,
         )
         if scale.theta == 1.0:
-            return vdot, np.clip(actuation, -limits, limits), _UNLIMITED
+            return vdot, np.clip(actuation, -limits, limits), UNLIMITED
         tau = tau_brake + scale.theta * (actuation - tau_brake)
         return (
             brake + scale.theta * (vdot - brake),
@@ -673,6 +675,12 @@ class ControlLaw:
                 1.0 + limit_proximity, collision_weights(1.0 + pair_proximity), a
             )
         return ConstraintWeights(W, nearness, limit_proximity, pair_proximity)
+
+
+def is_finite(value: np.ndarray) -> bool:
+    """Whether no entry is NaN or infinite; half the time of asking each."""
+    # A sum is finite unless an entry is not, or entries are beyond all sense.
+    return math.isfinite(value.sum())
 
 
 def check_finite(name: str, value: np.ndarray, time: float) -> None:

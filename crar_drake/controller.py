@@ -23,6 +23,7 @@ from crar_drake.control_law import (
     Solution,
     Targets,
     check_finite,
+    is_finite,
 )
 from crar_drake.law_choice import make_control_law
 from crar_drake.parameters import CrarParameters
@@ -309,8 +310,7 @@ class CrarController(LeafSystem):
             raise InputError(
                 f"input port {port.get_name()} of {self.get_name()} is not connected"
             ) from error
-        # A sum is finite unless an entry is not, or entries are beyond all sense.
-        if not math.isfinite(value.sum()):
+        if not is_finite(value):
             is_target = port is not self._state_port
             if not (is_target and self.law.brakes_without_targets):
                 name = f"input port {port.get_name()} of {self.get_name()}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,13 @@ from crar_drake.compiled.distances import Shapes
 from crar_drake.control_law import (
     STATUS_BLENDING,
     STATUS_TRACKING,
+    UNLIMITED,
     ControlLaw,
     ControlStep,
     Memory,
     Solution,
     Targets,
+    is_finite,
 )
 from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.composite_weight import composite_index
@@ -28,7 +29,6 @@ from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel, Workspace
 
 _ORIGIN = np.zeros(3)
-_UNLIMITED = np.array([1.0, 0.0])  # Solution.torque_limit
 
 
 class CompiledLaw(ControlLaw):
@@ -97,7 +97,7 @@ class CompiledLaw(ControlLaw):
             self._robot,
             self._gains,
         )
-        if not math.isfinite(vdot.sum()):
+        if not is_finite(vdot):
             return super().solve(workspace, memory, tick, time, q, v, targets)
         controlled = model.controlled
         solution = Solution(
@@ -110,7 +110,7 @@ class CompiledLaw(ControlLaw):
             constrained_velocity=qdot_c,
             resting_margins=margins,
             status=np.array([STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING]),
-            torque_limit=_UNLIMITED,
+            torque_limit=UNLIMITED,
         )
         return ControlStep(
             solution,

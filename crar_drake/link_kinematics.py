@@ -81,6 +81,25 @@ class LinkKinematics:
         Args:
             contexts: K contexts of the plant.
         """
+        poses, ends = self.ask(contexts)
+        K = len(contexts)
+        X = np.concatenate(poses, axis=1).reshape(3, K, -1)
+        points = X.swapaxes(0, 1) @ self.selection
+        J = np.concatenate(ends).reshape(K, len(self.ends), 6, self.end_signs.shape[2])
+        return points, (J * self.end_signs).sum(axis=1)
+
+    def ask(
+        self, contexts: Sequence[Context]
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Drake's answers that all else follows from, context by context.
+
+        Args:
+            contexts: K contexts of the plant.
+
+        Returns:
+            K L poses X_WL (3, 4) of the links; K Jacobians (6, nv) for each of `ends`,
+            of how the world moves about its origin as seen from there.
+        """
         plant, W, kV = self._plant, self._world, JacobianWrtVariable.kV
         poses, ends = [], []
         for context in contexts:
@@ -88,17 +107,12 @@ class LinkKinematics:
                 plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34()
                 for link in self.links
             ]
-            # How the world moves as seen from the link is the link's motion, negated;
-            # of the world's origin it needs no shift.
+            # It is the link's motion, negated; of the world's origin it needs no shift.
             ends += [
                 plant.CalcJacobianSpatialVelocity(context, kV, W, _ORIGIN, end, W)
                 for end in self.ends
             ]
-        K = len(contexts)
-        X = np.concatenate(poses, axis=1).reshape(3, K, -1)
-        points = X.swapaxes(0, 1) @ self.selection
-        J = np.concatenate(ends).reshape(K, len(self.ends), 6, self.end_signs.shape[2])
-        return points, (J * self.end_signs).sum(axis=1)
+        return poses, ends
 
     def _first_welded(self, body: RigidBody) -> RigidBody:
         welded = self._plant.GetBodiesWeldedTo(body)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pydrake.multibody.tree import JacobianWrtVariable
 
 from crar_drake.compiled.arithmetic import Gains, Robot, compiled_step
 from crar_drake.compiled.distances import Shapes
@@ -27,8 +26,6 @@ from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.errors import ScenarioError
 from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel, Workspace
-
-_ORIGIN = np.zeros(3)
 
 
 class CompiledLaw(ControlLaw):
@@ -134,7 +131,7 @@ class CompiledLaw(ControlLaw):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Poses (K, L, 3, 4), ends' Jacobians (K, ends, 6, nv) and bias (m,): the calls
         of `ControlModel.evaluate_with_ahead` and `evaluate`."""
-        plant, kinematics = self.model.plant, self.model.kinematics
+        plant = self.model.plant
         here, ahead = workspace.plant_context, workspace.plant_context_ahead
         plant.SetPositionsAndVelocities(here, np.concatenate([q, v]))
         contexts = [here]
@@ -142,17 +139,7 @@ class CompiledLaw(ControlLaw):
             q_s = resting_configuration(q, v, self.parameters.braking_horizon)
             plant.SetPositions(ahead, q_s)
             contexts.append(ahead)
-        W, kV = plant.world_frame(), JacobianWrtVariable.kV
-        poses = [
-            plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34()
-            for context in contexts
-            for link in kinematics.links
-        ]
-        ends = [
-            plant.CalcJacobianSpatialVelocity(context, kV, W, _ORIGIN, end, W)
-            for context in contexts
-            for end in kinematics.ends
-        ]
+        poses, ends = self.model.kinematics.ask(contexts)
         # Of one layout always, lest the step be compiled for another.
         X = np.ascontiguousarray(np.concatenate(poses).reshape(self._K, -1, 3, 4))
         J = np.concatenate(ends).reshape(self._K, -1, 6, len(v))

@@ -7,13 +7,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crar_drake.control_law import ControlLaw, Solution
-    from crar_drake.controller import CrarController
+    from crar_drake.control.controller import CrarController
+    from crar_drake.control.law import ControlLaw, Solution, make_control_law
+    from crar_drake.control.parameters import CrarParameters, LookaheadParameters
     from crar_drake.diagram import AddCrarController, MakeCrarDiagram
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
-    from crar_drake.law_choice import make_control_law
     from crar_drake.log import SimulationLog
-    from crar_drake.parameters import CrarParameters, LookaheadParameters
     from crar_drake.robot import ControlModel
     from crar_drake.robot_description import RobotDescription, load_robot_description
     from crar_drake.scenario import Scenario, load_scenario
@@ -25,13 +24,13 @@ __version__ = "0.1.0"
 # take two seconds, which `crar-drake --help` and a mistyped option need not wait for.
 _MODULES = {
     "AddCrarController": "diagram",
-    "ControlLaw": "control_law",
+    "ControlLaw": "control.law",
     "ControlModel": "robot",
-    "CrarController": "controller",
+    "CrarController": "control.controller",
     "CrarError": "errors",
-    "CrarParameters": "parameters",
+    "CrarParameters": "control.parameters",
     "EXPERIMENTS": "task",
-    "LookaheadParameters": "parameters",
+    "LookaheadParameters": "control.parameters",
     "MakeCrarDiagram": "diagram",
     "ModelError": "errors",
     "MotionError": "errors",
@@ -39,11 +38,11 @@ _MODULES = {
     "Scenario": "scenario",
     "ScenarioError": "errors",
     "SimulationLog": "log",
-    "Solution": "control_law",
+    "Solution": "control.law",
     "Task": "task",
     "load_robot_description": "robot_description",
     "load_scenario": "scenario",
-    "make_control_law": "law_choice",
+    "make_control_law": "control.law",
     "position_tasks": "task",
 }
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 DEFAULT_SCENARIO = "dance"
 OUT = Path("out")
 
-# The same as in crar_drake.task and crar_drake.parameters, which take long to
+# The same as in crar_drake.task and crar_drake.control.parameters, which take long to
 # import; a test compares them.
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")

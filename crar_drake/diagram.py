@@ -16,11 +16,11 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain
 
-from crar_drake.controller import CrarController
+from crar_drake.control.controller import CrarController
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.desired_motion import DesiredMotion, load_desired_motion
 from crar_drake.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.parameters import CrarParameters
 from crar_drake.recording import AddVisualization
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import (

@@ -13,98 +13,70 @@ _ORIGIN = np.zeros(3)
 
 
 class LinkKinematics:
-    """Positions of points and the joints' motion, of several states at once.
-
-    About the world's origin, column j of a link's spatial Jacobian is the same for
-    every link that joint j carries, and 0 for all others. One matrix S (6, nv), read
-    off the links at the ends of the tree, therefore serves all links: a wrench
-    [moment about the origin; force] on link L does work on the joints at the rates
-    wrench^T S, where `carried_by(body)` is true. A force f at point p is the wrench
-    [p x f; f].
+    """What to ask of Drake for `equations.kinematics`: poses and a few Jacobians.
 
     Bodies that are welded together are one link.
 
     Attributes:
         links: L bodies, one of each link.
-        selection: (4 L, P + V) homogeneous points and vectors in their links' frames,
-            each in the rows of its link.
-        ends: links whose Jacobians tell S, and
-        end_signs: (ends, 1, nv) -1 where a column is taken from an end, else 0.
+        selection: (P, 4 L) homogeneous points and vectors in their links' frames, each
+            in the columns of its link, which begin at
+        first: (P,).
+        ends: links whose Jacobians tell the joints' motion, and
+        end_signs: (E, nv) -1 where a column is taken from an end, else 0.
     """
 
     def __init__(
         self,
         plant: MultibodyPlant,
-        points: Sequence[tuple[RigidBody, np.ndarray]],
-        vectors: Sequence[tuple[RigidBody, np.ndarray]] = (),
+        placed: Sequence[tuple[tuple[RigidBody, np.ndarray], float]],
         bodies: Sequence[RigidBody] = (),
     ) -> None:
         """
         Args:
             plant: finalized.
-            points: body B and p_BP (3,) of each point [m].
-            vectors: body B and (3,) in B of each vector that turns with it.
+            placed: body B and p_BP (3,) of each point, and 1 [m]; or B and (3,) in B of a
+                vector that turns with it, and 0.
             bodies: others whose motion S is to tell.
         """
         self._plant = plant
         self._world: Frame = plant.world_frame()
         self.links: list[RigidBody] = []
         self._link_of: dict[int, int] = {}  # index of a link's first body to the link
-        for body in (*bodies, *(body for body, _ in (*points, *vectors))):
+        for body in (*bodies, *(body for (body, _), _ in placed)):
             first = self._first_welded(body)
             if int(first.index()) not in self._link_of:
                 self._link_of[int(first.index())] = len(self.links)
                 self.links.append(first)
-        # Column i picks point i out of all links' poses [X_WL0 X_WL1 ...] (3, 4 L).
-        placed = [(*point, 1.0) for point in points]
-        placed += [(*vector, 0.0) for vector in vectors]
-        self.selection = np.zeros((4 * len(self.links), len(placed)))
-        context = plant.CreateDefaultContext()
-        for i, (body, p_B, one) in enumerate(placed):
-            first = self._first_welded(body)
-            X_LB = plant.CalcRelativeTransform(
-                context, first.body_frame(), body.body_frame()
-            ).GetAsMatrix34()
-            row = 4 * self._link_of[int(first.index())]
-            self.selection[row : row + 3, i] = X_LB @ np.append(p_B, one)
-            self.selection[row + 3, i] = one
+        # Row i picks point i out of all links' poses, one below the other (4 L, 3).
+        self.selection = np.zeros((len(placed), 4 * len(self.links)))
+        self.first = np.empty(len(placed), dtype=int)
+        for i, ((body, p_B), one) in enumerate(placed):
+            self.first[i] = first = 4 * self.link_of(body)
+            p_L = self.pose_in_link(body) @ np.append(p_B, one)
+            self.selection[i, first : first + 4] = np.append(p_L, one)
         self._carried = self._find_carried()  # (L, nv)
         self._choose_ends()
 
     def carried_by(self, body: RigidBody) -> np.ndarray:
         """Whether a velocity moves a body that was given: (nv,) bool."""
-        return self._carried[self._link_of[int(self._first_welded(body).index())]]
+        return self._carried[self.link_of(body)]
 
-    def __call__(self, contexts: Sequence[Context]) -> tuple[np.ndarray, np.ndarray]:
-        """Points (K, 3, P + V), with the vectors last, and S (K, 6, nv), all in W.
-
-        Args:
-            contexts: K contexts of the plant.
-        """
-        poses, ends = self.ask(contexts)
-        K = len(contexts)
-        X = np.concatenate(poses, axis=1).reshape(3, K, -1)
-        points = X.swapaxes(0, 1) @ self.selection
-        J = np.concatenate(ends).reshape(K, len(self.ends), 6, self.end_signs.shape[2])
-        return points, (J * self.end_signs).sum(axis=1)
-
-    def ask(
-        self, contexts: Sequence[Context]
-    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Drake's answers that all else follows from, context by context.
+    def ask(self, contexts: Sequence[Context]) -> tuple[np.ndarray, np.ndarray]:
+        """Drake's answers that all else follows from, see `equations.kinematics`.
 
         Args:
             contexts: K contexts of the plant.
 
         Returns:
-            K L poses X_WL (3, 4) of the links; K Jacobians (6, nv) for each of `ends`,
-            of how the world moves about its origin as seen from there.
+            (K, 4 L, 3) poses X_WL of the links, transposed; (K, E, 6, nv) Jacobians of
+            how the world moves about its origin as seen from each of `ends`.
         """
         plant, W, kV = self._plant, self._world, JacobianWrtVariable.kV
         poses, ends = [], []
         for context in contexts:
             poses += [
-                plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34()
+                plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34().T
                 for link in self.links
             ]
             # It is the link's motion, negated; of the world's origin it needs no shift.
@@ -112,7 +84,23 @@ class LinkKinematics:
                 plant.CalcJacobianSpatialVelocity(context, kV, W, _ORIGIN, end, W)
                 for end in self.ends
             ]
-        return poses, ends
+        K = len(contexts)
+        X = np.concatenate(poses).reshape(K, -1, 3)
+        J = np.ascontiguousarray(np.concatenate(ends))
+        return X, J.reshape(K, len(self.ends), 6, -1)
+
+    def link_of(self, body: RigidBody) -> int:
+        """The place among `links` of the link that a body, that was given, is part of."""
+        return self._link_of[int(self._first_welded(body).index())]
+
+    def pose_in_link(self, body: RigidBody) -> np.ndarray:
+        """X_LB (3, 4) of a body that was given."""
+        plant = self._plant
+        return plant.CalcRelativeTransform(
+            plant.CreateDefaultContext(),
+            self._first_welded(body).body_frame(),
+            body.body_frame(),
+        ).GetAsMatrix34()
 
     def _first_welded(self, body: RigidBody) -> RigidBody:
         welded = self._plant.GetBodiesWeldedTo(body)
@@ -148,4 +136,4 @@ class LinkKinematics:
             ends.append(self._world)
             signs.append(np.zeros(self._carried.shape[1]))
         self.ends = ends
-        self.end_signs = np.array(signs)[:, None, :]
+        self.end_signs = np.array(signs)

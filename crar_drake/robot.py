@@ -13,15 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.kinematics import (
+    FromDrake,
+    Robot,
+    State,
+    TaskPoints,
+    evaluate_state,
+)
 from crar_drake.equations.tasks import (
-    NO_ROTATIONS,
-    TaskJacobian,
     TaskLayout,
+    task_of_rows,
     task_weights,
+    task_wrenches,
 )
 from crar_drake.errors import ModelError
 from crar_drake.link_kinematics import LinkKinematics
@@ -35,6 +42,9 @@ from crar_drake.robot_description import (
 )
 from crar_drake.task import Task
 from crar_drake.watched_pairs import WatchedPairs
+
+_ORIGIN = np.zeros(3)
+_NOTHING_ASKED = np.zeros((0, 7))
 
 
 @dataclass(slots=True)
@@ -72,15 +82,35 @@ class ModelState:
     dd_dq: np.ndarray
     dd_dq_p: np.ndarray
 
+    @staticmethod
+    def of(state: State, n: int) -> ModelState:
+        """The equations' state, with the n controlled joints apart."""
+        q, v, R, p, J, Jdot_qdot, d, dd_dv = state
+        return ModelState(
+            q=q[:n],
+            qdot=v[:n],
+            q_p=q[n:],
+            qdot_p=v[n:],
+            R=R,
+            p=p,
+            v=J @ v,
+            J=J[:, :n],
+            J_p=J[:, n:],
+            Jdot_qdot=Jdot_qdot,
+            d=d[0],
+            dd_dq=dd_dv[0][:, :n],
+            dd_dq_p=dd_dv[0][:, n:],
+        )
+
 
 @dataclass(slots=True)
 class Distances:
-    """Signed distances of the watched pairs at one configuration, or several (...).
+    """Signed distances of the watched pairs at one configuration.
 
     Attributes:
-        d: (..., Nc) [m].
-        dd_dq: (..., Nc, n) Eq. (20), controlled joints.
-        dd_dq_p: (..., Nc, n_p) Eq. (20), prescribed joints.
+        d: (Nc,) [m].
+        dd_dq: (Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
     """
 
     d: np.ndarray
@@ -107,6 +137,12 @@ class Workspace:
         )
         self.forces = MultibodyForces(model.plant)
 
+    def scene_graph_context_of(self, plant_context: Context) -> Context:
+        """SceneGraph's context beside one of the two of the plant."""
+        if plant_context is self.plant_context:
+            return self.scene_graph_context
+        return self.scene_graph_context_ahead
+
     def __deepcopy__(self, memo: dict) -> Workspace:
         return Workspace(self._model)
 
@@ -127,9 +163,11 @@ class ControlModel:
         task_targets: per task its frame F and its point p_FT (3,) [m].
         kinematics: `LinkKinematics` of the tasks' points and the watched axes.
         pairs: the watched pairs.
-        pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
+        pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
+            in the order of `order`.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
         controlled, prescribed: their indices in v (and q).
+        order: (nv,) both, one after the other.
         position_names: (nq,) the joint of each position of the plant.
         joint_names, prescribed_names: (n,), (n_p,) those of controlled and
             prescribed joints.
@@ -257,36 +295,44 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
-        context = workspace.plant_context
-        self.plant.SetPositionsAndVelocities(context, np.concatenate([q, v]))
-        points, S = self.kinematics([context])
-        near = self._distances(points, S, [workspace.scene_graph_context])
-        return self._state(context, q, v, points[0], S[0], near)
+        drake = self.ask(workspace, q, v)
+        return ModelState.of(evaluate_state(drake, self.numbers(drake)), self.n)
 
-    def evaluate_with_ahead(
-        self, workspace: Workspace, q: np.ndarray, v: np.ndarray, q_ahead: np.ndarray
-    ) -> tuple[ModelState, Distances]:
-        """`evaluate`, and the distances at another configuration too, at once.
+    def ask(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        q_ahead: np.ndarray | None = None,
+    ) -> FromDrake:
+        """Drake's numbers of a state, which `equations.kinematics` starts from.
 
         Args:
-            workspace: of this model.
-            q, v: (nq,), (nv,) the state, at which it leaves the workspace.
+            workspace: of this model; left at the state.
+            q, v: (nq,), (nv,) the state.
             q_ahead: (nq,) where else the distances are wanted.
-
-        Returns:
-            The state, and the distances at the state and at q_ahead, in this order
-            along the first axis.
         """
-        here, ahead = workspace.plant_context, workspace.plant_context_ahead
-        self.plant.SetPositionsAndVelocities(here, np.concatenate([q, v]))
-        self.plant.SetPositions(ahead, q_ahead)
-        points, S = self.kinematics([here, ahead])
-        near = self._distances(
-            points,
-            S,
-            [workspace.scene_graph_context, workspace.scene_graph_context_ahead],
-        )
-        return self._state(here, q, v, points[0], S[0], near), near
+        plant, context = self.plant, workspace.plant_context
+        plant.SetPositionsAndVelocities(context, np.concatenate((q, v)))
+        contexts = [context]
+        if q_ahead is not None:
+            plant.SetPositions(workspace.plant_context_ahead, q_ahead)
+            contexts.append(workspace.plant_context_ahead)
+        if len(self._task_links) <= 2:  # for more, one call for all is faster
+            W, kV = plant.world_frame(), JacobianWrtVariable.kV
+            bias = [
+                plant.CalcBiasSpatialAcceleration(context, kV, link, _ORIGIN, W, W)
+                for link in self._task_links
+            ]
+        else:
+            every = plant.CalcSpatialAccelerationsFromVdot(context, self._still)
+            bias = [every[body] for body in self._task_bodies]
+        bias = np.array([A.get_coeffs() for A in bias])[self._link_of_task]
+        return self._ask(workspace, contexts, bias, q, v)
+
+    def numbers(self, drake: FromDrake) -> Held:
+        """Holds the `equations.kinematics.Robot` that goes with these numbers."""
+        return self._robots[len(drake.X) - 1]
 
     def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
         """Eq. (20) at a configuration other than the workspace's, which stays.
@@ -297,9 +343,28 @@ class ControlModel:
         """
         context = workspace.plant_context_ahead
         self.plant.SetPositions(context, q)
-        points, S = self.kinematics([context])
-        near = self._distances(points, S, [workspace.scene_graph_context_ahead])
-        return Distances(near.d[0], near.dd_dq[0], near.dd_dq_p[0])
+        bias = np.zeros((len(self.tasks), 6))
+        drake = self._ask(workspace, [context], bias, q, self._still)
+        state = evaluate_state(drake, self.numbers(drake))
+        d, dd_dv = state.d[0], state.dd_dv[0]
+        return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
+
+    def _ask(
+        self,
+        workspace: Workspace,
+        contexts: Sequence[Context],
+        bias: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> FromDrake:
+        X, ends = self.kinematics.ask(contexts)
+        asked = _NOTHING_ASKED
+        if self.pairs.needs_query:
+            port = self.scene_graph.get_query_output_port()
+            asked = self.pairs.ask(
+                [port.Eval(workspace.scene_graph_context_of(c)) for c in contexts]
+            )
+        return FromDrake(X, ends, bias, q, v, asked)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
@@ -325,8 +390,8 @@ class ControlModel:
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
         joined = np.empty(self.n + self.n_p)
-        joined[self._controlled] = controlled
-        joined[self._prescribed] = prescribed
+        joined[self.controlled] = controlled
+        joined[self.prescribed] = prescribed
         return joined
 
     def inertia_matrix(self, workspace: Workspace) -> np.ndarray:
@@ -341,6 +406,20 @@ class ControlModel:
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         return H[np.ix_(self.controlled, self.controlled)]
 
+    def effort_per_acceleration(self, workspace: Workspace) -> np.ndarray:
+        """d tau / d vdot of `inverse_dynamics`, at the workspace's state.
+
+        Args:
+            workspace: at the state of the last `evaluate`.
+
+        Returns:
+            (nu, nv) [kg m^2 or kg].
+        """
+        H = self.plant.CalcMassMatrix(workspace.plant_context)
+        if self._is_damped:
+            H = H + np.diag(self._implicit_damping)
+        return np.ascontiguousarray(self._actuators_from_efforts @ H)
+
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
         plant = self.plant
@@ -349,79 +428,6 @@ class ControlModel:
             joint = find_joint(plant, name)
             q[joint.position_start()] = value
         return q
-
-    def _state(
-        self,
-        context: Context,
-        q: np.ndarray,
-        v: np.ndarray,
-        points: np.ndarray,
-        S: np.ndarray,
-        near: Distances,
-    ) -> ModelState:
-        """What `evaluate` returns, from points (3, P) and S (6, nv) of that state and
-        the distances there, the first of `near`."""
-        layout = self.layout
-        p_WT = points[:, : len(self.tasks)]
-        J = self._task_jacobian(p_WT, S)
-        R_WT = NO_ROTATIONS
-        if self._oriented_frames:
-            R_WT = np.array(
-                [
-                    frame.CalcRotationMatrixInWorld(context).matrix()
-                    for frame in self._oriented_frames
-                ]
-            )
-        c, p = self._controlled, self._prescribed
-        return ModelState(
-            q=q[c],
-            qdot=v[c],
-            q_p=q[p],
-            qdot_p=v[p],
-            R=R_WT,
-            p=p_WT.T[layout.linear_tasks],
-            v=J @ v,
-            J=J[:, c],
-            J_p=J[:, p],
-            Jdot_qdot=self.bias_accelerations(context),
-            d=near.d[0],
-            dd_dq=near.dd_dq[0],
-            dd_dq_p=near.dd_dq_p[0],
-        )
-
-    def bias_accelerations(self, context: Context) -> np.ndarray:
-        """Eq. (6): Jdot qdot (m,), at the plant context's state."""
-        plant, W, kV = self.plant, self.plant.world_frame(), JacobianWrtVariable.kV
-        parts = [
-            plant.CalcBiasTranslationalAcceleration(context, kV, frame, p_FT, W, W)
-            for frame, p_FT in self._points_of_frame
-        ]
-        parts += [
-            plant.CalcBiasSpatialAcceleration(
-                context, kV, frame, p_FT, W, W
-            ).get_coeffs()[:, None]
-            for frame, p_FT in self._oriented_targets
-        ]
-        stacked = [part.ravel(order="F") for part in parts]
-        return np.concatenate(stacked)[self._bias_rows]
-
-    def _distances(
-        self,
-        points: np.ndarray,
-        S: np.ndarray,
-        scene_graph_contexts: Sequence[Context],
-    ) -> Distances:
-        """Eq. (20) in K configurations, from points (K, 3, P) and S (K, 6, nv)."""
-        queries = ()
-        if self.pairs.needs_query:
-            port = self.scene_graph.get_query_output_port()
-            queries = [port.Eval(context) for context in scene_graph_contexts]
-        near = self.pairs.proximity(points[:, :, len(self.tasks) :], queries)
-        dd_dv = distance_gradient_about_origin(
-            near.normal, near.p_WA, S, self.pair_moves
-        )
-        c, p = self._controlled, self._prescribed
-        return Distances(near.d, dd_dv[:, :, c], dd_dv[:, :, p])
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
@@ -452,8 +458,8 @@ class ControlModel:
         self.prescribed = np.array(prescribed, dtype=int)
         self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
-        self._controlled = _slice_if_contiguous(self.controlled)
-        self._prescribed = _slice_if_contiguous(self.prescribed)
+        self.order = np.concatenate([self.controlled, self.prescribed])
+        self._still = np.zeros(nv)
         if not self.n:
             raise ModelError("the plant has no joint left to control")
         self.position_names = names
@@ -526,41 +532,12 @@ class ControlModel:
                 raise ModelError(f"two tasks are named {name!r}; name them apart")
         self.layout = TaskLayout(names, tuple(task.kind for task in self.tasks))
         self.m = self.layout.m
-        self._set_bias_calls()
         self.row_weights = task_weights(
             self.layout,
             [task.position_weight for task in self.tasks],
             [task.orientation_weight for task in self.tasks],
         )
         self.weighs_rows = bool((self.row_weights != 1.0).any())
-
-    def _set_bias_calls(self) -> None:
-        """Which calls give Jdot qdot: one per frame for points, else one per task."""
-        points: dict[int, tuple[Frame, list[np.ndarray]]] = {}
-        places: dict[int, tuple[int, int]] = {}  # task to (frame, place in the call)
-        self._oriented_targets = []
-        for i, (frame, p_FT) in enumerate(self.task_targets):
-            if self.layout.kinds[i] == "position":
-                of_frame = points.setdefault(int(frame.index()), (frame, []))[1]
-                places[i] = (int(frame.index()), len(of_frame))
-                of_frame.append(p_FT)
-            else:
-                self._oriented_targets.append((frame, p_FT))
-        self._points_of_frame = [(frame, np.array(p).T) for frame, p in points.values()]
-        sizes = [3 * len(p) for _, p in points.values()]
-        starts = dict(zip(points, np.cumsum([0, *sizes]), strict=False))
-        rows: list[int] = []
-        row = sum(sizes)
-        for i, kind in enumerate(self.layout.kinds):
-            if kind == "position":
-                frame, place = places[i]
-                first = int(starts[frame]) + 3 * place
-                rows += range(first, first + 3)
-            else:
-                rows += range(row, row + (3 if kind == "orientation" else 6))
-                row += 6
-        self._bias_rows = np.array(rows)
-        self._oriented_frames = [frame for frame, _ in self._oriented_targets]
 
     def _set_points(self) -> None:
         """Collects every point whose position a step needs, and what moves it."""
@@ -575,15 +552,59 @@ class ControlModel:
         ]
         starts = [(body, axis.p_B0) for body, axis in axes]
         vectors = [(body, axis.p_B1 - axis.p_B0) for body, axis in axes]
+        turned = [
+            (frame.body(), column)
+            for frame, _ in (self.task_targets[i] for i in self.layout.angular_tasks)
+            for column in frame.GetFixedRotationMatrixInBodyFrame().matrix().T
+        ]
         bodies = self.pairs.bodies
-        self.kinematics = LinkKinematics(self.plant, [*tasks, *starts], vectors, bodies)
-        carried_by = self.kinematics.carried_by
-        self._task_jacobian = TaskJacobian(
-            self.layout, np.array([carried_by(body) for body, _ in tasks])
+        self.kinematics = LinkKinematics(
+            self.plant,
+            [(point, 1.0) for point in tasks]
+            + [(vector, 0.0) for vector in turned]
+            + [(point, 1.0) for point in starts]
+            + [(vector, 0.0) for vector in vectors],
+            bodies,
         )
-        carried = np.array([carried_by(body) for body in bodies], dtype=float)
-        carried = carried.reshape(-1, self.plant.num_velocities())
-        self.pair_moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
+        kinematics = self.kinematics
+        links = [kinematics.link_of(body) for body, _ in tasks]
+        distinct, self._link_of_task = np.unique(links, return_inverse=True)
+        self._task_links = [kinematics.links[i].body_frame() for i in distinct]
+        self._task_bodies = [int(kinematics.links[i].index()) for i in distinct]
+        rows = self.layout.rows
+        carried = np.array([kinematics.carried_by(body) for body, _ in tasks])
+        fixed, by_point = task_wrenches(self.layout)
+        task_points = TaskPoints(
+            origins=4 * np.array(links) + 3,
+            fixed=fixed,
+            by_point=by_point,
+            carried=carried[task_of_rows(self.layout)][:, self.order].astype(float),
+        )
+        carried = np.array(
+            [kinematics.carried_by(body) for body in bodies], dtype=float
+        ).reshape(-1, self.plant.num_velocities())
+        moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
+        self.pair_moves = np.ascontiguousarray(moves[:, self.order])
+        self._robots = [
+            hold(
+                Robot(
+                    self.order,
+                    self.n,
+                    kinematics.selection,
+                    kinematics.first,
+                    kinematics.end_signs,
+                    task_points,
+                    rows,
+                    self.pairs.for_equations(
+                        K,
+                        len(kinematics.selection),
+                        len(tasks) + len(turned),
+                        self.pair_moves,
+                    ),
+                )
+            )
+            for K in (1, 2)
+        ]
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""
@@ -613,10 +634,3 @@ def _names_by_joint(plant: MultibodyPlant) -> list[str]:
             )
             names[joint.velocity_start() + i] = name + suffix
     return names
-
-
-def _slice_if_contiguous(indices: np.ndarray) -> slice | np.ndarray:
-    """The same selection as a slice where it is one: views, not copies."""
-    if len(indices) and (np.diff(indices) == 1).all():
-        return slice(int(indices[0]), int(indices[-1]) + 1)
-    return indices

@@ -15,11 +15,11 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.disturbances import Disturbances, Push, TargetJump
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
-from crar_drake.parameters import CrarParameters, LookaheadParameters
 from crar_drake.resources import data_folder
 from crar_drake.robot_description import nearest
 from crar_drake.task import EXPERIMENTS, Task, position_tasks

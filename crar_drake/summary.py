@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 import crar_drake
-from crar_drake.control_law import STATUS_BRAKING
+from crar_drake.control.law import STATUS_BRAKING
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.log import SimulationLog
 from crar_drake.scenario import parse_scenario

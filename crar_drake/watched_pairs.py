@@ -17,7 +17,7 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
-from crar_drake.equations.capsule_distances import CapsulePairs
+from crar_drake.equations.capsule_distances import ShapePairs, capsule_sizes
 from crar_drake.errors import ModelError
 
 DISTANCES = ("closed_form", "scene_graph")
@@ -32,22 +32,6 @@ class CapsuleAxis:
     radius: float  # [m]
 
 
-@dataclass(slots=True)
-class Proximity:
-    """Where the segments of each watched pair are nearest, in K configurations.
-
-    Attributes:
-        d: (K, Nc) signed distances [m].
-        normal: (K, 3, Nc) unit vectors from segment b to segment a, in W.
-        p_WA: (K, 3, Nc) points fixed to a on the line of the shortest distance [m]:
-            on the axes of capsules, else on the surfaces.
-    """
-
-    d: np.ndarray
-    normal: np.ndarray
-    p_WA: np.ndarray
-
-
 class WatchedPairs:
     """The watched segment pairs of a plant, by body, with their shapes.
 
@@ -60,10 +44,7 @@ class WatchedPairs:
         body_a, body_b: (Nc,) index of each segment in `bodies`.
         bodies: the bodies that carry watched shapes.
         axes: per body in `bodies` its capsule axes.
-        gather: (4 N,) of N shape pairs in closed form, places in `proximity`'s axes:
-            starts of a, of b, vectors of a, of b.
         shape_pairs: (Nc, most) the shape pairs of each pair; the first fills up.
-        capsules: the sizes of the N shape pairs.
     """
 
     def __init__(
@@ -141,11 +122,7 @@ class WatchedPairs:
             members.append(list(range(start, row)))
         axis_a = np.array(axis_a, dtype=int)
         axis_b = np.array(axis_b, dtype=int)
-        # The starts and then the vectors of the axes, each first of a, then of b.
-        num_axes = sum(map(len, self.axes))
-        self.gather = np.concatenate(
-            [axis_a, axis_b, num_axes + axis_a, num_axes + axis_b]
-        )
+        self._axis_a, self._axis_b = axis_a, axis_b
         self._closed = np.array(closed, dtype=int)
         self._queried = queried
         # Rectangular: a pair with fewer shape pairs repeats its first one.
@@ -153,14 +130,7 @@ class WatchedPairs:
         self.shape_pairs = np.array(
             [rows + rows[:1] * (most - len(rows)) for rows in members], dtype=int
         ).reshape(-1, most)
-        self._shape_pair_rows = most * np.arange(len(pairs))
         self._num_shape_pairs = row
-        every = [axis for axes in self.axes for axis in axes]
-        radii = np.array([axis.radius for axis in every])
-        lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
-        self.capsules = CapsulePairs(
-            lengths[axis_a], radii[axis_a], lengths[axis_b], radii[axis_b]
-        )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -170,53 +140,68 @@ class WatchedPairs:
         """Whether `proximity` asks SceneGraph for some shape pair."""
         return bool(self._queried)
 
-    def proximity(
-        self, axes: np.ndarray, queries: Sequence[QueryObject] = ()
-    ) -> Proximity:
-        """The nearest points of every watched pair in K configurations.
+    def for_equations(
+        self, K: int, num_points: int, first: int, moves: np.ndarray
+    ) -> ShapePairs:
+        """The pairs for `equations.capsule_distances`, in K configurations.
 
         Args:
-            axes: (K, 3, 2 Na) in W, the starts of all axes [m], those of `axes[0]`
-                first, and then the vectors from there to their ends.
-            queries: SceneGraph's answers in each configuration; only if
-                `needs_query`.
+            K: configurations.
+            num_points: of one configuration, all of them.
+            first: of these the first axis' start; all axes' starts stand there, those
+                of `axes[0]` first, and then the vectors from there to their ends.
+            moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
         """
-        K, N = len(axes), len(self.gather) // 4
-        gathered = axes.take(self.gather, axis=2).reshape(K, 3, 4, N)
-        p_a, p_b, u, v = (gathered[:, :, i] for i in range(4))
-        d, normal, p_WA, _ = self.capsules(p_a, u, p_b, v)
-        if self._queried:
-            d, normal, p_WA = self._add_queried(queries, d, normal, p_WA)
-        if self._num_shape_pairs != len(self):
-            # The nearest shape pair of each segment pair.
-            best = d.take(self.shape_pairs, axis=1).argmin(axis=2)
-            keep = self.shape_pairs.take(best + self._shape_pair_rows)
-            start = self._num_shape_pairs * np.arange(3 * K)[:, None]
-            places = start.reshape(K, 3, 1) + keep[:, None]
-            d = d.take(start[:K] + keep)
-            normal, p_WA = normal.take(places), p_WA.take(places)
-        return Proximity(d, normal, p_WA)
+        every = [axis for axes in self.axes for axis in axes]
+        radii = np.array([axis.radius for axis in every])
+        lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
+        sizes = capsule_sizes(
+            *(
+                x[axis]
+                for axis in (self._axis_a, self._axis_b)
+                for x in (lengths, radii)
+            )
+        )
 
-    def _add_queried(self, queries, d, normal, p_WA):
-        """Puts SceneGraph's answers between the closed-form rows."""
-        K, n = len(d), self._num_shape_pairs
-        all_d = np.empty((K, n))
-        all_normal, all_a = np.empty((K, 3, n)), np.empty((K, 3, n))
-        all_d[:, self._closed] = d
-        all_normal[:, :, self._closed] = normal
-        all_a[:, :, self._closed] = p_WA
-        for k, query in enumerate(queries):
-            for row, geometry_a, geometry_b in self._queried:
-                all_d[k, row], all_normal[k, :, row], all_a[k, :, row] = _ask(
-                    query, geometry_a, geometry_b
-                )
-        return all_d, all_normal, all_a
+        def repeated(places: np.ndarray, step: int) -> np.ndarray:
+            return np.concatenate([places + k * step for k in range(K)])
+
+        asked = np.array([row for row, _, _ in self._queried], dtype=int)
+        N = self._num_shape_pairs
+        stands = np.concatenate([repeated(self._closed, N), repeated(asked, N)])
+        start, vector = first, first + len(every)
+        return ShapePairs(
+            start_a=repeated(start + self._axis_a, num_points),
+            start_b=repeated(start + self._axis_b, num_points),
+            vector_a=repeated(vector + self._axis_a, num_points),
+            vector_b=repeated(vector + self._axis_b, num_points),
+            sizes=type(sizes)(*(np.tile(x, K) for x in sizes)),
+            order=np.argsort(stands),
+            members=repeated(self.shape_pairs, N),
+            moves=moves,
+        )
+
+    def ask(self, queries: Sequence[QueryObject]) -> np.ndarray:
+        """SceneGraph's answers for the shapes without a closed form.
+
+        Args:
+            queries: one of each of K configurations.
+
+        Returns:
+            (K Nq, 7) distance [m], normal from b to a, point on a, in W.
+        """
+        rows = [
+            _ask(query, geometry_a, geometry_b)
+            for query in queries
+            for _, geometry_a, geometry_b in self._queried
+        ]
+        return np.array(rows).reshape(-1, 7)
 
 
 def _ask(
     query: QueryObject, geometry_a: GeometryId, geometry_b: GeometryId
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """SceneGraph's distance, unit normal from b towards a, and point on a, in W."""
+) -> np.ndarray:
+    """SceneGraph's distance, unit normal from b towards a, and point on a, in W: (7,)."""
     result = query.ComputeSignedDistancePairClosestPoints(geometry_a, geometry_b)
     X_WA = query.GetPoseInWorld(geometry_a)
     p_ACa, normal = result.p_ACa, np.array(result.nhat_BA_W)
@@ -230,7 +215,8 @@ def _ask(
         normal = X_WA.translation() - X_WB.translation()
         if not normal.any():
             normal = np.array([0.0, 0.0, 1.0])
-    return result.distance, normal / np.linalg.norm(normal), X_WA.multiply(p_ACa)
+    normal = normal / np.linalg.norm(normal)
+    return np.concatenate([[result.distance], normal, X_WA.multiply(p_ACa)])
 
 
 def capsule_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:

@@ -13,7 +13,7 @@ from pydrake.geometry import Capsule
 from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.spatial.transform import Rotation
 
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.referee import capsule_distance
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import find_body, find_frame

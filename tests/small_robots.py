@@ -12,7 +12,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import RobotDescription
 from crar_drake.task import Task

@@ -14,10 +14,10 @@ import pytest
 
 import crar_drake.plots
 from crar_drake import cli
-from crar_drake.control_law import ControlLaw, InputError
+from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.log import SimulationLog
 from crar_drake.motion.catalogue import MotionFiles
-from crar_drake.parameters import ARITHMETICS, CONSTRAINTS, LEVELS
+from crar_drake.control.parameters import ARITHMETICS, CONSTRAINTS, LEVELS
 from crar_drake.scenario import parse_scenario, scenario_names
 from crar_drake.summary import summarize
 from crar_drake.task import EXPERIMENTS

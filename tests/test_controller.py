@@ -16,11 +16,11 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 from small_robots import add_plant, chain_urdf, make_model
 
-from crar_drake.control_law import ControlLaw, InputError
-from crar_drake.controller import CrarController
+from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.controller import CrarController
 from crar_drake.diagram import AddCrarController
 from crar_drake.errors import ScenarioError
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot_description import RobotDescription
 from crar_drake.task import Task
 

@@ -17,7 +17,7 @@ from crar_drake.diagram import (
 from crar_drake.errors import CrarError, ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.catalogue import builtin_names
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import RobotDescription, load_robot_description
 from crar_drake.scenario import (

@@ -6,8 +6,8 @@ from plain_control_law import PlainControlLaw, PlainKinematics
 from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, make_model, state_about_the_limits
 
-from crar_drake.control_law import ControlLaw
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import load_robot_description
 from crar_drake.task import EXPERIMENTS, Task, position_tasks

@@ -7,7 +7,7 @@ import pytest
 
 from crar_drake.errors import ScenarioError
 from crar_drake.keyframes import Keyframe, KeyframeTrajectory
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot_description import robot_names
 from crar_drake.scenario import (
     Scenario,

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
 
+
+@compiled
 def adaptive_gain(far: float, near: float, nearness: np.ndarray) -> np.ndarray:
     """Gv of each joint, between its values far from and near to the constraints.
 

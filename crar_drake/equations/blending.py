@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.tasks import DesiredTasks, TaskLayout
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.tasks import DesiredTasks, TaskRows, stack_rows
+from crar_drake.equations.vectors import cross, dot, product, times, transposed_times
 
 
+@compiled
 def smooth_step(time: float, duration: float) -> tuple[float, float, float]:
     """Quintic s(t) from 0 to 1 with zero slope and curvature at both ends.
 
@@ -33,6 +36,7 @@ def smooth_step(time: float, duration: float) -> tuple[float, float, float]:
     )
 
 
+@compiled
 def blend_vectors(
     start: np.ndarray,
     x: np.ndarray,
@@ -56,6 +60,7 @@ def blend_vectors(
     )
 
 
+@compiled
 def blend_rotations(
     R_start: np.ndarray,
     R_d: np.ndarray,
@@ -76,57 +81,69 @@ def blend_rotations(
         way is not unique where the target is 180 degrees from the start.
     """
     s, s_dot, s_ddot = step
-    phi = rotation_vector(R_start.T @ R_d)
-    phi_dot = _inverse_left_jacobian(phi, R_start.T @ omega)
+    phi = rotation_vector(product(R_start.T, R_d))
+    phi_dot = _inverse_left_jacobian(phi, transposed_times(R_start, omega))
     phi_ddot = _inverse_left_jacobian(
         phi,
-        R_start.T @ omega_dot - _left_jacobian_dot(phi, phi_dot, phi_dot),
+        transposed_times(R_start, omega_dot)
+        - _left_jacobian_dot(phi, phi_dot, phi_dot),
     )
     psi = s * phi
     psi_dot = s_dot * phi + s * phi_dot
     psi_ddot = s_ddot * phi + 2.0 * s_dot * phi_dot + s * phi_ddot
     return (
-        R_start @ rotation_from_vector(psi),
-        R_start @ _left_jacobian(psi, psi_dot),
-        R_start
-        @ (_left_jacobian(psi, psi_ddot) + _left_jacobian_dot(psi, psi_dot, psi_dot)),
+        product(R_start, rotation_from_vector(psi)),
+        times(R_start, _left_jacobian(psi, psi_dot)),
+        times(
+            R_start,
+            _left_jacobian(psi, psi_ddot) + _left_jacobian_dot(psi, psi_dot, psi_dot),
+        ),
     )
 
 
+@compiled
 def blend_tasks(
-    layout: TaskLayout,
+    rows: TaskRows,
     R_start: np.ndarray,
     p_start: np.ndarray,
     target: DesiredTasks,
     step: tuple[float, float, float],
 ) -> DesiredTasks:
-    """Blends every task of `layout` from (R_start, p_start) to `target`.
+    """Blends every task from (R_start, p_start) to `target`.
 
     Args:
-        layout: which rows belong to which task.
+        rows: which rows belong to which task.
         R_start: (Na, 3, 3) measured orientations at the start.
         p_start: (Nl, 3) measured positions at the start [m].
         target: the targets of this instant.
         step: (s, s_dot, s_ddot) of `smooth_step`.
     """
-    v, a = np.empty(layout.m), np.empty(layout.m)
-    R = np.empty_like(target.R)
-    for i, rows in enumerate(layout.angular_rows):
-        R[i], v[rows], a[rows] = blend_rotations(
-            R_start[i], target.R[i], target.v[rows], target.a[rows], step
+    Na = len(target.R)
+    R, omega, omega_dot = np.empty((Na, 3, 3)), np.empty((Na, 3)), np.empty((Na, 3))
+    for i in range(Na):
+        at = rows.angular_rows[3 * i : 3 * i + 3]
+        R_i, omega_i, omega_dot_i = blend_rotations(
+            R_start[i], target.R[i], target.v[at], target.a[at], step
         )
-    rows = layout.linear_rows
-    p, v[rows], a[rows] = blend_vectors(
-        p_start, target.p, target.v[rows], target.a[rows], step
+        for j in range(3):
+            omega[i, j], omega_dot[i, j] = omega_i[j], omega_dot_i[j]
+            for k in range(3):
+                R[i, j, k] = R_i[j, k]
+    at = rows.linear_rows
+    p, v, a = blend_vectors(
+        p_start.ravel(), target.p.ravel(), target.v[at], target.a[at], step
     )
-    return DesiredTasks(R=R, p=p, v=v, a=a)
+    return DesiredTasks(
+        R, p.reshape(-1, 3), stack_rows(omega, v, rows), stack_rows(omega_dot, a, rows)
+    )
 
 
+@compiled
 def rotation_vector(R: np.ndarray) -> np.ndarray:
     """Rotation vector (3,) [rad] of R (3, 3), of a length up to pi."""
     skew = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = np.linalg.norm(skew)
-    cosine = 0.5 * (np.trace(R) - 1.0)
+    sine = np.sqrt(dot(skew, skew))
+    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
     if sine > 1e-6:
         return skew * (angle / sine)
@@ -134,24 +151,26 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
         return skew
     # Near 180 degrees the skew part vanishes; the axis is in the symmetric part.
     symmetric = 0.5 * (R + R.T) + np.eye(3)
-    axis = symmetric[:, np.argmax(np.diag(symmetric))]
-    axis = axis / np.linalg.norm(axis)
-    return angle * (axis if axis @ skew >= 0.0 else -axis)
+    axis = symmetric[:, np.argmax(np.diag(symmetric))].copy()
+    axis /= np.sqrt(dot(axis, axis))
+    return angle * (axis if dot(axis, skew) >= 0.0 else -axis)
 
 
+@compiled
 def rotation_from_vector(phi: np.ndarray) -> np.ndarray:
     """Rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
     a, b, _, _ = _coefficients(phi)
-    theta2 = phi @ phi
+    theta2 = dot(phi, phi)
     S = np.array(
         [[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]]
     )
-    return np.eye(3) + (1.0 - b * theta2) * S + a * S @ S
+    return np.eye(3) + (1.0 - b * theta2) * S + a * product(S, S)
 
 
+@compiled
 def _coefficients(phi: np.ndarray) -> tuple[float, float, float, float]:
     """a = (1-cos)/t^2, b = (t-sin)/t^3 and their derivatives by t, over t."""
-    theta2 = float(phi @ phi)
+    theta2 = dot(phi, phi)
     if theta2 < 1e-4:
         return (
             0.5 - theta2 / 24.0 + theta2**2 / 720.0,
@@ -169,29 +188,38 @@ def _coefficients(phi: np.ndarray) -> tuple[float, float, float, float]:
     )
 
 
+@compiled
 def _left_jacobian(phi: np.ndarray, x: np.ndarray) -> np.ndarray:
     """J_l(phi) x: the angular velocity of exp(phi) when phi changes by x."""
     a, b, _, _ = _coefficients(phi)
-    cross = np.cross(phi, x)
-    return x + a * cross + b * np.cross(phi, cross)
+    once = cross(phi, x)
+    return x + a * once + b * cross(phi, once)
 
 
+@compiled
 def _inverse_left_jacobian(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Solves J_l(phi) x = y; J_l is regular for |phi| < 2 pi."""
-    J = np.stack([_left_jacobian(phi, unit) for unit in np.eye(3)], axis=1)
-    return np.linalg.solve(J, y)
+    """x of J_l(phi) x = y; J_l is regular for |phi| < 2 pi."""
+    theta2 = dot(phi, phi)
+    if theta2 < 1e-4:
+        c = 1.0 / 12.0 + theta2 / 720.0 + theta2**2 / 30240.0
+    else:
+        theta = np.sqrt(theta2)
+        c = (1.0 - 0.5 * theta / np.tan(0.5 * theta)) / theta2
+    once = cross(phi, y)
+    return y - 0.5 * once + c * cross(phi, once)
 
 
+@compiled
 def _left_jacobian_dot(
     phi: np.ndarray, phi_dot: np.ndarray, x: np.ndarray
 ) -> np.ndarray:
     """(d/dt J_l(phi)) x while phi changes by phi_dot."""
     a, b, a_slope, b_slope = _coefficients(phi)
-    rate = phi @ phi_dot
-    cross = np.cross(phi, x)
+    rate = dot(phi, phi_dot)
+    once = cross(phi, x)
     return (
-        a_slope * rate * cross
-        + a * np.cross(phi_dot, x)
-        + b_slope * rate * np.cross(phi, cross)
-        + b * (np.cross(phi_dot, cross) + np.cross(phi, np.cross(phi_dot, x)))
+        a_slope * rate * once
+        + a * cross(phi_dot, x)
+        + b_slope * rate * cross(phi, once)
+        + b * (cross(phi_dot, once) + cross(phi, cross(phi_dot, x)))
     )

@@ -7,9 +7,12 @@ is exact and much faster than reading a library's answers one by one.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from crar_drake.equations.vectors import clip_to_unit, cross_rows, dot_columns
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.vectors import clip_to_unit, cross_rows, dot_rows, smallest
 
 # Below this sin^2 of the angle between two axes, cancellation spoils the plain
 # formula for their nearest points: by 4e-9 m at 5e-8 rad where arms cross.
@@ -20,94 +23,131 @@ _PARALLEL = 1e-24
 _TOUCHING = 1e-12
 
 
-class CapsulePairs:
-    """Distances, normals and witness points of N pairs of capsules of fixed sizes.
+class CapsuleSizes(NamedTuple):
+    """What is fixed of N pairs of capsules; made by `capsule_sizes`."""
+
+    uu: np.ndarray  # (N,) squared lengths of the axes of a [m^2]
+    vv: np.ndarray  # (N,) and of b
+    per_uu: np.ndarray  # (N,) their inverses, 1 for spheres [1/m^2]
+    per_vv: np.ndarray
+    uu_vv: np.ndarray  # (N,) their products, 1 where one is a sphere [m^4]
+    radii: np.ndarray  # (N,) sums of both radii [m]
+
+
+def capsule_sizes(
+    length_a: np.ndarray,
+    radius_a: np.ndarray,
+    length_b: np.ndarray,
+    radius_b: np.ndarray,
+) -> CapsuleSizes:
+    """The sizes of N pairs of capsules.
+
+    Args:
+        length_a, length_b: (N,) of the axes, 0 for spheres [m].
+        radius_a, radius_b: (N,) [m].
+    """
+    uu, vv = np.square(length_a), np.square(length_b)
+    # Of an axis without length the parameter does not matter.
+    product = uu * vv
+    return CapsuleSizes(
+        uu=uu,
+        vv=vv,
+        per_uu=1.0 / np.where(uu > 0.0, uu, 1.0),
+        per_vv=1.0 / np.where(vv > 0.0, vv, 1.0),
+        uu_vv=np.where(product > 0.0, product, 1.0),
+        radii=radius_a + radius_b,
+    )
+
+
+@compiled
+def nearest_points(
+    p_a: np.ndarray,
+    u: np.ndarray,
+    p_b: np.ndarray,
+    v: np.ndarray,
+    sizes: CapsuleSizes,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distances, normals and witness points of N pairs of capsules.
 
     The signed distance is that of the axes less both radii: exact outside, and
     inside the depth along the line between the axes' nearest points. Of parallel
     axes that face each other the witness points are in the middle of the overlap.
     Where the axes meet, the normal is perpendicular to both.
 
-    Attributes:
-        uu, vv: (N,) squared lengths of the axes [m^2].
-        radii: (N,) sums of both radii [m].
+    Args:
+        p_a, p_b: (N, 3) where the axes start [m].
+        u, v: (N, 3) from there to their ends [m].
+        sizes: of the capsules.
+
+    Returns:
+        (N,) signed distance [m]; (N, 3) unit normal from b towards a; (N, 3)
+        witness points on the axis of a and (N, 3) on that of b [m]. The distance's
+        gradient is the same at the axis as at the surface, since the offset between
+        them is along the normal.
     """
+    r = p_a - p_b
+    uv, ur, vr = dot_rows(u, v), dot_rows(u, r), dot_rows(v, r)
+    # Nearest point of the infinite lines, as a fraction of axis a: Cramer's rule.
+    determinant = sizes.uu_vv - uv * uv
+    close = determinant < _NEARLY_PARALLEL * sizes.uu_vv
+    any_close = close.any()
+    if any_close:
+        determinant = np.where(close, 1.0, determinant)
+    s = (uv * vr - ur * sizes.vv) / determinant
+    if any_close:
+        for i in np.flatnonzero(close):
+            s[i] = _along_nearly_parallel(
+                u[i : i + 1], v[i : i + 1], r[i : i + 1], sizes.uu[i], sizes.vv[i]
+            )
+    # Best t for this s; limited, and then the best s for that t.
+    t = clip_to_unit((uv * clip_to_unit(s) + vr) * sizes.per_vv)
+    s = clip_to_unit((uv * t - ur) * sizes.per_uu)
 
-    def __init__(
-        self,
-        length_a: np.ndarray,
-        radius_a: np.ndarray,
-        length_b: np.ndarray,
-        radius_b: np.ndarray,
-    ) -> None:
-        """
-        Args:
-            length_a, length_b: (N,) of the axes, 0 for spheres [m].
-            radius_a, radius_b: (N,) [m].
-        """
-        self.uu, self.vv = np.square(length_a), np.square(length_b)
-        # Of an axis without length the parameter does not matter.
-        self._per_uu = 1.0 / np.where(self.uu > 0.0, self.uu, 1.0)
-        self._per_vv = 1.0 / np.where(self.vv > 0.0, self.vv, 1.0)
-        product = self.uu * self.vv
-        self._uu_vv = np.where(product > 0.0, product, 1.0)
-        self._close = _NEARLY_PARALLEL * self._uu_vv
-        self.radii = radius_a + radius_b
+    nearest_a = p_a + s[:, np.newaxis] * u
+    nearest_b = p_b + t[:, np.newaxis] * v
+    difference = nearest_a - nearest_b
+    axis_distance = np.sqrt(dot_rows(difference, difference))
+    touching = axis_distance < _TOUCHING
+    if touching.any():
+        normal = difference / np.where(touching, 1.0, axis_distance)[:, np.newaxis]
+        for i in np.flatnonzero(touching):
+            n = _perpendicular(u[i : i + 1], v[i : i + 1])
+            normal[i, 0], normal[i, 1], normal[i, 2] = n[0], n[1], n[2]
+    else:
+        normal = difference / axis_distance[:, np.newaxis]
+    return axis_distance - sizes.radii, normal, nearest_a, nearest_b
 
-    def __call__(
-        self, p_a: np.ndarray, u: np.ndarray, p_b: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """
-        Args:
-            p_a, p_b: (..., 3, N) where the axes start [m].
-            u, v: (..., 3, N) from there to their ends [m].
 
-        Returns:
-            (..., N) signed distance [m]; (..., 3, N) unit normal from b towards a;
-            (..., 3, N) witness points on the axis of a and (..., 3, N) on that of b
-            [m]. The distance's gradient is the same at the axis as at the surface,
-            since the offset between them is along the normal.
-        """
-        r = p_a - p_b
-        uv, ur, vr = dot_columns(u, v), dot_columns(u, r), dot_columns(v, r)
-        # Nearest point of the infinite lines, as a fraction of axis a: Cramer's rule.
-        determinant = self._uu_vv - uv * uv
-        close = determinant < self._close
-        if close.any():
-            determinant[close] = 1.0
-        s = (uv * vr - ur * self.vv) / determinant
-        if close.any():
-            s[close] = self._along_nearly_parallel(close, u, v, r, uv, ur)
-        # Best t for this s; limited, and then the best s for that t.
-        t = clip_to_unit((uv * clip_to_unit(s) + vr) * self._per_vv)
-        s = clip_to_unit((uv * t - ur) * self._per_uu)
+@compiled
+def _along_nearly_parallel(u, v, r, uu, vv):
+    """s without cancellation, of one pair: u, v, r (1, 3)."""
+    cross = cross_rows(u, v)
+    determinant = dot_rows(cross, cross)[0]
+    if determinant > _PARALLEL * uu * vv:
+        return dot_rows(cross_rows(v, r), cross)[0] / determinant
+    # The ends of b as fractions of a bound the overlap; take its middle.
+    end_0 = -dot_rows(u, r)[0] / uu
+    end_1 = end_0 + dot_rows(u, v)[0] / uu
+    low = min(max(min(end_0, end_1), 0.0), 1.0)
+    high = min(max(max(end_0, end_1), 0.0), 1.0)
+    return 0.5 * (low + high)
 
-        nearest_a = p_a + s[..., None, :] * u
-        nearest_b = p_b + t[..., None, :] * v
-        difference = nearest_a - nearest_b
-        axis_distance = np.sqrt(dot_columns(difference, difference))
-        if axis_distance.min(initial=np.inf) < _TOUCHING:
-            normal = _normals_where_axes_meet(difference, axis_distance, u, v)
-        else:
-            normal = difference / axis_distance[..., None, :]
-        return axis_distance - self.radii, normal, nearest_a, nearest_b
 
-    def _along_nearly_parallel(self, close, u, v, r, uv, ur) -> np.ndarray:
-        """s without cancellation, of the pairs `close` (..., N)."""
-        uu = np.broadcast_to(self.uu, close.shape)[close]
-        vv = np.broadcast_to(self.vv, close.shape)[close]
-        uv, ur = uv[close], ur[close]
-        u, v, r = (np.moveaxis(x, -2, -1)[close] for x in (u, v, r))
-        cross = cross_rows(u, v)
-        determinant = np.einsum("ij,ij->i", cross, cross)
-        numerator = np.einsum("ij,ij->i", cross_rows(v, r), cross)
-        parallel = determinant <= _PARALLEL * uu * vv
-        # The ends of b as fractions of a bound the overlap; take its middle.
-        end_0, end_1 = -ur / uu, (uv - ur) / uu
-        low = clip_to_unit(np.minimum(end_0, end_1))
-        high = clip_to_unit(np.maximum(end_0, end_1))
-        s = numerator / np.where(parallel, 1.0, determinant)
-        return np.where(parallel, 0.5 * (low + high), s)
+@compiled
+def _perpendicular(u, v):
+    """A unit vector (3,) perpendicular to both u and v (1, 3), as far as they have
+    directions."""
+    normal = cross_rows(u, v)
+    uu, vv = dot_rows(u, u)[0], dot_rows(v, v)[0]
+    if uu * vv == 0.0 or np.sqrt(dot_rows(normal, normal)[0]) <= 1e-9 * np.sqrt(
+        uu * vv
+    ):
+        along = u if uu > 0.0 else v
+        normal = np.zeros((1, 3))
+        normal[0, np.argmin(np.abs(along[0]))] = 1.0
+        if uu > 0.0 or vv > 0.0:
+            normal = cross_rows(along, normal)
+    return normal[0] / np.sqrt(dot_rows(normal, normal)[0])
 
 
 def capsule_distances(
@@ -118,7 +158,7 @@ def capsule_distances(
     p_b1: np.ndarray,
     radius_b: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances, normals and witness points of any capsules: `CapsulePairs`, once.
+    """Distances, normals and witness points of any capsules: `nearest_points`, once.
 
     Args:
         p_a0, p_a1: (N, 3) ends of the axes of the first capsules [m].
@@ -130,37 +170,59 @@ def capsule_distances(
         witness points on the axis of a and (N, 3) on the axis of b [m].
     """
     u, v = p_a1 - p_a0, p_b1 - p_b0
-    pairs = CapsulePairs(
+    sizes = capsule_sizes(
         np.linalg.norm(u, axis=1), radius_a, np.linalg.norm(v, axis=1), radius_b
     )
-    d, normal, p_a, p_b = pairs(p_a0.T, u.T, p_b0.T, v.T)
-    return d, normal.T, p_a.T, p_b.T
+    return nearest_points(p_a0, u, p_b0, v, sizes)
 
 
-def _normals_where_axes_meet(
-    difference: np.ndarray, axis_distance: np.ndarray, u: np.ndarray, v: np.ndarray
-) -> np.ndarray:
-    """Unit normals (..., 3, N), perpendicular to both axes where they meet."""
-    touching = axis_distance < _TOUCHING
-    normal = difference / np.where(touching, 1.0, axis_distance)[..., None, :]
-    by_pair = np.moveaxis(normal, -2, -1)  # a view
-    by_pair[touching] = _perpendiculars(
-        np.moveaxis(u, -2, -1)[touching], np.moveaxis(v, -2, -1)[touching]
+class ShapePairs(NamedTuple):
+    """The shapes of Nc watched pairs, in K configurations of P points each.
+
+    The shape pairs of one watched pair stand side by side: those in closed form, whose
+    axes are among the points, and others whose nearest points are asked elsewhere.
+    """
+
+    start_a: np.ndarray  # (K Nf,) where the axes of a start, among all points
+    start_b: np.ndarray
+    vector_a: np.ndarray  # (K Nf,) the vectors from there to their ends
+    vector_b: np.ndarray
+    sizes: CapsuleSizes  # (K Nf,)
+    order: np.ndarray  # (K N,) where each is among these and then the others
+    members: np.ndarray  # (K Nc, most) shape pairs of each pair; the first fills up
+    moves: np.ndarray  # (Nc, nv) see `collisions.distance_gradient_about_origin`
+
+
+@compiled
+def nearest_of_pairs(
+    points: np.ndarray, asked: np.ndarray, pairs: ShapePairs
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the segments of each watched pair are nearest.
+
+    Args:
+        points: (K, P, 3) in W, the axes' starts and vectors among them [m].
+        asked: (K (N - Nf), 7) of the shapes without a closed form: distance, normal
+            from b to a, point fixed to a on the line of the shortest distance.
+        pairs: which shapes belong to which pair.
+
+    Returns:
+        (K Nc,) signed distances [m]; (K Nc, 3) unit normals from b to a; (K Nc, 3)
+        points fixed to a on the line of the shortest distance [m].
+    """
+    at = points.reshape(-1, 3)
+    d, normal, p_WA, _ = nearest_points(
+        at[pairs.start_a],
+        at[pairs.vector_a],
+        at[pairs.start_b],
+        at[pairs.vector_b],
+        pairs.sizes,
     )
-    return normal
-
-
-def _perpendiculars(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Unit vectors (N, 3) perpendicular to both u and v (N, 3), as far as they
-    have directions."""
-    normals = np.cross(u, v)
-    for i, (u_i, v_i) in enumerate(zip(u, v, strict=True)):
-        lengths = np.linalg.norm(u_i) * np.linalg.norm(v_i)
-        if np.linalg.norm(normals[i]) <= 1e-9 * lengths or lengths == 0.0:
-            along = u_i if np.linalg.norm(u_i) > 0.0 else v_i
-            helper = np.eye(3)[np.argmin(np.abs(along))]
-            normals[i] = (
-                np.cross(along, helper) if np.linalg.norm(along) > 0.0 else helper
-            )
-        normals[i] /= np.linalg.norm(normals[i])
-    return normals
+    if len(asked):
+        order = pairs.order
+        d = np.concatenate((d, asked[:, 0]))[order]
+        normal = np.concatenate((normal, asked[:, 1:4]))[order]
+        p_WA = np.concatenate((p_WA, asked[:, 4:]))[order]
+    if len(d) == len(pairs.members):
+        return d, normal, p_WA
+    keep = smallest(d, pairs.members)
+    return d[keep], normal[keep], p_WA[keep]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.vectors import cross_columns
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.vectors import batched_product, cross_rows
 
 # Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
 # d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
@@ -29,6 +30,7 @@ def collision_potential(
     return rho * np.exp(-alpha * d) * d**-beta
 
 
+@compiled
 def collision_potential_slope(
     d: np.ndarray,
     rho: float | np.ndarray,
@@ -68,6 +70,7 @@ def distance_gradient(
     return np.einsum("ci,cin->cn", normal, J_a - J_b)
 
 
+@compiled
 def distance_gradient_about_origin(
     normal: np.ndarray, point: np.ndarray, S: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:
@@ -79,20 +82,21 @@ def distance_gradient_about_origin(
     carries b: n^T (J_a - J_b).
 
     Args:
-        normal: (..., 3, Nc) unit vectors from b towards a, in W.
-        point: (..., 3, Nc) any point of the line through both witness points [m].
-        S: (..., 6, n) the joints' motion about the world's origin, angular above
-            linear, see `LinkKinematics`.
+        normal: (K Nc, 3) unit vectors from b towards a, in W, in K configurations.
+        point: (K Nc, 3) any point of the line through both witness points [m].
+        S: (K, 6, n) the joints' motion about the world's origin, angular above
+            linear, see `kinematics.joint_motion`.
         moves: (Nc, n) 1 where the joint carries a alone, -1 where it carries b
             alone, else 0.
 
     Returns:
-        (..., Nc, n) gradients [m/rad or 1].
+        (K, Nc, n) gradients [m/rad or 1].
     """
-    wrench = np.concatenate([cross_columns(point, normal), normal], axis=-2)
-    return (wrench.swapaxes(-1, -2) @ S) * moves
+    wrench = np.concatenate((cross_rows(point, normal), normal), axis=1)
+    return batched_product(wrench, S) * moves
 
 
+@compiled
 def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:
     """Eqs. (19), (25): grad f_j = (df_j/dd_j) (dd_j/dq).
 
@@ -103,9 +107,10 @@ def collision_gradient(slope: np.ndarray, dd_dq: np.ndarray) -> np.ndarray:
     Returns:
         (Nc, n).
     """
-    return slope[:, None] * dd_dq
+    return slope[:, np.newaxis] * dd_dq
 
 
+@compiled
 def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
     """The |grad f_i| that Eq. (21) compares between steps, per pair and joint.
 
@@ -120,33 +125,29 @@ def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
     Returns:
         (Nc, n).
     """
-    magnitude = np.abs(gradient)
-    if d.min(initial=np.inf) >= DISTANCE_CLAMP:
-        return magnitude
     depth = np.maximum(DISTANCE_CLAMP - d, 0.0) / DISTANCE_CLAMP
-    return magnitude * (1.0 + depth)[:, None]
+    return np.abs(gradient) * (1.0 + depth)[:, np.newaxis]
 
 
+@compiled
 def pair_weights(
-    gradient: np.ndarray, proximity: np.ndarray, previous: np.ndarray | None
+    gradient: np.ndarray, proximity: np.ndarray, previous: np.ndarray
 ) -> np.ndarray:
     """Eq. (21): the diagonals of W_COL_j, one row per pair.
 
     Args:
         gradient: (Nc, n) Eq. (25) at the present step.
         proximity: (Nc, n) `collision_proximity` at the present step.
-        previous: (Nc, n) the same at the previous step; None at the first step,
+        previous: (Nc, n) the same at the previous step; zeros at the first step,
             where the change counts as 0, that is as approaching.
 
     Returns:
         (Nc, n) 1 + |grad f_i| where the pair approaches, else 1.
     """
-    magnitude = np.abs(gradient)
-    if previous is None:
-        return 1.0 + magnitude
-    return 1.0 + magnitude * (proximity >= previous)
+    return 1.0 + np.abs(gradient) * (proximity >= previous)
 
 
+@compiled
 def collision_weights(W_COL_j: np.ndarray) -> np.ndarray:
     """Eq. (26): the diagonal of W_COL, the mean of the pairs' W_COL_j.
 

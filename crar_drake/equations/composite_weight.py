@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.vectors import add_to_diagonal, cholesky
+
 
 def composite_index(num_pairs: int) -> float:
     """Eq. (28): a = 1 / (Nc + 1), for Nc watched pairs."""
     return 1.0 / (num_pairs + 1)
 
 
+@compiled
 def composite_weights(W_JL: np.ndarray, W_COL: np.ndarray, a: float) -> np.ndarray:
     """Eq. (27): W = a W_JL + (1 - a) W_COL, all diagonal.
 
@@ -24,6 +28,7 @@ def composite_weights(W_JL: np.ndarray, W_COL: np.ndarray, a: float) -> np.ndarr
     return a * W_JL + (1.0 - a) * W_COL
 
 
+@compiled
 def inertia_weight(H: np.ndarray, W: np.ndarray) -> np.ndarray:
     """The paper's "dynamically consistent weight matrix" (end of Section IV).
 
@@ -49,8 +54,7 @@ def inertia_weight(H: np.ndarray, W: np.ndarray) -> np.ndarray:
     Returns:
         (n, n) symmetric positive definite.
     """
-    n = len(H)
-    _, logdet = np.linalg.slogdet(H)
-    W_H = H * np.exp(-logdet / n)
-    W_H.flat[:: n + 1] += W - 1.0
+    logdet = 2.0 * np.log(np.diag(cholesky(H))).sum()
+    W_H = H * np.exp(-logdet / len(H))
+    add_to_diagonal(W_H, W - 1.0)
     return W_H

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from crar_drake.equations.blending import blend_tasks, blend_vectors
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.kinematics import State
+from crar_drake.equations.tasks import TaskRows, task_error, unpack_tasks
+from crar_drake.equations.vectors import times
 
+
+@compiled
 def reference_velocity(
     v_d: np.ndarray, e: np.ndarray, K: float | np.ndarray
 ) -> np.ndarray:
@@ -21,6 +30,7 @@ def reference_velocity(
     return v_d + K * e
 
 
+@compiled
 def reference_acceleration(
     a_d: np.ndarray,
     v_d: np.ndarray,
@@ -43,3 +53,120 @@ def reference_acceleration(
         (m,) [rad/s^2, m/s^2].
     """
     return a_d + Kv * (v_d - v) + Kp * e
+
+
+class TaskGains(NamedTuple):
+    """The gains on tasks and prescribed joints, see `CrarParameters`."""
+
+    K: float  # [1/s]
+    Kp: float  # [1/s^2]
+    Kv: float  # [1/s]
+    posture: float  # stiffness towards the nominal posture [1/s^2]
+    weights: np.ndarray  # (m,) of the rows, `tasks.task_weights`; (0,) if all are 1
+
+
+class BlendStart(NamedTuple):
+    """What was measured where blending began."""
+
+    R: np.ndarray  # (Na, 3, 3) orientations R_WT
+    p: np.ndarray  # (Nl, 3) positions p_WT [m]
+    q_p: np.ndarray  # (n_p,) positions of the prescribed joints
+
+
+class Wanted(NamedTuple):
+    """The targets of one control step."""
+
+    tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
+    prescribed: np.ndarray  # (3 n_p,) desired [q_p; q_dot_p; q_ddot_p]
+    posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if off
+    start: BlendStart
+    blend: tuple[float, float, float]  # of `blending.smooth_step`
+
+
+class References(NamedTuple):
+    """What the targets ask for, with task weights applied to every row.
+
+    Attributes:
+        J: (m, n) task Jacobian of the controlled joints.
+        v_r: (m,) v_d + K e less the prescribed joints' share.
+        a_r: (m,) Eq. (14) less the prescribed joints' share and the bias.
+        posture: (n,) acceleration towards the nominal posture; 0 if off.
+        qddot_p: (n_p,) accelerations of the prescribed joints.
+        error: (m,) Eq. (11) against the targets as given, without weights.
+    """
+
+    J: np.ndarray
+    v_r: np.ndarray
+    a_r: np.ndarray
+    posture: np.ndarray
+    qddot_p: np.ndarray
+    error: np.ndarray
+
+
+@compiled
+def posture_acceleration(
+    wanted: np.ndarray, q: np.ndarray, qdot: np.ndarray, stiffness: float
+) -> np.ndarray:
+    """A critically damped pull towards a posture, for the null space (Eq. (33)).
+
+    Args:
+        wanted: (n,) positions [rad].
+        q, qdot: (n,) present positions [rad] and velocities [rad/s].
+        stiffness: [1/s^2].
+
+    Returns:
+        (n,) [rad/s^2].
+    """
+    return stiffness * (wanted - q) - 2.0 * np.sqrt(stiffness) * qdot
+
+
+@compiled
+def find_references(
+    state: State, wanted: Wanted, rows: TaskRows, gains: TaskGains
+) -> References:
+    """Eqs. (9), (14): what the blended targets ask for, weighted.
+
+    Args:
+        state: of the robot.
+        wanted: the targets.
+        rows: which rows belong to which task.
+        gains: of the law.
+    """
+    prescribed, blend, start = wanted.prescribed, wanted.blend, wanted.start
+    n_p = len(prescribed) // 3
+    n = len(state.v) - n_p
+    qdot, qdot_p = state.v[:n], state.v[n:]
+    q_d, v_d, a_d = prescribed[:n_p], prescribed[n_p : 2 * n_p], prescribed[2 * n_p :]
+    desired = unpack_tasks(wanted.tasks, rows)
+    error = e = task_error(rows, state.R, state.p, desired.R, desired.p)
+    if blend[0] < 1.0:
+        desired = blend_tasks(rows, start.R, start.p, desired, blend)
+        q_d, v_d, a_d = blend_vectors(start.q_p, q_d, v_d, a_d, blend)
+        e = task_error(rows, state.R, state.p, desired.R, desired.p)
+    # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
+    qddot_p = reference_acceleration(
+        a_d, v_d, qdot_p, q_d - state.q[n:], gains.Kp, gains.Kv
+    )
+    v_r = reference_velocity(desired.v, e, gains.K)
+    v_task = times(state.J, state.v)
+    a_r = reference_acceleration(desired.a, desired.v, v_task, e, gains.Kp, gains.Kv)
+    J, J_p = np.ascontiguousarray(state.J[:, :n]), state.J[:, n:]
+    v_r = v_r - times(J_p, qdot_p)
+    a_r = a_r - times(J_p, qddot_p) - state.Jdot_qdot
+    S = gains.weights
+    if len(S):
+        J, v_r, a_r = S[:, np.newaxis] * J, S * v_r, S * a_r
+    posture = np.zeros(n)
+    if len(wanted.posture):
+        posture = posture_acceleration(wanted.posture, state.q[:n], qdot, gains.posture)
+    return References(J, v_r, a_r, posture, qddot_p, error)
+
+
+class Answer(NamedTuple):
+    """What every constraint mode finds in a control step."""
+
+    vdot: np.ndarray  # (nv,) accelerations of all joints, in the plant's order
+    error: np.ndarray  # (m,) Eq. (11) against the targets as given
+    d: np.ndarray  # (Nc,) signed distances [m]
+    W: np.ndarray  # (n,) diagonal of the weight
+    qdot_c: np.ndarray  # (n,) Eq. (15) [rad/s]

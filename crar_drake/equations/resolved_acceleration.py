@@ -1,6 +1,6 @@
 """Constrained resolved acceleration: Eqs. (3), (10), (12), (13), (15), (30)-(35).
 
-`J_star` is Eq. (34) everywhere (with zero damping, Eq. (16)). Where some joints
+J* of Eq. (34) is given by its factor everywhere, see `damped_inverse`. Where some joints
 are prescribed, the caller moves their share to the right-hand side: J_p v_p at the
 velocity level, J_p a_p at the acceleration level.
 """
@@ -9,41 +9,48 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.weighted_inverse import inverse_times, project_to_null_space
 
-def constrained_velocity(J_star: np.ndarray, v_r: np.ndarray) -> np.ndarray:
+
+@compiled
+def constrained_velocity(
+    factor: np.ndarray, J: np.ndarray, v_r: np.ndarray
+) -> np.ndarray:
     """Eq. (15): q_dot_c = J+ (v_d + K e), constrained by the weight in J+.
 
     With W = I it is Eq. (9).
 
     Args:
-        J_star: (n, m) Eq. (34).
+        factor: (n, n) of J*, Eq. (34), `damped_inverse`.
+        J: (m, n) task Jacobian.
         v_r: (m,) v_d + K e of Eq. (9), less the prescribed joints' share.
 
     Returns:
         (n,) [rad/s].
     """
-    return J_star @ v_r
+    return inverse_times(factor, J, v_r)
 
 
+@compiled
 def velocity_level_acceleration(
-    qdot_c: np.ndarray, previous: np.ndarray | None, period: float
+    qdot_c: np.ndarray, previous: np.ndarray, period: float
 ) -> np.ndarray:
     """Eqs. (3), (10): alpha = q_ddot_r = d/dt q_dot_r, over one control step.
 
     Args:
         qdot_c: (n,) Eq. (15) at this step [rad/s].
-        previous: (n,) the same at the previous step; None at the first step, where
-            there is no difference to take and alpha is 0 (no spike).
+        previous: (n,) the same at the previous step; at the first step, where there
+            is no difference to take, qdot_c itself: alpha is then 0 (no spike).
         period: control period [s].
 
     Returns:
         (n,) [rad/s^2].
     """
-    if previous is None:
-        return np.zeros_like(qdot_c)
     return (qdot_c - previous) / period
 
 
+@compiled
 def null_space_motion(
     qdot_c: np.ndarray, qdot: np.ndarray, GvN: float | np.ndarray
 ) -> np.ndarray:
@@ -51,32 +58,30 @@ def null_space_motion(
     return GvN * (qdot_c - qdot)
 
 
+@compiled
 def acceleration_level_acceleration(
-    J: np.ndarray,
-    J_star: np.ndarray,
-    a_r: np.ndarray,
-    Jdot_qdot: np.ndarray,
-    zeta: np.ndarray,
+    factor: np.ndarray, J: np.ndarray, a_r: np.ndarray, zeta: np.ndarray
 ) -> np.ndarray:
     """Eqs. (13), (31), (35): alpha = J+ (a_r - Jdot qdot) [+ N zeta if m < n].
 
     Args:
+        factor: (n, n) of J*, Eq. (34), `damped_inverse`.
         J: (m, n) task Jacobian.
-        J_star: (n, m) Eq. (34).
-        a_r: (m,) Eq. (14), less the prescribed joints' share [rad/s^2, m/s^2].
-        Jdot_qdot: (m,) bias acceleration of all joints [rad/s^2, m/s^2].
+        a_r: (m,) Eq. (14), less the bias Jdot qdot and the prescribed joints' share
+            [rad/s^2, m/s^2].
         zeta: (n,) Eq. (33) [rad/s^2].
 
     Returns:
         (n,) [rad/s^2].
     """
-    alpha = J_star @ (a_r - Jdot_qdot)
+    alpha = inverse_times(factor, J, a_r)
     m, n = J.shape
     if m < n:
-        alpha += zeta - J_star @ (J @ zeta)  # N zeta, Eq. (31)
+        alpha += project_to_null_space(factor, J, zeta)
     return alpha
 
 
+@compiled
 def constrained_resolved_acceleration(
     alpha: np.ndarray,
     qdot_c: np.ndarray,
@@ -113,7 +118,6 @@ def error_dynamics_residual(
 ) -> np.ndarray:
     """Eq. (32): e_dd + Kv e_d + Kp e + J Gv (q_dot_c - q_dot), which is 0.
 
-    Holds for full row rank, no damping and no orientation tasks; (m,). For
-    checking a simulation against the theory.
+    A reference form, for checking a simulation against the theory. Holds for full row rank, no damping and no orientation tasks; (m,).
     """
     return e_ddot + Kv * e_dot + Kp * e + J @ (Gv * (qdot_c - qdot))

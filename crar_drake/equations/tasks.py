@@ -4,12 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.vectors import cross_rows
+
 KINDS = ("position", "orientation", "pose")
 
-NO_ROTATIONS = np.empty((0, 3, 3))
+
+class TaskRows(NamedTuple):
+    """A `TaskLayout` for the equations; Na tasks have a rotation, Nl a position."""
+
+    angular_tasks: np.ndarray  # (Na,)
+    linear_tasks: np.ndarray  # (Nl,)
+    angular_rows: np.ndarray  # (3 Na,) of v, a, e and J
+    linear_rows: np.ndarray  # (3 Nl,)
+    quaternion_entries: np.ndarray  # (4 Na,) of x_d
+    position_entries: np.ndarray  # (3 Nl,)
+    stacked: np.ndarray  # (m,) where each row is in [all angular; all linear]
+
+
+class DesiredTasks(NamedTuple):
+    """The targets of one instant, in the order of a TaskLayout.
+
+    Attributes:
+        R: (Na, 3, 3) desired orientations R_WTd, of the tasks that have one.
+        p: (Nl, 3) desired positions p_WTd [m], of the tasks that have one.
+        v: (m,) desired velocities, Eq. (4) [rad/s, m/s].
+        a: (m,) desired accelerations [rad/s^2, m/s^2].
+    """
+
+    R: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -94,18 +125,22 @@ class TaskLayout:
         start = sum(sizes[:task])
         return slice(start, start + sizes[task])
 
+    @cached_property
+    def rows(self) -> TaskRows:
+        """The same indices for the equations."""
+        return TaskRows(
+            self.angular_tasks,
+            self.linear_tasks,
+            self.angular_rows.ravel(),
+            self.linear_rows.ravel(),
+            self.quaternion_entries.ravel(),
+            self.position_entries.ravel(),
+            np.argsort(np.concatenate([self.angular_rows, self.linear_rows]).ravel()),
+        )
+
     def unpack(self, desired: np.ndarray) -> DesiredTasks:
         """Splits [x_d; v_d; a_d] (size,) into its parts."""
-        x = desired[: self.size_x]
-        oriented = len(self.angular_tasks) > 0
-        return DesiredTasks(
-            R=rotation_from_quaternion(x[self.quaternion_entries])
-            if oriented
-            else NO_ROTATIONS,
-            p=x[self.position_entries],
-            v=desired[self.size_x : self.size_x + self.m],
-            a=desired[self.size_x + self.m :],
-        )
+        return unpack_tasks(np.ascontiguousarray(desired, dtype=float), self.rows)
 
     def pack(
         self,
@@ -126,62 +161,23 @@ class TaskLayout:
         return desired
 
 
-@dataclass(slots=True)
-class DesiredTasks:
-    """The targets of one instant, in the order of a TaskLayout.
+@compiled
+def unpack_tasks(desired: np.ndarray, rows: TaskRows) -> DesiredTasks:
+    """Splits [x_d; v_d; a_d] (size,) into its parts; see `TaskLayout`.
 
-    Attributes:
-        R: (Na, 3, 3) desired orientations R_WTd, of the tasks that have one.
-        p: (Nl, 3) desired positions p_WTd [m], of the tasks that have one.
-        v: (m,) desired velocities, Eq. (4) [rad/s, m/s].
-        a: (m,) desired accelerations [rad/s^2, m/s^2].
+    A quaternion of zero length gives NaN.
     """
-
-    R: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-
-
-class TaskJacobian:
-    """Eq. (5): the task Jacobian J, of v = J q_dot, from the joints' motion.
-
-    A unit velocity of a task's point p along axis e is felt by the joints as the
-    wrench [p x e; e] about the world's origin, a turn about e as [e; 0]: these are
-    the rows that multiply S, see `LinkKinematics`.
-    """
-
-    def __init__(self, layout: TaskLayout, carried: np.ndarray) -> None:
-        """
-        Args:
-            layout: which rows belong to which task.
-            carried: (tasks, n) whether a joint moves the task's frame.
-        """
-        m = layout.m
-        task_of_row = np.empty(m, dtype=int)
-        fixed = np.zeros((m, 6))
-        # Per row and column of [p x e; e], its factors of all tasks' (x, y, z).
-        by_point = np.zeros((m, 6, 3, len(carried)))
-        for task, rows in zip(layout.angular_tasks, layout.angular_rows, strict=True):
-            task_of_row[rows] = task
-            fixed[rows, :3] = np.eye(3)
-        for task, rows in zip(layout.linear_tasks, layout.linear_rows, strict=True):
-            task_of_row[rows] = task
-            fixed[rows, 3:] = np.eye(3)
-            for axis, row in enumerate(rows):
-                for component in range(3):
-                    unit = np.eye(3)[component]
-                    by_point[row, :3, component, task] = np.cross(unit, np.eye(3)[axis])
-        self._fixed = fixed.ravel()
-        self._by_point = by_point.reshape(6 * m, -1)
-        self._carried = carried[task_of_row].astype(float)
-
-    def __call__(self, p: np.ndarray, S: np.ndarray) -> np.ndarray:
-        """J (m, n) of tasks at the points p (3, tasks) [m], from S (6, n), in W."""
-        wrenches = (self._by_point @ p.ravel() + self._fixed).reshape(-1, 6)
-        return (wrenches @ S) * self._carried
+    size_x = len(rows.quaternion_entries) + len(rows.position_entries)
+    m = len(rows.angular_rows) + len(rows.linear_rows)
+    return DesiredTasks(
+        rotation_from_quaternion(desired[rows.quaternion_entries].reshape(-1, 4)),
+        desired[rows.position_entries].reshape(-1, 3),
+        desired[size_x : size_x + m],
+        desired[size_x + m :],
+    )
 
 
+@compiled
 def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
     """Eq. (11), upper part: 1/2 (n x n_d + s x s_d + c x c_d).
 
@@ -189,36 +185,25 @@ def orientation_error(R: np.ndarray, R_d: np.ndarray) -> np.ndarray:
     at 180 degrees too: from exactly there it gives no direction.
 
     Args:
-        R: (..., 3, 3) present orientations R_WT, columns n, s, c.
-        R_d: (..., 3, 3) desired orientations R_WTd.
+        R: (Na, 3, 3) present orientations R_WT, columns n, s, c.
+        R_d: (Na, 3, 3) desired orientations R_WTd.
 
     Returns:
-        (..., 3) error, expressed in W [rad for small angles].
+        (Na, 3) error, expressed in W [rad for small angles].
     """
-    # Half the sum of the cross products of equal columns is the vector of the
-    # skew part of R_d R^T.
-    E = R_d @ np.swapaxes(R, -1, -2)
-    return 0.5 * np.stack(
-        [
-            E[..., 2, 1] - E[..., 1, 2],
-            E[..., 0, 2] - E[..., 2, 0],
-            E[..., 1, 0] - E[..., 0, 1],
-        ],
-        axis=-1,
-    )
+    n, s, c = R[:, :, 0], R[:, :, 1], R[:, :, 2]
+    n_d, s_d, c_d = R_d[:, :, 0], R_d[:, :, 1], R_d[:, :, 2]
+    return 0.5 * (cross_rows(n, n_d) + cross_rows(s, s_d) + cross_rows(c, c_d))
 
 
+@compiled
 def task_error(
-    layout: TaskLayout,
-    R: np.ndarray,
-    p: np.ndarray,
-    R_d: np.ndarray,
-    p_d: np.ndarray,
+    rows: TaskRows, R: np.ndarray, p: np.ndarray, R_d: np.ndarray, p_d: np.ndarray
 ) -> np.ndarray:
     """Eq. (11): the stacked error e, orientation above position per task.
 
     Args:
-        layout: which rows belong to which task.
+        rows: which rows belong to which task, `TaskLayout.rows`.
         R: (Na, 3, 3) present orientations of the tasks that have one.
         p: (Nl, 3) present positions [m] of the tasks that have one.
         R_d: (Na, 3, 3) desired orientations.
@@ -227,11 +212,13 @@ def task_error(
     Returns:
         (m,) error [rad, m].
     """
-    e = np.empty(layout.m)
-    if len(layout.angular_rows):
-        e[layout.angular_rows] = orientation_error(R, R_d)
-    e[layout.linear_rows] = p_d - p
-    return e
+    return stack_rows(orientation_error(R, R_d), p_d - p, rows)
+
+
+@compiled
+def stack_rows(angular: np.ndarray, linear: np.ndarray, rows: TaskRows) -> np.ndarray:
+    """(m,) in the order of the tasks, from (Na, 3) and (Nl, 3)."""
+    return np.concatenate((angular.ravel(), linear.ravel()))[rows.stacked]
 
 
 def task_weights(
@@ -257,22 +244,51 @@ def task_weights(
     return S
 
 
+def task_of_rows(layout: TaskLayout) -> np.ndarray:
+    """The task that each row belongs to, (m,)."""
+    tasks = np.empty(layout.m, dtype=int)
+    tasks[layout.angular_rows] = layout.angular_tasks[:, None]
+    tasks[layout.linear_rows] = layout.linear_tasks[:, None]
+    return tasks
+
+
+def task_wrenches(layout: TaskLayout) -> tuple[np.ndarray, np.ndarray]:
+    """The wrenches of `kinematics.task_jacobian`: (m, 6) fixed; (6 m, 3 T) that
+    multiplies the T tasks' points, one after the other."""
+    fixed = np.zeros((layout.m, 6))
+    by_point = np.zeros((layout.m, 6, len(layout.kinds), 3))
+    for rows in layout.angular_rows:
+        fixed[rows, :3] = np.eye(3)
+    for task, rows in zip(layout.linear_tasks, layout.linear_rows, strict=True):
+        fixed[rows, 3:] = np.eye(3)
+        for axis, row in enumerate(rows):
+            # Component i of the point adds its share of p x e.
+            by_point[row, :3, task] = np.cross(np.eye(3), np.eye(3)[axis]).T
+    return fixed, by_point.reshape(6 * layout.m, -1)
+
+
+@compiled
 def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4) in the order w x y z.
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4) in the order w x y z.
 
     The quaternion is normalised; a zero one gives NaN, which the caller refuses.
     """
-    if not quaternion.size:
-        return np.empty(quaternion.shape[:-1] + (3, 3))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    w, x, y, z = np.moveaxis(unit, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    R = np.empty((len(quaternion), 3, 3))
+    for i in range(len(quaternion)):
+        length = np.sqrt((quaternion[i] ** 2).sum())
+        scale = 1.0 / length if length > 0.0 else np.nan
+        w, x = scale * quaternion[i, 0], scale * quaternion[i, 1]
+        y, z = scale * quaternion[i, 2], scale * quaternion[i, 3]
+        R[i, 0, 0] = 1 - 2 * (y * y + z * z)
+        R[i, 0, 1] = 2 * (x * y - w * z)
+        R[i, 0, 2] = 2 * (x * z + w * y)
+        R[i, 1, 0] = 2 * (x * y + w * z)
+        R[i, 1, 1] = 1 - 2 * (x * x + z * z)
+        R[i, 1, 2] = 2 * (y * z - w * x)
+        R[i, 2, 0] = 2 * (x * z - w * y)
+        R[i, 2, 1] = 2 * (y * z + w * x)
+        R[i, 2, 2] = 1 - 2 * (x * x + y * y)
+    return R
 
 
 def quaternion_from_rotation(R: np.ndarray) -> np.ndarray:

@@ -21,16 +21,18 @@ limit (80 % of it: gravity and Coriolis forces change on the way) gets no faster
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.vectors import times
 
 # Share of a limit that braking in the next step may need [1].
 _RESERVE = 0.8
 
 
-@dataclass(frozen=True)
-class TorqueScale:
+class TorqueScale(NamedTuple):
     """The largest share of the wish that the limits allow.
 
     Attributes:
@@ -43,12 +45,12 @@ class TorqueScale:
     excess: float
 
 
+@compiled
 def torque_scale(
     tau: np.ndarray,
     tau_brake: np.ndarray,
     tau_still: np.ndarray,
     limits: np.ndarray,
-    *,
     period_over_horizon: float,
 ) -> TorqueScale:
     """The largest theta within the limits, and with braking possible afterwards.
@@ -80,42 +82,86 @@ def torque_scale(
     if max(low, next_low) > both:
         # Which of the allowed shares brakes hardest: the smallest one.
         both = low
-    return TorqueScale(float(both), 0.0)
+    return TorqueScale(both, 0.0)
 
 
-def _interval(
-    start: np.ndarray, slope: np.ndarray, bound: np.ndarray
-) -> tuple[float, float]:
+@compiled
+def _interval(start, slope, bound):
     """All theta in [0, 1] with |start + theta slope| <= bound; low > high if none.
 
     A rounding error of the bound is no violation, since the torque is clipped.
     """
-    room = bound * (1.0 + 1e-12)
-    still = np.abs(slope) < 1e-12 * (1.0 + bound)
-    if (still & (np.abs(start) > room)).any():
-        return 1.0, 0.0
-    slope = np.where(still, 1.0, slope)
-    ends = np.stack([(-room - start) / slope, (room - start) / slope])
-    low = np.where(still, 0.0, ends.min(axis=0))
-    high = np.where(still, 1.0, ends.max(axis=0))
-    return max(0.0, low.max(initial=0.0)), min(1.0, high.min(initial=1.0))
+    low, high = 0.0, 1.0
+    for i in range(len(start)):
+        room = bound[i] * (1.0 + 1e-12)
+        if abs(slope[i]) < 1e-12 * (1.0 + bound[i]):
+            if abs(start[i]) > room:
+                return 1.0, 0.0
+        else:
+            one, other = (-room - start[i]) / slope[i], (room - start[i]) / slope[i]
+            low, high = max(low, min(one, other)), min(high, max(one, other))
+    return low, high
 
 
-def _least_excess(
-    start: np.ndarray, slope: np.ndarray, bound: np.ndarray
-) -> TorqueScale:
+@compiled
+def _least_excess(start, slope, bound):
     """The theta in [0, 1] that minimises the largest |start + theta slope| / bound.
 
     The maximum of lines is convex, so that its minimum is at an end or where two of
     them cross.
     """
-    a = np.concatenate([start, -start]) / np.concatenate([bound, bound])
-    b = np.concatenate([slope, -slope]) / np.concatenate([bound, bound])
-    rise = b[:, None] - b[None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = ((a[None] - a[:, None]) / rise).ravel()
-    inside = crossings[(crossings > 0.0) & (crossings < 1.0)]
-    thetas = np.concatenate([[0.0, 1.0], inside])
-    worst = np.max(a[:, None] + b[:, None] * thetas, axis=0)
-    best = int(np.argmin(worst))
-    return TorqueScale(float(thetas[best]), float(max(0.0, worst[best] - 1.0)))
+    a = np.concatenate((start / bound, -start / bound))
+    b = np.concatenate((slope / bound, -slope / bound))
+    best, least = 0.0, a.max()
+    if (a + b).max() < least:
+        best, least = 1.0, (a + b).max()
+    for i in range(len(a)):
+        for j in range(i):
+            if b[i] == b[j]:
+                continue
+            theta = (a[j] - a[i]) / (b[i] - b[j])
+            if 0.0 < theta < 1.0 and (a + b * theta).max() < least:
+                best, least = theta, (a + b * theta).max()
+    return TorqueScale(best, max(0.0, least - 1.0))
+
+
+@compiled
+def limit_torque(
+    vdot: np.ndarray,
+    tau: np.ndarray,
+    inertia: np.ndarray,
+    v: np.ndarray,
+    controlled: np.ndarray,
+    limits: np.ndarray,
+    T: float,
+    period: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Accelerations and torque within the effort limits.
+
+    The torque is affine in the accelerations, Eq. (2): the torques of braking and of
+    no acceleration follow from that of the wish by the inertia.
+
+    Args:
+        vdot: (nv,) accelerations of the wish [rad/s^2].
+        tau: (nu,) its torque [Nm].
+        inertia: (nu, nv) change of the torque with the accelerations [kg m^2].
+        v: (nv,) velocities [rad/s].
+        controlled: (n,) the joints that brake; the others keep their acceleration.
+        limits: (nu,) effort limits, infinite where there is none [Nm].
+        T: braking horizon [s].
+        period: of the controller [s].
+
+    Returns:
+        (nv,) accelerations; (nu,) torque, clipped; (2,) theta and excess.
+    """
+    still, brake = vdot.copy(), vdot.copy()
+    still[controlled] = 0.0
+    brake[controlled] = -v[controlled] / T
+    tau_brake = tau + times(inertia, brake - vdot)
+    tau_still = tau + times(inertia, still - vdot)
+    theta, excess = torque_scale(tau, tau_brake, tau_still, limits, period / T)
+    if theta < 1.0:
+        vdot = brake + theta * (vdot - brake)
+        tau = tau_brake + theta * (tau - tau_brake)
+    tau = np.minimum(np.maximum(tau, -limits), limits)
+    return vdot, tau, np.array([theta, excess])

@@ -1,16 +1,31 @@
-"""Vector algebra on a few vectors, where NumPy's general functions are slow.
+"""Vectors and small systems of equations: what the equations are computed with.
 
-In arrays of columns (..., 3, N) the components of N vectors lie one below the other;
-in arrays of rows (N, 3) beside each other.
+Vectors stand in the rows of arrays (N, 3). LAPACK does the factors where nothing is
+compiled; Numba does not reach SciPy's, so loops take their place there.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
 
-_YZX, _ZXY = [1, 2, 0], [2, 0, 1]
+from crar_drake.equations.compilation import compiled
+
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
+def _cross_loops(a, b):
+    c = np.empty(a.shape)
+    for i in range(len(a)):
+        c[i, 0] = a[i, 1] * b[i, 2] - a[i, 2] * b[i, 1]
+        c[i, 1] = a[i, 2] * b[i, 0] - a[i, 0] * b[i, 2]
+        c[i, 2] = a[i, 0] * b[i, 1] - a[i, 1] * b[i, 0]
+    return c
+
+
+@compiled(loops=_cross_loops)
 def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross products of the rows of two (N, 3) arrays.
 
@@ -19,18 +34,213 @@ def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, _YZX] * b[:, _ZXY] - a[:, _ZXY] * b[:, _YZX]
 
 
-def cross_columns(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of the columns of two (..., 3, N) arrays."""
-    # Twice below itself, every cyclic order of the components is a slice.
-    aa, bb = np.concatenate([a, a], axis=-2), np.concatenate([b, b], axis=-2)
-    return aa[..., 1:4, :] * bb[..., 2:5, :] - aa[..., 2:5, :] * bb[..., 1:4, :]
+def _dot_loops(a, b):
+    c = np.empty(len(a))
+    for i in range(len(a)):
+        c[i] = a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
+    return c
 
 
-def dot_columns(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products (..., N) of the columns of two (..., 3, N) arrays."""
-    return np.vecdot(a, b, axis=-2)
+@compiled(loops=_dot_loops)
+def dot_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products (N,) of the rows of two (N, 3) arrays."""
+    return np.vecdot(a, b)
 
 
+@compiled
 def clip_to_unit(x: np.ndarray) -> np.ndarray:
     """x limited to [0, 1]; numpy.clip takes several times as long on short arrays."""
     return np.minimum(np.maximum(x, 0.0), 1.0)
+
+
+def _gram_loops(A):
+    rows, n = A.shape
+    M = np.zeros((n, n))
+    for k in range(rows):
+        for i in range(n):
+            for j in range(i + 1):
+                M[i, j] += A[k, i] * A[k, j]
+    for i in range(n):
+        for j in range(i):
+            M[j, i] = M[i, j]
+    return M
+
+
+@compiled(loops=_gram_loops)
+def gram(A: np.ndarray) -> np.ndarray:
+    """A^T A (n, n) of A (k, n), symmetric to the last bit."""
+    return A.T @ A
+
+
+def _times_loops(A, x):
+    y = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            y[i] += A[i, j] * x[j]
+    return y
+
+
+@compiled(loops=_times_loops)
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A x (m,) of A (m, n) and x (n,), contiguous or not."""
+    return A @ x
+
+
+def _transposed_times_loops(A, x):
+    y = np.zeros(A.shape[1])
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            y[j] += A[i, j] * x[i]
+    return y
+
+
+@compiled(loops=_transposed_times_loops)
+def transposed_times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A^T x (n,) of A (m, n) and x (m,), contiguous or not."""
+    return x @ A
+
+
+def _cholesky_loops(A):
+    L = A.copy()
+    for j in range(len(L)):
+        for k in range(j):
+            L[j, j] -= L[j, k] * L[j, k]
+        L[j, j] = math.sqrt(L[j, j]) if L[j, j] > 0.0 else np.nan
+        for i in range(j + 1, len(L)):
+            for k in range(j):
+                L[i, j] -= L[i, k] * L[j, k]
+            L[i, j] /= L[j, j]
+    return L
+
+
+@compiled(loops=_cholesky_loops)
+def cholesky(A: np.ndarray) -> np.ndarray:
+    """The lower Cholesky factor L of A (n, n); what stands above it means nothing.
+
+    Where A is not positive definite (a NaN or an overflow) the factor holds NaN.
+    """
+    L, info = dpotrf(A, lower=1, clean=0)
+    if info:
+        L[:] = np.nan
+    return L
+
+
+def _cholesky_solve_loops(L, b):
+    x, n = b.copy(), len(b)
+    for i in range(n):
+        for k in range(i):
+            x[i] -= L[i, k] * x[k]
+        x[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= L[k, i] * x[k]
+        x[i] /= L[i, i]
+    return x
+
+
+@compiled(loops=_cholesky_solve_loops)
+def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """x (n,) of L L^T x = b (n,), from the lower factor."""
+    return dpotrs(L, b, lower=1)[0]
+
+
+def _add_to_diagonal_loops(A, x):
+    for i in range(len(x)):
+        A[i, i] += x[i]
+
+
+@compiled(loops=_add_to_diagonal_loops)
+def add_to_diagonal(A: np.ndarray, x: np.ndarray) -> None:
+    """A += diag(x), in place; A (n, n), x (n,)."""
+    A.flat[:: len(A) + 1] += x
+
+
+def _product_loops(A, B):
+    C = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                C[i, j] += A[i, k] * B[k, j]
+    return C
+
+
+@compiled(loops=_product_loops)
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """A B of small matrices, contiguous or not."""
+    return A @ B
+
+
+def _batched_product_loops(A, B):
+    K, N = len(B), len(A) // len(B)
+    C = np.zeros((K, N, B.shape[2]))
+    for k in range(K):
+        for i in range(N):
+            for a in range(A.shape[1]):
+                for j in range(B.shape[2]):
+                    C[k, i, j] += A[k * N + i, a] * B[k, a, j]
+    return C
+
+
+@compiled(loops=_batched_product_loops)
+def batched_product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """A_k B_k (K, N, n) of A (K N, a), block below block, and B (K, a, n)."""
+    return A.reshape(len(B), -1, A.shape[1]) @ B
+
+
+def _sparse_product_loops(A, first, X):
+    C = np.empty((len(X), len(A), 3))
+    for k in range(len(X)):
+        for i in range(len(A)):
+            j = first[i]
+            for c in range(3):
+                C[k, i, c] = (
+                    A[i, j] * X[k, j, c]
+                    + A[i, j + 1] * X[k, j + 1, c]
+                    + A[i, j + 2] * X[k, j + 2, c]
+                    + A[i, j + 3] * X[k, j + 3, c]
+                )
+    return C
+
+
+@compiled(loops=_sparse_product_loops)
+def sparse_product(A: np.ndarray, first: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """A X_k (K, N, 3) of A (N, c) and X (K, c, 3).
+
+    Row i of A has nothing but the four entries from column `first[i]` (N,) on.
+    """
+    return A @ X
+
+
+def _smallest_loops(x, members):
+    keep = np.empty(len(members), dtype=np.int64)
+    for i in range(len(members)):
+        keep[i] = members[i, 0]
+        for j in range(1, members.shape[1]):
+            if x[members[i, j]] < x[keep[i]]:
+                keep[i] = members[i, j]
+    return keep
+
+
+@compiled(loops=_smallest_loops)
+def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
+    """Of each row of members (N, k), places in x, the first of the smallest: (N,)."""
+    best = x[members].argmin(axis=1)
+    return members[np.arange(len(members)), best]
+
+
+@compiled
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b, all (3,)."""
+    return np.array(
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    )
+
+
+@compiled
+def dot(a: np.ndarray, b: np.ndarray) -> float:
+    """a . b of (3,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -22,6 +22,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake import __version__
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.experiments.bench_robots import PERIOD, make_robot, make_samples
 from crar_drake.experiments.bench_step import (
@@ -41,7 +42,6 @@ from crar_drake.experiments.bench_timing import (
     median,
     time_side_by_side,
 )
-from crar_drake.parameters import CrarParameters
 from crar_drake.recording import save_recording, start_recording
 from crar_drake.run import run_scenario
 from crar_drake.scenario import Scenario

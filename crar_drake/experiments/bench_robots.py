@@ -11,9 +11,9 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.control_law import ControlLaw
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.experiments.bench_step import Samples
-from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import RobotDescription
 from crar_drake.task import Task

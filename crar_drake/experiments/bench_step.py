@@ -13,10 +13,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPort
 
 import crar_drake.robot
-from crar_drake.controller import CrarController
+from crar_drake.control.controller import CrarController
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.experiments.bench_timing import Stopwatch, Subject, replaced
-from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import find_frame
 from crar_drake.run import RunResult

@@ -24,7 +24,8 @@ import numpy as np
 from crar_drake.compiled.compiler import HAS_NUMBA
 from crar_drake.compiled.distances import distances
 from crar_drake.compiled.law import CompiledLaw, find_shapes
-from crar_drake.control_law import ControlLaw, Memory, Targets
+from crar_drake.control.law import ControlLaw, Memory, Targets
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError
 from crar_drake.experiments.bench import (
     MODES,
@@ -41,7 +42,6 @@ from crar_drake.experiments.bench_timing import (
 )
 from crar_drake.experiments.tables import markdown_table
 from crar_drake.files import whole_file
-from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.run import run_scenario
 from crar_drake.scenario import Scenario

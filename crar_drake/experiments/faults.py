@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from crar_drake.control_law import InputError
+from crar_drake.control.law import InputError
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.disturbances import Disturbances, Push, TargetJump
 from crar_drake.experiments.tables import markdown_table, write_report
-from crar_drake.parameters import CrarParameters
 from crar_drake.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.scenario import Scenario

@@ -13,6 +13,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.experiments.fresh_processes import FreshProcesses
 from crar_drake.experiments.sweep import (
     Case,
@@ -21,7 +22,6 @@ from crar_drake.experiments.sweep import (
     run_case,
 )
 from crar_drake.experiments.tables import markdown_table, write_report
-from crar_drake.parameters import CrarParameters, LookaheadParameters
 from crar_drake.scenario import Scenario
 
 PERIOD = 5e-3  # [s]

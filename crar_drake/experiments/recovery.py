@@ -13,12 +13,12 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.desired_motion import DesiredMotion
 from crar_drake.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.errors import CrarError
 from crar_drake.experiments.tables import markdown_table, write_report
 from crar_drake.log import SimulationLog
-from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import nearest
 from crar_drake.run import make_log

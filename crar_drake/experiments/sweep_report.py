@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from rich.table import Table
 
+from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 from crar_drake.experiments.sweep import Case, Result, read_results
 from crar_drake.experiments.tables import markdown_table, write_report
 from crar_drake.files import whole_file
-from crar_drake.parameters import CONSTRAINTS, LEVELS
 
 _COLOURS = {"none": "0.6", "paper": "tab:orange", "lookahead": "tab:blue"}
 _MARKERS = "oDs^vP"

@@ -10,11 +10,11 @@ from small_robots import state_about_the_limits
 from crar_drake.compiled import compiler
 from crar_drake.compiled.distances import Shapes, distances
 from crar_drake.compiled.law import CompiledLaw
-from crar_drake.control_law import ControlLaw
+from crar_drake.control.law import ControlLaw
 from crar_drake.equations.capsule_distances import capsule_distances
 from crar_drake.errors import ScenarioError
-from crar_drake.law_choice import make_control_law
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.law import make_control_law
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import load_robot_description
 from crar_drake.run import run_scenario

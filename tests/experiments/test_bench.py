@@ -39,7 +39,7 @@ from crar_drake.experiments.bench_timing import (
     replaced,
     time_side_by_side,
 )
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.referee import Referee
 from crar_drake.run import run_scenario
 from crar_drake.scenario import Scenario

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from crar_drake.control_law import InputError
+from crar_drake.control.law import InputError
 from crar_drake.disturbances import Disturbances
 from crar_drake.experiments import faults
 from crar_drake.experiments.faults import (

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crar_drake.control.parameters import LEVELS
 from crar_drake.experiments.section_iv.plan import (
     EXPERIMENT_1,
     EXPERIMENT_2,
@@ -21,7 +22,6 @@ from crar_drake.experiments.section_iv.plan import (
 from crar_drake.experiments.section_iv.simulate import Outcome
 from crar_drake.experiments.sweep_report import clip_label
 from crar_drake.log import SimulationLog
-from crar_drake.parameters import LEVELS
 from crar_drake.robot_description import load_robot_description
 from crar_drake.scenario import parse_scenario
 from crar_drake.snapshots import SnapshotRenderer

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crar_drake.control.parameters import LEVELS
 from crar_drake.experiments.section_iv.figures import violation_counts
 from crar_drake.experiments.section_iv.plan import (
     EXPERIMENT_1,
@@ -23,7 +24,6 @@ from crar_drake.experiments.section_iv.simulate import Outcome
 from crar_drake.experiments.sweep import Result
 from crar_drake.experiments.sweep_report import clip_label
 from crar_drake.log import SimulationLog
-from crar_drake.parameters import LEVELS
 
 SIGNIFICANT = 0.25
 # A damping factor is tolerated up to this multiple of the power at the paper's.

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from crar_drake.control.parameters import LEVELS, CrarParameters
 from crar_drake.errors import CrarError
 from crar_drake.experiments.sweep_report import clip_label
 from crar_drake.motion.catalogue import load_clip
-from crar_drake.parameters import LEVELS, CrarParameters
 from crar_drake.scenario import Scenario
 from crar_drake.task import EXPERIMENTS
 

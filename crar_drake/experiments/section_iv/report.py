@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import crar_drake
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.experiments.bench import describe_machine
 from crar_drake.experiments.section_iv.csv_tables import TABLES
@@ -29,7 +30,6 @@ from crar_drake.experiments.section_iv.plan import (
 from crar_drake.experiments.section_iv.simulate import Outcome, page_path
 from crar_drake.experiments.sweep_report import clip_label
 from crar_drake.files import whole_file
-from crar_drake.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import load_robot_description
 from crar_drake.scenario import Scenario

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -16,7 +17,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from crar_drake.control_law import (
+from crar_drake.control.diagnostics import OF_LAW, Diagnostic
+from crar_drake.control.law import (
+    ControlLaw,
     ControlStep,
     InputError,
     Memory,
@@ -25,8 +28,8 @@ from crar_drake.control_law import (
     check_finite,
     is_finite,
 )
-from crar_drake.law_choice import make_control_law
-from crar_drake.parameters import CrarParameters
+from crar_drake.control.modes import MODES
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 
 _NOTHING = np.zeros(0)
@@ -116,7 +119,7 @@ class CrarController(LeafSystem):
         """
         super().__init__()
         self.set_name("crar_controller")
-        self.law = make_control_law(model, parameters)
+        self.law = ControlLaw(model, parameters)
         self._plant_is_discrete = plant_is_discrete
         self._period = self.law.parameters.period
 
@@ -167,31 +170,31 @@ class CrarController(LeafSystem):
             period *= 1.0 - 4e-15
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
 
-        sizes = {
-            "actuation": model.plant.num_actuated_dofs(),
-            "desired_acceleration": nv,
-            "task_error": model.m,
-            "signed_distances": len(model.pairs),
-            "constraint_weights": model.n,
-            "position_command": nq + nv,
-            "status": 1,
-            "resting_margins": 2,
-            "torque_limit": 2,
-        }
-        self._outputs = {
-            name: self.DeclareVectorOutputPort(
-                name, size, self._MakeOutputCalc(name), sources
+        self._outputs, self.diagnostics_slices, end = {}, {}, 0
+        for diagnostic in all_diagnostics():
+            port, size = diagnostic.port, diagnostic.size(model)
+            self._outputs[port] = self.DeclareVectorOutputPort(
+                port, size, self._MakeOutputCalc(diagnostic), sources
             )
-            for name, size in sizes.items()
-        }
-        ends = np.cumsum(list(sizes.values()))
-        self.diagnostics_slices = {
-            name: slice(int(end) - size, int(end))
-            for (name, size), end in zip(sizes.items(), ends, strict=True)
+            self.diagnostics_slices[port] = slice(end, end + size)
+            end += size
+        self._absent = {
+            diagnostic.port: np.full(diagnostic.size(model), np.nan)
+            for diagnostic in of_modes()
         }
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
-            "diagnostics", int(ends[-1]), self._CalcDiagnostics, sources
+            "diagnostics", end, self._CalcDiagnostics, sources
         )
+        x, tasks, prescribed, posture = (
+            f"input port {name} of {self.get_name()}"
+            for name in (
+                "estimated_state",
+                "desired_tasks",
+                "desired_prescribed",
+                "nominal_posture",
+            )
+        )
+        self._state_name, self._target_names = x, (tasks, prescribed, posture)
 
     def get_input_port_estimated_state(self) -> InputPort:
         """Port (nq + nv,): measured [q; v]."""
@@ -252,16 +255,22 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = [getattr(solution, _field(name)) for name in self.diagnostics_slices]
+        parts = [self._value(solution, diagnostic) for diagnostic in all_diagnostics()]
         output.SetFromVector(np.concatenate(parts))
 
-    def _MakeOutputCalc(self, name: str):
-        field = _field(name)
-
+    def _MakeOutputCalc(self, diagnostic: Diagnostic):
         def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(getattr(self._EvalSolution(context), field))
+            solution = self._EvalSolution(context)
+            output.SetFromVector(self._value(solution, diagnostic))
 
         return calc
+
+    def _value(self, solution: Solution, diagnostic: Diagnostic) -> np.ndarray:
+        """NaN where the constraint mode does not tell it."""
+        absent = self._absent.get(diagnostic.port)
+        if absent is None:
+            return getattr(solution, diagnostic.name)
+        return solution.of_mode.get(diagnostic.name, absent)
 
     def _EvalSolution(self, context: Context) -> Solution:
         """The held solution, or that of a tick whose update has not come yet."""
@@ -283,10 +292,13 @@ class CrarController(LeafSystem):
         if tick <= memory.tick:
             memory = Memory()
         x = self._EvalPort(self._state_port, context)
+        if not is_finite(x):
+            check_finite(self._state_name, x, context.get_time())
         targets = Targets(
             tasks=self._EvalPort(self._tasks_port, context),
             prescribed=self._EvalPort(self._prescribed_port, context),
             nominal_posture=self._EvalPort(self._posture_port, context),
+            names=self._target_names,
         )
         step = self.law.solve(
             self._workspace_cache.Eval(context),
@@ -303,19 +315,13 @@ class CrarController(LeafSystem):
         if port is None:
             return _NOTHING
         try:
-            value = port.Eval(context)
+            return port.Eval(context)
         except RuntimeError as error:
             if port.HasValue(context):
                 raise
             raise InputError(
                 f"input port {port.get_name()} of {self.get_name()} is not connected"
             ) from error
-        if not is_finite(value):
-            is_target = port is not self._state_port
-            if not (is_target and self.law.brakes_without_targets):
-                name = f"input port {port.get_name()} of {self.get_name()}"
-                check_finite(name, value, context.get_time())
-        return value
 
     def _GetHeld(self, context: Context) -> ControlStep:
         return context.get_abstract_state(self._held_index).get_value()
@@ -325,6 +331,13 @@ class CrarController(LeafSystem):
         return math.floor(context.get_time() / self._period + 1e-6)
 
 
-def _field(port: str) -> str:
-    """The field of `Solution` that a port emits."""
-    return "acceleration" if port == "desired_acceleration" else port
+@cache
+def of_modes() -> tuple[Diagnostic, ...]:
+    """What only some constraint mode tells; the ports of all are always there."""
+    return tuple(d for mode in MODES.values() for d in mode.diagnostics)
+
+
+@cache
+def all_diagnostics() -> tuple[Diagnostic, ...]:
+    """What the controller tells, in the order of its output ports."""
+    return (*OF_LAW, *of_modes())

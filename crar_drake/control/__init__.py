@@ -1,0 +1,1 @@
+"""From desired tasks and a state to the torque."""

@@ -1,0 +1,36 @@
+"""Checks of parameters that all their classes share."""
+
+import math
+from dataclasses import fields
+from typing import Any
+
+from crar_drake.errors import ScenarioError
+
+
+def check_choice(
+    where: str, parameters: Any, name: str, choices: tuple[str, ...]
+) -> None:
+    """Raises ScenarioError unless the field is one of the choices."""
+    value = getattr(parameters, name)
+    if value not in choices:
+        raise ScenarioError(
+            f"{where}.{name}: {value!r} is none of {', '.join(choices)}"
+        )
+
+
+def check_numbers(where: str, parameters: Any, may_be_zero: set[str]) -> None:
+    """Every number positive and finite; zero only where it means "off".
+
+    Raises:
+        ScenarioError: names the field.
+    """
+    for entry in fields(parameters):
+        value = getattr(parameters, entry.name)
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            continue
+        zero = entry.name in may_be_zero
+        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
+            raise ScenarioError(
+                f"{where}.{entry.name}: {value} must be "
+                f"{'not negative' if zero else 'positive'} and finite"
+            )

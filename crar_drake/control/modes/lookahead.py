@@ -1,0 +1,148 @@
+"""Constraints that hold where the robot would come to rest: `docs/lookahead.md`."""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crar_drake.control.checks import check_choice, check_numbers
+from crar_drake.control.diagnostics import Diagnostic
+from crar_drake.control.modes.mode import Before, Mode, Resolved
+from crar_drake.control.modes.paper import refuse_adaptive_gain
+from crar_drake.equations.compilation import hold
+from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.lookahead import (
+    LookaheadGains,
+    LookaheadMemory,
+    LookaheadNumbers,
+    find_limits,
+    lookahead_step,
+)
+from crar_drake.equations.references import TaskGains, Wanted
+from crar_drake.errors import ScenarioError
+from crar_drake.robot import ControlModel, Workspace
+
+if TYPE_CHECKING:
+    from crar_drake.control.parameters import CrarParameters
+
+LOST_TARGET = ("brake", "error")
+
+
+@dataclass
+class LookaheadParameters:
+    """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
+
+    Attributes:
+        horizon: T, over which the robot could brake [s]; by default 1 / Gv.
+        rho: amplitude of the collision weight; its decay and exponent are the
+            controller's alpha and beta.
+        rho_limits: rho_JL, amplitude of the joint-limit weight.
+        distance_margin: d_min, the distance that pairs keep [m].
+        limit_margin: what joints keep from their limits [rad].
+        retreat_rate: gamma, how fast a violation is left [1/s], but at most at
+        retreat_speed: of a pair [m/s], and
+        joint_retreat_speed: of a joint [rad/s].
+        slip_time_constant: of the low-pass on what the plant did other than told,
+            which the constraints then expect to go on [s].
+        influence_distance: pairs farther apart than this do not count [m].
+        lost_target: what a NaN in the targets at run time does: "brake" comes to
+            rest and blends in again when they are back, "error" raises.
+    """
+
+    horizon: float | None = None  # [s]
+    rho: float = 1e-4
+    rho_limits: float = 0.01
+    distance_margin: float = 5e-3  # [m]
+    limit_margin: float = 0.02  # [rad]
+    retreat_rate: float = 30.0  # [1/s]
+    retreat_speed: float = 0.5  # [m/s]
+    joint_retreat_speed: float = 2.0  # [rad/s]
+    slip_time_constant: float = 0.01  # [s]
+    influence_distance: float = 0.3  # [m]
+    lost_target: str = "brake"
+
+    def validate(self) -> None:
+        """Raises ScenarioError, naming the field and what it may be."""
+        check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
+        check_numbers("controller.lookahead", self, may_be_zero=set())
+        if self.influence_distance <= self.distance_margin:
+            raise ScenarioError(
+                f"controller.lookahead.influence_distance: {self.influence_distance} "
+                f"must be more than distance_margin, {self.distance_margin}"
+            )
+
+
+class LookaheadMode(Mode):
+    """(L1)-(L9) of `equations.lookahead`."""
+
+    diagnostics = (
+        Diagnostic(
+            "resting_margins",
+            lambda model: 2,
+            "where the robot would come to rest: the smallest distance [m] and the "
+            "smallest margin to a joint limit [rad]",
+        ),
+    )
+
+    def __init__(
+        self, model: ControlModel, parameters: "CrarParameters", gains: TaskGains
+    ) -> None:
+        ahead = parameters.lookahead
+        self.horizon = parameters.braking_horizon
+        self.brakes_without_targets = ahead.lost_target == "brake"
+        self._model = model
+        self._nothing = np.zeros(model.n)
+        share = min(1.0, parameters.period / ahead.slip_time_constant)
+        numbers = LookaheadGains(
+            T=float(self.horizon),
+            Gv=float(parameters.Gv),
+            damping=float(parameters.damping),
+            rho=float(ahead.rho),
+            alpha=float(parameters.alpha),
+            beta=float(parameters.beta),
+            rho_limits=float(ahead.rho_limits),
+            distance_margin=float(ahead.distance_margin),
+            limit_margin=float(ahead.limit_margin),
+            retreat_rate=float(ahead.retreat_rate),
+            retreat_speed=float(ahead.retreat_speed),
+            joint_retreat_speed=float(ahead.joint_retreat_speed),
+            influence_distance=float(ahead.influence_distance),
+            period=float(parameters.period),
+            slip_share=float(share),
+        )
+        limits = find_limits(model.lower, model.upper)
+        self._numbers = hold(LookaheadNumbers(gains, limits, numbers))
+
+    @staticmethod
+    def check(parameters: "CrarParameters") -> None:
+        """Raises ScenarioError: the mode chooses accelerations, with a W of its own."""
+        if parameters.level == "velocity":
+            raise ScenarioError(
+                "controller.level: the lookahead constraints choose accelerations; "
+                "use level acceleration, or constraints paper"
+            )
+        if parameters.metric != "identity":
+            raise ScenarioError(
+                f"controller.metric: {parameters.metric!r} belongs to constraints "
+                "paper or none; the lookahead constraints have a weight of their own"
+            )
+        refuse_adaptive_gain(parameters)
+
+    def resolve(
+        self,
+        workspace: Workspace,
+        drake: FromDrake,
+        wanted: Wanted,
+        before: Before | None,
+    ) -> Resolved:
+        model = self._model
+        if before is None or not before.follows:
+            qdot = drake.v[model.controlled]
+            last = LookaheadMemory(qdot, self._nothing, self._nothing)
+        else:
+            last = LookaheadMemory(before.qdot, before.qddot, before.kept)
+        answer, slip, margins = lookahead_step(
+            drake, wanted, model.numbers(drake), self._numbers, last
+        )
+        return Resolved(answer, slip, {"resting_margins": margins})

@@ -1,0 +1,104 @@
+"""What the control law knows of a constraint mode."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from crar_drake.control.diagnostics import Diagnostic
+from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.references import Answer, TaskGains, Wanted
+from crar_drake.robot import ControlModel, Workspace
+
+if TYPE_CHECKING:  # the parameters ask the modes whether they fit
+    from crar_drake.control.parameters import CrarParameters
+
+
+@dataclass(slots=True)
+class Before:
+    """The control step before, as a mode sees it.
+
+    Attributes:
+        follows: whether it was one period ago; else it is older.
+        qdot: (n,) velocities of the controlled joints then [rad/s].
+        qddot: (n,) accelerations that were commanded [rad/s^2].
+        kept: `Resolved.kept` of then.
+    """
+
+    follows: bool
+    qdot: np.ndarray
+    qddot: np.ndarray
+    kept: Any
+
+
+@dataclass(slots=True)
+class Resolved:
+    """What a mode makes of a state and its targets.
+
+    Attributes:
+        answer: accelerations, and what every mode finds.
+        kept: the mode's memory, for the next step; never changed in place.
+        diagnostics: values of the mode's own diagnostics, by name.
+    """
+
+    answer: Answer
+    kept: Any = None
+    diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+class Mode(ABC):
+    """A way to keep constraints: from a state and its targets to accelerations.
+
+    A mode is made once for a model and parameters, and holds nothing that changes:
+    what one step leaves to the next is in `Resolved.kept`.
+
+    Attributes:
+        diagnostics: what the mode tells besides; the controller has a port for each.
+        horizon: T, if the distances are also wanted where the robot comes to rest,
+            q + T q_dot [s]; else None.
+        brakes_without_targets: whether a NaN in the targets makes the robot brake;
+            else it is an error.
+    """
+
+    diagnostics: ClassVar[tuple[Diagnostic, ...]] = ()
+    horizon: float | None = None
+    brakes_without_targets: bool = False
+
+    @abstractmethod
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, gains: TaskGains
+    ) -> None:
+        """
+        Args:
+            model: the robot.
+            parameters: validated, `check` included.
+            gains: on tasks and prescribed joints.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def check(parameters: CrarParameters) -> None:
+        """Raises ScenarioError where a parameter does not go with this mode."""
+
+    @abstractmethod
+    def resolve(
+        self,
+        workspace: Workspace,
+        drake: FromDrake,
+        wanted: Wanted,
+        before: Before | None,
+    ) -> Resolved:
+        """The accelerations that follow the targets under the constraints.
+
+        Args:
+            workspace: of the model, at the state.
+            drake: its numbers of the state, and where the robot comes to rest,
+                q + T q_dot, if there is a `horizon`.
+            wanted: the targets.
+            before: the control step before; None at the first step, and after
+                braking without targets.
+        """

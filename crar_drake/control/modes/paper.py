@@ -1,0 +1,106 @@
+"""The paper's constraints, to the letter, and none: Eqs. (10), (15)-(35)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crar_drake.control.modes.mode import Before, Mode, Resolved
+from crar_drake.equations.compilation import hold
+from crar_drake.equations.composite_weight import composite_index
+from crar_drake.equations.joint_limits import limit_potential
+from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.paper import (
+    PaperGains,
+    PaperMemory,
+    PaperNumbers,
+    paper_step,
+)
+from crar_drake.equations.references import TaskGains, Wanted
+from crar_drake.errors import ScenarioError
+from crar_drake.robot import ControlModel, Workspace
+
+if TYPE_CHECKING:
+    from crar_drake.control.parameters import CrarParameters
+
+_NO_MATRIX = np.zeros((0, 0))
+
+
+class PaperMode(Mode):
+    """The diagonal W of Eqs. (17)-(28) in the inverse of Eq. (34)."""
+
+    _constrained = True
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, gains: TaskGains
+    ) -> None:
+        self._model = model
+        self._with_inertia = parameters.metric == "inertia"
+        limits = limit_potential(model.lower, model.upper)
+        numbers = paper_gains(parameters, len(model.pairs))
+        self._numbers = hold(PaperNumbers(gains, limits, numbers, self._constrained))
+        self._first = PaperMemory(
+            np.zeros(model.n), np.zeros((len(model.pairs), model.n)), np.zeros(0)
+        )
+
+    @staticmethod
+    def check(parameters: CrarParameters) -> None:
+        """All parameters go with this mode."""
+
+    def resolve(
+        self,
+        workspace: Workspace,
+        drake: FromDrake,
+        wanted: Wanted,
+        before: Before | None,
+    ) -> Resolved:
+        model = self._model
+        answer, kept = paper_step(
+            drake,
+            wanted,
+            model.inertia_matrix(workspace) if self._with_inertia else _NO_MATRIX,
+            model.numbers(drake),
+            self._numbers,
+            self._first if before is None else before.kept,
+        )
+        return Resolved(answer, kept)
+
+
+class NoneMode(PaperMode):
+    """W = I: the raw motion, whose violations Fig. 2 of the paper counts."""
+
+    _constrained = False
+
+    @staticmethod
+    def check(parameters: CrarParameters) -> None:
+        """Raises ScenarioError: Gv_near needs weights that say what is near."""
+        refuse_adaptive_gain(parameters)
+
+
+def paper_gains(parameters: CrarParameters, num_pairs: int) -> PaperGains:
+    """The numbers of the paper's law; what is not given is NaN, or as the paper has
+    it."""
+    share = parameters.limit_share
+    return PaperGains(
+        damping=float(parameters.damping),
+        Gv=float(parameters.Gv),
+        GvN=math.nan if parameters.GvN is None else float(parameters.GvN),
+        Gv_near=math.nan if parameters.Gv_near is None else float(parameters.Gv_near),
+        rho=float(parameters.rho),
+        alpha=float(parameters.alpha),
+        beta=float(parameters.beta),
+        limit_share=composite_index(num_pairs) if share is None else float(share),
+        period=float(parameters.period),
+        velocity_level=parameters.level == "velocity",
+    )
+
+
+def refuse_adaptive_gain(parameters: CrarParameters) -> None:
+    """Raises ScenarioError if Gv is to adapt."""
+    if parameters.Gv_near is not None:
+        raise ScenarioError(
+            f"controller.Gv_near: {parameters.Gv_near} belongs to constraints paper, "
+            f"whose weights say what is near; they are {parameters.constraints!r}"
+        )

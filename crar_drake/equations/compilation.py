@@ -1,0 +1,172 @@
+"""Compiles the equations with Numba where it is installed.
+
+The functions of this package are written in the part of NumPy that Numba compiles.
+Without Numba, or with NUMBA_DISABLE_JIT=1 in the environment, the same source runs as
+plain NumPy: the answers agree but for rounding.
+
+What is compiled is kept in the user's cache, so that only the first process compiles.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from crar_drake.resources import cached
+
+try:
+    import numba
+except ImportError:
+    numba = None
+
+IS_COMPILED = numba is not None and not numba.config.DISABLE_JIT
+
+
+def arithmetic() -> str:
+    """What computes the equations, for people: "compiled by Numba ..." or "NumPy"."""
+    if IS_COMPILED:
+        return f"compiled by Numba {numba.__version__}"
+    return "plain NumPy"
+
+
+def cache_folder() -> Path:
+    """Where the compiled functions are kept: another folder for other sources.
+
+    Numba looks at the file of a function only, but a compiled function contains those
+    that it calls, and the constants that it uses.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return cached("compiled") / digest.hexdigest()[:16]
+
+
+_CACHE_FOLDER = cache_folder()
+
+
+def _compile_quickly() -> None:
+    """Makes Numba optimise our functions less than it does by default.
+
+    On arrays of a dozen numbers the full optimisation gains nothing that could be
+    measured, and takes most of the time of compiling. Numba has one setting for all:
+    it is borrowed while a function of this package is compiled.
+    """
+    from numba.core import config, event
+
+    ours = {"OPT": config._OptLevel(1), "LOOP_VECTORIZE": 0, "SLP_VECTORIZE": 0}
+    theirs: list[dict] = []
+
+    class Borrower(event.Listener):
+        def on_start(self, start: event.Event) -> None:
+            function = start.data["dispatcher"].py_func
+            if theirs or function.__module__.startswith(__package__):
+                theirs.append({name: getattr(config, name) for name in ours})
+                for name, value in ours.items():
+                    setattr(config, name, value)
+
+        def on_end(self, end: event.Event) -> None:
+            if theirs:
+                for name, value in theirs.pop().items():
+                    setattr(config, name, value)
+
+    event.register("numba:compile", Borrower())
+
+
+if IS_COMPILED:
+    _compile_quickly()
+
+
+def compiled(function: Callable | None = None, *, loops: Callable | None = None) -> Any:
+    """Decorator: the function compiled at its first call, or as it is without Numba.
+
+    Args:
+        function: in the part of NumPy that Numba compiles.
+        loops: what is compiled in its place, where the function calls a library
+            that Numba does not reach; the same result, from loops.
+    """
+    if function is None:
+        return lambda decorated: compiled(decorated, loops=loops)
+    if not IS_COMPILED:
+        return function
+    # Numba has one setting for everybody's functions: it is only borrowed.
+    theirs = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_CACHE_FOLDER)
+    chosen = function if loops is None else loops
+    try:
+        return numba.njit(cache=True, error_model="numpy")(chosen)
+    except RuntimeError:  # nothing can be written there: compile in every process
+        return numba.njit(error_model="numpy")(chosen)
+    finally:
+        numba.config.CACHE_DIR = theirs
+
+
+class Held:
+    """A value, of any type that the equations take, that stays where it is.
+
+    Handing a function arrays takes a microsecond for each where it is compiled; a
+    `Held` takes as long as one, whatever is in it. Made by `hold`.
+
+    Attributes:
+        value: usually a NamedTuple of arrays.
+    """
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+
+def hold(value: Any) -> Held:
+    """A `Held` with the value, to be handed to compiled functions again and again."""
+    return Held(value)
+
+
+if IS_COMPILED:
+    from numba.experimental import structref
+
+    @structref.register
+    class HeldType(numba.types.StructRef):
+        """Numba's type of a `Held`."""
+
+        def preprocess_fields(self, fields):
+            return tuple((name, numba.types.unliteral(kind)) for name, kind in fields)
+
+    class Held(structref.StructRefProxy):
+        """As above, where Numba keeps the value."""
+
+        def __new__(cls, value: Any):
+            return hold(value)
+
+    structref.define_proxy(Held, HeldType, ["value"])
+
+    @compiled
+    def hold(value):
+        return Held(value)
+
+
+@contextmanager
+def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Calls `tell` once if Numba compiles anything within the block."""
+    if not IS_COMPILED:
+        yield
+        return
+    from numba.core import event
+
+    class Listener(event.Listener):
+        told = False
+
+        def on_start(self, _: event.Event) -> None:
+            if not self.told:
+                self.told = True
+                tell()
+
+        def on_end(self, _: event.Event) -> None:
+            pass
+
+    listener = Listener()
+    event.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", listener)

@@ -1,0 +1,228 @@
+"""The paper's law in its order: weights (17)-(28), inverse (34), levels (10), (35)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.equations.adaptive_gain import adaptive_gain
+from crar_drake.equations.collisions import (
+    collision_gradient,
+    collision_potential_slope,
+    collision_proximity,
+    collision_weights,
+    pair_weights,
+)
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.composite_weight import composite_weights, inertia_weight
+from crar_drake.equations.joint_limits import (
+    LimitPotential,
+    joint_limit_weights,
+    limit_gradient,
+    limit_proximity,
+)
+from crar_drake.equations.kinematics import FromDrake, evaluate_state, join_joints
+from crar_drake.equations.references import (
+    Answer,
+    References,
+    TaskGains,
+    Wanted,
+    find_references,
+)
+from crar_drake.equations.resolved_acceleration import (
+    acceleration_level_acceleration,
+    constrained_resolved_acceleration,
+    constrained_velocity,
+    null_space_motion,
+    velocity_level_acceleration,
+)
+from crar_drake.equations.weighted_inverse import damped_inverse
+
+
+class PaperGains(NamedTuple):
+    """The paper's numbers, see `CrarParameters`."""
+
+    damping: float  # lambda [m]
+    Gv: float  # [1/s]
+    GvN: float  # [1/s]; NaN: as Gv, also where that adapts
+    Gv_near: float  # [1/s]; NaN: Gv does not adapt
+    rho: float
+    alpha: float  # [1/m]
+    beta: float
+    limit_share: float  # a of Eq. (27)
+    period: float  # of the controller [s]
+    velocity_level: bool
+
+
+class ConstraintWeights(NamedTuple):
+    """The diagonal of W, and what its next evaluation compares with.
+
+    Attributes:
+        W: (n,).
+        nearness: (n,) what W would be if everything were being approached.
+        limit_proximity: (n,) for the next step's Eq. (18).
+        pair_proximity: (Nc, n) for the next step's Eq. (21).
+    """
+
+    W: np.ndarray
+    nearness: np.ndarray
+    limit_proximity: np.ndarray
+    pair_proximity: np.ndarray
+
+
+@compiled
+def constraint_weights(
+    q: np.ndarray,
+    d: np.ndarray,
+    dd_dq: np.ndarray,
+    limit_before: np.ndarray,
+    pair_before: np.ndarray,
+    limits: LimitPotential,
+    gains: PaperGains,
+) -> ConstraintWeights:
+    """Eqs. (17)-(28) in their order.
+
+    Args:
+        q: (n,) positions of the controlled joints [rad].
+        d: (Nc,) signed distances [m].
+        dd_dq: (Nc, n) Eq. (20).
+        limit_before, pair_before: (n,), (Nc, n) the proximities of the step before;
+            zeros at the first.
+        limits: of the joints.
+        gains: of the law.
+    """
+    near_limit = limit_gradient(q, limits)
+    of_limits = limit_proximity(q, near_limit, limits)
+    W_JL = joint_limit_weights(near_limit, of_limits, limit_before)
+    slope = collision_potential_slope(d, gains.rho, gains.alpha, gains.beta)
+    gradient = collision_gradient(slope, dd_dq)
+    of_pairs = collision_proximity(gradient, d)
+    W_COL = collision_weights(pair_weights(gradient, of_pairs, pair_before))
+    a = gains.limit_share
+    W = composite_weights(W_JL, W_COL, a)
+    nearness = W
+    if not np.isnan(gains.Gv_near):
+        nearness = composite_weights(
+            1.0 + of_limits, collision_weights(1.0 + of_pairs), a
+        )
+    return ConstraintWeights(W, nearness, of_limits, of_pairs)
+
+
+@compiled
+def weighted_acceleration(
+    references: References,
+    qdot: np.ndarray,
+    W: np.ndarray,
+    nearness: np.ndarray,
+    inertia: np.ndarray,
+    qdot_c_before: np.ndarray,
+    gains: PaperGains,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eqs. (10), (15), (30)-(35) in their order, with a given W.
+
+    Args:
+        references: of the tasks.
+        qdot: (n,) velocities of the controlled joints [rad/s].
+        W: (n,) diagonal of the weight.
+        nearness: (n,) for an adaptive Gv, see `adaptive_gain`.
+        inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
+        qdot_c_before: (n,) Eq. (15) of the step before; (0,) at the first step.
+        gains: of the law.
+
+    Returns:
+        (n,) q_ddot [rad/s^2]; (n,) q_dot_c [rad/s]; (n,) diagonal of the weight.
+    """
+    J = references.J
+    if len(inertia):
+        W_H = inertia_weight(inertia, W)
+        factor = damped_inverse(J, W_H, gains.damping)
+        W = np.diag(W_H).copy()
+    else:
+        factor = damped_inverse(J, W, gains.damping)
+    Gv = np.full(len(qdot), gains.Gv)
+    if not np.isnan(gains.Gv_near):
+        Gv = adaptive_gain(gains.Gv, gains.Gv_near, nearness)
+    GvN = Gv if np.isnan(gains.GvN) else np.full(len(qdot), gains.GvN)
+    qdot_c = constrained_velocity(factor, J, references.v_r)
+    if gains.velocity_level:
+        before = qdot_c_before if len(qdot_c_before) else qdot_c
+        alpha = velocity_level_acceleration(qdot_c, before, gains.period)
+    else:
+        zeta = null_space_motion(qdot_c, qdot, GvN) + references.posture
+        alpha = acceleration_level_acceleration(factor, J, references.a_r, zeta)
+    qddot = constrained_resolved_acceleration(alpha, qdot_c, qdot, Gv)
+    return qddot, qdot_c, W
+
+
+class PaperNumbers(NamedTuple):
+    """What the mode is made with."""
+
+    tasks: TaskGains
+    limits: LimitPotential
+    gains: PaperGains
+    constrained: bool  # else W = I
+
+
+class PaperMemory(NamedTuple):
+    """What one step leaves to the next."""
+
+    limit_proximity: np.ndarray  # (n,) |grad h_i|, which Eq. (18) compares with
+    pair_proximity: np.ndarray  # (Nc, n) |grad f_ji|, which Eq. (21) compares with
+    qdot_c: np.ndarray  # (n,) Eq. (15), for Eq. (10); (0,) before the first step
+
+
+@compiled
+def paper_step(
+    drake: FromDrake,
+    wanted: Wanted,
+    inertia: np.ndarray,
+    robot: Held,
+    mode: Held,
+    before: PaperMemory,
+) -> tuple[Answer, PaperMemory]:
+    """One control step of the paper's law; see the functions above.
+
+    Args:
+        drake: its numbers of the state.
+        wanted: the targets.
+        inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
+        robot: holds a `Robot`.
+        mode: holds `PaperNumbers`.
+        before: of the step before; zeros, and no q_dot_c, at the first.
+    """
+    n, gains = robot.value.n, mode.value.gains
+    state = evaluate_state(drake, robot)
+    references = find_references(state, wanted, robot.value.rows, mode.value.tasks)
+    if mode.value.constrained:
+        weights = constraint_weights(
+            state.q[:n],
+            state.d[0],
+            np.ascontiguousarray(state.dd_dv[0][:, :n]),
+            before.limit_proximity,
+            before.pair_proximity,
+            mode.value.limits,
+            gains,
+        )
+    else:
+        free = np.ones(n)
+        weights = ConstraintWeights(
+            free, free, before.limit_proximity, before.pair_proximity
+        )
+    qddot, qdot_c, W = weighted_acceleration(
+        references,
+        state.v[:n],
+        weights.W,
+        weights.nearness,
+        inertia,
+        before.qdot_c,
+        gains,
+    )
+    answer = Answer(
+        join_joints(qddot, references.qddot_p, robot),
+        references.error,
+        state.d[0],
+        W,
+        qdot_c,
+    )
+    return answer, PaperMemory(weights.limit_proximity, weights.pair_proximity, qdot_c)

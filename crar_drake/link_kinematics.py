@@ -35,8 +35,8 @@ class LinkKinematics:
         """
         Args:
             plant: finalized.
-            placed: body B and p_BP (3,) of each point, and 1 [m]; or B and (3,) in B of a
-                vector that turns with it, and 0.
+            placed: body B and p_BP (3,) of each point, and 1 [m]; or B and (3,) in B
+                of a vector that turns with it, and 0.
             bodies: others whose motion S is to tell.
         """
         self._plant = plant
@@ -90,7 +90,7 @@ class LinkKinematics:
         return X, J.reshape(K, len(self.ends), 6, -1)
 
     def link_of(self, body: RigidBody) -> int:
-        """The place among `links` of the link that a body, that was given, is part of."""
+        """The place among `links` of the link that a body that was given belongs to."""
         return self._link_of[int(self._first_welded(body).index())]
 
     def pose_in_link(self, body: RigidBody) -> np.ndarray:

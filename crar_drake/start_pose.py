@@ -11,9 +11,13 @@ from crar_drake.equations.collisions import (
     pair_weights,
 )
 from crar_drake.equations.composite_weight import composite_index, composite_weights
-from crar_drake.equations.joint_limits import LimitPotential, joint_limit_weights
+from crar_drake.equations.joint_limits import (
+    joint_limit_weights,
+    limit_gradient,
+    limit_potential,
+)
 from crar_drake.equations.tasks import task_error
-from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
+from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
 from crar_drake.robot import ControlModel, ModelState
 
 _MARGIN_DISTANCE = 0.02  # [m] that the start keeps from a collision
@@ -48,7 +52,7 @@ def solve_start_pose(
 
     def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
         state = model.evaluate(workspace, q, zero)
-        error = task_error(model.layout, state.R, state.p, desired.R, desired.p)
+        error = task_error(model.layout.rows, state.R, state.p, desired.R, desired.p)
         return state, S * error
 
     q = model.rest_positions()
@@ -60,8 +64,8 @@ def solve_start_pose(
     for _ in range(_ITERATIONS):
         W = _weights(model, state)
         for _ in range(2):
-            J_star = damped_weighted_pseudo_inverse(S[:, None] * state.J, W, 0.05)
-            step = J_star @ error
+            J_star = damped_inverse(S[:, None] * state.J, W, 0.05)
+            step = inverse_times(J_star, error)
             # What a joint that is stopped cannot do, the others must.
             W[(state.q <= lower) & (step < 0.0)] = 1e9
             W[(state.q >= upper) & (step > 0.0)] = 1e9
@@ -85,12 +89,14 @@ def solve_start_pose(
 def _weights(model: ControlModel, state: ModelState) -> np.ndarray:
     """Eq. (27) with every joint counted as approaching, and gentle decay."""
     W_JL = joint_limit_weights(
-        LimitPotential(model.lower, model.upper).gradient(state.q),
+        limit_gradient(state.q, limit_potential(model.lower, model.upper)),
         np.zeros(model.n),
-        None,
+        np.zeros(model.n),
     )
     gradient = collision_gradient(
-        collision_potential_slope(state.d, 1e-3, 50.0, 2.0), state.dd_dq
+        collision_potential_slope(state.d, 1e-3, 50.0, 2.0),
+        np.ascontiguousarray(state.dd_dq),
     )
-    W_COL = collision_weights(pair_weights(gradient, np.abs(gradient), None))
+    never = np.zeros(gradient.shape)
+    W_COL = collision_weights(pair_weights(gradient, np.abs(gradient), never))
     return composite_weights(W_JL, W_COL, composite_index(len(model.pairs)))

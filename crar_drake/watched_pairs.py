@@ -201,7 +201,7 @@ class WatchedPairs:
 def _ask(
     query: QueryObject, geometry_a: GeometryId, geometry_b: GeometryId
 ) -> np.ndarray:
-    """SceneGraph's distance, unit normal from b towards a, and point on a, in W: (7,)."""
+    """(7,): SceneGraph's distance, unit normal from b towards a, point on a, in W."""
     result = query.ComputeSignedDistancePairClosestPoints(geometry_a, geometry_b)
     X_WA = query.GetPoseInWorld(geometry_a)
     p_ACa, normal = result.p_ACa, np.array(result.nhat_BA_W)

@@ -230,7 +230,7 @@ def test_remembered_proximities_change_while_moving(case):
         context = loop.of(loop.controller, simulator.get_context())
         memory = context.get_abstract_state(int(index)).get_value().memory
         assert memory.tick == k
-        seen.append(np.r_[memory.limit_proximity, memory.pair_proximity.ravel()])
+        seen.append(np.r_[memory.kept.limit_proximity, memory.kept.pair_proximity.ravel()])
     changes = np.abs(np.diff(seen[2:], axis=0)).max(axis=1)
     assert (changes > 0.0).all()
 

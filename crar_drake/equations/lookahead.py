@@ -434,7 +434,7 @@ def lookahead_step(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share
     )
     h = pair_margins(state.d, state.dd_dv, v, T)
-    by_joint = state.dd_dv.reshape(len(h), -1)
+    by_joint = state.dd_dv.reshape(len(h), len(v))
     s_p = resting_velocity(v[n:], references.qddot_p, T)
     pairs = pair_constraints(
         h,

@@ -136,21 +136,21 @@ def weighted_acceleration(
     J = references.J
     if len(inertia):
         W_H = inertia_weight(inertia, W)
-        factor = damped_inverse(J, W_H, gains.damping)
+        J_star = damped_inverse(J, W_H, gains.damping)
         W = np.diag(W_H).copy()
     else:
-        factor = damped_inverse(J, W, gains.damping)
+        J_star = damped_inverse(J, W, gains.damping)
     Gv = np.full(len(qdot), gains.Gv)
     if not np.isnan(gains.Gv_near):
         Gv = adaptive_gain(gains.Gv, gains.Gv_near, nearness)
     GvN = Gv if np.isnan(gains.GvN) else np.full(len(qdot), gains.GvN)
-    qdot_c = constrained_velocity(factor, J, references.v_r)
+    qdot_c = constrained_velocity(J_star, references.v_r)
     if gains.velocity_level:
         before = qdot_c_before if len(qdot_c_before) else qdot_c
         alpha = velocity_level_acceleration(qdot_c, before, gains.period)
     else:
         zeta = null_space_motion(qdot_c, qdot, GvN) + references.posture
-        alpha = acceleration_level_acceleration(factor, J, references.a_r, zeta)
+        alpha = acceleration_level_acceleration(J_star, J, references.a_r, zeta)
     qddot = constrained_resolved_acceleration(alpha, qdot_c, qdot, Gv)
     return qddot, qdot_c, W
 

@@ -1,8 +1,8 @@
 """Constrained resolved acceleration: Eqs. (3), (10), (12), (13), (15), (30)-(35).
 
-J* of Eq. (34) is given by its factor everywhere, see `damped_inverse`. Where some joints
-are prescribed, the caller moves their share to the right-hand side: J_p v_p at the
-velocity level, J_p a_p at the acceleration level.
+`J_star` is Eq. (34) everywhere. Where some joints are prescribed, the caller moves
+their share to the right-hand side: J_p v_p at the velocity level, J_p a_p at the
+acceleration level.
 """
 
 from __future__ import annotations
@@ -10,26 +10,27 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.weighted_inverse import inverse_times, project_to_null_space
+from crar_drake.equations.weighted_inverse import (
+    DampedInverse,
+    inverse_times,
+    project_to_null_space,
+)
 
 
 @compiled
-def constrained_velocity(
-    factor: np.ndarray, J: np.ndarray, v_r: np.ndarray
-) -> np.ndarray:
+def constrained_velocity(J_star: DampedInverse, v_r: np.ndarray) -> np.ndarray:
     """Eq. (15): q_dot_c = J+ (v_d + K e), constrained by the weight in J+.
 
     With W = I it is Eq. (9).
 
     Args:
-        factor: (n, n) of J*, Eq. (34), `damped_inverse`.
-        J: (m, n) task Jacobian.
+        J_star: Eq. (34).
         v_r: (m,) v_d + K e of Eq. (9), less the prescribed joints' share.
 
     Returns:
         (n,) [rad/s].
     """
-    return inverse_times(factor, J, v_r)
+    return inverse_times(J_star, v_r)
 
 
 @compiled
@@ -60,12 +61,12 @@ def null_space_motion(
 
 @compiled
 def acceleration_level_acceleration(
-    factor: np.ndarray, J: np.ndarray, a_r: np.ndarray, zeta: np.ndarray
+    J_star: DampedInverse, J: np.ndarray, a_r: np.ndarray, zeta: np.ndarray
 ) -> np.ndarray:
     """Eqs. (13), (31), (35): alpha = J+ (a_r - Jdot qdot) [+ N zeta if m < n].
 
     Args:
-        factor: (n, n) of J*, Eq. (34), `damped_inverse`.
+        J_star: Eq. (34).
         J: (m, n) task Jacobian.
         a_r: (m,) Eq. (14), less the bias Jdot qdot and the prescribed joints' share
             [rad/s^2, m/s^2].
@@ -74,10 +75,10 @@ def acceleration_level_acceleration(
     Returns:
         (n,) [rad/s^2].
     """
-    alpha = inverse_times(factor, J, a_r)
+    alpha = inverse_times(J_star, a_r)
     m, n = J.shape
     if m < n:
-        alpha += project_to_null_space(factor, J, zeta)
+        alpha += project_to_null_space(J_star, J, zeta)
     return alpha
 
 
@@ -118,6 +119,7 @@ def error_dynamics_residual(
 ) -> np.ndarray:
     """Eq. (32): e_dd + Kv e_d + Kp e + J Gv (q_dot_c - q_dot), which is 0.
 
-    A reference form, for checking a simulation against the theory. Holds for full row rank, no damping and no orientation tasks; (m,).
+    A reference form, for checking a simulation against the theory. Holds for full row
+    rank, no damping and no orientation tasks; (m,).
     """
     return e_ddot + Kv * e_dot + Kp * e + J @ (Gv * (qdot_c - qdot))

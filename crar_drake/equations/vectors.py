@@ -144,6 +144,26 @@ def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     return dpotrs(L, b, lower=1)[0]
 
 
+def _cholesky_solve_matrix_loops(L, B):
+    X, n = B.copy(), len(B)
+    for c in range(B.shape[1]):
+        for i in range(n):
+            for k in range(i):
+                X[i, c] -= L[i, k] * X[k, c]
+            X[i, c] /= L[i, i]
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                X[i, c] -= L[k, i] * X[k, c]
+            X[i, c] /= L[i, i]
+    return X
+
+
+@compiled(loops=_cholesky_solve_matrix_loops)
+def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """X (n, m) of L L^T X = B (n, m), from the lower factor."""
+    return dpotrs(L, B, lower=1)[0]
+
+
 def _add_to_diagonal_loops(A, x):
     for i in range(len(x)):
         A[i, i] += x[i]

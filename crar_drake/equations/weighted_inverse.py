@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
@@ -9,62 +11,73 @@ from crar_drake.equations.vectors import (
     add_to_diagonal,
     cholesky,
     cholesky_solve,
+    cholesky_solve_matrix,
     gram,
+    product,
     times,
-    transposed_times,
 )
 
 
+class DampedInverse(NamedTuple):
+    """J* of Eq. (34), ready to be multiplied; made by `damped_inverse`.
+
+    Attributes:
+        B: (n, m) W^-1 J^T if m < n, else J^T.
+        L: lower Cholesky factor: if m < n (m, m) of J W^-1 J^T + lambda^2 I, else
+            (n, n) of J^T J + lambda^2 W.
+    """
+
+    B: np.ndarray
+    L: np.ndarray
+
+
 @compiled
-def damped_normal_matrix(J: np.ndarray, W: np.ndarray, damping: float) -> np.ndarray:
-    """The matrix M = J^T J + lambda^2 W that Eq. (34) inverts, see `damped_inverse`.
+def damped_inverse(J: np.ndarray, W: np.ndarray, damping: float) -> DampedInverse:
+    """Eq. (34): J* = W^-1 J^T (J W^-1 J^T + lambda^2 I)^-1.
+
+    Always exists for lambda > 0. By the push-through identity it is also
+    (J^T J + lambda^2 W)^-1 J^T: of the two the smaller system is factorised. What is
+    needed of J* are its products, `inverse_times`.
 
     Args:
         J: (m, n) task Jacobian, any rank.
         W: (n,) diagonal of the weight matrix, positive, or the whole matrix (n, n),
             symmetric positive definite.
         damping: lambda [m], positive.
-
-    Returns:
-        (n, n) symmetric positive definite.
     """
+    m, n = J.shape
+    J_T = np.ascontiguousarray(J.T)
+    if m < n:
+        if W.ndim == 1:
+            B = J_T / W[:, np.newaxis]
+        else:
+            B = cholesky_solve_matrix(cholesky(W), J_T)
+        core = product(J, B)
+        add_to_diagonal(core, np.full(m, damping**2))
+        return DampedInverse(B, cholesky(core))
     M = gram(J)
     if W.ndim == 1:
         add_to_diagonal(M, damping**2 * W)
     else:
         M += damping**2 * W
-    return M
+    return DampedInverse(J_T, cholesky(M))
 
 
 @compiled
-def damped_inverse(J: np.ndarray, W: np.ndarray, damping: float) -> np.ndarray:
-    """Eq. (34): J* = W^-1 J^T (J W^-1 J^T + lambda^2 I)^-1, as the factor of M.
-
-    By the push-through identity J* = M^-1 J^T with M = J^T J + lambda^2 W: an n x n
-    system that is positive definite for any m and any rank, if lambda > 0. What is
-    needed of J* are its products, `inverse_times`.
-
-    Args:
-        J, W, damping: see `damped_normal_matrix`.
-
-    Returns:
-        (n, n) lower Cholesky factor of M.
-    """
-    return cholesky(damped_normal_matrix(J, W, damping))
-
-
-@compiled
-def inverse_times(factor: np.ndarray, J: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Eq. (34) at work: J* x (n,) of x (m,), from `damped_inverse` and J (m, n)."""
-    return cholesky_solve(factor, transposed_times(J, x))
+def inverse_times(J_star: DampedInverse, x: np.ndarray) -> np.ndarray:
+    """Eq. (34) at work: J* x (n,) of x (m,)."""
+    n, m = J_star.B.shape
+    if m < n:
+        return times(J_star.B, cholesky_solve(J_star.L, x))
+    return cholesky_solve(J_star.L, times(J_star.B, x))
 
 
 @compiled
 def project_to_null_space(
-    factor: np.ndarray, J: np.ndarray, zeta: np.ndarray
+    J_star: DampedInverse, J: np.ndarray, zeta: np.ndarray
 ) -> np.ndarray:
     """Eq. (31), below: N zeta = zeta - J* J zeta, (n,) of zeta (n,)."""
-    return zeta - inverse_times(factor, J, times(J, zeta))
+    return zeta - inverse_times(J_star, times(J, zeta))
 
 
 def weighted_pseudo_inverse(J: np.ndarray, W: np.ndarray) -> np.ndarray:
@@ -95,8 +108,8 @@ def damped_weighted_pseudo_inverse(
 
     A reference form: the product needs products of J* only.
     """
-    factor = damped_inverse(J, W, damping)
-    return np.array([inverse_times(factor, J, e) for e in np.eye(len(J))]).T
+    J_star = damped_inverse(J, W, damping)
+    return np.array([inverse_times(J_star, e) for e in np.eye(len(J))]).T
 
 
 def null_space_projector(J: np.ndarray, J_star: np.ndarray) -> np.ndarray:

@@ -1,13 +1,10 @@
 """What the controller cannot guess about a robot: a YAML file beside its model."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
-import difflib
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -19,7 +16,9 @@ from pydrake.multibody.tree import (
 )
 
 from crar_drake.errors import ModelError
+from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder, imported_robots_folder
+from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
 IMPORT_FILE = "import.yaml"
@@ -105,17 +104,20 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
 
     Raises:
         ModelError: there is no such robot, it is not imported yet, or its file is
-            not a description.
+            not a description; the message names file, key and line.
     """
     path = Path(robot)
     if path.is_dir():
         path = path / "robot.yaml"
     if not path.is_file():
         path = _by_name(str(robot))
-    try:
-        description = yaml_load_typed(schema=RobotDescription, filename=str(path))
-    except Exception as error:
-        raise ModelError(f"{path}: {error}") from error
+    description = load_yaml(
+        read_text(path, ModelError),
+        RobotDescription,
+        str(path),
+        ModelError,
+        manual="models/README.md",
+    )
     description.folder = str(path.parent)
     if not (path.parent / description.model).is_file():
         raise ModelError(
@@ -193,15 +195,6 @@ def find_body(plant: MultibodyPlant, name: str) -> RigidBody:
 def find_joint(plant: MultibodyPlant, name: str) -> Joint:
     """The joint of that name, plain or scoped; ModelError if none."""
     return _find(plant, name, "joint", "GetJointByName", _joint_names)
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of an error message: "; did you mean x?" or the names there are."""
-    known = sorted(set(known))
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    return f"; known are {', '.join(known)}" if known else ""
 
 
 def _find(plant, name, what, getter, names):

@@ -7,22 +7,23 @@ configured by Drake's own dataclasses.
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.disturbances import Disturbances, Push, TargetJump
+from crar_drake.disturbances import Disturbances
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
-from crar_drake.parameters import CrarParameters, LookaheadParameters
+from crar_drake.nearest import nearest
+from crar_drake.parameters import CrarParameters
 from crar_drake.resources import data_folder
-from crar_drake.robot_description import nearest
 from crar_drake.task import EXPERIMENTS, Task, position_tasks
+from crar_drake.yaml_files import load_yaml, read_text
 
 # A log of more samples takes its memory from the run: 60 s at 1 ms take 100 MB.
 MAX_LOG_SAMPLES = 60_000
@@ -75,6 +76,8 @@ class Scenario:
         motion: name of a motion (`dance`, `cmu:05_02`, a path); "" if `keyframes`
             say where the tasks go.
         skeleton: path of the motion's .asf, where it is not beside the motion.
+        frame_rate: samples per second of the motion [Hz]; by default what the file
+            states, else that of the CMU database.
         cutoff: of the low-pass on the motion [Hz].
         experiment: a task set of the paper: "wrists" or "upper-body"; "" if `tasks`
             lists them.
@@ -96,6 +99,7 @@ class Scenario:
     robot: str = "upper_body"
     motion: str = ""
     skeleton: str = ""
+    frame_rate: float | None = None  # [Hz]
     cutoff: float = DEFAULT_CUTOFF  # [Hz]
     experiment: str = ""
     tasks: list[Task] = field(default_factory=list)
@@ -133,7 +137,12 @@ class Scenario:
                 f"experiment: {self.experiment!r} is unknown"
                 f"{nearest(self.experiment, EXPERIMENTS)}"
             )
-        for name in ("duration", "cutoff", "warning_distance", "log_period"):
+        if self.frame_rate is not None and self.keyframes:
+            raise ScenarioError(
+                "frame_rate: keyframes have times of their own; leave it out"
+            )
+        positive = ("duration", "frame_rate", "cutoff", "warning_distance")
+        for name in (*positive, "log_period"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
                 raise ScenarioError(f"{name}: {value} must be positive")
@@ -203,8 +212,9 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
     working directory.
 
     Raises:
-        ScenarioError: there is no such file, it has an unknown key, or a value is
-            out of range; the message names file and key.
+        ScenarioError: there is no such file, it is no YAML in UTF-8, has an unknown
+            key or one twice, or a value is of another type or out of range; the
+            message names file, key and line.
     """
     path = Path(scenario)
     if not path.is_file():
@@ -215,7 +225,7 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
                 f"ones{nearest(path.stem, scenario_names())}"
             )
         path = shipped
-    parsed = parse_scenario(path.read_text(), str(path))
+    parsed = parse_scenario(read_text(path, ScenarioError), str(path))
     # A file may name what lies beside it, wherever it is run from.
     for name in ("robot", "motion", "skeleton"):
         beside = path.parent / getattr(parsed, name)
@@ -234,41 +244,16 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     Raises:
         ScenarioError: as `load_scenario`.
     """
-    try:
-        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
-    except Exception as error:
-        message = f"not a scenario, see diagrams/README.md: {error}"
-        if not text.strip():
-            message = "the file is empty; diagrams/README.md shows a scenario"
-        known = _key_names()
-        for word in message.replace("[", " ").replace("]", " ").split():
-            key = word.strip("',")
-            if "unknown" in message and word.startswith("'") and key not in known:
-                hint = nearest(key, known)
-                # Without a near one, all the keys there are would be a long list.
-                message += hint if "did you mean" in hint else ""
-        raise ScenarioError(f"{source}: {message}") from error
+    scenario = load_yaml(
+        text,
+        Scenario,
+        source,
+        ScenarioError,
+        manual="diagrams/README.md",
+        defaults=Scenario(),
+    )
     try:
         scenario.validate()
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from error
     return scenario
-
-
-def _key_names() -> set[str]:
-    """Every key that a scenario file may have, at any level."""
-    schemas = (
-        Scenario,
-        CrarParameters,
-        LookaheadParameters,
-        SimulatedRobot,
-        Task,
-        Keyframe,
-        Disturbances,
-        Push,
-        TargetJump,
-    )
-    keys = {f.name for schema in schemas for f in fields(schema)}
-    for config in (MultibodyPlantConfig(), SimulatorConfig(), VisualizationConfig()):
-        keys |= {f.name for f in config.__fields__}
-    return keys

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from crar_drake.errors import CrarError
 from crar_drake.experiments.fresh_processes import FreshProcesses
 from crar_drake.files import whole_file
-from crar_drake.robot_description import nearest
+from crar_drake.nearest import nearest
 from crar_drake.scenario import Scenario, parse_scenario
 
 if TYPE_CHECKING:

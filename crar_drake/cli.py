@@ -88,6 +88,8 @@ def _run(arguments: argparse.Namespace) -> None:
             scenario, out, record=not arguments.no_recording, progress=progress
         )
     Console().print(summary_table(result.summary))
+    for line in result.summary.warnings:
+        print(f"warning: {line}")
     for path in result.files:
         print(path)
 
@@ -96,7 +98,9 @@ def _motion(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.catalogue import load_clip
     from crar_drake.motion.report import describe, inspect, plot_motion
 
-    clip = load_clip(arguments.motion, arguments.skeleton)
+    clip = load_clip(
+        arguments.motion, arguments.skeleton, frame_rate=arguments.frame_rate
+    )
     report = inspect(clip)
     for line in describe(report):
         print(line)
@@ -259,7 +263,11 @@ def _playback(arguments: argparse.Namespace) -> None:
 
     out = arguments.out or arguments.log.with_name("playback.html")
     _be_quiet()
-    record_log(SimulationLog.load(arguments.log), out)
+    for model in record_log(SimulationLog.load(arguments.log), out):
+        print(
+            f"warning: model {model} has no visual geometry: its collision shapes are "
+            "drawn"
+        )
     print(out)
 
 
@@ -282,6 +290,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
         scenario = load_scenario(arguments.scenario)
     if arguments.duration is not None:
         scenario.duration = arguments.duration
+    scenario.frame_rate = arguments.frame_rate  # else it is of the scenario's motion
     controller = scenario.controller
     cases = make_cases(
         find_motions(arguments.paths),
@@ -425,14 +434,17 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--motion: {arguments.scenario} follows keyframes of its own; take a "
                 "scenario with a motion, or change the file"
             )
-        # The scenario's skeleton belongs to the scenario's motion.
+        # The scenario's skeleton and rate belong to the scenario's motion.
         scenario.motion, scenario.skeleton = arguments.motion, ""
+        scenario.frame_rate = None
     if arguments.skeleton is not None:
         if scenario.keyframes:
             raise ScenarioError(
                 f"--skeleton: {arguments.scenario} follows keyframes, not a motion"
             )
         scenario.skeleton = arguments.skeleton
+    if arguments.frame_rate is not None:
+        scenario.frame_rate = arguments.frame_rate
     if arguments.experiment is not None:
         if scenario.tasks:
             raise ScenarioError(
@@ -544,8 +556,8 @@ def _keep_settings(scenario: Scenario, out: Path) -> None:
     path, text = out.with_suffix(".yaml"), scenario.to_yaml()
     if out.is_file() and path.is_file() and path.read_text() != text:
         raise CrarError(
-            f"{out}: its results were made with another --scenario or --duration "
-            f"(see {path}); give another --out"
+            f"{out}: its results were made with another --scenario, "
+            f"--duration or --frame-rate (see {path}); give another --out"
         )
     with whole_file(path) as temporary:
         temporary.write_text(text)
@@ -652,6 +664,13 @@ def _make_parser() -> _Parser:
         "--motion", help="follow this one: dance, cmu:05_02, some/path.amc"
     )
     run.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    frame_rate = {
+        "type": _positive,
+        "metavar": "HZ",
+        "help": "of the motion [Hz] (default: what the file states, else that of the "
+        "CMU database)",
+    }
+    run.add_argument("--frame-rate", **frame_rate)
     run.add_argument("--experiment", choices=EXPERIMENTS, help="which points to track")
     run.add_argument("--level", choices=LEVELS, help="where accelerations come from")
     run.add_argument("--constraints", choices=CONSTRAINTS, help="what keeps them off")
@@ -716,6 +735,7 @@ def _make_parser() -> _Parser:
         metavar="S",
         help="simulate S seconds of each [s] (default: all of it)",
     )
+    sweep.add_argument("--frame-rate", **frame_rate)
     sweep.add_argument(
         "--scenario",
         help="a YAML file, or the name of a shipped scenario, for everything else",
@@ -807,6 +827,7 @@ def _make_parser() -> _Parser:
     motion = add("motion", _motion, "Print what is in a motion file, and plot it.")
     motion.add_argument("motion", help="dance, cmu:05_02, some/path.amc")
     motion.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    motion.add_argument("--frame-rate", **frame_rate)
     motion.add_argument(
         "--plot", type=Path, metavar="FILE", help="(default: out/ and the motion.png)"
     )

@@ -50,6 +50,7 @@ from crar_drake.robot_description import (
     load_robot_description,
 )
 from crar_drake.scenario import parse_scenario
+from crar_drake.visuals import draw_collision_shapes, models_without_visuals
 
 TARGET_COLOR = Rgba(0.55, 0.27, 1.0, 1.0)  # violet: neither robot nor warning
 WARNING_COLOR = Rgba(1.0, 0.24, 0.05, 0.6)
@@ -298,6 +299,8 @@ def AddVisualization(
 ) -> PlaybackOverlay:
     """Adds Drake's visualiser and the overlay; nothing goes to a network.
 
+    Of a model without visual geometry it draws the collision shapes.
+
     Args:
         config: Drake's own.
         builder, meshcat, plant, scene_graph, pairs, target_names, warning_distance:
@@ -306,6 +309,7 @@ def AddVisualization(
     Raises:
         CrarError, ModelError: as `AddPlaybackOverlay`.
     """
+    draw_collision_shapes(plant, scene_graph)
     ApplyVisualizationConfig(
         config,
         builder,
@@ -412,7 +416,7 @@ def record_log(
     *,
     frames_per_second: float = 32.0,
     meshcat: Meshcat | None = None,
-) -> None:
+) -> list[str]:
     """Writes the page of a run from its log, without simulating again.
 
     Args:
@@ -420,6 +424,9 @@ def record_log(
         path: of the .html file.
         frames_per_second: of the recording; the log is interpolated to them.
         meshcat: to draw into; by default one of its own.
+
+    Returns:
+        The models whose collision shapes were drawn, for want of anything else.
 
     Raises:
         CrarError: the log is empty, does not fit its robot any more, or
@@ -450,6 +457,7 @@ def record_log(
                 "was made with another model"
             )
     meshcat = meshcat or Meshcat()
+    unseen = models_without_visuals(plant, scene_graph.model_inspector())
     scenario.visualization.publish_period = period
     overlay = AddVisualization(
         builder,
@@ -484,6 +492,7 @@ def record_log(
         )
         diagram.ForcedPublish(context)
     save_recording(meshcat, path)
+    return unseen
 
 
 def inflated(shape: Shape, by: float) -> Shape | None:

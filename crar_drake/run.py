@@ -19,6 +19,8 @@ from crar_drake.disturbances import ScaleMasses
 from crar_drake.errors import ScenarioError
 from crar_drake.files import whole_file
 from crar_drake.log import SimulationLog
+from crar_drake.motion.report import inspect
+from crar_drake.run_warnings import run_warnings
 from crar_drake.scenario import Scenario
 from crar_drake.summary import Summary, summarize
 
@@ -108,7 +110,10 @@ def run_scenario(
         start_recording(meshcat, scenario.visualization.publish_period)
     wall_time = _simulate(simulator, duration, progress)
     log = make_log(scenario, setup, diagram, simulator.get_context())
-    summary = summarize(log, wall_time)
+    clip = setup.motion.clip
+    report = inspect(clip) if clip is not None else None
+    warnings = run_warnings(scenario, setup, report, recorded=meshcat is not None)
+    summary = summarize(log, wall_time, motion=report, warnings=warnings)
     if out is None:
         return RunResult(log, summary, setup)
     return RunResult(log, summary, setup, _write(Path(out), log, summary, meshcat))

@@ -398,7 +398,7 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
     # What differs between the results' scenarios is not in the results.
     argv[argv.index("0.1")] = "0.2"
     assert cli.main(argv) == 2
-    assert "made with another --scenario or --duration" in capsys.readouterr().err
+    assert "another --scenario, --duration or --frame-rate" in capsys.readouterr().err
     assert Path("it/all.csv").read_text() == before
 
 

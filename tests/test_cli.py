@@ -16,7 +16,8 @@ import crar_drake.plots
 from crar_drake import cli
 from crar_drake.control_law import ControlLaw, InputError
 from crar_drake.log import SimulationLog
-from crar_drake.motion.catalogue import MotionFiles
+from crar_drake.motion.catalogue import MotionFiles, load_clip
+from crar_drake.motion.report import inspect
 from crar_drake.parameters import ARITHMETICS, CONSTRAINTS, LEVELS
 from crar_drake.scenario import parse_scenario, scenario_names
 from crar_drake.summary import summarize
@@ -87,7 +88,11 @@ def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
     wall_time = summary["wall_time"]
     assert 0.0 < wall_time < 60.0
     assert summary["real_time_factor"] == pytest.approx(0.3 / wall_time)
-    assert summary == json.loads(summarize(log, wall_time).to_json())
+    report = inspect(load_clip("dance"))
+    again = summarize(log, wall_time, motion=report, warnings=summary["warnings"])
+    assert summary == json.loads(again.to_json())
+    assert (summary["frame_rate"], summary["frame_rate_source"]) == (60.0, "file")
+    assert summary["motion_findings"] == summary["warnings"] == []
 
     assert matplotlib.image.imread(out / "plot.png").shape[:2] == (1755, 1245)
 
@@ -278,6 +283,10 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
         ("run obstacle_arm --experiment wrists", "obstacle_arm lists tasks of its own"),
         ("run --skeleton x.asf", "'dance' has its own skeleton"),
+        ("run --frame-rate 0", "--frame-rate: '0' is not a positive number"),
+        ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
+        ("motion dance --frame-rate fast", "'fast' is not a positive number"),
+        ("sweep dance --frame-rate nan", "'nan' is not a positive number"),
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
         ("motion", "required: motion (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean --plot?"),
@@ -388,6 +397,68 @@ def test_motion_tells_and_plots(empty_folder, capsys):
     assert matplotlib.image.imread("out/dance.png").shape[0] > 500
     assert cli.main(["motion", "dance", "--plot", "a/b.pdf"]) == 0
     assert (empty_folder / "a/b.pdf").read_bytes().startswith(b"%PDF")
+
+
+def trial_of_another_name(folder: Path, cmu: Path) -> Path:
+    """A run of the database, of which nothing tells the rate."""
+    folder = folder / "found"
+    folder.mkdir()
+    motion = folder / "somebody.amc"
+    # Another checksum, so that it is no file that is known.
+    text = (cmu / "subjects/127/127_23.amc").read_text()
+    motion.write_text(text + "# edited\n")
+    (folder / "somebody.asf").write_bytes((cmu / "subjects/127/127.asf").read_bytes())
+    return motion
+
+
+def test_motion_says_assumed_and_asks_about_the_rate(cmu, empty_folder, capsys):
+    motion = str(trial_of_another_name(empty_folder, cmu))
+
+    def lines(*more: str) -> list[str]:
+        assert cli.main(["motion", motion, "--plot", "p.png", *more]) == 0
+        return capsys.readouterr().out.splitlines()
+
+    assumed = lines()
+    assert "349 frames at 120 Hz, assumed, 2.90 s" in assumed[0]
+    assert any("--frame-rate HZ" in line for line in assumed)
+    assert not any("--frame-rate 120" in line for line in assumed)
+    given = lines("--frame-rate", "240")
+    assert "349 frames at 240 Hz, 1.45 s" in given[0]
+    assert any("is the rate 120 Hz? --frame-rate 120" in line for line in given)
+
+
+def test_run_says_assumed_and_repeats_what_the_report_finds(cmu, empty_folder, capsys):
+    motion = str(trial_of_another_name(empty_folder, cmu))
+    argv = ["run", "--motion", motion, "--duration", "0.01", "--no-recording"]
+
+    def run(*more: str) -> tuple[str, dict]:
+        assert cli.main([*argv, "--out", "it", *more]) == 0
+        summary = json.loads((empty_folder / "it/summary.json").read_text())
+        return capsys.readouterr().out, summary
+
+    printed, summary = run()
+    assert re.search(r"frame rate +│ +120 Hz, assumed", printed)
+    assert summary["frame_rate_source"] == "assumed"
+    assert not any("m/s" in line for line in summary["motion_findings"])
+    printed, summary = run("--frame-rate", "240")
+    assert re.search(r"frame rate +│ +240 Hz ", printed) and "assumed" not in printed
+    assert (summary["frame_rate"], summary["frame_rate_source"]) == (240.0, "given")
+    (line,) = [x for x in printed.splitlines() if x.startswith("warning: motion: ")]
+    assert "is the rate 120 Hz? --frame-rate 120" in line
+    assert line.endswith(f"see crar-drake motion {motion} --frame-rate 240")
+    log = SimulationLog.load(empty_folder / "it/log.npz")
+    assert parse_scenario(log.scenario).frame_rate == 240.0
+
+
+def test_another_motion_does_not_take_the_scenarios_rate(empty_folder, capsys):
+    (empty_folder / "mine.yaml").write_text(
+        "motion: dance\nexperiment: wrists\nduration: 0.01\nframe_rate: 50\n"
+    )
+    for more, rate in (([], 50.0), (["--motion", "reaching"], 60.0)):
+        argv = ["run", "mine.yaml", "--no-recording", "--out", "it", *more]
+        assert cli.main(argv) == 0
+        summary = json.loads((empty_folder / "it/summary.json").read_text())
+        assert summary["frame_rate"] == rate
 
 
 def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):

@@ -16,9 +16,7 @@ from crar_drake.run import run_scenario
 from crar_drake.run_warnings import run_warnings
 from crar_drake.scenario import Scenario, load_scenario
 
-KEYFRAMES = (
-    "keyframes: {tip: [{time: 0, xyz: [1, 0, 0]}, {time: 0.05, xyz: [1, 0, 0]}]}"
-)
+KEYFRAMES = "keyframes: {tip: [{time: 0, xyz: [1, 0, 0]}, {time: 0.3, xyz: [1, 0, 0]}]}"
 
 
 @pytest.fixture
@@ -149,7 +147,7 @@ def test_where_the_run_starts_then_is_said_as_it_is(folder):
 
 def test_the_command_prints_and_keeps_them(folder, capsys):
     arm(folder, "rest_posture: {j0: 1.7, j1: 0.5}\n")
-    argv = ["run", "s.yaml", "--duration", "0.1", "--out", "it"]
+    argv = ["run", "s.yaml", "--duration", "0.31", "--out", "it"]
     assert cli.main(argv) == 0
     printed = capsys.readouterr().out
     summary = json.loads((folder / "it/summary.json").read_text())
@@ -157,7 +155,7 @@ def test_the_command_prints_and_keeps_them(folder, capsys):
     for line, beginning in zip(
         summary["warnings"],
         [
-            "duration: the keyframes end at 0.05 s",
+            "duration: the keyframes end at 0.30 s",
             "rest_posture: j0",
             "model chain has",
         ],

@@ -20,8 +20,9 @@ SEEN = chain_urdf("zz").replace("chain", "seen").replace(
     '<link name="base"><visual><geometry><sphere radius="0.1"/></geometry></visual>'
     "</link>",
 )  # fmt: skip
-GROUND = """<robot name="ground" xmlns:drake="http://drake.mit.edu"><link name="floor">
-<collision><geometry><plane normal="0 0 1"/></geometry></collision></link></robot>"""
+GROUND = """<sdf version="1.7"><model name="ground"><link name="floor">
+<collision name="plane"><geometry><plane><normal>0 0 1</normal></plane></geometry>
+</collision></link></model></sdf>"""
 EMPTY = '<robot name="empty"><link name="nothing"/></robot>'
 
 
@@ -70,8 +71,9 @@ def test_only_models_that_nothing_is_seen_of_are_drawn_by_their_shapes():
 
 def test_a_plane_without_end_is_not_drawn():
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
-    Parser(plant).AddModelsFromString(GROUND, "urdf")
+    Parser(plant).AddModelsFromString(GROUND, "sdf")
     plant.Finalize()
+    assert scene_graph.model_inspector().NumGeometriesWithRole(Role.kProximity) == 1
     assert draw_collision_shapes(plant, scene_graph) == ()
 
 

@@ -22,6 +22,7 @@ from crar_drake.experiments.sweep import (
     run_case,
     run_sweep,
 )
+from crar_drake.motion.catalogue import load_clip
 from crar_drake.resources import builtin_motions_folder
 from crar_drake.run import run_scenario
 from crar_drake.scenario import Scenario
@@ -377,6 +378,19 @@ def pool(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_frame_rate_is_that_of_all_motions(tmp_path, monkeypatch, capsys):
+    """A dance of 7.8 s at 60 Hz lasts half a tenth of a second at 9600 Hz."""
+    monkeypatch.chdir(tmp_path)
+    argv = "sweep dance --experiment wrists --jobs 1 --period 0.005 --out it/all.csv"
+    assert cli.main([*argv.split(), "--frame-rate", "9600"]) == 0
+    (result,) = read_results("it/all.csv")
+    expected = load_clip("dance").num_frames / 9600.0
+    assert result.duration == pytest.approx(expected, abs=2e-3)
+    capsys.readouterr()
+    assert cli.main(argv.split()) == 2
+    assert "--frame-rate (see it/all.yaml)" in capsys.readouterr().err
+
+
 def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     bad, _ = tiny_cases(tmp_path)

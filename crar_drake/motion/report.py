@@ -41,7 +41,7 @@ _JUMP_SPEED = 3.0  # [m/s]
 # All values equal for longer than this: a gap somebody filled by holding.
 _FROZEN_TIME = 0.05  # [s]
 
-# The skeletons of 15 CMU performers are 1.48 to 1.63 m tall, to the end of the head's
+# The skeletons of 13 CMU performers are 1.48 to 1.63 m tall, to the end of the head's
 # bone and without soles: a tenth less than the performers. Children and giants are
 # within these bounds; lengths in another unit are mostly not.
 _HEIGHTS = (0.8, 2.3)  # [m]
@@ -51,7 +51,7 @@ _LENGTHS = (CMU_LENGTH, 1.0, 2.54, 25.4, 0.0254)
 
 # A joint centre is faster than this for a hundredth of the time: the frame rate is in
 # doubt. Of 25 CMU trials (dances, runs, kicks, boxing, karate, dives) none comes
-# beyond 6.8 m/s at its own rate, nine come beyond 9 m/s at twice that and all but
+# beyond 6.8 m/s at its own rate, eight come beyond 9 m/s at twice that and all but
 # six at four times. What is slow at the wrong rate, too, cannot be told.
 _IMPLAUSIBLE_SPEED = 9.0  # [m/s]
 _SPEED_QUANTILE = 0.99

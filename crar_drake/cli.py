@@ -157,13 +157,17 @@ def _import_robot(arguments: argparse.Namespace) -> None:
     from crar_drake.files import whole_file
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot_description import IMPORT_FILE, import_file
-    from crar_drake.robot_import import import_robot
+    from crar_drake.robot_import import check_installed, import_robot, load_choices
+    from crar_drake.robot_import.source_urdf import find_urdf
 
+    # What is missing is told before a file is written.
+    check_installed()
     given = arguments.robot
     robot, out = given, arguments.out
     shipped = import_file(given)
     if shipped is not None:
         robot = ""
+        find_urdf(load_choices(shipped).source)
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:

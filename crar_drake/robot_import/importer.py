@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -63,6 +64,14 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "picture.png",
     "report.txt",
 )
+
+# Module to the package that brings it; trimesh imports the others when it needs them.
+_MESH_PACKAGES = {
+    "trimesh": "trimesh",
+    "collada": "pycollada",
+    "networkx": "networkx",
+    "fast_simplification": "fast-simplification",
+}
 
 # Takes what is being done, and the share that is done.
 Progress = Callable[[str, float], None]
@@ -131,10 +140,10 @@ def import_robot(
         progress: is told what is being done.
 
     Raises:
-        ModelError: something in the URDF or the choices is wrong or not supported;
-            the message names it.
+        ModelError: something in the URDF or the choices is wrong or not supported,
+            or a package of the extra `robots` is missing; the message names it.
     """
-    _check_installed()
+    check_installed()
     progress = progress or (lambda what, share: None)
     file = out / IMPORT_FILE
     choices = None
@@ -230,12 +239,21 @@ def import_robot(
     return report
 
 
-def _check_installed() -> None:
-    import importlib.util
+def check_installed() -> None:
+    """Imports what meshes are read and changed with.
 
-    modules = {"trimesh": "trimesh", "collada": "pycollada"}
-    modules["fast_simplification"] = "fast-simplification"
-    missing = [p for m, p in modules.items() if importlib.util.find_spec(m) is None]
+    They are asked for before anything is read: trimesh would miss the others in the
+    middle of an import, each only for some formats and some meshes.
+
+    Raises:
+        ModelError: a package of the extra `robots` is not installed, or is broken.
+    """
+    missing = []
+    for module, package in _MESH_PACKAGES.items():
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            missing.append(package)
     if missing:
         raise ModelError(
             f"importing robots needs {', '.join(missing)}: "

@@ -165,7 +165,8 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     and welds its base to the world. The plant is not finalized.
 
     Raises:
-        ModelError: the model file cannot be parsed, or there is no such base.
+        ModelError: the model file cannot be parsed, or there is no such base, or it
+            cannot be welded.
     """
     folder = Path(description.folder)
     parser = Parser(plant)
@@ -177,7 +178,11 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
     if description.base:
-        plant.WeldFrames(plant.world_frame(), find_frame(plant, description.base))
+        base = find_frame(plant, description.base)
+        try:
+            plant.WeldFrames(plant.world_frame(), base)
+        except RuntimeError as error:  # e.g. the model has welded it already
+            raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
 
 
 def find_frame(plant: MultibodyPlant, name: str) -> Frame:

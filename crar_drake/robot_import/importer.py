@@ -65,6 +65,8 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "report.txt",
 )
 
+WORLD = "world"  # the link that Drake takes for its own world
+
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
     "trimesh": "trimesh",
@@ -193,6 +195,7 @@ def import_robot(
     _write_hulls(out, segments)
     cache.save()
     prescribed = choices.base == "prescribed"
+    welded_itself = robot.root == WORLD  # to Drake that link is the world
     write_urdf(
         out / URDF,
         robot,
@@ -207,7 +210,7 @@ def import_robot(
     description = RobotDescription(
         name=choices.name,
         model=URDF,
-        base="" if prescribed else robot.root,
+        base="" if prescribed or welded_itself else robot.root,
         prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
         if prescribed
         else {},
@@ -274,11 +277,17 @@ def _guess_structure(
     """Fills in base, locked and frames where the import file leaves them out."""
     anatomy = find_anatomy(robot)
     if choices.base is None:
-        choices.base = "fixed" if anatomy is None else "prescribed"
-        report.guessed["base"] = (
-            "two mirrored arms were found"
-            if anatomy
-            else "no pair of mirrored arms was found"
+        if robot.root == WORLD:
+            choices.base, why = "fixed", f"the root link is named {WORLD!r}"
+        elif anatomy is None:
+            choices.base, why = "fixed", "no pair of mirrored arms was found"
+        else:
+            choices.base, why = "prescribed", "two mirrored arms were found"
+        report.guessed["base"] = why
+    elif choices.base == "prescribed" and robot.root == WORLD:
+        raise ModelError(
+            f"{report.folder / IMPORT_FILE}: base: the root link is named {WORLD!r}, "
+            "which cannot move; write fixed, or rename the link in the URDF"
         )
     if choices.locked is None:
         choices.locked = guess_locked(robot, anatomy)

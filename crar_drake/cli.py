@@ -219,16 +219,17 @@ def _import_bar() -> Iterator[Callable[[str, float], None]]:
 
 def _judge(arguments: argparse.Namespace) -> None:
     from crar_drake.log import SimulationLog
+    from crar_drake.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.referee import Referee
     from crar_drake.robot import ControlModel
-    from crar_drake.robot_description import load_robot_description
     from crar_drake.robot_import.hull_judge import HullJudge, has_hulls
     from crar_drake.scenario import parse_scenario
 
     log = SimulationLog.load(arguments.log)
     scenario = parse_scenario(log.scenario, "the log's scenario")
-    description = load_robot_description(scenario.robot)
+    description = load_logged_robot(log, arguments.robot or "")
     model = ControlModel.FromDescription(description, scenario.task_list())
+    check_logged_robot(log, model.plant, description)
     capsules = Referee(model.plant, model.scene_graph, description.pairs).violations(
         log.q
     )
@@ -263,7 +264,7 @@ def _playback(arguments: argparse.Namespace) -> None:
 
     out = arguments.out or arguments.log.with_name("playback.html")
     _be_quiet()
-    record_log(SimulationLog.load(arguments.log), out)
+    record_log(SimulationLog.load(arguments.log), out, robot=arguments.robot or "")
     print(out)
 
 
@@ -847,12 +848,21 @@ def _make_parser() -> _Parser:
         help="folder in which the packages of package:// addresses lie",
     )
 
+    def add_robot(parser: _Parser) -> None:
+        parser.add_argument(
+            "--robot",
+            metavar="ROBOT",
+            help="name or folder of the log's robot, if it lies elsewhere than at the "
+            "run",
+        )
+
     judge = add(
         "judge",
         _judge,
         "Judge a saved log by the referee and by the real meshes' hulls.",
     )
     judge.add_argument("log", type=Path, help="the log.npz of a run")
+    add_robot(judge)
     judge.add_argument(
         "--every",
         type=_positive,
@@ -866,6 +876,7 @@ def _make_parser() -> _Parser:
     playback.add_argument(
         "--out", type=Path, metavar="FILE", help="(default: playback.html beside it)"
     )
+    add_robot(playback)
     return parser
 
 

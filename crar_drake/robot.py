@@ -350,6 +350,19 @@ class ControlModel:
             q[joint.position_start()] = value
         return q
 
+    def tasks_at(self, q: np.ndarray) -> np.ndarray:
+        """The targets that the robot fulfils where it is, at rest.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+
+        Returns:
+            (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
+        """
+        zero = np.zeros(self.plant.num_velocities())
+        state = self.evaluate(self.MakeWorkspace(), np.asarray(q, dtype=float), zero)
+        return self.layout.pack(state.R, state.p)
+
     def _state(
         self,
         context: Context,

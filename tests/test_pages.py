@@ -9,7 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
 import crar_drake
 
@@ -99,6 +102,42 @@ def test_the_first_page_imports_public_names_only():
         if isinstance(node, ast.ImportFrom) and "crar_drake" in node.module:
             assert node.module == "crar_drake"
             assert {alias.name for alias in node.names} <= set(crar_drake.__all__)
+
+
+def test_the_calls_on_the_page_about_diagrams_work():
+    """Each line of code of the page, in its order, in a diagram of the test's own."""
+    code = re.findall(
+        r"^    (\w+ = .*|plant\..*)$", YOUR_DIAGRAM.read_text("utf-8"), re.M
+    )
+    assert len(code) == 6
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    known = vars(crar_drake) | {n: getattr(crar_drake, n) for n in crar_drake.__all__}
+    known |= {"builder": builder, "plant": plant, "scene_graph": scene_graph}
+    known["tasks"] = crar_drake.position_tasks(crar_drake.EXPERIMENTS["wrists"])
+    known["parameters"] = crar_drake.CrarParameters()
+    for line in code:
+        exec(line, known)
+        if line.startswith("robot"):
+            plant.Finalize()
+        elif line.startswith("controller"):
+            known["model"] = model = known["controller"].model
+            q = known["q"] = model.rest_positions()
+            known["v"] = np.zeros_like(q)
+            # Wrists 10 cm higher than at rest.
+            known["first_tasks"] = model.tasks_at(q)
+            known["first_tasks"][[2, 5]] += 0.1
+            known["desired_tasks"] = model.tasks_at(q)
+            known["desired_prescribed"] = np.r_[q[model.prescribed], np.zeros(6)]
+    start = plant.GetPositions(plant.CreateDefaultContext())
+    reached = model.tasks_at(start)[:6] - known["first_tasks"][:6]
+    assert np.abs(reached).max() < 0.02 and not np.allclose(start, q)
+    # Asked to stay where it is, the robot is sent nowhere.
+    assert np.abs(known["solution"].acceleration).max() < 1e-6
+    fields = [field.name for field in dataclasses.fields(crar_drake.Solution)]
+    text = YOUR_DIAGRAM.read_text("utf-8")
+    section = text[text.index("A `Solution` has") :].partition("\n\n")[0]
+    assert sorted(re.findall(r"`([a-z_]+)`", section)) == sorted(fields)
 
 
 # --- the public names -------------------------------------------------------------

@@ -38,6 +38,22 @@ ARITHMETICS = ("numpy", "compiled")
 MEASUREMENTS = ("step", "simulation", "scaling")  # of crar_drake.experiments.bench
 
 
+# What several commands say of the same options.
+_MOTION = (
+    "a built-in one (dance), a CMU recording (cmu:05_02), or a path (some/path.amc)"
+)
+_SKELETON = "the motion's skeleton (.asf), if it is not beside the motion"
+_EXPERIMENT = "which points follow the motion: two wrists, or seven of the upper body"
+_LEVEL = (
+    "how accelerations are computed: velocity (as the change of wanted velocities) or "
+    "acceleration (directly)"
+)
+_CONSTRAINTS = (
+    "what keeps the robot from collisions and joint limits: none (nothing), paper (as "
+    "in the paper), lookahead (acts where the robot would come to rest)"
+)
+
+
 class UsageError(CrarError):
     """The command line itself is wrong."""
 
@@ -114,7 +130,7 @@ def _motion(arguments: argparse.Namespace) -> None:
 def _list(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
     from crar_drake.resources import data_folder
-    from crar_drake.robot_description import imported_names, robot_names
+    from crar_drake.robot_description import import_file, imported_names, robot_names
     from crar_drake.scenario import load_scenario, scenario_names
 
     def duration(motion: str) -> str:
@@ -129,15 +145,19 @@ def _list(arguments: argparse.Namespace) -> None:
         with readme.open(encoding="utf-8") as lines:
             return lines.readline().partition(":")[2].strip()
 
-    robots = {name: "imported" for name in imported_names()}
+    imported = imported_names()
+    robots = {name: "imported" for name in imported}
     robots |= {name: about(name) for name in robot_names()}
+    for name in robot_names():
+        if import_file(name) is not None and name not in imported:
+            robots[name] += f"; first: crar-drake import-robot {name}"
     motions = {name: duration(name) for name in builtin_names()}
     motions |= {files.name: str(files.amc) for files in available_trials()}
     scenarios = {name: load_scenario(name).description for name in scenario_names()}
     for title, entries in (
-        ("Robots", robots),
-        ("Motions", motions),
-        ("Scenarios", scenarios),
+        ("Robots, which a scenario names (crar-drake import-robot adds more)", robots),
+        ("Motions, for run --motion (crar-drake fetch adds more)", motions),
+        ("Scenarios, for crar-drake run", scenarios),
     ):
         print(title)
         for name, text in entries.items():
@@ -161,13 +181,17 @@ def _import_robot(arguments: argparse.Namespace) -> None:
     from crar_drake.files import whole_file
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot_description import IMPORT_FILE, import_file
-    from crar_drake.robot_import import import_robot
+    from crar_drake.robot_import import check_installed, import_robot, load_choices
+    from crar_drake.robot_import.source_urdf import find_urdf
 
+    # What is missing is told before a file is written.
+    check_installed()
     given = arguments.robot
     robot, out = given, arguments.out
     shipped = import_file(given)
     if shipped is not None:
         robot = ""
+        find_urdf(load_choices(shipped).source)
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:
@@ -219,16 +243,17 @@ def _import_bar() -> Iterator[Callable[[str, float], None]]:
 
 def _judge(arguments: argparse.Namespace) -> None:
     from crar_drake.log import SimulationLog
+    from crar_drake.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.referee import Referee
     from crar_drake.robot import ControlModel
-    from crar_drake.robot_description import load_robot_description
     from crar_drake.robot_import.hull_judge import HullJudge, has_hulls
     from crar_drake.scenario import parse_scenario
 
     log = SimulationLog.load(arguments.log)
     scenario = parse_scenario(log.scenario, "the log's scenario")
-    description = load_robot_description(scenario.robot)
+    description = load_logged_robot(log, arguments.robot or "")
     model = ControlModel.FromDescription(description, scenario.task_list())
+    check_logged_robot(log, model.plant, description)
     capsules = Referee(model.plant, model.scene_graph, description.pairs).violations(
         log.q
     )
@@ -263,7 +288,8 @@ def _playback(arguments: argparse.Namespace) -> None:
 
     out = arguments.out or arguments.log.with_name("playback.html")
     _be_quiet()
-    for model in record_log(SimulationLog.load(arguments.log), out):
+    log = SimulationLog.load(arguments.log)
+    for model in record_log(log, out, robot=arguments.robot or ""):
         print(
             f"warning: model {model} has no visual geometry: its collision shapes are "
             "drawn"
@@ -638,8 +664,11 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
 def _make_parser() -> _Parser:
     parser = _Parser(
         prog="crar-drake",
-        description="Constrained resolved acceleration control of robots that follow "
-        "motion-capture data, after the paper of that name.",
+        description="Make simulated robots follow motion-capture data without running "
+        "into themselves or beyond their joint limits, by Constrained Resolved "
+        "Acceleration Control.",
+        epilog="Start with `crar-drake run`, which simulates a built-in dance, and "
+        "`crar-drake list`. `crar-drake COMMAND --help` tells a command's options.",
     )
     parser.add_argument(
         "--version", action="version", version=f"crar-drake {__version__}"
@@ -653,41 +682,51 @@ def _make_parser() -> _Parser:
         sub.set_defaults(command=command, parser=sub)
         return sub
 
-    run = add("run", _run, "Simulate a scenario and write what is to be seen of it.")
+    run = add(
+        "run",
+        _run,
+        "Simulate a scenario; write a recording, a log, a summary and a plot.",
+    )
     run.add_argument(
         "scenario",
         nargs="?",
         default=DEFAULT_SCENARIO,
-        help="a YAML file, or the name of a shipped scenario (default: %(default)s)",
+        help="a YAML file that says what to simulate, or the name of a shipped one, "
+        "see `crar-drake list` (default: %(default)s)",
     )
     run.add_argument(
-        "--motion", help="follow this one: dance, cmu:05_02, some/path.amc"
+        "--motion",
+        metavar="MOTION",
+        help=f"follow this motion instead of the scenario's: {_MOTION}",
     )
-    run.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    run.add_argument("--skeleton", metavar="FILE", help=_SKELETON)
     frame_rate = {
         "type": _positive,
         "metavar": "HZ",
-        "help": "of the motion [Hz] (default: what the file states, else that of the "
-        "CMU database)",
+        "help": "frames per second of the motion (default: what its file states, else "
+        "that of the CMU database)",
     }
     run.add_argument("--frame-rate", **frame_rate)
-    run.add_argument("--experiment", choices=EXPERIMENTS, help="which points to track")
-    run.add_argument("--level", choices=LEVELS, help="where accelerations come from")
-    run.add_argument("--constraints", choices=CONSTRAINTS, help="what keeps them off")
+    run.add_argument("--experiment", choices=EXPERIMENTS, help=_EXPERIMENT)
+    run.add_argument("--level", choices=LEVELS, help=_LEVEL)
+    run.add_argument("--constraints", choices=CONSTRAINTS, help=_CONSTRAINTS)
     run.add_argument(
         "--arithmetic",
         choices=ARITHMETICS,
-        help="compiled: faster, needs crar-drake[compiled]",
+        help="compiled is faster and needs crar-drake[compiled]",
     )
     run.add_argument(
-        "--duration", type=_positive, metavar="S", help="simulate S seconds [s]"
+        "--duration",
+        type=_positive,
+        metavar="S",
+        help="simulate S seconds (default: the whole motion)",
     )
     run.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
         help="folder for recording.html, log.npz, summary.json and plot.png "
-        "(default: out/ and what was run)",
+        "(default: out/NAME, where NAME says what was run)",
     )
     run.add_argument(
         "--no-recording", action="store_true", help="do not make recording.html"
@@ -696,49 +735,51 @@ def _make_parser() -> _Parser:
     sweep = add(
         "sweep",
         _sweep,
-        "Simulate many motions in many modes, and judge them. A sweep that was "
-        "stopped goes on where it was, by the same command.",
+        "Simulate many motions and count their violations. The same command "
+        "continues a sweep that was stopped.",
     )
     sweep.add_argument(
         "paths",
         nargs="+",
         metavar="PATH",
-        help="a folder with .amc files below it, an .amc file, dance, or cmu:05_02",
+        help=f"a folder with .amc files in it or below, or a motion: {_MOTION}",
     )
     sweep.add_argument(
         "--experiment",
         choices=(*EXPERIMENTS, "both"),
         default="both",
-        help="which points to track (default: %(default)s)",
+        help=f"{_EXPERIMENT} (default: %(default)s)",
     )
     for name, known, text in (
-        ("constraints", CONSTRAINTS, "what keeps them off"),
-        ("level", LEVELS, "where accelerations come from"),
+        ("constraints", CONSTRAINTS, _CONSTRAINTS),
+        ("level", LEVELS, _LEVEL),
     ):
         sweep.add_argument(
             f"--{name}",
             type=_list_of(_one_of(known)),
             action="extend",
             metavar=f"{name[0].upper()}[,{name[0].upper()}...]",
-            help=f"{text}, of {', '.join(known)} (default: the scenario's)",
+            help=f"{text}; one or several (default: the scenario's)",
         )
     sweep.add_argument(
         "--period",
         type=_list_of(_positive),
         action="extend",
         metavar="S[,S...]",
-        help="control periods [s] (default: the scenario's)",
+        help="time between two computations of the torque [s], one or several "
+        "(default: the scenario's)",
     )
     sweep.add_argument(
         "--duration",
         type=_positive,
         metavar="S",
-        help="simulate S seconds of each [s] (default: all of it)",
+        help="simulate S seconds of each motion (default: all of it)",
     )
     sweep.add_argument("--frame-rate", **frame_rate)
     sweep.add_argument(
         "--scenario",
-        help="a YAML file, or the name of a shipped scenario, for everything else",
+        metavar="SCENARIO",
+        help="a YAML file, or the name of a shipped scenario: everything else",
     )
     sweep.add_argument(
         "--jobs", type=_count, metavar="N", help="processes (default: one per core)"
@@ -748,36 +789,36 @@ def _make_parser() -> _Parser:
         type=Path,
         metavar="FILE",
         default=OUT / "sweep" / "results.csv",
-        help="results, with a .png and a .yaml beside it (default: %(default)s)",
+        help="table of the results; a .png (plot) and a .yaml (what they have in "
+        "common) go beside it (default: %(default)s)",
     )
 
     bench = add(
         "bench",
         _bench,
-        "Time a control step, its parts, the whole simulation, and how they grow "
-        "(docs/speed.md).",
+        "Measure how long a control step and a whole simulation take "
+        "(docs/speed.md explains it).",
     )
     bench.add_argument(
         "--motion",
         default="dance",
-        help="steps along this one: dance, cmu:05_02, some/path.amc "
-        "(default: %(default)s)",
+        help=f"take the steps of this motion: {_MOTION} (default: %(default)s)",
     )
     bench.add_argument(
         "--duration",
         type=_positive,
         metavar="S",
-        help="of the motion that is taken [s] (default: 3)",
+        help="take the first S seconds of the motion (default: 3)",
     )
     bench.add_argument(
         "--only",
         type=_list_of(_one_of(MEASUREMENTS)),
         action="extend",
         metavar="M[,M...]",
-        help=f"of {', '.join(MEASUREMENTS)} (default: all)",
+        help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
     )
     bench.add_argument(
-        "--quick", action="store_true", help="a first look, with few samples"
+        "--quick", action="store_true", help="few samples, for a first look"
     )
     bench.add_argument(
         "--out",
@@ -790,28 +831,29 @@ def _make_parser() -> _Parser:
         "--markdown",
         type=Path,
         metavar="FILE",
-        help="a page such as docs/speed.md, to renew the tables of",
+        help="also renew the tables of this page, such as docs/speed.md",
     )
 
     reproduce = add(
         "reproduce",
         _reproduce,
-        "Run what Section IV of the paper reports, and write a report like it. If "
-        "stopped, it goes on where it was, by the same command.",
+        "Repeat the experiments of the paper's Section IV and write a report. The "
+        "same command continues one that was stopped.",
     )
     reproduce.add_argument(
         "--motions",
         type=_list_of(str),
         action="extend",
         metavar="M[,M...]",
-        help="builtin; cmu, the CMU trials 05_02, 13_29, 14_07 and 13_17; or names of "
-        "motions, the first of which is the dance (default: builtin)",
+        help="builtin (the four built-in motions), cmu (the CMU recordings 05_02, "
+        "13_29, 14_07 and 13_17), or names of motions, the first of them a dance "
+        "(default: builtin)",
     )
     reproduce.add_argument(
         "--duration",
         type=_positive,
         metavar="S",
-        help="simulate S seconds of each [s] (default: all of it)",
+        help="simulate S seconds of each motion (default: all of it)",
     )
     reproduce.add_argument(
         "--jobs", type=_count, metavar="N", help="processes (default: one per core)"
@@ -820,30 +862,47 @@ def _make_parser() -> _Parser:
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder for report.html and what belongs to it (default: out/reproduce/ "
-        "and the motions)",
+        help="folder for report.html and its files (default: out/reproduce/NAME, "
+        "where NAME says which motions)",
     )
 
-    motion = add("motion", _motion, "Print what is in a motion file, and plot it.")
-    motion.add_argument("motion", help="dance, cmu:05_02, some/path.amc")
-    motion.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    motion = add(
+        "motion",
+        _motion,
+        "Print what is in a motion and what looks bad, and plot it.",
+    )
+    motion.add_argument("motion", metavar="MOTION", help=_MOTION)
+    motion.add_argument("--skeleton", metavar="FILE", help=_SKELETON)
     motion.add_argument("--frame-rate", **frame_rate)
     motion.add_argument(
-        "--plot", type=Path, metavar="FILE", help="(default: out/ and the motion.png)"
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="picture to write (default: out/MOTION.png)",
     )
 
-    add("list", _list, "Name the robots, motions and scenarios that there are.")
+    add("list", _list, "List the robots, motions and scenarios that are at hand.")
 
-    fetch = add("fetch", _fetch, "Download trials of the CMU motion-capture database.")
-    fetch.add_argument("trials", nargs="+", metavar="TRIAL", help="such as 05_02")
+    fetch = add(
+        "fetch",
+        _fetch,
+        "Download recordings of the CMU motion-capture database into the user's cache.",
+    )
     fetch.add_argument(
-        "--force", action="store_true", help="even if they are there already"
+        "trials",
+        nargs="+",
+        metavar="TRIAL",
+        help="a recording's number in the database, such as 05_02",
+    )
+    fetch.add_argument(
+        "--force", action="store_true", help="download it even if it is there already"
     )
 
     imported = add(
         "import-robot",
         _import_robot,
-        "Turn a robot's URDF into a folder that scenarios can name as their robot.",
+        "Make a robot that scenarios can name, from its URDF (docs/your-robot.md). "
+        "Needs crar-drake[robots].",
     )
     imported.add_argument(
         "robot",
@@ -855,7 +914,8 @@ def _make_parser() -> _Parser:
         "--out",
         type=Path,
         metavar="DIR",
-        help="(default: a folder of the robot's name in the user's cache)",
+        help="folder to write (default: one in the user's cache, so that scenarios "
+        "find the robot by its name)",
     )
     imported.add_argument(
         "--package-path",
@@ -864,25 +924,43 @@ def _make_parser() -> _Parser:
         help="folder in which the packages of package:// addresses lie",
     )
 
+    def add_robot(parser: _Parser) -> None:
+        parser.add_argument(
+            "--robot",
+            metavar="ROBOT",
+            help="name or folder of the log's robot, if it is not where it was when "
+            "the log was made",
+        )
+
     judge = add(
         "judge",
         _judge,
-        "Judge a saved log by the referee and by the real meshes' hulls.",
+        "Count the collisions and passed joint limits of a saved log, independently "
+        "of the controller; of imported robots also by the hulls of their meshes.",
     )
-    judge.add_argument("log", type=Path, help="the log.npz of a run")
+    judge.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
+    add_robot(judge)
     judge.add_argument(
         "--every",
         type=_positive,
         default=0.02,
         metavar="S",
-        help="ask the hulls this often [s] (default: %(default)s)",
+        help="look at the meshes' hulls every S seconds (default: %(default)s)",
     )
 
-    playback = add("playback", _playback, "Make a page of a log, without simulating.")
-    playback.add_argument("log", type=Path, help="the log.npz of a run")
-    playback.add_argument(
-        "--out", type=Path, metavar="FILE", help="(default: playback.html beside it)"
+    playback = add(
+        "playback",
+        _playback,
+        "Make a page to look at from a saved log, without simulating again.",
     )
+    playback.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
+    playback.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="page to write (default: playback.html beside the log)",
+    )
+    add_robot(playback)
     return parser
 
 

@@ -62,8 +62,9 @@ class CrarController(LeafSystem):
     Input ports:
         estimated_state: (nq + nv,) [q; v] of the control model's plant.
         desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
-        desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p]; only if there are
-            prescribed joints.
+        desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
+            and accelerations of the joints `model.prescribed_names`, in that order
+            [rad or m]; only if there are prescribed joints.
         nominal_posture: (n,); only if `nominal_posture_gain` is set.
 
     Output ports, all of one solve:
@@ -91,6 +92,7 @@ class CrarController(LeafSystem):
 
     Attributes:
         law: the `ControlLaw` that the system wraps.
+        model: the `ControlModel` that it computes with.
         diagnostics_slices: output port to its place in "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated; the plant's
@@ -192,6 +194,11 @@ class CrarController(LeafSystem):
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", int(ends[-1]), self._CalcDiagnostics, sources
         )
+
+    @property
+    def model(self) -> ControlModel:
+        """The control model: joints, tasks and their layout, watched pairs."""
+        return self.law.model
 
     def get_input_port_estimated_state(self) -> InputPort:
         """Port (nq + nv,): measured [q; v]."""

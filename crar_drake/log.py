@@ -40,7 +40,8 @@ class SimulationLog:
         pair_names: (Nc,) "link a - link b".
         lower, upper: (nq,) position limits; infinite where there is none, and for
             the prescribed joints.
-        scenario: the scenario that was run, as YAML text.
+        scenario: the scenario that was run, as YAML text; a robot that was named by
+            a path has its absolute path there.
     """
 
     time: np.ndarray

@@ -1,4 +1,4 @@
-"""The controller's parameters: the paper's gains, and constraints that hold."""
+"""The controller's parameters: the paper's gains, and the lookahead constraints."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
@@ -65,7 +65,7 @@ class CrarParameters:
     Attributes:
         level: where alpha comes from: "velocity" (Eq. 10) or "acceleration"
             (Eq. 35).
-        constraints: "lookahead" (hold where the robot would come to rest),
+        constraints: "lookahead" (act where the robot would come to rest),
             "paper" (W of Eq. 27) or "none" (W = I).
         period: control period [s]; the torque is held in between.
         K: velocity-level task gain, Eq. (15) [1/s].

@@ -25,13 +25,13 @@ from crar_drake.equations.tasks import (
 )
 from crar_drake.errors import ModelError
 from crar_drake.link_kinematics import LinkKinematics
+from crar_drake.nearest import nearest
 from crar_drake.robot_description import (
     RobotDescription,
     add_robot,
     find_body,
     find_frame,
     find_joint,
-    nearest,
 )
 from crar_drake.task import Task
 from crar_drake.watched_pairs import WatchedPairs
@@ -349,6 +349,19 @@ class ControlModel:
             joint = find_joint(plant, name)
             q[joint.position_start()] = value
         return q
+
+    def tasks_at(self, q: np.ndarray) -> np.ndarray:
+        """The targets that the robot fulfils where it is, at rest.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+
+        Returns:
+            (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
+        """
+        zero = np.zeros(self.plant.num_velocities())
+        state = self.evaluate(self.MakeWorkspace(), np.asarray(q, dtype=float), zero)
+        return self.layout.pack(state.R, state.p)
 
     def _state(
         self,

@@ -100,7 +100,7 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
     """Loads a robot by name, or any `robot.yaml` (or its folder) by path.
 
     A name is that of a shipped robot, or of one that `crar-drake import-robot` has
-    put into the user's cache.
+    put into the user's cache. A relative path starts at the working directory.
 
     Raises:
         ModelError: there is no such robot, it is not imported yet, or its file is
@@ -127,8 +127,27 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
     return description
 
 
+def lasting_name(robot: str) -> str:
+    """How a log names a robot: a name as it is, a path so that it is found from
+    every working directory."""
+    path = Path(robot)
+    if robot and (path.is_file() or (path / "robot.yaml").is_file()):
+        return os.path.abspath(robot)
+    return robot
+
+
+def is_path(robot: str) -> bool:
+    """Whether a robot that is not there was meant as a path, not as a name."""
+    return "/" in robot or os.sep in robot or robot.endswith((".yaml", ".yml"))
+
+
 def _by_name(name: str) -> Path:
     """The robot.yaml of a shipped or imported robot."""
+    if is_path(name):
+        wanted = Path(name).absolute()
+        if wanted.suffix not in (".yaml", ".yml"):
+            wanted /= "robot.yaml"
+        raise ModelError(f"robot {name!r}: there is no file {wanted}")
     shipped = data_folder("models") / name / "robot.yaml"
     if shipped.is_file():
         return shipped
@@ -149,10 +168,15 @@ def _by_name(name: str) -> Path:
             )
     if name and imported.is_file():
         return imported
-    known = {*robot_names(), *imported_names()}
+    hint = nearest(name, {*robot_names(), *imported_names()})
+    if name and "did you mean" not in hint:
+        hint += (
+            f"; a robot that was imported once is made again by `crar-drake "
+            f"import-robot {name}`, or by import-robot and the path of its URDF"
+        )
     raise ModelError(
-        f"no robot {name!r}: neither a robot.yaml nor one of the shipped or imported "
-        f"robots{nearest(name, known)}"
+        f"no robot {name!r}: neither a robot.yaml nor one of the shipped robots, nor "
+        f"one imported into {imported_robots_folder()}{hint}"
     )
 
 
@@ -167,7 +191,8 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     and welds its base to the world. The plant is not finalized.
 
     Raises:
-        ModelError: the model file cannot be parsed, or there is no such base.
+        ModelError: the model file cannot be parsed, or there is no such base, or it
+            cannot be welded.
     """
     folder = Path(description.folder)
     parser = Parser(plant)
@@ -179,7 +204,11 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
     if description.base:
-        plant.WeldFrames(plant.world_frame(), find_frame(plant, description.base))
+        base = find_frame(plant, description.base)
+        try:
+            plant.WeldFrames(plant.world_frame(), base)
+        except RuntimeError as error:  # e.g. the model has welded it already
+            raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
 
 
 def find_frame(plant: MultibodyPlant, name: str) -> Frame:

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from crar_drake.errors import ScenarioError
 from crar_drake.files import whole_file
 from crar_drake.log import SimulationLog
 from crar_drake.motion.report import inspect
+from crar_drake.robot_description import lasting_name
 from crar_drake.run_warnings import run_warnings
 from crar_drake.scenario import Scenario
 from crar_drake.summary import Summary, summarize
@@ -162,7 +163,8 @@ def make_log(
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
         lower=lower,
         upper=upper,
-        scenario=scenario.to_yaml(),
+        # The run may be looked at from another working directory.
+        scenario=replace(scenario, robot=lasting_name(scenario.robot)).to_yaml(),
     )
 
 

@@ -22,6 +22,7 @@ from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.nearest import nearest
 from crar_drake.parameters import CrarParameters
 from crar_drake.resources import data_folder
+from crar_drake.robot_description import is_path
 from crar_drake.task import EXPERIMENTS, Task, position_tasks
 from crar_drake.yaml_files import load_yaml, read_text
 
@@ -72,7 +73,8 @@ class Scenario:
 
     Attributes:
         description: one line for `crar-drake list`.
-        robot: name of a shipped robot, or path of a robot.yaml.
+        robot: name of a shipped or imported robot, or path of a robot.yaml or of
+            its folder.
         motion: name of a motion (`dance`, `cmu:05_02`, a path); "" if `keyframes`
             say where the tasks go.
         skeleton: path of the motion's .asf, where it is not beside the motion.
@@ -229,9 +231,20 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
     # A file may name what lies beside it, wherever it is run from.
     for name in ("robot", "motion", "skeleton"):
         beside = path.parent / getattr(parsed, name)
-        if getattr(parsed, name) and beside.is_file():
+        there = beside.is_file() or (name == "robot" and _is_robot(beside))
+        if getattr(parsed, name) and there:
             setattr(parsed, name, str(beside))
+    robot = Path(parsed.robot)
+    if is_path(parsed.robot) and not robot.is_file() and not _is_robot(robot):
+        raise ScenarioError(
+            f"{path}: robot: there is no robot {parsed.robot!r}, neither in "
+            f"{path.parent.absolute()} nor in {Path.cwd()}"
+        )
     return parsed
+
+
+def _is_robot(folder: Path) -> bool:
+    return (folder / "robot.yaml").is_file()
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:

@@ -146,8 +146,9 @@ class Summary:
         """What was run, in two lines."""
         # The file is enough of a path.
         motion = Path(self.motion).stem if self.motion else "keyframes"
+        tracked = self.experiment or "its own tasks"
         return (
-            f"{self.robot} following {motion}: {self.experiment or 'its own tasks'}\n"
+            f"{_short(self.robot)} following {motion}: {tracked}\n"
             f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
         )
 
@@ -207,6 +208,12 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         upper=upper,
         excess=np.maximum(q - upper, lower - q),
     )
+
+
+def _short(robot: str) -> str:
+    """A robot's name, or of its path the folder's."""
+    path = Path(robot)
+    return (path.parent if path.suffix in (".yaml", ".yml") else path).name or robot
 
 
 def task_layout(log: SimulationLog) -> TaskLayout:

@@ -288,7 +288,7 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("motion dance --frame-rate fast", "'fast' is not a positive number"),
         ("sweep dance --frame-rate nan", "'nan' is not a positive number"),
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
-        ("motion", "required: motion (see crar-drake motion --help)"),
+        ("motion", "required: MOTION (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean --plot?"),
         ("fetch 5-2", "'5-2' names no trial"),
         ("fetch", "required: TRIAL"),
@@ -317,7 +317,8 @@ def test_list_names_everything(capsys, monkeypatch):
     monkeypatch.delenv("CRAR_MOCAP_PATH", raising=False)
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line for line in lines if not line.startswith(" ")] == [
+    titles = [line for line in lines if not line.startswith(" ")]
+    assert [re.match(r"\w+", title)[0] for title in titles] == [
         "Robots",
         "Motions",
         "Scenarios",
@@ -327,7 +328,10 @@ def test_list_names_everything(capsys, monkeypatch):
     assert {"dance", "exercise", "reaching", "boxing", "upper_body"} < set(entries)
     # A motion and a scenario are both called dance.
     assert re.fullmatch(r"\d+\.\d s at \d+ Hz", entries["reaching"])
-    assert entries["dance_wrists"].startswith("Experiment 1 of the paper")
+    assert entries["dance_wrists"].startswith("Two wrists follow the built-in dance")
+    # Nothing is imported in a user's empty cache.
+    assert entries["g1"].endswith("first: crar-drake import-robot g1")
+    assert "import-robot" not in entries["upper_body"]
 
 
 def test_list_names_trials_that_are_at_hand(cmu, capsys):
@@ -441,7 +445,9 @@ def test_run_says_assumed_and_repeats_what_the_report_finds(cmu, empty_folder, c
     assert summary["frame_rate_source"] == "assumed"
     assert not any("m/s" in line for line in summary["motion_findings"])
     printed, summary = run("--frame-rate", "240")
-    assert re.search(r"frame rate +│ +240 Hz ", printed) and "assumed" not in printed
+    assert (
+        re.search(r"frame rate +│ +240 Hz ", printed) and "Hz, assumed" not in printed
+    )
     assert (summary["frame_rate"], summary["frame_rate_source"]) == (240.0, "given")
     (line,) = [x for x in printed.splitlines() if x.startswith("warning: motion: ")]
     assert "is the rate 120 Hz? --frame-rate 120" in line
@@ -495,12 +501,47 @@ def test_the_package_runs_as_a_module():
     assert result.stdout == f"crar-drake {crar_drake.__version__}\n"
 
 
+# Each command with the arguments that it cannot do without.
+COMMANDS = {
+    "run": [],
+    "sweep": ["dance"],
+    "bench": [],
+    "reproduce": [],
+    "motion": ["dance"],
+    "list": [],
+    "fetch": ["05_02"],
+    "import-robot": ["g1"],
+    "judge": ["log.npz"],
+    "playback": ["log.npz"],
+}
+
+
 def test_help_offers_what_there_is():
     assert cli.LEVELS == LEVELS
     assert cli.CONSTRAINTS == CONSTRAINTS
     assert cli.ARITHMETICS == ARITHMETICS
     assert cli.EXPERIMENTS == tuple(EXPERIMENTS)
     assert cli.DEFAULT_SCENARIO in scenario_names()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_says_what_it_does(command, capsys):
+    """No option and no argument is left without words, or with a default only."""
+    with pytest.raises(SystemExit) as exit:
+        cli.main([command, "--help"])
+    assert exit.value.code == 0
+    usage = capsys.readouterr().out
+    parser = cli._parse([command, *COMMANDS[command]]).parser
+    for action in parser._actions:
+        assert re.match(r"[a-z]\w* ", action.help), action.dest
+        assert (action.option_strings or [action.metavar or action.dest])[-1] in usage
+
+
+def test_the_commands_above_are_all_there_are(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    offered = re.findall(r"^    ([a-z][a-z-]+)\b", capsys.readouterr().out, re.M)
+    assert offered == list(COMMANDS)
 
 
 def test_a_reader_that_has_enough_is_no_error():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import hashlib
 import logging
 import math
 import os
@@ -68,19 +69,35 @@ def main(argv: Sequence[str] | None = None) -> int:
         0; 2 if something the user gave is wrong, which is then on stderr; 130 if
         interrupted.
     """
+    # Nothing here opens a window. A backend that is not there would fail importing.
+    os.environ["MPLBACKEND"] = "agg"
     try:
         arguments = _parse(argv)
         arguments.command(arguments)
+        sys.stdout.flush()
     except CrarError as error:
         print(f"crar-drake: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("crar-drake: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stopped:
+        about = f" {stopped}" if str(stopped) else ""
+        print(f"crar-drake: interrupted{about}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # of `crar-drake list | head`
-        # Python flushes stdout once more when it exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
+    except OSError as error:  # a full disk, a file that may not be read
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"crar-drake: error: {where}{error.strerror or error}", file=sys.stderr)
+        _drop_output()
+        return 2
     return 0
+
+
+def _drop_output() -> None:
+    """Python flushes stdout once more when it exits, where a failure is not caught."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 # --- the commands -----------------------------------------------------------------
@@ -95,25 +112,36 @@ def _run(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from crar_drake.run import run_scenario
+    from crar_drake.run import RunFailed, RunInterrupted, RunResult, run_scenario
     from crar_drake.summary import summary_table
 
+    def show(result: RunResult) -> None:
+        Console().print(summary_table(result.summary))
+        for line in result.summary.warnings:
+            print(f"warning: {line}")
+        for path in result.files:
+            print(path)
+
     _be_quiet()
-    with _progress_bar() as progress:
-        result = run_scenario(
-            scenario, out, record=not arguments.no_recording, progress=progress
-        )
-    Console().print(summary_table(result.summary))
-    for line in result.summary.warnings:
-        print(f"warning: {line}")
-    for path in result.files:
-        print(path)
+    try:
+        with _progress_bar() as progress:
+            result = run_scenario(
+                scenario, out, record=not arguments.no_recording, progress=progress
+            )
+    except (RunFailed, RunInterrupted) as stopped:
+        show(stopped.result)
+        raise
+    show(result)
 
 
 def _motion(arguments: argparse.Namespace) -> None:
+    from crar_drake.figures import check_picture
     from crar_drake.motion.catalogue import load_clip
     from crar_drake.motion.report import describe, inspect, plot_motion
 
+    plot = arguments.plot or OUT / f"{_motion_label(arguments.motion)}.png"
+    if arguments.plot is not None:
+        check_picture(plot)
     clip = load_clip(
         arguments.motion, arguments.skeleton, frame_rate=arguments.frame_rate
     )
@@ -122,7 +150,6 @@ def _motion(arguments: argparse.Namespace) -> None:
         print(line)
     if report.obstacle and arguments.plot is None:
         return
-    plot = arguments.plot or OUT / f"{_motion_label(arguments.motion)}.png"
     plot_motion(clip, plot)
     print(plot)
 
@@ -254,9 +281,12 @@ def _judge(arguments: argparse.Namespace) -> None:
     description = load_logged_robot(log, arguments.robot or "")
     model = ControlModel.FromDescription(description, scenario.task_list())
     check_logged_robot(log, model.plant, description)
-    capsules = Referee(model.plant, model.scene_graph, description.pairs).violations(
-        log.q
-    )
+    try:
+        capsules = Referee(
+            model.plant, model.scene_graph, description.pairs
+        ).violations(log.q)
+    except ValueError as error:
+        raise CrarError(f"{arguments.log}: {error}") from error
     print(
         f"referee, collision shapes, {capsules.num_samples} samples: "
         f"{capsules.num_penetrating} in penetration, {capsules.num_beyond_limit} "
@@ -266,7 +296,9 @@ def _judge(arguments: argparse.Namespace) -> None:
     )
     if not has_hulls(description):
         return
-    every = max(1, round(arguments.every / (log.time[-1] / max(1, len(log.time) - 1))))
+    steps = max(1, len(log.time) - 1)
+    period = (log.time[-1] - log.time[0]) / steps or arguments.every
+    every = max(1, round(arguments.every / period))
     hulls = HullJudge(description).judge(log.q[::every])
     print(
         f"convex hulls of the real meshes, {hulls.num_samples} samples: "
@@ -283,12 +315,14 @@ def _of_pair(pair: tuple[str, str] | None) -> str:
 
 
 def _playback(arguments: argparse.Namespace) -> None:
+    from crar_drake.files import check_file
     from crar_drake.log import SimulationLog
     from crar_drake.recording import record_log
 
-    out = arguments.out or arguments.log.with_name("playback.html")
-    _be_quiet()
     log = SimulationLog.load(arguments.log)
+    out = arguments.out or arguments.log.with_name("playback.html")
+    check_file(out)
+    _be_quiet()
     for model in record_log(log, out, robot=arguments.robot or ""):
         print(
             f"warning: model {model} has no visual geometry: its collision shapes are "
@@ -307,7 +341,9 @@ def _sweep(arguments: argparse.Namespace) -> None:
         make_cases,
         read_results,
         run_sweep,
+        settings_path,
     )
+    from crar_drake.files import check_file
     from crar_drake.scenario import Scenario, load_scenario
 
     if arguments.scenario is None:
@@ -332,8 +368,9 @@ def _sweep(arguments: argparse.Namespace) -> None:
         )
     _check_settings(scenario, cases)
     finished = {result.case for result in read_results(out) if not result.error}
-    common = _common_settings(scenario)
-    _keep_settings(common, out)
+    scenario.skeleton = ""  # it belongs to the scenario's motion
+    for path in (out, settings_path(out), out.with_suffix(".png")):
+        check_file(path)
 
     from rich.console import Console
 
@@ -344,7 +381,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
     try:
         with _sweep_bar(kept, len(cases)) as progress:
             results = run_sweep(
-                cases, out, scenario=common, jobs=arguments.jobs, progress=progress
+                cases, out, scenario=scenario, jobs=arguments.jobs, progress=progress
             )
     except KeyboardInterrupt:
         print(
@@ -378,9 +415,12 @@ def _bench(arguments: argparse.Namespace) -> None:
         text_of_page,
         write_page,
     )
+    from crar_drake.files import check_file, check_folder
 
     if arguments.markdown is not None:
         text_of_page(arguments.markdown)  # before minutes of measuring
+        check_file(arguments.markdown)
+    check_folder(arguments.out)
     settings = BenchSettings(
         motion=arguments.motion,
         duration=arguments.duration or (1.0 if arguments.quick else 3.0),
@@ -416,11 +456,15 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     from crar_drake.experiments.section_iv.reproduce import reproduce
     from crar_drake.experiments.section_iv.simulate import finished
     from crar_drake.experiments.sweep import find_motions
+    from crar_drake.files import check_folder
 
     chosen = arguments.motions or ["builtin"]
     motions = [m for name in chosen for m in MOTION_SETS.get(name, (name,))]
-    plan = make_plan(find_motions(motions), duration=arguments.duration)
-    out = arguments.out or OUT / "reproduce" / "-".join(map(_motion_label, chosen))
+    found = find_motions(motions)
+    labels = [_motion_label(name).replace(os.sep, "_") for name in chosen]
+    out = arguments.out or OUT / "reproduce" / "-".join(labels)
+    check_folder(out)
+    plan = make_plan(found, duration=arguments.duration)
 
     _be_quiet()
     try:
@@ -489,18 +533,51 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
     scenario.validate()
 
 
-def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> str:
-    """The folder says what was run, so that variants do not replace each other."""
-    name = Path(arguments.scenario).stem
-    if scenario.experiment and (arguments.motion or arguments.experiment):
-        name = f"{_motion_label(scenario.motion)}_{scenario.experiment}"
-    elif arguments.motion:
-        name += f"_{_motion_label(scenario.motion)}"
-    return "_".join(filter(None, [name, arguments.level, arguments.constraints]))
+def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
+    """The folder says what was run, so that variants do not replace each other.
+
+    It is known before: shipped scenarios and motions, trials, and files in the
+    working directory have their names; other files also that of their folder, see
+    `_label`. A file of one's own, and a robot that is not the default, are named
+    with the motion and the experiment that are put into them.
+    """
+    from crar_drake.scenario import scenario_names
+
+    path = Path(arguments.scenario)
+    shipped = path.parent.name in ("", "diagrams") and path.stem in scenario_names()
+    name = Path(path.stem) if shipped else _label(path)
+    parts = [name.name, arguments.level, arguments.constraints]
+    if arguments.motion or (scenario.experiment and arguments.experiment):
+        motion = _label(scenario.motion)
+        parts[:1] = [motion.name, scenario.experiment]
+        if not shipped or not scenario.experiment:
+            parts[:0] = [name.name]
+        elif scenario.robot != type(scenario)().robot:
+            robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
+            parts[:0] = [robot.parent.name if robot.suffix else robot.name]
+        name = motion if shipped else name.parent / motion
+    return name.with_name("_".join(filter(None, parts)))
+
+
+def _label(path: str | Path) -> Path:
+    """A relative path without suffix that tells files of one name apart.
+
+    Names that are no paths, and files in the working directory, are themselves;
+    files below it keep their folders. Of others the folder's name is kept, with
+    some digits that stand for the whole of its path.
+    """
+    path = Path(str(path).removeprefix("cmu:"))
+    folder = path.absolute().parent.resolve()
+    try:
+        folder = folder.relative_to(Path.cwd().resolve())
+    except ValueError:
+        digits = hashlib.sha256(os.fsencode(folder)).hexdigest()[:6]
+        folder = Path(f"{folder.name or 'root'}-{digits}")
+    return folder / path.stem
 
 
 def _motion_label(motion: str) -> str:
-    return Path(motion).stem.removeprefix("cmu:")
+    return str(_label(motion))
 
 
 def _be_quiet() -> None:
@@ -549,44 +626,6 @@ def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
             scenario.controller, constraints=constraints, level=level, period=period
         )
         replace(scenario, controller=controller).validate()
-
-
-def _common_settings(scenario: Scenario) -> Scenario:
-    """The scenario, with the same value in all that a case puts its own in."""
-    controller = replace(
-        scenario.controller,
-        constraints="paper",
-        level="acceleration",
-        period=scenario.plant_config.time_step or scenario.controller.period,
-    )
-    return replace(
-        scenario,
-        description="",
-        motion="dance",
-        skeleton="",  # it belongs to the scenario's motion
-        experiment="wrists",
-        tasks=[],
-        keyframes={},
-        controller=controller,
-    )
-
-
-def _keep_settings(scenario: Scenario, out: Path) -> None:
-    """Writes the scenario beside the results.
-
-    The results do not say what they have in common: a sweep with another scenario or
-    duration would take them for its own.
-    """
-    from crar_drake.files import whole_file
-
-    path, text = out.with_suffix(".yaml"), scenario.to_yaml()
-    if out.is_file() and path.is_file() and path.read_text() != text:
-        raise CrarError(
-            f"{out}: its results were made with another --scenario, "
-            f"--duration or --frame-rate (see {path}); give another --out"
-        )
-    with whole_file(path) as temporary:
-        temporary.write_text(text)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.log import SimulationLog
+from crar_drake.robot import names_by_joint
 from crar_drake.robot_description import RobotDescription, load_robot_description
 from crar_drake.scenario import parse_scenario
 
@@ -52,3 +53,8 @@ def check_logged_robot(
                 f"the log has {logged} {what} but robot {description.name} {ours}: it "
                 "was made with another model"
             )
+    if names_by_joint(plant) != log.position_names.tolist():
+        raise CrarError(
+            f"robot {description.name} has other joints than the log, or has them in "
+            "another order: it was made with another model"
+        )

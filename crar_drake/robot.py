@@ -452,7 +452,7 @@ class ControlModel:
         nv = plant.num_velocities()
         B = plant.MakeActuationMatrix()
         unactuated = np.flatnonzero(~B.any(axis=1))
-        names = _names_by_joint(plant)
+        names = names_by_joint(plant)
         if len(unactuated):
             raise ModelError(
                 "every joint must be actuated, but these are not: "
@@ -611,7 +611,7 @@ class ControlModel:
             ) from error
 
 
-def _names_by_joint(plant: MultibodyPlant) -> list[str]:
+def names_by_joint(plant: MultibodyPlant) -> list[str]:
     """Per velocity the joint's name; scoped where two models share a name."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     plain = [joint.name() for joint in joints]

@@ -29,6 +29,9 @@ from crar_drake.yaml_files import load_yaml, read_text
 # A log of more samples takes its memory from the run: 60 s at 1 ms take 100 MB.
 MAX_LOG_SAMPLES = 60_000
 
+# A simulation runs at about real time, and this is twelve days.
+MAX_DURATION = 1e6  # [s]
+
 
 def _plant_config() -> MultibodyPlantConfig:
     return MultibodyPlantConfig(time_step=1e-3, discrete_contact_approximation="lagged")
@@ -89,7 +92,8 @@ class Scenario:
         simulated_robot: what the simulated plant does of its own.
         disturbances: how the simulated robot differs from what the controller
             believes; none by default.
-        duration: of the simulation [s]; by default that of the motion.
+        duration: of the simulation, at most MAX_DURATION [s]; by default that of the
+            motion.
         warning_distance: segments nearer than this are coloured in the recording
             [m].
         log_period: of log.npz [s]; by default the control period, or of runs with
@@ -148,6 +152,12 @@ class Scenario:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
                 raise ScenarioError(f"{name}: {value} must be positive")
+        if self.duration is not None and self.duration > MAX_DURATION:
+            raise ScenarioError(
+                f"duration: {self.duration:g} s would take about "
+                f"{self.duration / 86400.0:,.0f} days to simulate, since that runs at "
+                f"about real time; at most {MAX_DURATION:g} s are simulated at once"
+            )
         for task in self.tasks:
             try:
                 task.validate()

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 import crar_drake
@@ -99,6 +100,8 @@ class Summary:
         warnings: what the user may not have meant, a line each.
         wall_time: that the simulation took [s]; None if not known.
         real_time_factor: duration / wall_time; None if not known.
+        stopped: why the run ended before its time, "interrupted" or an error; "" if
+            it did not, or if it is not known.
     """
 
     version: str
@@ -140,6 +143,7 @@ class Summary:
     warnings: list[str]
     wall_time: float | None  # [s]
     real_time_factor: float | None
+    stopped: str = ""
 
     @property
     def title(self) -> str:
@@ -373,6 +377,9 @@ def summary_table(summary: Summary) -> Table:
             f"{summary.torque_clipped_samples}",
         )
     table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", "")
+    if summary.stopped:
+        reason = escape(summary.stopped)
+        table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")
     if summary.real_time_factor is not None:
         table.add_row(
             "wall time",

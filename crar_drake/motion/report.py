@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from crar_drake.errors import MotionError
-from crar_drake.files import whole_file
+from crar_drake.figures import save_figure
 from crar_drake.motion.asf_amc import (
     CMU_LENGTH,
     BonePoses,
@@ -436,6 +436,7 @@ def plot_motion(clip: Clip, path: str | os.PathLike[str]) -> None:
 
     Raises:
         MotionError: the clip has no joint centres.
+        CrarError: there is no such format, or the file cannot be written.
     """
     centres = joint_centres(clip)
     report = inspect(clip)
@@ -469,8 +470,7 @@ def plot_motion(clip: Clip, path: str | os.PathLike[str]) -> None:
     paths.set_title("from above", fontsize="small")
     paths.set_aspect("equal", adjustable="datalim")
     paths.invert_xaxis()  # the left is on the left
-    with whole_file(path) as temporary:
-        figure.savefig(temporary)
+    save_figure(figure, path)
 
 
 def _draw_points(centres: JointCentres, heights, paths, speeds) -> None:

@@ -16,6 +16,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
 from crar_drake.disturbances import Disturbances, Push, TargetJump
+from crar_drake.drake_versions import for_this_drake, setting_names
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
@@ -33,7 +34,7 @@ def _plant_config() -> MultibodyPlantConfig:
 
 
 def _simulator_config() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=1e-2, publish_every_time_step=False)
+    return SimulatorConfig(max_step_size=1e-2)
 
 
 def _visualization_config() -> VisualizationConfig:
@@ -231,11 +232,17 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         text: YAML.
         source: what to call it in messages.
 
+    Settings of another Drake's that say what this one does anyway are left out: a log
+    may come from there.
+
     Raises:
         ScenarioError: as `load_scenario`.
     """
     try:
+        text = for_this_drake(text)
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from error
     except Exception as error:
         message = f"not a scenario, see diagrams/README.md: {error}"
         if not text.strip():
@@ -268,7 +275,4 @@ def _key_names() -> set[str]:
         Push,
         TargetJump,
     )
-    keys = {f.name for schema in schemas for f in fields(schema)}
-    for config in (MultibodyPlantConfig(), SimulatorConfig(), VisualizationConfig()):
-        keys |= {f.name for f in config.__fields__}
-    return keys
+    return {f.name for schema in schemas for f in fields(schema)} | setting_names()

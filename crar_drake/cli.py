@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import difflib
-import logging
 import math
 import os
 import sys
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from crar_drake import __version__
+from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, ScenarioError
 
 if TYPE_CHECKING:
@@ -54,7 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         arguments = _parse(argv)
-        arguments.command(arguments)
+        with collected_warnings(verbose=arguments.verbose):
+            arguments.command(arguments)
     except CrarError as error:
         print(f"crar-drake: error: {error}", file=sys.stderr)
         return 2
@@ -82,7 +83,6 @@ def _run(arguments: argparse.Namespace) -> None:
     from crar_drake.run import run_scenario
     from crar_drake.summary import summary_table
 
-    _be_quiet()
     with _progress_bar() as progress:
         result = run_scenario(
             scenario, out, record=not arguments.no_recording, progress=progress
@@ -258,7 +258,6 @@ def _playback(arguments: argparse.Namespace) -> None:
     from crar_drake.recording import record_log
 
     out = arguments.out or arguments.log.with_name("playback.html")
-    _be_quiet()
     record_log(SimulationLog.load(arguments.log), out)
     print(out)
 
@@ -304,7 +303,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
     from crar_drake.experiments.sweep_report import failures, plot_sweep, sweep_tables
 
-    _be_quiet()
     kept = len(finished.intersection(cases))
     try:
         with _sweep_bar(kept, len(cases)) as progress:
@@ -353,7 +351,6 @@ def _bench(arguments: argparse.Namespace) -> None:
     )
     if arguments.quick:
         settings = replace(settings, repeats=1, scaling_steps=20)
-    _be_quiet()
     result = run_bench(
         settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
     )
@@ -387,7 +384,6 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     plan = make_plan(find_motions(motions), duration=arguments.duration)
     out = arguments.out or OUT / "reproduce" / "-".join(map(_motion_label, chosen))
 
-    _be_quiet()
     try:
         with _sweep_bar(len(finished(plan, out)), len(plan.simulations)) as show:
             result = reproduce(
@@ -463,11 +459,6 @@ def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> str:
 
 def _motion_label(motion: str) -> str:
     return Path(motion).stem.removeprefix("cmu:")
-
-
-def _be_quiet() -> None:
-    """Drake announces Meshcat's address, where nothing is to be seen."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
 
 
 @contextmanager
@@ -639,6 +630,11 @@ def _make_parser() -> _Parser:
     def add(name: str, command: Callable, text: str) -> _Parser:
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command, parser=sub)
+        sub.add_argument(
+            "--verbose",
+            action="store_true",
+            help="print all that Drake says, not one line for warnings of a kind",
+        )
         return sub
 
     run = add("run", _run, "Simulate a scenario and write what is to be seen of it.")

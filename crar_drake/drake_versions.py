@@ -1,7 +1,7 @@
 """What differs between the versions of Drake that this package runs with.
 
-The installer takes another Drake for another Python: 1.51 is the newest for Python 3.11,
-later ones need 3.12. Everything else in the package uses what they have in common.
+The installer takes another Drake for another Python: 1.51 is the newest for 3.11, later
+ones need 3.12. Everything else in the package uses what they have in common.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Drake's warnings, collected while a command runs and told once, in a line each.
 
-Drake warns whenever it parses a model, which one run does several times over: an inertia
-that cannot be takes eight lines each time. Drake's messages come as records of Python's
-logger "drake".
+Drake warns whenever it parses a model, which one run does several times over, and an
+inertia that cannot be takes eight lines each time. Its messages come as records of
+Python's logger "drake".
 """
 
 from __future__ import annotations

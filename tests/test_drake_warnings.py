@@ -16,8 +16,8 @@ from crar_drake.drake_warnings import (
 )
 from crar_drake.experiments.fresh_processes import FreshProcesses
 
-# Three of the things that real robots' URDFs have and Drake warns of: one joint friction
-# a joint, an inertia that cannot be, and a safety controller.
+# Three of the things that real robots' URDFs have and Drake warns of: joint friction, an
+# inertia that cannot be, and a safety controller.
 HEAD = """<robot name="noisy">
 <link name="base"/>
 <link name="odd">

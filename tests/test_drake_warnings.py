@@ -16,7 +16,7 @@ from crar_drake.drake_warnings import (
 )
 from crar_drake.experiments.fresh_processes import FreshProcesses
 
-# Three of the things that real robots' URDFs have and Drake warns of: joint friction, an
+# Things that real robots have in their URDFs and Drake warns of: joint friction, an
 # inertia that cannot be, and a safety controller.
 HEAD = """<robot name="noisy">
 <link name="base"/>

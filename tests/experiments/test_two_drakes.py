@@ -1,4 +1,4 @@
-"""Two interpreters, by turns: the ratio of the rounds, and what is said of a failure."""
+"""Two interpreters, by turns: the ratio of the rounds; what is said of a failure."""
 
 import copy
 import re

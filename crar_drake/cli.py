@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import difflib
 import hashlib
-import logging
 import math
 import os
 import sys
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from crar_drake import __version__
+from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, ScenarioError
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ["MPLBACKEND"] = "agg"
     try:
         arguments = _parse(argv)
-        arguments.command(arguments)
+        with collected_warnings(verbose=arguments.verbose):
+            arguments.command(arguments)
         sys.stdout.flush()
     except CrarError as error:
         print(f"crar-drake: error: {error}", file=sys.stderr)
@@ -122,7 +123,6 @@ def _run(arguments: argparse.Namespace) -> None:
         for path in result.files:
             print(path)
 
-    _be_quiet()
     try:
         with _progress_bar() as progress:
             result = run_scenario(
@@ -322,7 +322,6 @@ def _playback(arguments: argparse.Namespace) -> None:
     log = SimulationLog.load(arguments.log)
     out = arguments.out or arguments.log.with_name("playback.html")
     check_file(out)
-    _be_quiet()
     for model in record_log(log, out, robot=arguments.robot or ""):
         print(
             f"warning: model {model} has no visual geometry: its collision shapes are "
@@ -376,7 +375,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
     from crar_drake.experiments.sweep_report import failures, plot_sweep, sweep_tables
 
-    _be_quiet()
     kept = len(finished.intersection(cases))
     try:
         with _sweep_bar(kept, len(cases)) as progress:
@@ -428,7 +426,6 @@ def _bench(arguments: argparse.Namespace) -> None:
     )
     if arguments.quick:
         settings = replace(settings, repeats=1, scaling_steps=20)
-    _be_quiet()
     result = run_bench(
         settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
     )
@@ -466,7 +463,6 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     check_folder(out)
     plan = make_plan(found, duration=arguments.duration)
 
-    _be_quiet()
     try:
         with _sweep_bar(len(finished(plan, out)), len(plan.simulations)) as show:
             result = reproduce(
@@ -578,11 +574,6 @@ def _label(path: str | Path) -> Path:
 
 def _motion_label(motion: str) -> str:
     return str(_label(motion))
-
-
-def _be_quiet() -> None:
-    """Drake announces Meshcat's address, where nothing is to be seen."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
 
 
 @contextmanager
@@ -719,6 +710,11 @@ def _make_parser() -> _Parser:
     def add(name: str, command: Callable, text: str) -> _Parser:
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command, parser=sub)
+        sub.add_argument(
+            "--verbose",
+            action="store_true",
+            help="print all that Drake says, not one line for warnings of a kind",
+        )
         return sub
 
     run = add(

@@ -137,9 +137,8 @@ class CrarController(LeafSystem):
         if self.law.parameters.nominal_posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
 
-        held = self.DeclareAbstractState(
-            AbstractValue.Make(ControlStep(None, Memory()))
-        )
+        nothing_yet = ControlStep(None, Memory())
+        held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
         self._held_index = int(held)
         self._workspace_cache = self.DeclareCacheEntry(
             "control model's contexts",
@@ -157,7 +156,7 @@ class CrarController(LeafSystem):
         self._solve_cache = self.DeclareCacheEntry(
             "this control step",
             ValueProducer(
-                allocate=lambda: AbstractValue.Make(None), calc=self._CalcStep
+                allocate=lambda: AbstractValue.Make(nothing_yet), calc=self._CalcStep
             ),
             sources,
         )

@@ -16,6 +16,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
 from crar_drake.disturbances import Disturbances
+from crar_drake.drake_versions import settings_of_others
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
@@ -38,7 +39,7 @@ def _plant_config() -> MultibodyPlantConfig:
 
 
 def _simulator_config() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=1e-2, publish_every_time_step=False)
+    return SimulatorConfig(max_step_size=1e-2)
 
 
 def _visualization_config() -> VisualizationConfig:
@@ -260,6 +261,9 @@ def _is_robot(folder: Path) -> bool:
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Parses and validates a scenario's YAML text.
 
+    A setting of another Drake's that says what this one does anyway is left out: a
+    log may come from there.
+
     Args:
         text: YAML.
         source: what to call it in messages.
@@ -274,6 +278,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         ScenarioError,
         manual="diagrams/README.md",
         defaults=Scenario(),
+        of_others=settings_of_others(),
     )
     try:
         scenario.validate()

@@ -10,13 +10,14 @@ import dataclasses
 import os
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 import yaml
-from pydrake.common.yaml import yaml_load_data, yaml_load_typed
+from pydrake.common.yaml import yaml_dump, yaml_load_data, yaml_load_typed
 
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
@@ -65,6 +66,7 @@ def load_yaml(
     *,
     manual: str,
     defaults: T | None = None,
+    of_others: Mapping[_Way, Any] = MappingProxyType({}),
 ) -> T:
     """Makes an object of a YAML text.
 
@@ -75,11 +77,14 @@ def load_yaml(
         error: what to raise.
         manual: where the user finds what such a file holds, for messages.
         defaults: of keys that the text leaves out; by default those of `schema`.
+        of_others: the way to settings that the Drake which is installed does not
+            have, to what it does anyway. They are left out where they say that.
 
     Raises:
         error: the text is no YAML, is empty, has a key twice or one that the schema
-            does not know at that level, or a value of another type; the message
-            names the source, the way to the key and the line.
+            does not know at that level, or a value of another type; or a setting
+            of `of_others` says something else. The message names the source, the
+            way to the key and the line.
     """
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -105,10 +110,18 @@ def load_yaml(
             f"{source}: expected keys and values, found {_shown(document)}; see "
             f"{manual}"
         )
-    for way, message in _mistakes(document, schema, ()):
+    foreign = _take_out(document, of_others)
+    mistakes = [
+        (way, _of_another_drake(value, of_others[way]))
+        for way, value in foreign.items()
+        if value != of_others[way]
+    ]
+    for way, message in mistakes or _mistakes(document, schema, ()):
         line = lines.get(way) or lines.get(way[:-1])
         at = f" (line {line})" if line else ""
         raise error(f"{source}: {_spelled(way)}{at}: {message}")
+    if foreign:
+        text = yaml_dump(document)
     try:
         return yaml_load_typed(schema=schema, data=text, defaults=defaults)
     except Exception as why:  # what Drake checks besides
@@ -172,6 +185,28 @@ def _spelled(way: _Way) -> str:
     for part in way:
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
     return text.removeprefix(".")
+
+
+# --- what another Drake has -------------------------------------------------------
+
+
+def _take_out(document: Any, ways: Iterable[_Way]) -> dict[_Way, Any]:
+    """Removes what a document has at these ways, and returns it."""
+    taken = {}
+    for way in ways:
+        holder = document
+        for key in way[:-1]:
+            holder = holder.get(key) if isinstance(holder, dict) else None
+        if isinstance(holder, dict) and way[-1] in holder:
+            taken[way] = holder.pop(way[-1])
+    return taken
+
+
+def _of_another_drake(value: Any, usual: Any) -> str:
+    return (
+        f"{value}: the Drake that is installed does not have this setting, and does as "
+        f"if it were {usual}; leave it out"
+    )
 
 
 # --- the schema -------------------------------------------------------------------

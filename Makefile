@@ -1,25 +1,54 @@
-# `make run` and `make test` need nothing but python3 (3.11 or later) and make.
+# `make run` and `make test` need nothing but make and Python 3.11, 3.12 or 3.13.
+# Another Python, in an environment of its own: make run PYTHON=python3.13 VENV=.venv-3.13
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
-INSTALLED := $(VENV)/.installed
+TESTS ?=
+# An environment is of one Python; this is "none" where PYTHON does not run.
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' \
+	2>/dev/null || echo none)
+RUNS := $(VENV)/.runs-$(VERSION)
+TESTED := $(VENV)/.tests-$(VERSION)
+# What is left of another Python's, or of an installation that failed, goes.
+CLEAR = $(if $(wildcard $@),,$(if $(wildcard $(VENV)/pyvenv.cfg),--clear))
+# Compiling 4,000 modules would take as long as downloading them; what is imported gets
+# compiled then, and kept, which this variable would forbid.
+unexport PYTHONDONTWRITEBYTECODE
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: run test lint clean
+.PHONY: run test lint clean python
 
-run: $(INSTALLED)  ## the built-in dance, recorded: out/dance/
+run: $(RUNS)  ## the built-in dance, recorded: out/dance/
 	$(BIN)/crar-drake run
 
-test: $(INSTALLED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files
-	$(BIN)/python -m pytest
+test: $(TESTED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files
+	$(BIN)/python -m pytest $(TESTS)
 
-lint: $(INSTALLED)
+lint: $(TESTED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-$(INSTALLED): pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
+# What a run needs is a third of what the tests need.
+$(RUNS): pyproject.toml | python
+	rm -f $(VENV)/.runs-* $(VENV)/.tests-*
+	$(PYTHON) -m venv $(CLEAR) $(VENV)
+	$(INSTALL) -e ".[compiled]"
 	touch $@
 
+$(TESTED): $(RUNS)
+	$(INSTALL) -e ".[dev]"
+	touch $@
+
+python:
+	@$(PYTHON) -c "" 2>/dev/null || { \
+	  echo "$(PYTHON) does not run here: install Python 3.11, 3.12 or 3.13, or" \
+	    "name one, as in make run PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || { \
+	  echo "crar_drake needs Python 3.11, 3.12 or 3.13, and $(PYTHON) is" \
+	    "$(VERSION): name another, as in make run PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c "import ensurepip, venv" 2>/dev/null || { \
+	  echo "$(PYTHON) cannot make environments: install its module venv (on Debian" \
+	    "and Ubuntu, apt install python3-venv)" >&2; exit 1; }
+
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf .venv .venv-* $(VENV) out build dist *.egg-info

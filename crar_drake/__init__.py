@@ -10,12 +10,14 @@ if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
     from crar_drake.control.law import ControlLaw, Solution, make_control_law
     from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-    from crar_drake.diagram import AddCrarController, MakeCrarDiagram
+    from crar_drake.diagram import AddCrarController, AddRobot, MakeCrarDiagram
+    from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.log import SimulationLog
     from crar_drake.robot import ControlModel
     from crar_drake.robot_description import RobotDescription, load_robot_description
     from crar_drake.scenario import Scenario, load_scenario
+    from crar_drake.start_pose import solve_start_pose
     from crar_drake.task import EXPERIMENTS, Task, position_tasks
 
 __version__ = "0.1.0"
@@ -24,6 +26,7 @@ __version__ = "0.1.0"
 # take two seconds, which `crar-drake --help` and a mistyped option need not wait for.
 _MODULES = {
     "AddCrarController": "diagram",
+    "AddRobot": "diagram",
     "ControlLaw": "control.law",
     "ControlModel": "robot",
     "CrarController": "control.controller",
@@ -40,14 +43,17 @@ _MODULES = {
     "SimulationLog": "log",
     "Solution": "control.law",
     "Task": "task",
+    "TaskLayout": "equations.tasks",
     "load_robot_description": "robot_description",
     "load_scenario": "scenario",
     "make_control_law": "control.law",
     "position_tasks": "task",
+    "solve_start_pose": "start_pose",
 }
 
 __all__ = [
     "AddCrarController",
+    "AddRobot",
     "ControlLaw",
     "ControlModel",
     "CrarController",
@@ -64,10 +70,12 @@ __all__ = [
     "SimulationLog",
     "Solution",
     "Task",
+    "TaskLayout",
     "load_robot_description",
     "load_scenario",
     "make_control_law",
     "position_tasks",
+    "solve_start_pose",
 ]
 
 

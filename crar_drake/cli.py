@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
-import logging
+import hashlib
 import math
 import os
 import sys
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from crar_drake import __version__
+from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, ScenarioError
 
 if TYPE_CHECKING:
@@ -34,8 +35,23 @@ OUT = Path("out")
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
-ARITHMETICS = ("numpy", "compiled")
 MEASUREMENTS = ("step", "simulation", "scaling")  # of crar_drake.experiments.bench
+
+
+# What several commands say of the same options.
+_MOTION = (
+    "a built-in one (dance), a CMU recording (cmu:05_02), or a path (some/path.amc)"
+)
+_SKELETON = "the motion's skeleton (.asf), if it is not beside the motion"
+_EXPERIMENT = "which points follow the motion: two wrists, or seven of the upper body"
+_LEVEL = (
+    "how accelerations are computed: velocity (as the change of wanted velocities) or "
+    "acceleration (directly)"
+)
+_CONSTRAINTS = (
+    "what keeps the robot from collisions and joint limits: none (nothing), paper (as "
+    "in the paper), lookahead (acts where the robot would come to rest)"
+)
 
 
 class UsageError(CrarError):
@@ -52,19 +68,36 @@ def main(argv: Sequence[str] | None = None) -> int:
         0; 2 if something the user gave is wrong, which is then on stderr; 130 if
         interrupted.
     """
+    # Nothing here opens a window. A backend that is not there would fail importing.
+    os.environ["MPLBACKEND"] = "agg"
     try:
         arguments = _parse(argv)
-        arguments.command(arguments)
+        with collected_warnings(verbose=arguments.verbose):
+            arguments.command(arguments)
+        sys.stdout.flush()
     except CrarError as error:
         print(f"crar-drake: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("crar-drake: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stopped:
+        about = f" {stopped}" if str(stopped) else ""
+        print(f"crar-drake: interrupted{about}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # of `crar-drake list | head`
-        # Python flushes stdout once more when it exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
+    except OSError as error:  # a full disk, a file that may not be read
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"crar-drake: error: {where}{error.strerror or error}", file=sys.stderr)
+        _drop_output()
+        return 2
     return 0
+
+
+def _drop_output() -> None:
+    """Python flushes stdout once more when it exits, where a failure is not caught."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 # --- the commands -----------------------------------------------------------------
@@ -79,30 +112,47 @@ def _run(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from crar_drake.run import run_scenario
+    from crar_drake.run import RunFailed, RunInterrupted, RunResult, run_scenario
     from crar_drake.summary import summary_table
 
-    _be_quiet()
-    with _progress_bar() as progress:
-        result = run_scenario(
-            scenario, out, record=not arguments.no_recording, progress=progress
-        )
-    Console().print(summary_table(result.summary))
-    for path in result.files:
-        print(path)
+    def show(result: RunResult) -> None:
+        Console().print(summary_table(result.summary))
+        for line in result.summary.warnings:
+            print(f"warning: {line}")
+        for path in result.files:
+            print(path)
+
+    try:
+        with _progress_bar() as progress:
+            result = run_scenario(
+                scenario,
+                out,
+                record=not arguments.no_recording,
+                progress=progress,
+                tell=print,
+            )
+    except (RunFailed, RunInterrupted) as stopped:
+        show(stopped.result)
+        raise
+    show(result)
 
 
 def _motion(arguments: argparse.Namespace) -> None:
+    from crar_drake.figures import check_picture
     from crar_drake.motion.catalogue import load_clip
     from crar_drake.motion.report import describe, inspect, plot_motion
 
-    clip = load_clip(arguments.motion, arguments.skeleton)
+    plot = arguments.plot or OUT / f"{_motion_label(arguments.motion)}.png"
+    if arguments.plot is not None:
+        check_picture(plot)
+    clip = load_clip(
+        arguments.motion, arguments.skeleton, frame_rate=arguments.frame_rate
+    )
     report = inspect(clip)
     for line in describe(report):
         print(line)
     if report.obstacle and arguments.plot is None:
         return
-    plot = arguments.plot or OUT / f"{_motion_label(arguments.motion)}.png"
     plot_motion(clip, plot)
     print(plot)
 
@@ -110,7 +160,7 @@ def _motion(arguments: argparse.Namespace) -> None:
 def _list(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
     from crar_drake.resources import data_folder
-    from crar_drake.robot_description import imported_names, robot_names
+    from crar_drake.robot_description import import_file, imported_names, robot_names
     from crar_drake.scenario import load_scenario, scenario_names
 
     def duration(motion: str) -> str:
@@ -125,15 +175,19 @@ def _list(arguments: argparse.Namespace) -> None:
         with readme.open(encoding="utf-8") as lines:
             return lines.readline().partition(":")[2].strip()
 
-    robots = {name: "imported" for name in imported_names()}
+    imported = imported_names()
+    robots = {name: "imported" for name in imported}
     robots |= {name: about(name) for name in robot_names()}
+    for name in robot_names():
+        if import_file(name) is not None and name not in imported:
+            robots[name] += f"; first: crar-drake import-robot {name}"
     motions = {name: duration(name) for name in builtin_names()}
     motions |= {files.name: str(files.amc) for files in available_trials()}
     scenarios = {name: load_scenario(name).description for name in scenario_names()}
     for title, entries in (
-        ("Robots", robots),
-        ("Motions", motions),
-        ("Scenarios", scenarios),
+        ("Robots, which a scenario names (crar-drake import-robot adds more)", robots),
+        ("Motions, for run --motion (crar-drake fetch adds more)", motions),
+        ("Scenarios, for crar-drake run", scenarios),
     ):
         print(title)
         for name, text in entries.items():
@@ -157,13 +211,17 @@ def _import_robot(arguments: argparse.Namespace) -> None:
     from crar_drake.files import whole_file
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot_description import IMPORT_FILE, import_file
-    from crar_drake.robot_import import import_robot
+    from crar_drake.robot_import import check_installed, import_robot, load_choices
+    from crar_drake.robot_import.source_urdf import find_urdf
 
+    # What is missing is told before a file is written.
+    check_installed()
     given = arguments.robot
     robot, out = given, arguments.out
     shipped = import_file(given)
     if shipped is not None:
         robot = ""
+        find_urdf(load_choices(shipped).source)
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:
@@ -215,19 +273,23 @@ def _import_bar() -> Iterator[Callable[[str, float], None]]:
 
 def _judge(arguments: argparse.Namespace) -> None:
     from crar_drake.log import SimulationLog
+    from crar_drake.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.referee import Referee
     from crar_drake.robot import ControlModel
-    from crar_drake.robot_description import load_robot_description
     from crar_drake.robot_import.hull_judge import HullJudge, has_hulls
     from crar_drake.scenario import parse_scenario
 
     log = SimulationLog.load(arguments.log)
     scenario = parse_scenario(log.scenario, "the log's scenario")
-    description = load_robot_description(scenario.robot)
+    description = load_logged_robot(log, arguments.robot or "")
     model = ControlModel.FromDescription(description, scenario.task_list())
-    capsules = Referee(model.plant, model.scene_graph, description.pairs).violations(
-        log.q
-    )
+    check_logged_robot(log, model.plant, description)
+    try:
+        capsules = Referee(
+            model.plant, model.scene_graph, description.pairs
+        ).violations(log.q)
+    except ValueError as error:
+        raise CrarError(f"{arguments.log}: {error}") from error
     print(
         f"referee, collision shapes, {capsules.num_samples} samples: "
         f"{capsules.num_penetrating} in penetration, {capsules.num_beyond_limit} "
@@ -237,7 +299,9 @@ def _judge(arguments: argparse.Namespace) -> None:
     )
     if not has_hulls(description):
         return
-    every = max(1, round(arguments.every / (log.time[-1] / max(1, len(log.time) - 1))))
+    steps = max(1, len(log.time) - 1)
+    period = (log.time[-1] - log.time[0]) / steps or arguments.every
+    every = max(1, round(arguments.every / period))
     hulls = HullJudge(description).judge(log.q[::every])
     print(
         f"convex hulls of the real meshes, {hulls.num_samples} samples: "
@@ -254,12 +318,18 @@ def _of_pair(pair: tuple[str, str] | None) -> str:
 
 
 def _playback(arguments: argparse.Namespace) -> None:
+    from crar_drake.files import check_file
     from crar_drake.log import SimulationLog
     from crar_drake.recording import record_log
 
+    log = SimulationLog.load(arguments.log)
     out = arguments.out or arguments.log.with_name("playback.html")
-    _be_quiet()
-    record_log(SimulationLog.load(arguments.log), out)
+    check_file(out)
+    for model in record_log(log, out, robot=arguments.robot or ""):
+        print(
+            f"warning: model {model} has no visual geometry: its collision shapes are "
+            "drawn"
+        )
     print(out)
 
 
@@ -273,7 +343,9 @@ def _sweep(arguments: argparse.Namespace) -> None:
         make_cases,
         read_results,
         run_sweep,
+        settings_path,
     )
+    from crar_drake.files import check_file
     from crar_drake.scenario import Scenario, load_scenario
 
     if arguments.scenario is None:
@@ -282,6 +354,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
         scenario = load_scenario(arguments.scenario)
     if arguments.duration is not None:
         scenario.duration = arguments.duration
+    scenario.frame_rate = arguments.frame_rate  # else it is of the scenario's motion
     controller = scenario.controller
     cases = make_cases(
         find_motions(arguments.paths),
@@ -297,19 +370,19 @@ def _sweep(arguments: argparse.Namespace) -> None:
         )
     _check_settings(scenario, cases)
     finished = {result.case for result in read_results(out) if not result.error}
-    common = _common_settings(scenario)
-    _keep_settings(common, out)
+    scenario.skeleton = ""  # it belongs to the scenario's motion
+    for path in (out, settings_path(out), out.with_suffix(".png")):
+        check_file(path)
 
     from rich.console import Console
 
     from crar_drake.experiments.sweep_report import failures, plot_sweep, sweep_tables
 
-    _be_quiet()
     kept = len(finished.intersection(cases))
     try:
         with _sweep_bar(kept, len(cases)) as progress:
             results = run_sweep(
-                cases, out, scenario=common, jobs=arguments.jobs, progress=progress
+                cases, out, scenario=scenario, jobs=arguments.jobs, progress=progress
             )
     except KeyboardInterrupt:
         print(
@@ -343,9 +416,12 @@ def _bench(arguments: argparse.Namespace) -> None:
         text_of_page,
         write_page,
     )
+    from crar_drake.files import check_file, check_folder
 
     if arguments.markdown is not None:
         text_of_page(arguments.markdown)  # before minutes of measuring
+        check_file(arguments.markdown)
+    check_folder(arguments.out)
     settings = BenchSettings(
         motion=arguments.motion,
         duration=arguments.duration or (1.0 if arguments.quick else 3.0),
@@ -353,7 +429,6 @@ def _bench(arguments: argparse.Namespace) -> None:
     )
     if arguments.quick:
         settings = replace(settings, repeats=1, scaling_steps=20)
-    _be_quiet()
     result = run_bench(
         settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
     )
@@ -381,13 +456,16 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     from crar_drake.experiments.section_iv.reproduce import reproduce
     from crar_drake.experiments.section_iv.simulate import finished
     from crar_drake.experiments.sweep import find_motions
+    from crar_drake.files import check_folder
 
     chosen = arguments.motions or ["builtin"]
     motions = [m for name in chosen for m in MOTION_SETS.get(name, (name,))]
-    plan = make_plan(find_motions(motions), duration=arguments.duration)
-    out = arguments.out or OUT / "reproduce" / "-".join(map(_motion_label, chosen))
+    found = find_motions(motions)
+    labels = [_motion_label(name).replace(os.sep, "_") for name in chosen]
+    out = arguments.out or OUT / "reproduce" / "-".join(labels)
+    check_folder(out)
+    plan = make_plan(found, duration=arguments.duration)
 
-    _be_quiet()
     try:
         with _sweep_bar(len(finished(plan, out)), len(plan.simulations)) as show:
             result = reproduce(
@@ -425,14 +503,17 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--motion: {arguments.scenario} follows keyframes of its own; take a "
                 "scenario with a motion, or change the file"
             )
-        # The scenario's skeleton belongs to the scenario's motion.
+        # The scenario's skeleton and rate belong to the scenario's motion.
         scenario.motion, scenario.skeleton = arguments.motion, ""
+        scenario.frame_rate = None
     if arguments.skeleton is not None:
         if scenario.keyframes:
             raise ScenarioError(
                 f"--skeleton: {arguments.scenario} follows keyframes, not a motion"
             )
         scenario.skeleton = arguments.skeleton
+    if arguments.frame_rate is not None:
+        scenario.frame_rate = arguments.frame_rate
     if arguments.experiment is not None:
         if scenario.tasks:
             raise ScenarioError(
@@ -444,30 +525,56 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
         scenario.controller.level = arguments.level
     if arguments.constraints is not None:
         scenario.controller.constraints = arguments.constraints
-    if arguments.arithmetic is not None:
-        scenario.controller.arithmetic = arguments.arithmetic
     if arguments.duration is not None:
         scenario.duration = arguments.duration
     scenario.validate()
 
 
-def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> str:
-    """The folder says what was run, so that variants do not replace each other."""
-    name = Path(arguments.scenario).stem
-    if scenario.experiment and (arguments.motion or arguments.experiment):
-        name = f"{_motion_label(scenario.motion)}_{scenario.experiment}"
-    elif arguments.motion:
-        name += f"_{_motion_label(scenario.motion)}"
-    return "_".join(filter(None, [name, arguments.level, arguments.constraints]))
+def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
+    """The folder says what was run, so that variants do not replace each other.
+
+    It is known before: shipped scenarios and motions, trials, and files in the
+    working directory have their names; other files also that of their folder, see
+    `_label`. A file of one's own, and a robot that is not the default, are named
+    with the motion and the experiment that are put into them.
+    """
+    from crar_drake.scenario import scenario_names
+
+    path = Path(arguments.scenario)
+    shipped = path.parent.name in ("", "diagrams") and path.stem in scenario_names()
+    name = Path(path.stem) if shipped else _label(path)
+    parts = [name.name, arguments.level, arguments.constraints]
+    if arguments.motion or (scenario.experiment and arguments.experiment):
+        motion = _label(scenario.motion)
+        parts[:1] = [motion.name, scenario.experiment]
+        if not shipped or not scenario.experiment:
+            parts[:0] = [name.name]
+        elif scenario.robot != type(scenario)().robot:
+            robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
+            parts[:0] = [robot.parent.name if robot.suffix else robot.name]
+        name = motion if shipped else name.parent / motion
+    return name.with_name("_".join(filter(None, parts)))
+
+
+def _label(path: str | Path) -> Path:
+    """A relative path without suffix that tells files of one name apart.
+
+    Names that are no paths, and files in the working directory, are themselves;
+    files below it keep their folders. Of others the folder's name is kept, with
+    some digits that stand for the whole of its path.
+    """
+    path = Path(str(path).removeprefix("cmu:"))
+    folder = path.absolute().parent.resolve()
+    try:
+        folder = folder.relative_to(Path.cwd().resolve())
+    except ValueError:
+        digits = hashlib.sha256(os.fsencode(folder)).hexdigest()[:6]
+        folder = Path(f"{folder.name or 'root'}-{digits}")
+    return folder / path.stem
 
 
 def _motion_label(motion: str) -> str:
-    return Path(motion).stem.removeprefix("cmu:")
-
-
-def _be_quiet() -> None:
-    """Drake announces Meshcat's address, where nothing is to be seen."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
+    return str(_label(motion))
 
 
 @contextmanager
@@ -511,44 +618,6 @@ def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
             scenario.controller, constraints=constraints, level=level, period=period
         )
         replace(scenario, controller=controller).validate()
-
-
-def _common_settings(scenario: Scenario) -> Scenario:
-    """The scenario, with the same value in all that a case puts its own in."""
-    controller = replace(
-        scenario.controller,
-        constraints="paper",
-        level="acceleration",
-        period=scenario.plant_config.time_step or scenario.controller.period,
-    )
-    return replace(
-        scenario,
-        description="",
-        motion="dance",
-        skeleton="",  # it belongs to the scenario's motion
-        experiment="wrists",
-        tasks=[],
-        keyframes={},
-        controller=controller,
-    )
-
-
-def _keep_settings(scenario: Scenario, out: Path) -> None:
-    """Writes the scenario beside the results.
-
-    The results do not say what they have in common: a sweep with another scenario or
-    duration would take them for its own.
-    """
-    from crar_drake.files import whole_file
-
-    path, text = out.with_suffix(".yaml"), scenario.to_yaml()
-    if out.is_file() and path.is_file() and path.read_text() != text:
-        raise CrarError(
-            f"{out}: its results were made with another --scenario or --duration "
-            f"(see {path}); give another --out"
-        )
-    with whole_file(path) as temporary:
-        temporary.write_text(text)
 
 
 @contextmanager
@@ -626,8 +695,11 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
 def _make_parser() -> _Parser:
     parser = _Parser(
         prog="crar-drake",
-        description="Constrained resolved acceleration control of robots that follow "
-        "motion-capture data, after the paper of that name.",
+        description="Make simulated robots follow motion-capture data without running "
+        "into themselves or beyond their joint limits, by Constrained Resolved "
+        "Acceleration Control.",
+        epilog="Start with `crar-drake run`, which simulates a built-in dance, and "
+        "`crar-drake list`. `crar-drake COMMAND --help` tells a command's options.",
     )
     parser.add_argument(
         "--version", action="version", version=f"crar-drake {__version__}"
@@ -639,36 +711,53 @@ def _make_parser() -> _Parser:
     def add(name: str, command: Callable, text: str) -> _Parser:
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(command=command, parser=sub)
+        sub.add_argument(
+            "--verbose",
+            action="store_true",
+            help="print all that Drake says, not one line for warnings of a kind",
+        )
         return sub
 
-    run = add("run", _run, "Simulate a scenario and write what is to be seen of it.")
+    run = add(
+        "run",
+        _run,
+        "Simulate a scenario; write a recording, a log, a summary and a plot.",
+    )
     run.add_argument(
         "scenario",
         nargs="?",
         default=DEFAULT_SCENARIO,
-        help="a YAML file, or the name of a shipped scenario (default: %(default)s)",
+        help="a YAML file that says what to simulate, or the name of a shipped one, "
+        "see `crar-drake list` (default: %(default)s)",
     )
     run.add_argument(
-        "--motion", help="follow this one: dance, cmu:05_02, some/path.amc"
+        "--motion",
+        metavar="MOTION",
+        help=f"follow this motion instead of the scenario's: {_MOTION}",
     )
-    run.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
-    run.add_argument("--experiment", choices=EXPERIMENTS, help="which points to track")
-    run.add_argument("--level", choices=LEVELS, help="where accelerations come from")
-    run.add_argument("--constraints", choices=CONSTRAINTS, help="what keeps them off")
+    run.add_argument("--skeleton", metavar="FILE", help=_SKELETON)
+    frame_rate = {
+        "type": _positive,
+        "metavar": "HZ",
+        "help": "frames per second of the motion (default: what its file states, else "
+        "that of the CMU database)",
+    }
+    run.add_argument("--frame-rate", **frame_rate)
+    run.add_argument("--experiment", choices=EXPERIMENTS, help=_EXPERIMENT)
+    run.add_argument("--level", choices=LEVELS, help=_LEVEL)
+    run.add_argument("--constraints", choices=CONSTRAINTS, help=_CONSTRAINTS)
     run.add_argument(
-        "--arithmetic",
-        choices=ARITHMETICS,
-        help="compiled: faster, needs crar-drake[compiled]",
-    )
-    run.add_argument(
-        "--duration", type=_positive, metavar="S", help="simulate S seconds [s]"
+        "--duration",
+        type=_positive,
+        metavar="S",
+        help="simulate S seconds (default: the whole motion)",
     )
     run.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
         help="folder for recording.html, log.npz, summary.json and plot.png "
-        "(default: out/ and what was run)",
+        "(default: out/NAME, where NAME says what was run)",
     )
     run.add_argument(
         "--no-recording", action="store_true", help="do not make recording.html"
@@ -677,48 +766,51 @@ def _make_parser() -> _Parser:
     sweep = add(
         "sweep",
         _sweep,
-        "Simulate many motions in many modes, and judge them. A sweep that was "
-        "stopped goes on where it was, by the same command.",
+        "Simulate many motions and count their violations. The same command "
+        "continues a sweep that was stopped.",
     )
     sweep.add_argument(
         "paths",
         nargs="+",
         metavar="PATH",
-        help="a folder with .amc files below it, an .amc file, dance, or cmu:05_02",
+        help=f"a folder with .amc files in it or below, or a motion: {_MOTION}",
     )
     sweep.add_argument(
         "--experiment",
         choices=(*EXPERIMENTS, "both"),
         default="both",
-        help="which points to track (default: %(default)s)",
+        help=f"{_EXPERIMENT} (default: %(default)s)",
     )
     for name, known, text in (
-        ("constraints", CONSTRAINTS, "what keeps them off"),
-        ("level", LEVELS, "where accelerations come from"),
+        ("constraints", CONSTRAINTS, _CONSTRAINTS),
+        ("level", LEVELS, _LEVEL),
     ):
         sweep.add_argument(
             f"--{name}",
             type=_list_of(_one_of(known)),
             action="extend",
             metavar=f"{name[0].upper()}[,{name[0].upper()}...]",
-            help=f"{text}, of {', '.join(known)} (default: the scenario's)",
+            help=f"{text}; one or several (default: the scenario's)",
         )
     sweep.add_argument(
         "--period",
         type=_list_of(_positive),
         action="extend",
         metavar="S[,S...]",
-        help="control periods [s] (default: the scenario's)",
+        help="time between two computations of the torque [s], one or several "
+        "(default: the scenario's)",
     )
     sweep.add_argument(
         "--duration",
         type=_positive,
         metavar="S",
-        help="simulate S seconds of each [s] (default: all of it)",
+        help="simulate S seconds of each motion (default: all of it)",
     )
+    sweep.add_argument("--frame-rate", **frame_rate)
     sweep.add_argument(
         "--scenario",
-        help="a YAML file, or the name of a shipped scenario, for everything else",
+        metavar="SCENARIO",
+        help="a YAML file, or the name of a shipped scenario: everything else",
     )
     sweep.add_argument(
         "--jobs", type=_count, metavar="N", help="processes (default: one per core)"
@@ -728,36 +820,36 @@ def _make_parser() -> _Parser:
         type=Path,
         metavar="FILE",
         default=OUT / "sweep" / "results.csv",
-        help="results, with a .png and a .yaml beside it (default: %(default)s)",
+        help="table of the results; a .png (plot) and a .yaml (what they have in "
+        "common) go beside it (default: %(default)s)",
     )
 
     bench = add(
         "bench",
         _bench,
-        "Time a control step, its parts, the whole simulation, and how they grow "
-        "(docs/speed.md).",
+        "Measure how long a control step and a whole simulation take "
+        "(docs/speed.md explains it).",
     )
     bench.add_argument(
         "--motion",
         default="dance",
-        help="steps along this one: dance, cmu:05_02, some/path.amc "
-        "(default: %(default)s)",
+        help=f"take the steps of this motion: {_MOTION} (default: %(default)s)",
     )
     bench.add_argument(
         "--duration",
         type=_positive,
         metavar="S",
-        help="of the motion that is taken [s] (default: 3)",
+        help="take the first S seconds of the motion (default: 3)",
     )
     bench.add_argument(
         "--only",
         type=_list_of(_one_of(MEASUREMENTS)),
         action="extend",
         metavar="M[,M...]",
-        help=f"of {', '.join(MEASUREMENTS)} (default: all)",
+        help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
     )
     bench.add_argument(
-        "--quick", action="store_true", help="a first look, with few samples"
+        "--quick", action="store_true", help="few samples, for a first look"
     )
     bench.add_argument(
         "--out",
@@ -770,28 +862,29 @@ def _make_parser() -> _Parser:
         "--markdown",
         type=Path,
         metavar="FILE",
-        help="a page such as docs/speed.md, to renew the tables of",
+        help="also renew the tables of this page, such as docs/speed.md",
     )
 
     reproduce = add(
         "reproduce",
         _reproduce,
-        "Run what Section IV of the paper reports, and write a report like it. If "
-        "stopped, it goes on where it was, by the same command.",
+        "Repeat the experiments of the paper's Section IV and write a report. The "
+        "same command continues one that was stopped.",
     )
     reproduce.add_argument(
         "--motions",
         type=_list_of(str),
         action="extend",
         metavar="M[,M...]",
-        help="builtin; cmu, the CMU trials 05_02, 13_29, 14_07 and 13_17; or names of "
-        "motions, the first of which is the dance (default: builtin)",
+        help="builtin (the four built-in motions), cmu (the CMU recordings 05_02, "
+        "13_29, 14_07 and 13_17), or names of motions, the first of them a dance "
+        "(default: builtin)",
     )
     reproduce.add_argument(
         "--duration",
         type=_positive,
         metavar="S",
-        help="simulate S seconds of each [s] (default: all of it)",
+        help="simulate S seconds of each motion (default: all of it)",
     )
     reproduce.add_argument(
         "--jobs", type=_count, metavar="N", help="processes (default: one per core)"
@@ -800,29 +893,47 @@ def _make_parser() -> _Parser:
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder for report.html and what belongs to it (default: out/reproduce/ "
-        "and the motions)",
+        help="folder for report.html and its files (default: out/reproduce/NAME, "
+        "where NAME says which motions)",
     )
 
-    motion = add("motion", _motion, "Print what is in a motion file, and plot it.")
-    motion.add_argument("motion", help="dance, cmu:05_02, some/path.amc")
-    motion.add_argument("--skeleton", help="the motion's .asf, if it is not beside it")
+    motion = add(
+        "motion",
+        _motion,
+        "Print what is in a motion and what looks bad, and plot it.",
+    )
+    motion.add_argument("motion", metavar="MOTION", help=_MOTION)
+    motion.add_argument("--skeleton", metavar="FILE", help=_SKELETON)
+    motion.add_argument("--frame-rate", **frame_rate)
     motion.add_argument(
-        "--plot", type=Path, metavar="FILE", help="(default: out/ and the motion.png)"
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="picture to write (default: out/MOTION.png)",
     )
 
-    add("list", _list, "Name the robots, motions and scenarios that there are.")
+    add("list", _list, "List the robots, motions and scenarios that are at hand.")
 
-    fetch = add("fetch", _fetch, "Download trials of the CMU motion-capture database.")
-    fetch.add_argument("trials", nargs="+", metavar="TRIAL", help="such as 05_02")
+    fetch = add(
+        "fetch",
+        _fetch,
+        "Download recordings of the CMU motion-capture database into the user's cache.",
+    )
     fetch.add_argument(
-        "--force", action="store_true", help="even if they are there already"
+        "trials",
+        nargs="+",
+        metavar="TRIAL",
+        help="a recording's number in the database, such as 05_02",
+    )
+    fetch.add_argument(
+        "--force", action="store_true", help="download it even if it is there already"
     )
 
     imported = add(
         "import-robot",
         _import_robot,
-        "Turn a robot's URDF into a folder that scenarios can name as their robot.",
+        "Make a robot that scenarios can name, from its URDF (docs/your-robot.md). "
+        "Needs crar-drake[robots].",
     )
     imported.add_argument(
         "robot",
@@ -834,7 +945,8 @@ def _make_parser() -> _Parser:
         "--out",
         type=Path,
         metavar="DIR",
-        help="(default: a folder of the robot's name in the user's cache)",
+        help="folder to write (default: one in the user's cache, so that scenarios "
+        "find the robot by its name)",
     )
     imported.add_argument(
         "--package-path",
@@ -843,25 +955,43 @@ def _make_parser() -> _Parser:
         help="folder in which the packages of package:// addresses lie",
     )
 
+    def add_robot(parser: _Parser) -> None:
+        parser.add_argument(
+            "--robot",
+            metavar="ROBOT",
+            help="name or folder of the log's robot, if it is not where it was when "
+            "the log was made",
+        )
+
     judge = add(
         "judge",
         _judge,
-        "Judge a saved log by the referee and by the real meshes' hulls.",
+        "Count the collisions and passed joint limits of a saved log, independently "
+        "of the controller; of imported robots also by the hulls of their meshes.",
     )
-    judge.add_argument("log", type=Path, help="the log.npz of a run")
+    judge.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
+    add_robot(judge)
     judge.add_argument(
         "--every",
         type=_positive,
         default=0.02,
         metavar="S",
-        help="ask the hulls this often [s] (default: %(default)s)",
+        help="look at the meshes' hulls every S seconds (default: %(default)s)",
     )
 
-    playback = add("playback", _playback, "Make a page of a log, without simulating.")
-    playback.add_argument("log", type=Path, help="the log.npz of a run")
-    playback.add_argument(
-        "--out", type=Path, metavar="FILE", help="(default: playback.html beside it)"
+    playback = add(
+        "playback",
+        _playback,
+        "Make a page to look at from a saved log, without simulating again.",
     )
+    playback.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
+    playback.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="page to write (default: playback.html beside the log)",
+    )
+    add_robot(playback)
     return parser
 
 

@@ -11,6 +11,7 @@ from pydrake.systems.primitives import TrajectorySource
 
 from crar_drake.errors import ScenarioError
 from crar_drake.keyframes import KeyframeTrajectory
+from crar_drake.motion.asf_amc import Clip
 from crar_drake.motion_targets import load_motion_targets
 from crar_drake.robot import ControlModel
 from crar_drake.scenario import Scenario
@@ -28,6 +29,7 @@ class DesiredMotion:
         MakeTaskSource: makes the system that emits `desired_tasks`.
         MakePrescribedSource: makes that of `desired_prescribed`; None without
             prescribed joints.
+        clip: the motion file's contents; None with keyframes.
     """
 
     duration: float  # [s]
@@ -35,6 +37,7 @@ class DesiredMotion:
     prescribed_at: Callable[[float], np.ndarray]
     MakeTaskSource: Callable[[], LeafSystem]
     MakePrescribedSource: Callable[[], LeafSystem] | None
+    clip: Clip | None = None
 
 
 def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotion:
@@ -47,7 +50,11 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
     if scenario.keyframes:
         return _from_keyframes(scenario, model)
     motion = load_motion_targets(
-        scenario.motion, model, skeleton=scenario.skeleton, cutoff=scenario.cutoff
+        scenario.motion,
+        model,
+        skeleton=scenario.skeleton,
+        frame_rate=scenario.frame_rate,
+        cutoff=scenario.cutoff,
     )
 
     tasks = motion.tasks
@@ -70,7 +77,12 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
     prescribed = motion.prescribed
     if prescribed is None:
         return DesiredMotion(
-            motion.duration, tasks_at, lambda time: np.zeros(0), MakeTaskSource, None
+            motion.duration,
+            tasks_at,
+            lambda time: np.zeros(0),
+            MakeTaskSource,
+            None,
+            motion.clip,
         )
     return DesiredMotion(
         motion.duration,
@@ -78,6 +90,7 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
         lambda time: prescribed.value(time).ravel(),
         MakeTaskSource,
         lambda: TrajectorySource(prescribed, 2),
+        motion.clip,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,11 +27,50 @@ from crar_drake.robot import ControlModel
 from crar_drake.robot_description import (
     RobotDescription,
     add_robot,
+    find_joint,
     load_robot_description,
 )
 from crar_drake.scenario import Scenario, SimulatedRobot, check_multiple
 from crar_drake.start_pose import solve_start_pose
 from crar_drake.task import Task
+
+
+def AddRobot(
+    plant: MultibodyPlant, robot: str | os.PathLike[str] | RobotDescription
+) -> RobotDescription:
+    """Adds a robot to a plant that is not finalized yet, in its rest posture.
+
+    Its model file is parsed, its base welded to the world, and the rest posture made
+    the default of its joints. The plant may hold other things, too.
+
+    Args:
+        plant: of `AddMultibodyPlantSceneGraph`; call `Finalize` afterwards.
+        robot: the name of a shipped robot (`crar-drake list` tells them) or of one
+            that `crar-drake import-robot` made, the path of a robot.yaml or of its
+            folder, or a description made in Python.
+
+    Returns:
+        The robot's description, which `AddCrarController` asks for.
+
+    Raises:
+        ModelError: the plant is finalized or has no SceneGraph, there is no such
+            robot, it is not imported yet, or its model cannot be parsed.
+    """
+    if plant.is_finalized():
+        raise ModelError("the plant is finalized already; call AddRobot before it")
+    if not plant.geometry_source_is_registered():
+        raise ModelError(
+            "the plant has no SceneGraph; make it by AddMultibodyPlantSceneGraph"
+        )
+    description = (
+        robot if isinstance(robot, RobotDescription) else load_robot_description(robot)
+    )
+    add_robot(plant, description)
+    for name, position in description.rest_posture.items():
+        joint = find_joint(plant, name)
+        if joint.num_positions() == 1:  # others are refused by the control model
+            joint.set_default_positions([position])
+    return description
 
 
 def AddCrarController(
@@ -47,14 +87,15 @@ def AddCrarController(
     """Adds a controller beside a plant and connects state and actuation.
 
     What remains to be connected are `desired_tasks` and, if the description
-    prescribes joints, `desired_prescribed`.
+    prescribes joints, `desired_prescribed`; see `CrarController` for what they carry.
 
     Args:
         builder: of the diagram that owns the plant.
         plant: finalized.
         scene_graph: where the plant's geometry is registered.
         description: the names in the plant: task frames, watched pairs,
-            prescribed joints. From `load_robot_description`, or made in Python.
+            prescribed joints. From `AddRobot`, `load_robot_description`, or made in
+            Python.
         tasks: what is tracked.
         parameters: gains and modes; by default `CrarParameters()`.
         control_model: the model that the controller computes with; by default a

@@ -3,6 +3,10 @@
 The command line prints them without a traceback and exits with code 2.
 """
 
+from __future__ import annotations
+
+import os
+
 
 class CrarError(ValueError):
     """Something the user gave is wrong; the message says what and what to do."""
@@ -18,3 +22,27 @@ class ModelError(CrarError):
 
 class ScenarioError(CrarError):
     """A scenario file or an option that overrides it."""
+
+
+class WriteError(CrarError):
+    """A file or folder cannot be written.
+
+    Attributes:
+        path: which.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], why: str | OSError) -> None:
+        """
+        Args:
+            path: which.
+            why: the reason, or the system's error.
+        """
+        if isinstance(why, OSError):
+            why = f"could not be written: {why.strerror or why}"
+        super().__init__(f"{path}: {why}")
+        self.path = path
+        self._why = why
+
+    def __reduce__(self) -> tuple:
+        # Processes of a pool send their errors.
+        return WriteError, (self.path, self._why)

@@ -7,6 +7,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -40,7 +41,8 @@ class SimulationLog:
         pair_names: (Nc,) "link a - link b".
         lower, upper: (nq,) position limits; infinite where there is none, and for
             the prescribed joints.
-        scenario: the scenario that was run, as YAML text.
+        scenario: the scenario that was run, as YAML text; a robot that was named by
+            a path has its absolute path there.
     """
 
     time: np.ndarray
@@ -66,34 +68,118 @@ class SimulationLog:
     scenario: str
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a compressed NumPy archive with one array per attribute."""
-        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        """Writes a compressed NumPy archive with one array per attribute.
+
+        Raises:
+            WriteError: the file cannot be written.
+        """
         with whole_file(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
+            self.write(stream)
+
+    def write(self, stream: BinaryIO) -> None:
+        """Does what `save` does, into an open file."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        np.savez_compressed(stream, **arrays)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> SimulationLog:
         """Reads what `save` wrote.
 
         Raises:
-            CrarError: there is no such file, or it is not such an archive.
+            CrarError: there is no such file, it cannot be read, or it is not such an
+                archive.
         """
-        if not Path(path).is_file():
+        path = Path(path)
+        if path.is_dir():
+            raise CrarError(f"{path}: this is a folder; name {path / 'log.npz'}")
+        if not path.is_file():
             raise CrarError(f"{path}: there is no such log")
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
+            arrays = _read(path)
             arrays["scenario"] = str(arrays["scenario"])
-            return SimulationLog(**arrays)
-        except (
-            TypeError,
-            KeyError,
-            ValueError,
-            OSError,
-            EOFError,
-            zipfile.BadZipFile,
-            zlib.error,
-        ) as error:
+            log = SimulationLog(**arrays)
+            log._check()
+            return log
+        except PermissionError as error:
+            raise CrarError(f"{path}: may not be read") from error
+        except _Unfit as error:
             raise CrarError(
                 f"{path}: not a log of crar-drake run, or of another version: {error}"
             ) from error
+
+    def _check(self) -> None:
+        """Raises _Unfit unless the arrays fit together."""
+        sizes: dict[str, int] = {}
+        for name, axes in _SHAPES.items():
+            array = getattr(self, name)
+            if array.dtype.kind != ("U" if name.endswith(("names", "kinds")) else "f"):
+                raise _Unfit(f"array {name!r} is of type {array.dtype}")
+            if array.ndim == len(axes):
+                for axis, size in zip(axes, array.shape, strict=True):
+                    sizes.setdefault(axis, int(axis) if axis.isdigit() else size)
+            if array.shape != tuple(sizes.get(axis) for axis in axes):
+                raise _Unfit(f"array {name!r} is of shape {array.shape}")
+        if not len(self.time):
+            raise _Unfit("it holds no sample")
+
+
+class _Unfit(Exception):
+    """A file holds no log."""
+
+
+# Equal letters are equal numbers. (A task's number of rows depends on its kind.)
+_SHAPES: dict[str, tuple[str, ...]] = {
+    "time": ("T",),
+    "q": ("T", "nq"),
+    "v": ("T", "nv"),
+    "actuation": ("T", "nu"),
+    "desired_acceleration": ("T", "nv"),
+    "desired_tasks": ("T", "layout"),
+    "task_error": ("T", "m"),
+    "signed_distances": ("T", "Nc"),
+    "constraint_weights": ("T", "n"),
+    "status": ("T", "1"),
+    "resting_margins": ("T", "2"),
+    "torque_limit": ("T", "2"),
+    "position_names": ("nq",),
+    "actuator_names": ("nu",),
+    "controlled_names": ("n",),
+    "task_names": ("N",),
+    "task_kinds": ("N",),
+    "pair_names": ("Nc",),
+    "lower": ("nq",),
+    "upper": ("nq",),
+}
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a log's archive.
+
+    Raises:
+        _Unfit: the file is something else, or damaged.
+        PermissionError: it may not be read.
+    """
+    if not zipfile.is_zipfile(path):
+        # NumPy would take it for a pickle, and advise to load it as one.
+        path.open("rb").close()
+        raise _Unfit("it is no NumPy archive, or only the beginning of one")
+    known = {field.name for field in fields(SimulationLog)}
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            for name in sorted(known.symmetric_difference(archive.files)):
+                word = "misses" if name in known else "has"
+                raise _Unfit(f"it {word} an array {name!r}")
+            return {name: archive[name] for name in archive.files}
+    except ValueError as error:
+        # What NumPy says of arrays that are objects is how to run their code.
+        why = "an array holds Python objects" if "pickle" in str(error) else error
+        raise _Unfit(why) from error
+    except (
+        OSError,
+        EOFError,
+        KeyError,
+        RuntimeError,  # it is encrypted, or compressed in another way
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise _Unfit(f"it is damaged: {error}") from error

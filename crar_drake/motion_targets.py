@@ -82,11 +82,13 @@ class MotionTargets:
             tasks of hands, which may have orientations, the way of each by its name.
         prescribed: positions of the prescribed joints; None if there are none.
         duration: [s].
+        clip: the motion itself.
     """
 
     tasks: BsplineTrajectory | dict[str, PointTrajectory | HandTrajectory]
     prescribed: BsplineTrajectory | None
     duration: float  # [s]
+    clip: Clip
 
 
 def segment_lengths(model: ControlModel) -> SegmentLengths:
@@ -133,7 +135,12 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
 
 
 def load_motion_targets(
-    motion: str, model: ControlModel, *, skeleton: str = "", cutoff: float = 6.0
+    motion: str,
+    model: ControlModel,
+    *,
+    skeleton: str = "",
+    frame_rate: float | None = None,
+    cutoff: float = 6.0,
 ) -> MotionTargets:
     """Loads, filters and scales a motion to the robot's tasks.
 
@@ -142,6 +149,7 @@ def load_motion_targets(
         model: the robot, with position tasks of JOINT_CENTRES, and tasks of HANDS
             of any kind.
         skeleton: path of the .asf, where it is not beside the motion.
+        frame_rate: of the motion [Hz]; see `motion.catalogue.load_clip`.
         cutoff: of the low-pass [Hz].
 
     Raises:
@@ -150,7 +158,7 @@ def load_motion_targets(
         ScenarioError: a task is none that a motion can drive.
     """
     _check_tasks(model)
-    clip = load_clip(motion, skeleton or None)
+    clip = load_clip(motion, skeleton or None, frame_rate=frame_rate)
     centres = joint_centres(clip)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
     prescribed = None
@@ -161,7 +169,7 @@ def load_motion_targets(
         tasks = _task_ways(model, clip, retargeted, cutoff)
     else:
         tasks = retargeted.trajectory(frames)
-    return MotionTargets(tasks, prescribed, retargeted.duration)
+    return MotionTargets(tasks, prescribed, retargeted.duration, clip)
 
 
 def _check_tasks(model: ControlModel) -> None:

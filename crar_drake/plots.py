@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crar_drake.files import whole_file
+from crar_drake.figures import save_figure
 from crar_drake.log import SimulationLog
 from crar_drake.scenario import parse_scenario
 from crar_drake.summary import (
@@ -40,9 +40,11 @@ def plot_run(log: SimulationLog, path: str | os.PathLike[str]) -> None:
     Args:
         log: of the run.
         path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
+
+    Raises:
+        CrarError: there is no such format, or the file cannot be written.
     """
-    with whole_file(path) as temporary:
-        draw_run(log).savefig(temporary, dpi=150)
+    save_figure(draw_run(log), path, dpi=150)
 
 
 def draw_run(log: SimulationLog) -> Figure:

@@ -44,12 +44,13 @@ from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.log import SimulationLog
+from crar_drake.logged_robot import check_logged_robot, load_logged_robot
 from crar_drake.robot_description import (
     add_robot,
     find_body,
-    load_robot_description,
 )
 from crar_drake.scenario import parse_scenario
+from crar_drake.visuals import draw_collision_shapes, models_without_visuals
 
 TARGET_COLOR = Rgba(0.55, 0.27, 1.0, 1.0)  # violet: neither robot nor warning
 WARNING_COLOR = Rgba(1.0, 0.24, 0.05, 0.6)
@@ -298,6 +299,8 @@ def AddVisualization(
 ) -> PlaybackOverlay:
     """Adds Drake's visualiser and the overlay; nothing goes to a network.
 
+    Of a model without visual geometry it draws the collision shapes.
+
     Args:
         config: Drake's own.
         builder, meshcat, plant, scene_graph, pairs, target_names, warning_distance:
@@ -306,6 +309,7 @@ def AddVisualization(
     Raises:
         CrarError, ModelError: as `AddPlaybackOverlay`.
     """
+    draw_collision_shapes(plant, scene_graph)
     ApplyVisualizationConfig(
         config,
         builder,
@@ -412,7 +416,8 @@ def record_log(
     *,
     frames_per_second: float = 32.0,
     meshcat: Meshcat | None = None,
-) -> None:
+    robot: str = "",
+) -> list[str]:
     """Writes the page of a run from its log, without simulating again.
 
     Args:
@@ -420,6 +425,10 @@ def record_log(
         path: of the .html file.
         frames_per_second: of the recording; the log is interpolated to them.
         meshcat: to draw into; by default one of its own.
+        robot: where the robot is now, or its name; by default what the log says.
+
+    Returns:
+        The models whose collision shapes were drawn, for want of anything else.
 
     Raises:
         CrarError: the log is empty, does not fit its robot any more, or
@@ -431,7 +440,7 @@ def record_log(
     if not 0.0 < frames_per_second < np.inf:
         raise CrarError(f"frames_per_second: {frames_per_second} must be positive")
     scenario = parse_scenario(log.scenario, "scenario of the log")
-    description = load_robot_description(scenario.robot)
+    description = load_logged_robot(log, robot)
     layout = TaskLayout(tuple(log.task_names), tuple(log.task_kinds))
     period = 1.0 / frames_per_second
 
@@ -440,16 +449,9 @@ def record_log(
     add_robot(plant, description)
     plant.Finalize()
     pairs = [(a, b) for a, b in description.pairs]
-    for what, ours, logged in (
-        ("positions", plant.num_positions(), log.q.shape[1]),
-        ("watched pairs", len(pairs), log.signed_distances.shape[1]),
-    ):
-        if ours != logged:
-            raise CrarError(
-                f"the log has {logged} {what} but robot {description.name} {ours}: it "
-                "was made with another model"
-            )
+    check_logged_robot(log, plant, description)
     meshcat = meshcat or Meshcat()
+    unseen = models_without_visuals(plant, scene_graph.model_inspector())
     scenario.visualization.publish_period = period
     overlay = AddVisualization(
         builder,
@@ -484,6 +486,7 @@ def record_log(
         )
         diagram.ForcedPublish(context)
     save_recording(meshcat, path)
+    return unseen
 
 
 def inflated(shape: Shape, by: float) -> Shape | None:

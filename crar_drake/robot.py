@@ -32,13 +32,13 @@ from crar_drake.equations.tasks import (
 )
 from crar_drake.errors import ModelError
 from crar_drake.link_kinematics import LinkKinematics
+from crar_drake.nearest import nearest
 from crar_drake.robot_description import (
     RobotDescription,
     add_robot,
     find_body,
     find_frame,
     find_joint,
-    nearest,
 )
 from crar_drake.task import Task
 from crar_drake.watched_pairs import WatchedPairs
@@ -429,6 +429,19 @@ class ControlModel:
             q[joint.position_start()] = value
         return q
 
+    def tasks_at(self, q: np.ndarray) -> np.ndarray:
+        """The targets that the robot fulfils where it is, at rest.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+
+        Returns:
+            (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
+        """
+        zero = np.zeros(self.plant.num_velocities())
+        state = self.evaluate(self.MakeWorkspace(), np.asarray(q, dtype=float), zero)
+        return self.layout.pack(state.R, state.p)
+
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
         if plant.num_positions() != plant.num_velocities():
@@ -445,7 +458,7 @@ class ControlModel:
         nv = plant.num_velocities()
         B = plant.MakeActuationMatrix()
         unactuated = np.flatnonzero(~B.any(axis=1))
-        names = _names_by_joint(plant)
+        names = names_by_joint(plant)
         if len(unactuated):
             raise ModelError(
                 "every joint must be actuated, but these are not: "
@@ -619,7 +632,7 @@ class ControlModel:
             ) from error
 
 
-def _names_by_joint(plant: MultibodyPlant) -> list[str]:
+def names_by_joint(plant: MultibodyPlant) -> list[str]:
     """Per velocity the joint's name; scoped where two models share a name."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     plain = [joint.name() for joint in joints]

@@ -1,13 +1,10 @@
 """What the controller cannot guess about a robot: a YAML file beside its model."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
-import difflib
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -19,7 +16,9 @@ from pydrake.multibody.tree import (
 )
 
 from crar_drake.errors import ModelError
+from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder, imported_robots_folder
+from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
 IMPORT_FILE = "import.yaml"
@@ -101,21 +100,24 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
     """Loads a robot by name, or any `robot.yaml` (or its folder) by path.
 
     A name is that of a shipped robot, or of one that `crar-drake import-robot` has
-    put into the user's cache.
+    put into the user's cache. A relative path starts at the working directory.
 
     Raises:
         ModelError: there is no such robot, it is not imported yet, or its file is
-            not a description.
+            not a description; the message names file, key and line.
     """
     path = Path(robot)
     if path.is_dir():
         path = path / "robot.yaml"
     if not path.is_file():
         path = _by_name(str(robot))
-    try:
-        description = yaml_load_typed(schema=RobotDescription, filename=str(path))
-    except Exception as error:
-        raise ModelError(f"{path}: {error}") from error
+    description = load_yaml(
+        read_text(path, ModelError),
+        RobotDescription,
+        str(path),
+        ModelError,
+        manual="models/README.md",
+    )
     description.folder = str(path.parent)
     if not (path.parent / description.model).is_file():
         raise ModelError(
@@ -125,8 +127,27 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
     return description
 
 
+def lasting_name(robot: str) -> str:
+    """How a log names a robot: a name as it is, a path so that it is found from
+    every working directory."""
+    path = Path(robot)
+    if robot and (path.is_file() or (path / "robot.yaml").is_file()):
+        return os.path.abspath(robot)
+    return robot
+
+
+def is_path(robot: str) -> bool:
+    """Whether a robot that is not there was meant as a path, not as a name."""
+    return "/" in robot or os.sep in robot or robot.endswith((".yaml", ".yml"))
+
+
 def _by_name(name: str) -> Path:
     """The robot.yaml of a shipped or imported robot."""
+    if is_path(name):
+        wanted = Path(name).absolute()
+        if wanted.suffix not in (".yaml", ".yml"):
+            wanted /= "robot.yaml"
+        raise ModelError(f"robot {name!r}: there is no file {wanted}")
     shipped = data_folder("models") / name / "robot.yaml"
     if shipped.is_file():
         return shipped
@@ -147,10 +168,15 @@ def _by_name(name: str) -> Path:
             )
     if name and imported.is_file():
         return imported
-    known = {*robot_names(), *imported_names()}
+    hint = nearest(name, {*robot_names(), *imported_names()})
+    if name and "did you mean" not in hint:
+        hint += (
+            f"; a robot that was imported once is made again by `crar-drake "
+            f"import-robot {name}`, or by import-robot and the path of its URDF"
+        )
     raise ModelError(
-        f"no robot {name!r}: neither a robot.yaml nor one of the shipped or imported "
-        f"robots{nearest(name, known)}"
+        f"no robot {name!r}: neither a robot.yaml nor one of the shipped robots, nor "
+        f"one imported into {imported_robots_folder()}{hint}"
     )
 
 
@@ -165,7 +191,8 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     and welds its base to the world. The plant is not finalized.
 
     Raises:
-        ModelError: the model file cannot be parsed, or there is no such base.
+        ModelError: the model file cannot be parsed, or there is no such base, or it
+            cannot be welded.
     """
     folder = Path(description.folder)
     parser = Parser(plant)
@@ -177,7 +204,11 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
     if description.base:
-        plant.WeldFrames(plant.world_frame(), find_frame(plant, description.base))
+        base = find_frame(plant, description.base)
+        try:
+            plant.WeldFrames(plant.world_frame(), base)
+        except RuntimeError as error:  # e.g. the model has welded it already
+            raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
 
 
 def find_frame(plant: MultibodyPlant, name: str) -> Frame:
@@ -193,15 +224,6 @@ def find_body(plant: MultibodyPlant, name: str) -> RigidBody:
 def find_joint(plant: MultibodyPlant, name: str) -> Joint:
     """The joint of that name, plain or scoped; ModelError if none."""
     return _find(plant, name, "joint", "GetJointByName", _joint_names)
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of an error message: "; did you mean x?" or the names there are."""
-    known = sorted(set(known))
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    return f"; known are {', '.join(known)}" if known else ""
 
 
 def _find(plant, name, what, getter, names):

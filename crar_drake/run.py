@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
+import signal
+import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +19,13 @@ from pydrake.systems.framework import Context, Diagram
 
 from crar_drake.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.disturbances import ScaleMasses
-from crar_drake.errors import ScenarioError
-from crar_drake.files import whole_file
+from crar_drake.equations.compilation import when_compiling
+from crar_drake.errors import CrarError, ScenarioError, WriteError
+from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.log import SimulationLog
+from crar_drake.motion.report import inspect
+from crar_drake.robot_description import lasting_name
+from crar_drake.run_warnings import run_warnings
 from crar_drake.scenario import Scenario
 from crar_drake.summary import Summary, summarize
 
@@ -37,8 +44,26 @@ _LOGGED = (
     "torque_limit",
 )
 
+COMPILING = (
+    "compiling the control law for this computer, once: this takes up to a minute"
+)
+
 # The progress is told this often [s of simulated time].
 _SLICE = 0.0625
+
+# A run whose log and recording would take more memory than this is refused [B].
+_MEMORY_LIMIT = 4 * 2**30
+
+# What a frame of the recording takes of memory while the page is made, for each body
+# and target [B]; measured as 1.6 kB (`crar_drake.experiments.long_run`).
+_FRAME_BYTES = 2000
+
+# A logged value is kept as 8 bytes, grown by doubling, and copied twice.
+_VALUE_BYTES = 4 * 8
+
+# What a simulation can fail of, midway, that is no defect of this program: wrong input,
+# a robot that is thrown to infinity. NumPy's LinAlgError is among the ValueErrors.
+_FAILURES = (ValueError, FloatingPointError, OverflowError, RuntimeError)
 
 # Takes simulated time [s], duration [s] and the real-time factor so far.
 Progress = Callable[[float, float, float], None]
@@ -61,37 +86,84 @@ class RunResult:
     files: list[Path] = field(default_factory=list)
 
 
+class RunFailed(CrarError):
+    """A run that did not come to its end, or whose files cannot all be written.
+
+    Attributes:
+        result: of what was simulated; its `files` are those that were written.
+    """
+
+    def __init__(self, message: str, result: RunResult | None = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+class RunInterrupted(KeyboardInterrupt):
+    """A run that Ctrl-C ended; the message says what is kept of it.
+
+    Attributes:
+        result: as in `RunFailed`.
+    """
+
+    def __init__(self, message: str, result: RunResult | None = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
 def run_scenario(
     scenario: Scenario,
     out: str | os.PathLike[str] | None = None,
     *,
     record: bool = True,
     progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> RunResult:
     """Simulates a scenario to its end.
 
     With `out`, the folder then holds `recording.html` (a page to look at),
     `log.npz` (see `SimulationLog`), `summary.json` (see `Summary`) and `plot.png`,
-    all of this run: they replace older ones together, after everything succeeded,
-    and an older recording goes if this run makes none. A run that fails leaves the
-    folder as it was.
+    all of this run: the log is written first, the others of an earlier run go when
+    it takes its place, and each follows whole or not at all. So what is missing
+    could not be written (or, the recording, was not wanted), and what is there
+    belongs to the log. If not even the log can be written, the folder stays as it
+    was.
+
+    A run that is stopped midway, by Ctrl-C or by an error, leaves the files of what
+    was simulated till then, if that is at least one sample, and its summary says
+    why it stopped. While the files are written, another Ctrl-C leaves it at those
+    that are there.
 
     Args:
         scenario: from `load_scenario`, or made in Python.
         out: folder to write into; None writes nothing.
         record: whether to make the recording, if there is a folder for it.
         progress: is told simulated time, duration and real-time factor.
+        tell: is told, in a sentence, when the control law has to be compiled first;
+            this does not count as the run's wall time.
 
     Raises:
-        CrarError: something in the scenario, its robot or its motion is wrong, or
-            `out` cannot be written to.
+        CrarError: something in the scenario, its robot or its motion is wrong,
+            `out` cannot be written to, or the run would not fit into memory.
+        RunFailed: with `out`: the simulation failed midway, or a file could not be
+            written.
+        RunInterrupted: with `out`: Ctrl-C came (which is looked at between steps
+            only if this is the main thread and nobody else handles it).
+        Exception: without `out`, what stopped the simulation, as it was.
     """
     if out is not None:
-        check_writable(Path(out))
-    setup = PrepareScenario(scenario)
-    meshcat = Meshcat() if record and out is not None else None
-    diagram = MakeCrarDiagram(scenario, meshcat, setup)
-    duration = scenario.duration or setup.motion.duration
+        out = Path(out)
+        for name in (RECORDING, LOG, SUMMARY, PLOT):
+            check_file(out / name)
+        # Whatever is wrong with the plotting library shows before the simulation.
+        import crar_drake.plots  # noqa: F401
+    with when_compiling(lambda: tell(COMPILING) if tell is not None else None):
+        setup = PrepareScenario(scenario)
+        duration = scenario.duration or setup.motion.duration
+        record = record and out is not None
+        check_size(scenario, setup, duration, record)
+        meshcat = Meshcat() if record else None
+        diagram = MakeCrarDiagram(scenario, meshcat, setup)
+        diagram.GetSubsystemByName("crar_controller").law.compile()
 
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -106,12 +178,72 @@ def run_scenario(
         from crar_drake.recording import start_recording
 
         start_recording(meshcat, scenario.visualization.publish_period)
-    wall_time = _simulate(simulator, duration, progress)
-    log = make_log(scenario, setup, diagram, simulator.get_context())
-    summary = summarize(log, wall_time)
-    if out is None:
-        return RunResult(log, summary, setup)
-    return RunResult(log, summary, setup, _write(Path(out), log, summary, meshcat))
+    clip = setup.motion.clip
+    report = inspect(clip) if clip is not None else None
+    warnings = run_warnings(scenario, setup, report, recorded=record)
+    with _ctrl_c() as interrupts:
+        start, stopped = time.perf_counter(), None
+        try:
+            _simulate(simulator, duration, progress, interrupts)
+        except BaseException as error:
+            if out is None:
+                raise
+            stopped = error
+        wall_time = time.perf_counter() - start
+        log = make_log(scenario, setup, diagram, simulator.get_context())
+        if stopped is not None and not len(log.time):
+            raise stopped
+        summary = summarize(log, wall_time, motion=report, warnings=warnings)
+        summary = replace(summary, stopped=_reason(stopped))
+        result = RunResult(log, summary, setup)
+        if out is None:
+            return result
+        missing = _write(out, result, meshcat, interrupts)
+    _tell(result, out, duration, stopped, missing)
+    return result
+
+
+def check_size(scenario: Scenario, setup: Setup, duration: float, record: bool) -> None:
+    """Better to know before a simulation of days than from the system that ends it.
+
+    Args:
+        scenario: to be run.
+        setup: of the scenario.
+        duration: of the run [s].
+        record: whether it is recorded.
+
+    Raises:
+        ScenarioError: its log and recording would take more than 4 GiB of memory;
+            the message says what to change.
+    """
+    model = setup.model
+    period = scenario.log_period_for(duration)
+    # State, tasks and the controller's diagnostics, roughly.
+    columns = 5 * model.plant.num_positions() + 5 * model.layout.size
+    columns += len(model.pairs.names)
+    sample = columns * _VALUE_BYTES
+    log = duration / period * sample
+    frame = _FRAME_BYTES * (model.plant.num_bodies() + len(model.layout.names))
+    frame_period = scenario.visualization.publish_period
+    recording = duration / frame_period * frame if record else 0.0
+    if log + recording <= _MEMORY_LIMIT:
+        return
+    changes = []
+    if log > 0.5 * _MEMORY_LIMIT:
+        least = period * math.ceil(2.0 * log / _MEMORY_LIMIT)
+        changes.append(f"a log_period of at least {least:g} s (it is {period:g} s)")
+    if recording > 0.5 * _MEMORY_LIMIT:
+        least = frame_period * math.ceil(2.0 * recording / _MEMORY_LIMIT)
+        changes.append(
+            f"a visualization.publish_period of at least {least:g} s (it is "
+            f"{frame_period:g} s) or no recording (--no-recording)"
+        )
+    raise ScenarioError(
+        f"duration: a run of {duration:g} s would take about "
+        f"{(log + recording) / 2**30:.1f} GiB of memory, the log {log / 2**30:.1f} and "
+        f"the recording {recording / 2**30:.1f}, where {_MEMORY_LIMIT / 2**30:.0f} are "
+        f"allowed; choose a shorter one, or {' and '.join(changes)}"
+    )
 
 
 def make_log(
@@ -123,12 +255,17 @@ def make_log(
         scenario: of the diagram.
         setup: of the scenario.
         diagram: made by `MakeCrarDiagram`.
-        context: of the diagram, after the simulation.
+        context: of the diagram, after the simulation. If that failed while it
+            logged a sample, that sample is left out.
     """
+    sinks = {
+        name: diagram.GetSubsystemByName(f"log_{name}").FindLog(context)
+        for name in ("state", "desired_tasks", "diagnostics")
+    }
+    num_samples = min(sink.num_samples() for sink in sinks.values())
 
     def samples(port: str) -> np.ndarray:
-        sink = diagram.GetSubsystemByName(f"log_{port}")
-        return sink.FindLog(context).data().T.copy()
+        return sinks[port].data()[:, :num_samples].T.copy()
 
     diagnostics = samples("diagnostics")
     slices = diagram.GetSubsystemByName("crar_controller").diagnostics_slices
@@ -140,9 +277,8 @@ def make_log(
     lower[model.controlled], upper[model.controlled] = model.lower, model.upper
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())
-    sink = diagram.GetSubsystemByName("log_state")
     return SimulationLog(
-        time=sink.FindLog(context).sample_times().copy(),
+        time=sinks["state"].sample_times()[:num_samples].copy(),
         q=state[:, :nq],
         v=state[:, nq:],
         desired_tasks=samples("desired_tasks"),
@@ -157,56 +293,180 @@ def make_log(
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
         lower=lower,
         upper=upper,
-        scenario=scenario.to_yaml(),
+        # The run may be looked at from another working directory.
+        scenario=replace(scenario, robot=lasting_name(scenario.robot)).to_yaml(),
     )
 
 
+class _Interrupts:
+    """What Ctrl-C does to a run.
+
+    While `hold`, the first is kept in `asked`, to be looked at between two slices:
+    Drake is in the middle of a step, whose samples would not fit together. A second
+    one does not wait, for a step that never ends. Afterwards, while files are
+    written, the first ends that, and further ones do not disturb its tidying up.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._raised = False
+        self._hold = True
+
+    @property
+    def hold(self) -> bool:
+        return self._hold
+
+    @hold.setter
+    def hold(self, hold: bool) -> None:
+        self._hold, self._raised = hold, False
+
+    def handle(self, *_: object) -> None:
+        if self._hold and not self.asked:
+            self.asked = True
+        elif not self._raised:
+            self._raised = True
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _ctrl_c() -> Iterator[_Interrupts]:
+    """Handles SIGINT while the block lasts, if it would raise KeyboardInterrupt.
+
+    In other threads signals cannot be handled, and an ignored one or a handler of the
+    caller's stays.
+    """
+    interrupts = _Interrupts()
+    ours = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if ours:
+        signal.signal(signal.SIGINT, interrupts.handle)
+    try:
+        yield interrupts
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def _simulate(
-    simulator: Simulator, duration: float, progress: Progress | None
-) -> float:
-    """Advances to the end and returns the wall time that it took [s]."""
+    simulator: Simulator,
+    duration: float,
+    progress: Progress | None,
+    interrupts: _Interrupts,
+) -> None:
+    """Advances to the end."""
     start = time.perf_counter()
     simulator.Initialize()
     steps = max(1, round(duration / _SLICE))
-    for until in np.linspace(0.0, duration, steps + 1)[1:]:
+    for step in range(1, steps + 1):
+        until = duration if step == steps else duration * step / steps
         simulator.AdvanceTo(until)
         if progress is not None:
             progress(until, duration, until / (time.perf_counter() - start))
-    return time.perf_counter() - start
+        if interrupts.asked:
+            raise KeyboardInterrupt
 
 
 def _write(
-    out: Path, log: SimulationLog, summary: Summary, meshcat: Meshcat | None
-) -> list[Path]:
+    out: Path, result: RunResult, meshcat: Meshcat | None, interrupts: _Interrupts
+) -> list[BaseException]:
+    """Writes a run's files, and adds to `result.files` what is there.
+
+    Returns:
+        Why others are not: errors of writing, or a KeyboardInterrupt as the last.
+    """
     from crar_drake.plots import plot_run
 
-    paths = [out / name for name in (RECORDING, LOG, SUMMARY, PLOT)]
-    recording, log_path, summary_path, plot = paths
-    # They all get their names when the stack is left, or none does.
-    with ExitStack() as stack:
-        if meshcat is not None:
-            from crar_drake.recording import save_recording
+    log, summary = result.log, result.summary
 
-            save_recording(meshcat, stack.enter_context(whole_file(recording)))
-        log.save(stack.enter_context(whole_file(log_path)))
-        stack.enter_context(whole_file(summary_path)).write_text(summary.to_json())
-        plot_run(log, stack.enter_context(whole_file(plot)))
-    if meshcat is None:
-        recording.unlink(missing_ok=True)
-        paths.remove(recording)
-    return paths
+    def write_summary(path: Path) -> None:
+        with whole_file(path) as temporary:
+            temporary.write_text(summary.to_json())
+
+    def write_recording(path: Path) -> None:
+        from crar_drake.recording import save_recording
+
+        save_recording(meshcat, path)
+
+    # The page is the largest, and comes last.
+    others: dict[str, Callable[[Path], None]] = {
+        SUMMARY: write_summary,
+        PLOT: lambda path: plot_run(log, path),
+    }
+    if meshcat is not None:
+        others[RECORDING] = write_recording
+    missing: list[BaseException] = []
+    try:
+        interrupts.hold = False
+        with turn_to_write(out):
+            with whole_file(out / LOG) as temporary:
+                with temporary.open("wb") as stream:
+                    log.write(stream)
+                # They are of an earlier run, and would seem to be of this one.
+                for name in (RECORDING, SUMMARY, PLOT):
+                    (out / name).unlink(missing_ok=True)
+            result.files.append(out / LOG)
+            for name, write in others.items():
+                try:
+                    write(out / name)
+                    result.files.append(out / name)
+                except WriteError as error:
+                    missing.append(error)
+    except (WriteError, KeyboardInterrupt) as error:
+        missing.append(error)
+    order = (RECORDING, LOG, SUMMARY, PLOT)
+    result.files.sort(key=lambda path: order.index(path.name))
+    return missing
 
 
-def check_writable(out: Path) -> None:
-    """Better to know before a long simulation than after it.
+def _reason(stopped: BaseException | None) -> str:
+    """Why a run stopped, for its summary."""
+    if stopped is None:
+        return ""
+    if isinstance(stopped, KeyboardInterrupt):
+        return "interrupted"
+    name = "" if isinstance(stopped, CrarError) else f"{type(stopped).__name__}: "
+    return f"{name}{stopped}"
 
-    Raises:
-        ScenarioError: `out` is below a file, or may not be written to.
-    """
-    place = out.absolute()
-    while not place.exists():
-        place = place.parent
-    if not place.is_dir():
-        raise ScenarioError(f"{out}: {place} is a file; name another folder")
-    if not os.access(place, os.W_OK):
-        raise ScenarioError(f"{out}: {place} may not be written to; name another one")
+
+def _tell(
+    result: RunResult,
+    out: Path,
+    duration: float,
+    stopped: BaseException | None,
+    missing: list[BaseException],
+) -> None:
+    """Raises what is to be told of a run that is not whole; else nothing."""
+    if stopped is None and not missing:
+        return
+    parts = []
+    interrupted = isinstance(stopped, KeyboardInterrupt)
+    if stopped is not None:
+        reached = f"at {result.log.time[-1]:.3f} s of {duration:g} s"
+        parts.append(reached if interrupted else f"{_reason(stopped)} ({reached})")
+    for error in missing:
+        if isinstance(error, WriteError):
+            parts.append(str(error))
+        else:
+            parts.append("interrupted again while files were written")
+            if not interrupted:
+                parts[-1] = "while the files were written"
+            interrupted = True
+    names = ", ".join(path.name for path in result.files)
+    if not names:
+        parts.append(f"nothing was written, {out} is as it was")
+    elif missing:
+        parts.append(f"{out} holds {names} of this run")
+        if out / LOG in result.files and out / RECORDING not in result.files:
+            parts.append(f"crar-drake playback {out / LOG} makes a page")
+    else:
+        parts.append(f"{out} holds what was simulated till then")
+    message = "; ".join(parts)
+    if interrupted:
+        raise RunInterrupted(message, result) from stopped
+    if stopped is not None and not isinstance(stopped, _FAILURES):
+        stopped.add_note(message)
+        raise stopped
+    cause = stopped if stopped is not None else missing[0]
+    raise RunFailed(message, result) from cause

@@ -7,25 +7,38 @@ configured by Drake's own dataclasses.
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.disturbances import Disturbances, Push, TargetJump
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.disturbances import Disturbances
+from crar_drake.drake_versions import settings_of_others
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
+from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder
-from crar_drake.robot_description import nearest
+from crar_drake.robot_description import is_path
 from crar_drake.task import EXPERIMENTS, Task, position_tasks
+from crar_drake.yaml_files import load_yaml, read_text
 
 # A log of more samples takes its memory from the run: 60 s at 1 ms take 100 MB.
 MAX_LOG_SAMPLES = 60_000
+
+# Settings of earlier versions, and what to do about them.
+_RETIRED = {
+    ("controller", "arithmetic"): "there is no choice any more: the control law is "
+    "compiled wherever Numba is installed (pip install 'crar-drake[compiled]'); leave "
+    "the key out"
+}
+
+# A simulation runs at about real time, and this is twelve days.
+MAX_DURATION = 1e6  # [s]
 
 
 def _plant_config() -> MultibodyPlantConfig:
@@ -33,7 +46,7 @@ def _plant_config() -> MultibodyPlantConfig:
 
 
 def _simulator_config() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=1e-2, publish_every_time_step=False)
+    return SimulatorConfig(max_step_size=1e-2)
 
 
 def _visualization_config() -> VisualizationConfig:
@@ -71,10 +84,13 @@ class Scenario:
 
     Attributes:
         description: one line for `crar-drake list`.
-        robot: name of a shipped robot, or path of a robot.yaml.
+        robot: name of a shipped or imported robot, or path of a robot.yaml or of
+            its folder.
         motion: name of a motion (`dance`, `cmu:05_02`, a path); "" if `keyframes`
             say where the tasks go.
         skeleton: path of the motion's .asf, where it is not beside the motion.
+        frame_rate: samples per second of the motion [Hz]; by default what the file
+            states, else that of the CMU database.
         cutoff: of the low-pass on the motion [Hz].
         experiment: a task set of the paper: "wrists" or "upper-body"; "" if `tasks`
             lists them.
@@ -84,7 +100,8 @@ class Scenario:
         simulated_robot: what the simulated plant does of its own.
         disturbances: how the simulated robot differs from what the controller
             believes; none by default.
-        duration: of the simulation [s]; by default that of the motion.
+        duration: of the simulation, at most MAX_DURATION [s]; by default that of the
+            motion.
         warning_distance: segments nearer than this are coloured in the recording
             [m].
         log_period: of log.npz [s]; by default the control period, or of runs with
@@ -96,6 +113,7 @@ class Scenario:
     robot: str = "upper_body"
     motion: str = ""
     skeleton: str = ""
+    frame_rate: float | None = None  # [Hz]
     cutoff: float = DEFAULT_CUTOFF  # [Hz]
     experiment: str = ""
     tasks: list[Task] = field(default_factory=list)
@@ -133,10 +151,21 @@ class Scenario:
                 f"experiment: {self.experiment!r} is unknown"
                 f"{nearest(self.experiment, EXPERIMENTS)}"
             )
-        for name in ("duration", "cutoff", "warning_distance", "log_period"):
+        if self.frame_rate is not None and self.keyframes:
+            raise ScenarioError(
+                "frame_rate: keyframes have times of their own; leave it out"
+            )
+        positive = ("duration", "frame_rate", "cutoff", "warning_distance")
+        for name in (*positive, "log_period"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
                 raise ScenarioError(f"{name}: {value} must be positive")
+        if self.duration is not None and self.duration > MAX_DURATION:
+            raise ScenarioError(
+                f"duration: {self.duration:g} s would take about "
+                f"{self.duration / 86400.0:,.0f} days to simulate, since that runs at "
+                f"about real time; at most {MAX_DURATION:g} s are simulated at once"
+            )
         for task in self.tasks:
             try:
                 task.validate()
@@ -203,8 +232,9 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
     working directory.
 
     Raises:
-        ScenarioError: there is no such file, it has an unknown key, or a value is
-            out of range; the message names file and key.
+        ScenarioError: there is no such file, it is no YAML in UTF-8, has an unknown
+            key or one twice, or a value is of another type or out of range; the
+            message names file, key and line.
     """
     path = Path(scenario)
     if not path.is_file():
@@ -215,60 +245,57 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
                 f"ones{nearest(path.stem, scenario_names())}"
             )
         path = shipped
-    parsed = parse_scenario(path.read_text(), str(path))
+    parsed = parse_scenario(read_text(path, ScenarioError), str(path), of_log=False)
     # A file may name what lies beside it, wherever it is run from.
     for name in ("robot", "motion", "skeleton"):
         beside = path.parent / getattr(parsed, name)
-        if getattr(parsed, name) and beside.is_file():
+        there = beside.is_file() or (name == "robot" and _is_robot(beside))
+        if getattr(parsed, name) and there:
             setattr(parsed, name, str(beside))
+    robot = Path(parsed.robot)
+    if is_path(parsed.robot) and not robot.is_file() and not _is_robot(robot):
+        raise ScenarioError(
+            f"{path}: robot: there is no robot {parsed.robot!r}, neither in "
+            f"{path.parent.absolute()} nor in {Path.cwd()}"
+        )
     return parsed
 
 
-def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+def _is_robot(folder: Path) -> bool:
+    return (folder / "robot.yaml").is_file()
+
+
+def parse_scenario(
+    text: str, source: str = "scenario", *, of_log: bool = True
+) -> Scenario:
     """Parses and validates a scenario's YAML text.
+
+    A setting of another Drake's that says what this one does anyway is left out: a
+    log may come from there.
 
     Args:
         text: YAML.
         source: what to call it in messages.
+        of_log: whether an earlier version may have written it: settings that there
+            are no more are then left out, for they say what was run; else they are
+            an error.
 
     Raises:
         ScenarioError: as `load_scenario`.
     """
-    try:
-        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
-    except Exception as error:
-        message = f"not a scenario, see diagrams/README.md: {error}"
-        if not text.strip():
-            message = "the file is empty; diagrams/README.md shows a scenario"
-        known = _key_names()
-        for word in message.replace("[", " ").replace("]", " ").split():
-            key = word.strip("',")
-            if "unknown" in message and word.startswith("'") and key not in known:
-                hint = nearest(key, known)
-                # Without a near one, all the keys there are would be a long list.
-                message += hint if "did you mean" in hint else ""
-        raise ScenarioError(f"{source}: {message}") from error
+    scenario = load_yaml(
+        text,
+        Scenario,
+        source,
+        ScenarioError,
+        manual="diagrams/README.md",
+        defaults=Scenario(),
+        of_others=settings_of_others(),
+        left_out=_RETIRED if of_log else (),
+        retired={} if of_log else _RETIRED,
+    )
     try:
         scenario.validate()
     except ScenarioError as error:
         raise ScenarioError(f"{source}: {error}") from error
     return scenario
-
-
-def _key_names() -> set[str]:
-    """Every key that a scenario file may have, at any level."""
-    schemas = (
-        Scenario,
-        CrarParameters,
-        LookaheadParameters,
-        SimulatedRobot,
-        Task,
-        Keyframe,
-        Disturbances,
-        Push,
-        TargetJump,
-    )
-    keys = {f.name for schema in schemas for f in fields(schema)}
-    for config in (MultibodyPlantConfig(), SimulatorConfig(), VisualizationConfig()):
-        keys |= {f.name for f in config.__fields__}
-    return keys

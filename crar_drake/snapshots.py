@@ -29,6 +29,7 @@ from pydrake.systems.sensors import CameraInfo
 
 from crar_drake.recording import inflated
 from crar_drake.robot_description import RobotDescription, add_robot, find_body
+from crar_drake.visuals import draw_collision_shapes
 
 TINT = Rgba(1.0, 0.82, 0.05, 1.0)  # the paper's yellow
 _SHELL = 0.004  # by which a tint is larger than the segment's collision shape [m]
@@ -41,6 +42,8 @@ _YAW, _PITCH = np.deg2rad(15.0), np.deg2rad(10.0)
 
 class SnapshotRenderer:
     """Renders a robot in one pose after the other.
+
+    Of a model without visual geometry it shows the collision shapes.
 
     Attributes:
         size: width and height of a picture [pixels].
@@ -68,6 +71,7 @@ class SnapshotRenderer:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         add_robot(plant, description)
         plant.Finalize()
+        draw_collision_shapes(plant, scene_graph)
         scene_graph.AddRenderer("vtk", _make_engine())
         # Each link that may be tinted has shells in a frame of their own, which is
         # either at the link or far away: colours cannot change from pose to pose.

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 import crar_drake
 from crar_drake.control.law import STATUS_BRAKING
+from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.log import SimulationLog
+from crar_drake.motion.report import MotionReport, rate_text
 from crar_drake.scenario import parse_scenario
 
 # Farther beyond its limit than this, a joint violates it [rad or m].
@@ -90,8 +94,16 @@ class Summary:
         torque_clipped_samples: those among them where not even braking was within
             the limits, so that torques were clipped.
         braking_samples: samples without targets, which count in no error.
+        frame_rate: of the motion [Hz]; None for keyframes, or if not known.
+        frame_rate_source: "given" by the user, stated by the "file", that of the CMU
+            "database", or "assumed"; "" if there is none.
+        motion_findings: what looks bad in the motion, see `crar-drake motion`.
+        warnings: what the user may not have meant, a line each.
         wall_time: that the simulation took [s]; None if not known.
         real_time_factor: duration / wall_time; None if not known.
+        arithmetic: what computed the control law; "" if not known.
+        stopped: why the run ended before its time, "interrupted" or an error; "" if
+            it did not, or if it is not known.
     """
 
     version: str
@@ -127,16 +139,23 @@ class Summary:
     torque_limited_samples: int
     torque_clipped_samples: int
     braking_samples: int
+    frame_rate: float | None  # [Hz]
+    frame_rate_source: str
+    motion_findings: list[str]
+    warnings: list[str]
     wall_time: float | None  # [s]
     real_time_factor: float | None
+    arithmetic: str
+    stopped: str = ""
 
     @property
     def title(self) -> str:
         """What was run, in two lines."""
         # The file is enough of a path.
         motion = Path(self.motion).stem if self.motion else "keyframes"
+        tracked = self.experiment or "its own tasks"
         return (
-            f"{self.robot} following {motion}: {self.experiment or 'its own tasks'}\n"
+            f"{_short(self.robot)} following {motion}: {tracked}\n"
             f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
         )
 
@@ -198,17 +217,31 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
     )
 
 
+def _short(robot: str) -> str:
+    """A robot's name, or of its path the folder's."""
+    path = Path(robot)
+    return (path.parent if path.suffix in (".yaml", ".yml") else path).name or robot
+
+
 def task_layout(log: SimulationLog) -> TaskLayout:
     """The rows of a log's task errors."""
     return TaskLayout(tuple(log.task_names.tolist()), tuple(log.task_kinds.tolist()))
 
 
-def summarize(log: SimulationLog, wall_time: float | None = None) -> Summary:
+def summarize(
+    log: SimulationLog,
+    wall_time: float | None = None,
+    *,
+    motion: MotionReport | None = None,
+    warnings: Sequence[str] = (),
+) -> Summary:
     """Computes the figures of a run.
 
     Args:
         log: of at least one sample.
         wall_time: that the simulation took [s], if it is known.
+        motion: the report of the motion, if there is one at hand.
+        warnings: lines to keep with the figures.
 
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
@@ -267,8 +300,13 @@ def summarize(log: SimulationLog, wall_time: float | None = None) -> Summary:
         torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
         torque_clipped_samples=int(np.count_nonzero(log.torque_limit[:, 1] > 0.0)),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
+        frame_rate=motion.frame_rate if motion else None,
+        frame_rate_source=motion.rate_source if motion else "",
+        motion_findings=list(motion.findings) if motion else [],
+        warnings=list(warnings),
         wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
+        arithmetic=arithmetic() if wall_time else "",
     )
 
 
@@ -279,6 +317,13 @@ def summary_table(summary: Summary) -> Table:
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("where", overflow="fold")
 
+    if summary.frame_rate is not None:
+        table.add_row(
+            "frame rate",
+            rate_text(summary.frame_rate, summary.frame_rate_source),
+            "of the motion"
+            + ("; --frame-rate" if summary.frame_rate_source == "assumed" else ""),
+        )
     if summary.rms_task_error is not None:
         worst = _worst(summary, "rms_error")
         table.add_row(
@@ -336,12 +381,17 @@ def summary_table(summary: Summary) -> Table:
             f"{summary.torque_clipped_samples}",
         )
     table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", "")
+    if summary.stopped:
+        reason = escape(summary.stopped)
+        table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")
     if summary.real_time_factor is not None:
         table.add_row(
             "wall time",
             f"{summary.wall_time:.1f} s",
             f"for {summary.duration:.2f} s, {summary.real_time_factor:.2f} x real time",
         )
+    if summary.arithmetic:
+        table.add_row("control law", "", summary.arithmetic)
     return table
 
 

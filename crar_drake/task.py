@@ -44,7 +44,11 @@ class Task:
 
 
 def position_tasks(frames: list[str]) -> list[Task]:
-    """One position task, of weight one, per frame."""
+    """One position task, of weight one, per frame.
+
+    Args:
+        frames: task frames of the robot description, or any frames of the plant.
+    """
     return [Task(frame=frame) for frame in frames]
 
 

@@ -19,20 +19,18 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from crar_drake import (
     AddCrarController,
+    AddRobot,
     ControlModel,
     CrarParameters,
-    load_robot_description,
     position_tasks,
 )
-from crar_drake.robot_description import add_robot
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 2.0
 
 # Somebody's diagram with somebody's plant.
-description = load_robot_description("upper_body")
 builder = DiagramBuilder()
 plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-add_robot(plant, description)
+description = AddRobot(plant, "upper_body")
 plant.Finalize()
 
 # The controller, in three lines: state and actuation are connected by the call.
@@ -51,10 +49,7 @@ controller = AddCrarController(
 
 # What it is to do: wrists fixed in the room, waist 10 cm up.
 q0 = model.rest_positions()
-p_WT = model.evaluate(model.MakeWorkspace(), q0, np.zeros_like(q0)).p
-targets = builder.AddSystem(
-    ConstantVectorSource(model.layout.pack(R=np.empty((0, 3, 3)), p=p_WT))
-)
+targets = builder.AddSystem(ConstantVectorSource(model.tasks_at(q0)))
 waist = q0[model.prescribed]
 lift = PiecewisePolynomial.CubicShapePreserving(
     [0.0, 0.5, 1.5], np.column_stack([waist, waist, waist + [0.0, 0.0, 0.1]]), True
@@ -68,7 +63,6 @@ builder.Connect(
 diagram = builder.Build()
 simulator = Simulator(diagram)
 plant_context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-plant.SetPositions(plant_context, q0)
 for index in plant.GetBodyIndices(plant.GetModelInstanceByName("upper_body")):
     body = plant.get_body(index)
     M_B = body.CalcSpatialInertiaInBodyFrame(plant_context)

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,13 +10,15 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from small_logs import small_log
 
-import crar_drake.plots
+import crar_drake.run
 from crar_drake import cli
-from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.parameters import CONSTRAINTS, LEVELS
+from crar_drake.errors import ScenarioError
 from crar_drake.log import SimulationLog
-from crar_drake.motion.catalogue import MotionFiles
-from crar_drake.control.parameters import ARITHMETICS, CONSTRAINTS, LEVELS
+from crar_drake.motion.catalogue import MotionFiles, load_clip
+from crar_drake.motion.report import inspect
 from crar_drake.scenario import parse_scenario, scenario_names
 from crar_drake.summary import summarize
 from crar_drake.task import EXPERIMENTS
@@ -87,7 +88,11 @@ def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
     wall_time = summary["wall_time"]
     assert 0.0 < wall_time < 60.0
     assert summary["real_time_factor"] == pytest.approx(0.3 / wall_time)
-    assert summary == json.loads(summarize(log, wall_time).to_json())
+    report = inspect(load_clip("dance"))
+    again = summarize(log, wall_time, motion=report, warnings=summary["warnings"])
+    assert summary == json.loads(again.to_json())
+    assert (summary["frame_rate"], summary["frame_rate_source"]) == (60.0, "file")
+    assert summary["motion_findings"] == summary["warnings"] == []
 
     assert matplotlib.image.imread(out / "plot.png").shape[:2] == (1755, 1245)
 
@@ -157,89 +162,185 @@ def test_a_recorded_run_and_its_playback(empty_folder, capsys):
     assert "recording.html" not in names(empty_folder / "it")
 
 
-# --- what fails leaves nothing ----------------------------------------------------
-
-RUN = "run dance_wrists --duration 0.2 --no-recording --out it".split()
-
-
-def contents(folder) -> dict[str, bytes]:
-    if not folder.exists():
-        return {}
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-@pytest.fixture(params=["first run", "an earlier run is there"])
-def it(request, empty_folder, capsys):
-    """The folder that RUN writes into; not there yet, or with files in it."""
-    folder = empty_folder / "it"
-    if request.param != "first run":
-        folder.mkdir()
-        for name in (*FILES, "recording.html"):
-            (folder / name).write_text("of an earlier run")
-    return folder
-
-
-def in_the_middle(monkeypatch, action) -> None:
-    """Makes the controller do something in its 100th step."""
-    solve, calls = ControlLaw.solve, []
-
-    def solve_until(self, *arguments):
-        calls.append(1)
-        if len(calls) == 100:
-            action()
-        return solve(self, *arguments)
-
-    monkeypatch.setattr(ControlLaw, "solve", solve_until)
-
-
-def test_a_failing_simulation_writes_nothing(it, monkeypatch):
-    def fail():
-        raise ZeroDivisionError("a defect of ours")
-
-    in_the_middle(monkeypatch, fail)
-    before = contents(it)
-    with pytest.raises(ZeroDivisionError, match="a defect of ours"):
-        cli.main(RUN)  # it is no mistake of the user, so it is not hidden
-    assert contents(it) == before
-
-
-def test_a_mistake_found_in_the_middle_is_told(it, monkeypatch, capsys):
-    def fail():
-        raise InputError("desired_tasks is NaN")
-
-    in_the_middle(monkeypatch, fail)
-    before = contents(it)
-    assert cli.main(RUN) == 2
-    assert "crar-drake: error: desired_tasks is NaN" in capsys.readouterr().err
-    assert contents(it) == before
+# --- where it goes ----------------------------------------------------------------
 
 
 @pytest.fixture
-def interruptible():
-    """A background job may have been started with SIGINT ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
+def where(monkeypatch):
+    """Tells the folder of a command line, which does not run."""
+
+    def tell(command: str) -> str:
+        def keep(scenario, out, **options):
+            folders.append(str(out))
+            raise ScenarioError("it is not run")
+
+        folders: list[str] = []
+        monkeypatch.setattr(crar_drake.run, "run_scenario", keep)
+        assert cli.main(command.split()) == 2
+        return folders[0]
+
+    return tell
 
 
-def test_interrupting_writes_nothing(it, monkeypatch, capsys, interruptible):
-    in_the_middle(monkeypatch, lambda: signal.raise_signal(signal.SIGINT))
-    before = contents(it)
-    assert cli.main(RUN) == 130
-    assert "crar-drake: interrupted" in capsys.readouterr().err
-    assert contents(it) == before
+@pytest.mark.parametrize(
+    "command, folder",
+    [
+        ("run", "out/dance"),
+        ("run diagrams/boxing_wrists.yaml", "out/boxing_wrists"),
+        ("run dance_wrists --constraints none", "out/dance_wrists_none"),
+        ("run --motion reaching", "out/reaching_upper-body"),
+        ("run --motion cmu:05_02 --experiment wrists", "out/05_02_wrists"),
+        ("run --motion walk.amc", "out/walk_upper-body"),
+        ("run --motion a/walk.amc", "out/a/walk_upper-body"),
+        ("run --motion ./a/../b/walk.amc", "out/b/walk_upper-body"),
+        ("run mine.yaml", "out/mine"),
+        ("run a/mine.yaml", "out/a/mine"),
+        ("run mine.yaml --motion boxing", "out/mine_boxing_wrists"),
+        ("run mine.yaml --level acceleration", "out/mine_acceleration"),
+        ("run g1_dance --experiment wrists", "out/g1_05_02_wrists"),
+        ("run --experiment wrists", "out/dance_wrists"),
+    ],
+)
+def test_the_folder_says_what_was_run(command, folder, where, empty_folder):
+    Path("a").mkdir()
+    for name in ("mine.yaml", "a/mine.yaml"):
+        Path(name).write_text("motion: dance\nexperiment: wrists\n")
+    assert where(command) == folder
 
 
-def test_when_the_last_file_fails_all_stay_as_they_were(it, monkeypatch):
-    def fail(log, path):
-        path.write_bytes(b"half a pict")
-        raise OSError("disk full")
+def test_motions_of_one_name_have_folders_of_their_own(
+    where, empty_folder, tmp_path_factory
+):
+    first, second = tmp_path_factory.mktemp("x"), tmp_path_factory.mktemp("y")
+    for folder in (first, second):
+        (folder / "mocap").mkdir()
+    commands = [f"run --motion {f / 'mocap/walk.amc'}" for f in (first, second)]
+    folders = [where(command) for command in commands]
+    for folder in folders:
+        assert re.fullmatch(r"out/mocap-[0-9a-f]{6}/walk_upper-body", folder)
+    assert folders[0] != folders[1]
+    assert [where(command) for command in commands] == folders
+    # The same file by another path is the same motion.
+    (empty_folder / "link").symlink_to(first / "mocap")
+    assert where("run --motion link/walk.amc") == folders[0]
 
-    monkeypatch.setattr(crar_drake.plots, "plot_run", fail)
-    before = contents(it)
-    with pytest.raises(OSError, match="disk full"):
-        cli.main(RUN)
-    assert contents(it) == before
+
+# --- what cannot be written -------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run --out {}",
+        "playback log.npz --out {}/x.html",
+        "motion dance --plot {}/x.png",
+        "sweep dance --out {}/x.csv",
+        "reproduce --out {}",
+        "bench --out {}",
+    ],
+)
+@pytest.mark.parametrize("place", ["file/below", "locked"])
+def test_impossible_places_are_refused_before_the_work(
+    command, place, empty_folder, capsys, monkeypatch
+):
+    small_log().save("log.npz")
+    Path("file").write_text("")
+    Path("locked").mkdir(mode=0o555)
+    if place == "locked" and os.geteuid() == 0:  # who may write there
+        place = "/proc/self"
+    for name in (
+        "crar_drake.run.run_scenario",
+        "crar_drake.recording.record_log",
+        "crar_drake.motion.report.inspect",
+        "crar_drake.experiments.sweep.run_case",
+        "crar_drake.experiments.bench.run_bench",
+        "crar_drake.experiments.section_iv.simulate.run_plan",
+    ):
+        if name.endswith("run_scenario") and command.startswith("run "):
+            continue  # it looks itself, first of all
+        monkeypatch.setattr(name, lambda *a, **k: pytest.fail("too late"))
+    message = refused(capsys, *command.format(place).split())
+    assert "name another folder" in message
+    assert names(empty_folder) == ["file", "locked", "log.npz"]
+
+
+def test_pictures_of_no_known_format_are_refused(empty_folder, capsys):
+    message = refused(capsys, *"motion dance --plot x.xyz".split())
+    assert "x.xyz" in message and ".png" in message and ".pdf" in message
+    message = refused(capsys, *"motion dance --plot picture".split())
+    assert "picture: there is no suffix" in message
+    assert names(empty_folder) == []
+
+
+@pytest.mark.parametrize("backend", ["nonsense", "TkAgg"])
+def test_the_users_backend_plays_no_part(backend, empty_folder):
+    environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
+    result = subprocess.run(
+        [sys.executable, "-m", "crar_drake", "motion", "dance", "--plot", "x.png"],
+        env={**environment, "MPLBACKEND": backend},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert matplotlib.image.imread("x.png").shape[0] > 500
+
+
+def test_output_that_nobody_can_take_is_no_traceback():
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "crar_drake", "list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+    assert result.returncode == 2
+    assert result.stderr == "crar-drake: error: No space left on device\n"
+
+
+# --- what is no log ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["playback", "judge"])
+@pytest.mark.parametrize(
+    "name, told",
+    [
+        (".", "this is a folder; name log.npz"),
+        ("text.npz", "it is no NumPy archive"),
+        ("picture.png", "it is no NumPy archive"),
+        ("short.npz", "only the beginning of one"),
+        ("random.npz", "it misses an array 'actuation'"),
+        ("pickled.npz", "an array holds Python objects"),
+        ("shapes.npz", "array 'q' is of shape (2,)"),
+    ],
+)
+def test_what_is_no_log_is_refused(command, name, told, empty_folder, capsys):
+    Path("text.npz").write_text("time, q, v\n")
+    matplotlib.image.imsave("picture.png", np.zeros((9, 9)))
+    log = small_log()
+    arrays = vars(log)
+    log.save("short.npz")
+    Path("short.npz").write_bytes(Path("short.npz").read_bytes()[:-100])
+    np.savez("random.npz", x=np.zeros(3))
+    np.savez("pickled.npz", **{**arrays, "q": np.array([print], dtype=object)})
+    np.savez("shapes.npz", **{**arrays, "q": np.zeros(2)})
+    message = refused(capsys, command, name)
+    assert told in message
+    assert "pickle" not in message.lower().replace(f"{name}:", "")
+
+
+def test_judging_a_log_of_another_model_is_refused(empty_folder, capsys):
+    small_log().save("log.npz")
+    assert "was made with another model" in refused(capsys, "judge", "log.npz")
+
+
+def test_a_simulation_that_would_take_years_is_refused(empty_folder, capsys):
+    for command in ("run", "sweep dance"):
+        message = refused(capsys, *command.split(), "--duration", "1e9")
+        assert "11,574 days" in message and "at most 1e+06 s" in message
+    message = refused(capsys, "run", "--duration", "1e6")
+    assert "GiB of memory" in message and "--no-recording" in message
 
 
 def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys):
@@ -264,7 +365,6 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --level x", "'x' is unknown; known: velocity, acceleration"),
         ("run --experiment wrist", "did you mean wrists?"),
         ("run --constraints lookahed", "did you mean lookahead?"),
-        ("run --arithmetic compild", "did you mean compiled?"),
         ("run --duration -1", "--duration: '-1' is not a positive number"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
         ("run --duration long", "--duration: 'long' is not a positive number"),
@@ -278,8 +378,12 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run obstacle_arm --skeleton x.asf", "--skeleton: obstacle_arm follows"),
         ("run obstacle_arm --experiment wrists", "obstacle_arm lists tasks of its own"),
         ("run --skeleton x.asf", "'dance' has its own skeleton"),
+        ("run --frame-rate 0", "--frame-rate: '0' is not a positive number"),
+        ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
+        ("motion dance --frame-rate fast", "'fast' is not a positive number"),
+        ("sweep dance --frame-rate nan", "'nan' is not a positive number"),
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
-        ("motion", "required: motion (see crar-drake motion --help)"),
+        ("motion", "required: MOTION (see crar-drake motion --help)"),
         ("motion dance --polt x.png", "--polt; did you mean --plot?"),
         ("fetch 5-2", "'5-2' names no trial"),
         ("fetch", "required: TRIAL"),
@@ -308,7 +412,8 @@ def test_list_names_everything(capsys, monkeypatch):
     monkeypatch.delenv("CRAR_MOCAP_PATH", raising=False)
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line for line in lines if not line.startswith(" ")] == [
+    titles = [line for line in lines if not line.startswith(" ")]
+    assert [re.match(r"\w+", title)[0] for title in titles] == [
         "Robots",
         "Motions",
         "Scenarios",
@@ -318,7 +423,10 @@ def test_list_names_everything(capsys, monkeypatch):
     assert {"dance", "exercise", "reaching", "boxing", "upper_body"} < set(entries)
     # A motion and a scenario are both called dance.
     assert re.fullmatch(r"\d+\.\d s at \d+ Hz", entries["reaching"])
-    assert entries["dance_wrists"].startswith("Experiment 1 of the paper")
+    assert entries["dance_wrists"].startswith("Two wrists follow the built-in dance")
+    # Nothing is imported in a user's empty cache.
+    assert entries["g1"].endswith("first: crar-drake import-robot g1")
+    assert "import-robot" not in entries["upper_body"]
 
 
 def test_list_names_trials_that_are_at_hand(cmu, capsys):
@@ -390,6 +498,70 @@ def test_motion_tells_and_plots(empty_folder, capsys):
     assert (empty_folder / "a/b.pdf").read_bytes().startswith(b"%PDF")
 
 
+def trial_of_another_name(folder: Path, cmu: Path) -> Path:
+    """A run of the database, of which nothing tells the rate."""
+    folder = folder / "found"
+    folder.mkdir()
+    motion = folder / "somebody.amc"
+    # Another checksum, so that it is no file that is known.
+    text = (cmu / "subjects/127/127_23.amc").read_text()
+    motion.write_text(text + "# edited\n")
+    (folder / "somebody.asf").write_bytes((cmu / "subjects/127/127.asf").read_bytes())
+    return motion
+
+
+def test_motion_says_assumed_and_asks_about_the_rate(cmu, empty_folder, capsys):
+    motion = str(trial_of_another_name(empty_folder, cmu))
+
+    def lines(*more: str) -> list[str]:
+        assert cli.main(["motion", motion, "--plot", "p.png", *more]) == 0
+        return capsys.readouterr().out.splitlines()
+
+    assumed = lines()
+    assert "349 frames at 120 Hz, assumed, 2.90 s" in assumed[0]
+    assert any("--frame-rate HZ" in line for line in assumed)
+    assert not any("--frame-rate 120" in line for line in assumed)
+    given = lines("--frame-rate", "240")
+    assert "349 frames at 240 Hz, 1.45 s" in given[0]
+    assert any("is the rate 120 Hz? --frame-rate 120" in line for line in given)
+
+
+def test_run_says_assumed_and_repeats_what_the_report_finds(cmu, empty_folder, capsys):
+    motion = str(trial_of_another_name(empty_folder, cmu))
+    argv = ["run", "--motion", motion, "--duration", "0.01", "--no-recording"]
+
+    def run(*more: str) -> tuple[str, dict]:
+        assert cli.main([*argv, "--out", "it", *more]) == 0
+        summary = json.loads((empty_folder / "it/summary.json").read_text())
+        return capsys.readouterr().out, summary
+
+    printed, summary = run()
+    assert re.search(r"frame rate +│ +120 Hz, assumed", printed)
+    assert summary["frame_rate_source"] == "assumed"
+    assert not any("m/s" in line for line in summary["motion_findings"])
+    printed, summary = run("--frame-rate", "240")
+    assert (
+        re.search(r"frame rate +│ +240 Hz ", printed) and "Hz, assumed" not in printed
+    )
+    assert (summary["frame_rate"], summary["frame_rate_source"]) == (240.0, "given")
+    (line,) = [x for x in printed.splitlines() if x.startswith("warning: motion: ")]
+    assert "is the rate 120 Hz? --frame-rate 120" in line
+    assert line.endswith(f"see crar-drake motion {motion} --frame-rate 240")
+    log = SimulationLog.load(empty_folder / "it/log.npz")
+    assert parse_scenario(log.scenario).frame_rate == 240.0
+
+
+def test_another_motion_does_not_take_the_scenarios_rate(empty_folder, capsys):
+    (empty_folder / "mine.yaml").write_text(
+        "motion: dance\nexperiment: wrists\nduration: 0.01\nframe_rate: 50\n"
+    )
+    for more, rate in (([], 50.0), (["--motion", "reaching"], 60.0)):
+        argv = ["run", "mine.yaml", "--no-recording", "--out", "it", *more]
+        assert cli.main(argv) == 0
+        summary = json.loads((empty_folder / "it/summary.json").read_text())
+        assert summary["frame_rate"] == rate
+
+
 def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
     asked = []
 
@@ -424,12 +596,46 @@ def test_the_package_runs_as_a_module():
     assert result.stdout == f"crar-drake {crar_drake.__version__}\n"
 
 
+# Each command with the arguments that it cannot do without.
+COMMANDS = {
+    "run": [],
+    "sweep": ["dance"],
+    "bench": [],
+    "reproduce": [],
+    "motion": ["dance"],
+    "list": [],
+    "fetch": ["05_02"],
+    "import-robot": ["g1"],
+    "judge": ["log.npz"],
+    "playback": ["log.npz"],
+}
+
+
 def test_help_offers_what_there_is():
     assert cli.LEVELS == LEVELS
     assert cli.CONSTRAINTS == CONSTRAINTS
-    assert cli.ARITHMETICS == ARITHMETICS
     assert cli.EXPERIMENTS == tuple(EXPERIMENTS)
     assert cli.DEFAULT_SCENARIO in scenario_names()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_says_what_it_does(command, capsys):
+    """No option and no argument is left without words, or with a default only."""
+    with pytest.raises(SystemExit) as exit:
+        cli.main([command, "--help"])
+    assert exit.value.code == 0
+    usage = capsys.readouterr().out
+    parser = cli._parse([command, *COMMANDS[command]]).parser
+    for action in parser._actions:
+        assert re.match(r"[a-z]\w* ", action.help), action.dest
+        assert (action.option_strings or [action.metavar or action.dest])[-1] in usage
+
+
+def test_the_commands_above_are_all_there_are(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    offered = re.findall(r"^    ([a-z][a-z-]+)\b", capsys.readouterr().out, re.M)
+    assert offered == list(COMMANDS)
 
 
 def test_a_reader_that_has_enough_is_no_error():

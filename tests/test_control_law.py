@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, free_of_constraints, make_model, random_state
 
 from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.resolved_acceleration import error_dynamics_residual
 from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
 from crar_drake.errors import ScenarioError
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import load_robot_description
 from crar_drake.task import Task

@@ -16,11 +16,11 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 from small_robots import add_plant, chain_urdf, make_model
 
-from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.control.controller import CrarController
+from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.diagram import AddCrarController
 from crar_drake.errors import ScenarioError
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot_description import RobotDescription
 from crar_drake.task import Task
 
@@ -230,7 +230,9 @@ def test_remembered_proximities_change_while_moving(case):
         context = loop.of(loop.controller, simulator.get_context())
         memory = context.get_abstract_state(int(index)).get_value().memory
         assert memory.tick == k
-        seen.append(np.r_[memory.kept.limit_proximity, memory.kept.pair_proximity.ravel()])
+        seen.append(
+            np.r_[memory.kept.limit_proximity, memory.kept.pair_proximity.ravel()]
+        )
     changes = np.abs(np.diff(seen[2:], axis=0)).max(axis=1)
     assert (changes > 0.0).all()
 

@@ -4,20 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from small_robots import add_plant, chain_urdf, make_model
 
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.diagram import (
     AddCrarController,
+    AddRobot,
     MakeCrarDiagram,
     PrepareScenario,
 )
 from crar_drake.errors import CrarError, ModelError, ScenarioError
 from crar_drake.keyframes import Keyframe
 from crar_drake.motion.catalogue import builtin_names
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.resources import data_folder
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import RobotDescription, load_robot_description
 from crar_drake.scenario import (
@@ -110,6 +115,66 @@ def test_plant_heavier_than_its_model_is_accepted():
     heavier = chain_urdf("zz").replace('<mass value="1.0"/>', '<mass value="1.1"/>')
     plant, scene_graph = add_plant(builder, heavier)
     controlled(plant, scene_graph, builder, control_model=make_model(chain_urdf("zz")))
+
+
+def test_a_shipped_robot_in_a_plant():
+    """As Drake's own parser reads it, in its rest posture, beside other things."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    description = AddRobot(plant, "upper_body")
+    plant.Finalize()
+    assert plant.HasBodyNamed("ball")
+    alone = MultibodyPlant(1e-3)
+    Parser(alone).AddModels(str(data_folder("models") / "upper_body/upper_body.urdf"))
+    alone.WeldFrames(alone.world_frame(), alone.GetFrameByName(description.base))
+    alone.Finalize()
+    assert plant.num_positions() == alone.num_positions() + 7
+    context = plant.CreateDefaultContext()
+    for index in alone.GetJointIndices():
+        joint = alone.get_joint(index)
+        if joint.num_positions():
+            value = description.rest_posture.get(joint.name(), 0.0)
+            assert plant.GetJointByName(joint.name()).GetOnePosition(context) == value
+    assert description.rest_posture and len(description.pairs) == 30
+
+
+def test_a_robot_by_path_and_by_description():
+    path = data_folder("models") / "obstacle_arm"
+    described = load_robot_description(path)
+    for robot in (path, str(path / "robot.yaml"), described):
+        plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+        assert AddRobot(plant, robot) == described
+        assert plant.HasBodyNamed("forearm") and not plant.is_finalized()
+
+
+def test_a_robot_that_cannot_be_added():
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    with pytest.raises(ModelError, match="'uper_body'.*did you mean 'upper_body'"):
+        AddRobot(plant, "uper_body")
+    with pytest.raises(ModelError, match="AddMultibodyPlantSceneGraph"):
+        AddRobot(MultibodyPlant(1e-3), "upper_body")
+    plant.Finalize()
+    with pytest.raises(ModelError, match="finalized already"):
+        AddRobot(plant, "upper_body")
+
+
+def test_the_tasks_of_a_posture_are_where_its_frames_are():
+    model = ControlModel.FromDescription(
+        load_robot_description("obstacle_arm"),
+        [Task(frame="tool", kind="pose"), Task(frame="arm::palm", point=[0, 0, 0.1])],
+    )
+    q = np.linspace(-0.4, 0.5, 7)
+    plant, context = model.plant, model.plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    tool = plant.GetFrameByName("tool").CalcPoseInWorld(context)
+    palm = plant.GetBodyByName("palm").EvalPoseInWorld(context)
+    desired = model.tasks_at(q)
+    assert desired.shape == (10 + 2 * 9,) and not desired[10:].any()
+    wxyz = tool.rotation().ToQuaternion().wxyz()
+    np.testing.assert_allclose(abs(desired[:4] @ wxyz), 1.0, atol=1e-12)
+    np.testing.assert_allclose(desired[4:7], tool.translation(), atol=1e-12)
+    np.testing.assert_allclose(desired[7:10], palm @ [0.0, 0.0, 0.1], atol=1e-12)
 
 
 def runnable(name: str, request) -> Scenario:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_logs import small_log
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, WriteError
 from crar_drake.log import SimulationLog
 
 
@@ -39,7 +39,7 @@ def test_an_older_log_stays_if_saving_fails(tmp_path, monkeypatch):
         raise OSError("disk full")
 
     monkeypatch.setattr(np, "savez_compressed", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(WriteError, match="log.npz: could not be written: disk full"):
         small_log().save(path)
     assert path.read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1

@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.diagram import PrepareScenario
 from crar_drake.log import SimulationLog
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.scenario import Scenario, load_scenario, parse_scenario

@@ -10,12 +10,12 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import LogVectorOutput
 from small_robots import add_plant, chain_urdf
 
-from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.control.controller import CrarController
+from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.desired_motion import DesiredMotion
 from crar_drake.diagram import AddCrarController, MakeCrarDiagram, PrepareScenario
 from crar_drake.errors import ScenarioError
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.referee import Referee
 from crar_drake.robot_description import RobotDescription
 from crar_drake.run import make_log

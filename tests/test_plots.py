@@ -6,6 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 from small_logs import small_log
 
+from crar_drake.errors import WriteError
 from crar_drake.plots import draw_run, plot_run
 
 
@@ -120,6 +121,6 @@ def test_a_failure_leaves_the_old_plot(tmp_path, monkeypatch):
         raise OSError("disk full")
 
     monkeypatch.setattr(Figure, "savefig", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(WriteError, match="plot.png: could not be written: disk full"):
         plot_run(small_log(), path)
     assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1

@@ -272,7 +272,7 @@ def test_log_that_cannot_be_played(log, tmp_path):
 
 def test_page_appears_whole_or_not_at_all(meshcat, tmp_path):
     (tmp_path / "page.html").mkdir()  # stands where the page should go
-    with pytest.raises(OSError):
+    with pytest.raises(CrarError, match="page.html: could not be written"):
         save_recording(meshcat, tmp_path / "page.html")
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
 

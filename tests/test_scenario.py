@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.keyframes import Keyframe, KeyframeTrajectory
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot_description import robot_names
 from crar_drake.scenario import (
     Scenario,
@@ -70,7 +70,8 @@ def test_nested_values_keep_the_other_defaults():
     assert (scenario.controller.Kp, scenario.controller.velocity_gain) == (100.0, 9.0)
     assert scenario.controller.Gv == CrarParameters().Gv
     assert scenario.plant_config.discrete_contact_approximation == "lagged"
-    assert scenario.simulator_config.publish_every_time_step is False
+    assert scenario.simulator_config.max_step_size == 1e-2
+    assert scenario.simulator_config.target_realtime_rate == 1.0
     assert scenario.simulated_robot.contact
     assert not scenario.simulated_robot.effort_limits
 
@@ -184,6 +185,47 @@ def test_another_start_time_is_refused():
     text = "motion: dance\nexperiment: wrists\nsimulator_config: {start_time: 1.0}\n"
     with pytest.raises(ScenarioError, match="start_time"):
         parse_scenario(text)
+
+
+SETTINGS_OF_SOME_DRAKES = [
+    ("simulator_config", "publish_every_time_step", "false", "true"),
+    ("visualization", "mouse_interaction_stiffness", "100.0", "7.0"),
+]
+
+
+def test_a_log_of_another_drake_can_be_read():
+    """Both are spelt out as their Drake does it by default, so both must be taken."""
+    text = VALID + "".join(
+        f"{config}: {{{name}: {usual}}}\n"
+        for config, name, usual, _ in SETTINGS_OF_SOME_DRAKES
+    )
+    scenario = parse_scenario(text)
+    assert scenario.to_yaml() == parse_scenario(VALID).to_yaml()
+
+
+@pytest.mark.parametrize("config, name, usual, other", SETTINGS_OF_SOME_DRAKES)
+def test_a_setting_of_another_drake(config, name, usual, other):
+    """What this Drake has is set; what it has not is refused by its name."""
+    text = VALID + f"{config}: {{{name}: {other}}}\n"
+    settings = getattr(Scenario(), config)
+    if hasattr(settings, name):
+        scenario = parse_scenario(text)
+        value = getattr(getattr(scenario, config), name)
+        assert str(value).lower() == other != usual
+        return
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario(text, "my.yaml")
+    assert str(caught.value).startswith(f"my.yaml: {config}.{name} (line ")
+    assert "leave it out" in str(caught.value)
+
+
+def test_settings_of_other_drakes_hide_no_mistake():
+    """What is wrong beside them is still told."""
+    for config, name, usual, _ in SETTINGS_OF_SOME_DRAKES:
+        with pytest.raises(ScenarioError, match="durration"):
+            parse_scenario(VALID + f"durration: 1\n{config}: {{{name}: {usual}}}\n")
+        with pytest.raises(ScenarioError, match="not YAML"):
+            parse_scenario(f"{config}: [{name}\n")
 
 
 def test_long_runs_are_logged_at_a_lower_rate():

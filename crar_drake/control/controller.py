@@ -65,8 +65,9 @@ class CrarController(LeafSystem):
     Input ports:
         estimated_state: (nq + nv,) [q; v] of the control model's plant.
         desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
-        desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p]; only if there are
-            prescribed joints.
+        desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
+            and accelerations of the joints `model.prescribed_names`, in that order
+            [rad or m]; only if there are prescribed joints.
         nominal_posture: (n,); only if `nominal_posture_gain` is set.
 
     Output ports, all of one solve:
@@ -94,6 +95,7 @@ class CrarController(LeafSystem):
 
     Attributes:
         law: the `ControlLaw` that the system wraps.
+        model: the `ControlModel` that it computes with.
         diagnostics_slices: output port to its place in "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated; the plant's
@@ -138,9 +140,8 @@ class CrarController(LeafSystem):
         if self.law.parameters.nominal_posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
 
-        held = self.DeclareAbstractState(
-            AbstractValue.Make(ControlStep(None, Memory()))
-        )
+        nothing_yet = ControlStep(None, Memory())
+        held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
         self._held_index = int(held)
         self._workspace_cache = self.DeclareCacheEntry(
             "control model's contexts",
@@ -158,7 +159,7 @@ class CrarController(LeafSystem):
         self._solve_cache = self.DeclareCacheEntry(
             "this control step",
             ValueProducer(
-                allocate=lambda: AbstractValue.Make(None), calc=self._CalcStep
+                allocate=lambda: AbstractValue.Make(nothing_yet), calc=self._CalcStep
             ),
             sources,
         )
@@ -195,6 +196,11 @@ class CrarController(LeafSystem):
             )
         )
         self._state_name, self._target_names = x, (tasks, prescribed, posture)
+
+    @property
+    def model(self) -> ControlModel:
+        """The control model: joints, tasks and their layout, watched pairs."""
+        return self.law.model
 
     def get_input_port_estimated_state(self) -> InputPort:
         """Port (nq + nv,): measured [q; v]."""

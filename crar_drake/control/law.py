@@ -175,6 +175,7 @@ class ControlLaw:
         self._blend_time = float(gains.blend_time)
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
+        self._with_posture = gains.nominal_posture_gain > 0.0
         task_gains = TaskGains(
             float(gains.K),
             float(gains.Kp),
@@ -184,6 +185,16 @@ class ControlLaw:
         )
         self.mode = MODES[gains.constraints](model, gains, task_gains)
         self.reset()
+
+    def compile(self) -> None:
+        """Compiles what has yet to be, by a step at rest that leaves nothing behind."""
+        model = self.model
+        q = model.rest_positions()
+        v = np.zeros(model.plant.num_velocities())
+        posture = q[model.controlled] if self._with_posture else _NOTHING
+        prescribed = np.concatenate((q[model.prescribed], np.zeros(2 * model.n_p)))
+        targets = Targets(model.tasks_at(q), prescribed, posture)
+        self.solve(model.MakeWorkspace(), Memory(), 0, 0.0, q, v, targets)
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
@@ -214,14 +225,13 @@ class ControlLaw:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
         nq, nv = self.model.plant.num_positions(), self.model.plant.num_velocities()
-        with_posture = self.parameters.nominal_posture_gain > 0.0
         given = []
         for name, value, size in (
             ("q", q, nq),
             ("v", v, nv),
             ("tasks", tasks, self.model.layout.size),
             ("prescribed", prescribed, 3 * self.model.n_p),
-            ("nominal_posture", nominal_posture, self.model.n * with_posture),
+            ("nominal_posture", nominal_posture, self.model.n * self._with_posture),
         ):
             value = _NOTHING if value is None or not size else value
             if np.shape(value) != (size,):

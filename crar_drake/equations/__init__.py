@@ -8,7 +8,7 @@
     weighted_inverse        Eqs. (16), (34)
     resolved_acceleration   Eqs. (10), (12), (13), (15), (30)-(35)
     capsule_distances       the minimum distances that Eqs. (19)-(26) start from
-    lookahead               constraints that hold where the robot would come to rest
+    lookahead               constraints that act where the robot would come to rest
     blending                the way from the measured pose onto the targets
 
 Nothing here imports Drake.

@@ -35,13 +35,16 @@ def arithmetic() -> str:
 def cache_folder() -> Path:
     """Where the compiled functions are kept: another folder for other sources.
 
+    In the user's cache, or in NUMBA_CACHE_DIR where that is set.
+
     Numba looks at the file of a function only, but a compiled function contains those
     that it calls, and the constants that it uses.
     """
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
-    return cached("compiled") / digest.hexdigest()[:16]
+    theirs = numba.config.CACHE_DIR if numba is not None else ""
+    return (Path(theirs) if theirs else cached("compiled")) / digest.hexdigest()[:16]
 
 
 _CACHE_FOLDER = cache_folder()

@@ -1,4 +1,4 @@
-"""Constraints that hold: the lookahead mode, this project's answer to the paper.
+"""The lookahead: constraints act where the robot would come to rest.
 
 The paper's W looks at the present configuration, per joint, and lets a joint go
 free as soon as its share of a gradient shrinks; it asks for a more rigorous W, an

@@ -58,7 +58,9 @@ class TaskLayout:
     * v_d (m,): per task as in Eq. (4) [rad/s, m/s];
     * a_d (m,): its derivative [rad/s^2, m/s^2].
 
-    All are expressed in the world frame W.
+    All are expressed in the world frame W. With position tasks of two wrists, say,
+    x_d is [x, y, z of the left; x, y, z of the right], and the vector has 18 entries.
+    `pack` builds it and `unpack` takes it apart.
 
     Attributes:
         names: the tasks' names.

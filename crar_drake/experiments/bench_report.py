@@ -10,6 +10,7 @@ from rich.table import Table
 
 from crar_drake.errors import CrarError
 from crar_drake.experiments.tables import markdown_table
+from crar_drake.figures import save_figure
 from crar_drake.files import whole_file
 
 # The page's text ends here; below are the tables, which the command writes.
@@ -217,8 +218,7 @@ def _us(seconds: float) -> str:
 
 def plot_bench(result: dict, path: str | os.PathLike[str]) -> None:
     """Draws what was measured; the suffix chooses the format."""
-    with whole_file(path) as temporary:
-        draw_bench(result).savefig(temporary, dpi=150)
+    save_figure(draw_bench(result), path, dpi=150)
 
 
 def draw_bench(result: dict) -> Figure:

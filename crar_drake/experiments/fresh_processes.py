@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
 
+from crar_drake.drake_warnings import recorded_warnings, tell_again
+
 # One thread a process: the matrices are small, and threads would only queue.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -22,8 +24,9 @@ class FreshProcesses(ThreadPoolExecutor):
     that a process must not run many simulations. (`ProcessPoolExecutor` could replace
     its processes after a number of calls, but in Python 3.11 it then stalls.)
 
-    A process that dies fails its own call only. Leaving the `with` block by an
-    exception ends the processes that still run.
+    Drake's warnings in a process are told in this one. A process that dies fails its
+    own call only. Leaving the `with` block by an exception ends the processes that
+    still run.
     """
 
     def __init__(self, jobs: int | None = None) -> None:
@@ -58,7 +61,7 @@ class FreshProcesses(ThreadPoolExecutor):
         self._running.add(process)
         sender.close()
         try:
-            succeeded, value = receiver.recv()
+            succeeded, value, warnings = receiver.recv()
         except EOFError as error:
             process.join()
             raise RuntimeError(
@@ -68,6 +71,7 @@ class FreshProcesses(ThreadPoolExecutor):
             process.join()
             self._running.discard(process)
             receiver.close()
+        tell_again(warnings)
         if not succeeded:
             raise value
         return value
@@ -90,9 +94,10 @@ def _environment(changes: dict[str, str]) -> Iterator[None]:
 
 def _call(sender: Connection, fn: Callable, args: tuple, kwargs: dict) -> None:
     """What the new process does."""
-    try:
-        answer = (True, fn(*args, **kwargs))
-    except Exception as error:  # handed to the caller of submit
-        answer = (False, error)
-    sender.send(answer)
+    with recorded_warnings() as warnings:
+        try:
+            answer = (True, fn(*args, **kwargs))
+        except Exception as error:  # handed to the caller of submit
+            answer = (False, error)
+    sender.send((*answer, warnings))
     sender.close()

@@ -19,8 +19,8 @@ from crar_drake.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.errors import CrarError
 from crar_drake.experiments.tables import markdown_table, write_report
 from crar_drake.log import SimulationLog
+from crar_drake.nearest import nearest
 from crar_drake.robot import ControlModel
-from crar_drake.robot_description import nearest
 from crar_drake.run import make_log
 from crar_drake.scenario import Scenario
 from crar_drake.summary import controlled_joints

@@ -17,10 +17,10 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, WriteError
 from crar_drake.experiments.fresh_processes import FreshProcesses
-from crar_drake.files import whole_file
-from crar_drake.robot_description import nearest
+from crar_drake.files import sole_writer, whole_file
+from crar_drake.nearest import nearest
 from crar_drake.scenario import Scenario, parse_scenario
 
 if TYPE_CHECKING:
@@ -237,18 +237,37 @@ def run_sweep(
     Returns:
         The results of all cases, in their order.
 
+    With a scenario, its settings are kept beside the results, in a .yaml file.
+
     Raises:
-        CrarError: `out` is there but is not a sweep's file.
+        CrarError: `out` is there but is not a sweep's file, its results were made
+            with other settings, or another sweep is writing to it.
+        WriteError: `out` cannot be written. What is finished till then stays.
     """
+    with sole_writer(out):
+        return _run_sweep(cases, Path(out), scenario, executor, jobs, progress)
+
+
+def _run_sweep(
+    cases: Sequence[Case],
+    out: Path,
+    scenario: Scenario | None,
+    executor: Executor | None,
+    jobs: int | None,
+    progress: Callable[[int, int, Result], None] | None,
+) -> list[Result]:
+    """As `run_sweep`, where nobody else writes to `out`."""
     text = "" if scenario is None else scenario.to_yaml()
     finished = {result.case: result for result in read_results(out) if not result.error}
     waiting = [case for case in dict.fromkeys(cases) if case not in finished]
+    if scenario is not None:
+        _keep_settings(scenario, out)
     _start_file(out, finished.values())
     done = len(set(cases)) - len(waiting)
     total = len(set(cases))
     # An executor that was given is the caller's to close.
     own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
-    with own as pool, open(out, "a", newline="") as stream:
+    with own as pool, open(out, "ab", buffering=0) as stream:
         futures: dict[Future, Case] = {
             pool.submit(run_case, case, text): case for case in waiting
         }
@@ -258,11 +277,7 @@ def run_sweep(
                     result = future.result()
                 except RuntimeError as error:  # its process died
                     result = _failed(futures[future], str(error))
-                # One write, so that a line is there whole or is cut off at the end,
-                # where reading drops it.
-                stream.write(_line(result))
-                stream.flush()
-                os.fsync(stream.fileno())
+                _append(_line(result), stream.fileno(), out)
                 finished[result.case] = result
                 done += 1
                 if progress is not None:
@@ -346,3 +361,60 @@ def _start_file(path: str | os.PathLike[str], results: Iterable[Result]) -> None
     """Writes header and kept results, without failed cases and cut-off lines."""
     with whole_file(path) as temporary:
         temporary.write_text(_line(None) + "".join(map(_line, results)))
+
+
+def _append(line: str, handle: int, path: Path) -> None:
+    """Adds a line to an open file, and none if the disk is full.
+
+    A process that is killed may leave a line cut off at the end, where reading drops
+    it.
+    """
+    end = os.fstat(handle).st_size
+    data = line.encode()
+    try:
+        while data:
+            data = data[os.write(handle, data) :]
+        os.fsync(handle)
+    except OSError as error:
+        os.ftruncate(handle, end)
+        raise WriteError(path, error) from error
+
+
+def _keep_settings(scenario: Scenario, out: Path) -> None:
+    """Writes what all cases have in common beside the results, which do not say it.
+
+    Raises:
+        CrarError: the results there were made with something else in common.
+    """
+    path, text = settings_path(out), _common_settings(scenario).to_yaml()
+    if out.is_file() and path.is_file() and path.read_text() != text:
+        raise CrarError(
+            f"{out}: its results were made with another --scenario, --duration or "
+            f"--frame-rate (see {path}); give another --out"
+        )
+    with whole_file(path) as temporary:
+        temporary.write_text(text)
+
+
+def settings_path(out: Path) -> Path:
+    """Where the settings of a sweep's results are."""
+    return out.with_suffix(".yaml")
+
+
+def _common_settings(scenario: Scenario) -> Scenario:
+    """The scenario, with the same value in all that a case puts its own in."""
+    controller = replace(
+        scenario.controller,
+        constraints="paper",
+        level="acceleration",
+        period=scenario.plant_config.time_step or scenario.controller.period,
+    )
+    return replace(
+        scenario,
+        description="",
+        motion="dance",
+        experiment="wrists",
+        tasks=[],
+        keyframes={},
+        controller=controller,
+    )

@@ -24,7 +24,7 @@ from rich.table import Table
 from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 from crar_drake.experiments.sweep import Case, Result, read_results
 from crar_drake.experiments.tables import markdown_table, write_report
-from crar_drake.files import whole_file
+from crar_drake.figures import save_figure
 
 _COLOURS = {"none": "0.6", "paper": "tab:orange", "lookahead": "tab:blue"}
 _MARKERS = "oDs^vP"
@@ -388,8 +388,7 @@ def _exceptions(comparisons: Sequence[Comparison], reasons: Mapping[str, str]) -
 
 def plot_sweep(results: Iterable[Result], path: str | os.PathLike[str]) -> None:
     """Draws one result or more, see `draw_sweep`; the suffix chooses the format."""
-    with whole_file(path) as temporary:
-        draw_sweep(results).savefig(temporary, dpi=150)
+    save_figure(draw_sweep(results), path, dpi=150)
 
 
 def draw_sweep(results: Iterable[Result]) -> Figure:

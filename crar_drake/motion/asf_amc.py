@@ -26,8 +26,13 @@ CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
 CMU_FRAME_RATE = 120.0  # [Hz]
 CMU_SLOW_SUBJECTS = {60: 60.0, 61: 60.0}  # subject: rate [Hz]
 
+# Where a clip's frame rate comes from: the caller, the file, what is known of the
+# CMU database, or nowhere.
+RATE_SOURCES = ("given", "file", "database", "assumed")
+
 _ROOT_ORDER = ("TX", "TY", "TZ", "RX", "RY", "RZ")
 _DOF_NAMES = ("rx", "ry", "rz")
+_RADIANS_PER_UNIT = {"degrees": math.pi / 180.0, "radians": 1.0}
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,14 @@ class Skeleton:
         bones: name to Bone.
         length_unit: the file's `length` value; one file unit is 0.0254 m divided
             by it. Lengths in `bones` are metres already; motions need it.
+        angle_unit: "degrees" or "radians", what the file says that its angles are;
+            "" for a skeleton of no file.
     """
 
     name: str
     bones: dict[str, Bone]
     length_unit: float = CMU_LENGTH
+    angle_unit: str = ""
 
     @property
     def metres_per_unit(self) -> float:
@@ -85,6 +93,9 @@ class Clip:
         root_position: (T, 3) x y z of the root, y up [m].
         root_rotation: (T, 3) rotations about x y z as in the file [rad].
         joints: bone name to (T, k) dof values in the bone's dof order [rad].
+        rate_source: where the frame rate comes from, one of RATE_SOURCES.
+        angle_unit: "degrees" or "radians", what the file says that its angles are;
+            "" for a clip of no file.
     """
 
     name: str
@@ -93,6 +104,8 @@ class Clip:
     root_position: np.ndarray  # [m]
     root_rotation: np.ndarray  # [rad]
     joints: dict[str, np.ndarray]  # [rad]
+    rate_source: str = "given"
+    angle_unit: str = ""
 
     @property
     def num_frames(self) -> int:
@@ -201,7 +214,7 @@ class _AsfParser:
         self.lines = lines
         self.name = lines.path.stem
         self.length_unit: float | None = None
-        self.radians_per_unit = math.pi / 180.0
+        self.angle_unit = "degrees"
         self.seen: set[str] = set()
         self.raw_bones: dict[str, dict[str, list[str]]] = {}
         self.bone_lines: dict[str, int] = {}
@@ -249,7 +262,13 @@ class _AsfParser:
                 "the :units section has no length, so the scale is unknown; "
                 f"CMU skeletons have 'length {CMU_LENGTH}'"
             )
-        return Skeleton(self.name, self.ordered_bones(), self.length_unit)
+        return Skeleton(
+            self.name, self.ordered_bones(), self.length_unit, self.angle_unit
+        )
+
+    @property
+    def radians_per_unit(self) -> float:
+        return _RADIANS_PER_UNIT[self.angle_unit]
 
     def on_units(self, words: list[str]) -> None:
         key = words[0].lower()
@@ -259,14 +278,14 @@ class _AsfParser:
                 self.lines.fail(f"length must be positive, found {value:g}")
             self.length_unit = value
         elif key == "angle":
-            self.radians_per_unit = self.angle_unit(words)
+            self.angle_unit = self.stated_angle_unit(words)
 
-    def angle_unit(self, words: list[str]) -> float:
+    def stated_angle_unit(self, words: list[str]) -> str:
         unit = words[1].lower() if len(words) > 1 else ""
         if unit.startswith("deg"):
-            return math.pi / 180.0
+            return "degrees"
         if unit.startswith("rad"):
-            return 1.0
+            return "radians"
         self.lines.fail(f"angle must be deg or rad, found {_shown(unit)}")
 
     def on_root(self, words: list[str]) -> None:
@@ -449,7 +468,7 @@ def read_amc(
     needed = [bone for bone, count in counts.items() if count > 0]
     columns: dict[str, list[list[float]]] = {bone: [] for bone in needed}
     frames = 0
-    radians_per_unit = math.pi / 180.0
+    angle_unit = "degrees"
     stated_rate: float | None = None
 
     with _open(path, "motion") as file:
@@ -487,8 +506,8 @@ def read_amc(
                 frames += 1
             elif bone.startswith(":") and frames == 0:
                 keyword = bone.upper()
-                if keyword == ":RADIANS":
-                    radians_per_unit = 1.0
+                if keyword in (":DEGREES", ":RADIANS"):
+                    angle_unit = keyword[1:].lower()
                 elif keyword == ":SAMPLES-PER-SECOND":
                     stated_rate = _stated_rate(lines, words)
             elif frames == 0:
@@ -511,9 +530,12 @@ def read_amc(
         check_complete()
 
     root = np.array(columns.pop("root"))
-    rate = stated_rate if frame_rate is None else frame_rate
+    rate, rate_source = frame_rate, "given"
     if rate is None:
-        rate = default_frame_rate(path)
+        rate, rate_source = stated_rate, "file"
+    if rate is None:
+        rate, rate_source = default_frame_rate(path), "assumed"
+    radians_per_unit = _RADIANS_PER_UNIT[angle_unit]
     if not (math.isfinite(rate) and rate > 0.0):
         raise MotionError(f"{path}: the frame rate must be positive, not {rate}")
     return Clip(
@@ -525,6 +547,8 @@ def read_amc(
         joints={
             bone: np.array(rows) * radians_per_unit for bone, rows in columns.items()
         },
+        rate_source=rate_source,
+        angle_unit=angle_unit,
     )
 
 

@@ -13,10 +13,11 @@ Everywhere a motion is one of:
 from __future__ import annotations
 
 import difflib
+import hashlib
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from crar_drake.errors import MotionError
@@ -43,19 +44,40 @@ class MotionFiles:
 
 
 def load_clip(
-    name: str | os.PathLike[str], skeleton: str | os.PathLike[str] | None = None
+    name: str | os.PathLike[str],
+    skeleton: str | os.PathLike[str] | None = None,
+    *,
+    frame_rate: float | None = None,
 ) -> Clip:
     """Reads the motion of that name; the clip is called `name`, too.
 
     Args:
         name: a path, `cmu:` and a trial, or a built-in name.
         skeleton: the ASF file of a motion given as a path, if not beside it.
+        frame_rate: samples per second [Hz]; by default what the file states, else
+            that of the CMU database, which is assumed of other files, too.
 
     Raises:
         MotionError: there is no such motion or skeleton, or a file is damaged.
     """
     files = resolve(name, skeleton)
-    return read_amc(files.amc, read_asf(files.asf), name=files.name)
+    clip = read_amc(
+        files.amc, read_asf(files.asf), frame_rate=frame_rate, name=files.name
+    )
+    if clip.rate_source == "assumed" and _is_of_the_database(files):
+        clip = replace(clip, rate_source="database")
+    return clip
+
+
+def _is_of_the_database(files: MotionFiles) -> bool:
+    """Whether the motion is a trial of the CMU database, by its name or contents."""
+    from crar_drake.motion.fetch import known_trials  # which imports this module
+
+    if files.name.startswith(CMU_PREFIX):
+        return True
+    with open(files.amc, "rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return any(digest == trial.amc_sha256 for trial in known_trials().values())
 
 
 def resolve(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.asf_amc import Clip, forward_kinematics, rest_pose
+from crar_drake.motion.asf_amc import Clip, Skeleton, forward_kinematics, rest_pose
 
 # Joint centre: the bone at whose start it lies ("root" for the root itself).
 _BONE_OF = {
@@ -93,6 +93,16 @@ def joint_centres(clip: Clip) -> JointCentres:
         heading=_heading(poses.rotation["root"]),
         hip_height=float(-lowest),
     )
+
+
+def moved_by(skeleton: Skeleton, name: str) -> set[str]:
+    """The bones whose rotations move a joint centre, "root" among them."""
+    bones = set()
+    bone = _BONE_OF[name]
+    while bone != "root":
+        bone = skeleton.bones[bone].parent
+        bones.add(bone)
+    return bones
 
 
 def _heading(R_WB: np.ndarray) -> np.ndarray:

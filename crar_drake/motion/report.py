@@ -10,9 +10,22 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from crar_drake.errors import MotionError
-from crar_drake.files import whole_file
-from crar_drake.motion.asf_amc import BonePoses, Clip, forward_kinematics
-from crar_drake.motion.joint_centres import JointCentres, joint_centres, robot_frame
+from crar_drake.figures import save_figure
+from crar_drake.motion.asf_amc import (
+    CMU_LENGTH,
+    BonePoses,
+    Clip,
+    Skeleton,
+    forward_kinematics,
+    rest_pose,
+)
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
+from crar_drake.motion.joint_centres import (
+    JointCentres,
+    joint_centres,
+    moved_by,
+    robot_frame,
+)
 
 # A bone turns by more than this against its parent in one frame: a flip. In the CMU
 # files the fastest limbs of dances and karate turn by 20 to 50 degrees in 1/120 s
@@ -27,6 +40,30 @@ _JUMP_SPEED = 3.0  # [m/s]
 
 # All values equal for longer than this: a gap somebody filled by holding.
 _FROZEN_TIME = 0.05  # [s]
+
+# The skeletons of 13 CMU performers are 1.48 to 1.63 m tall, to the end of the head's
+# bone and without soles: a tenth less than the performers. Children and giants are
+# within these bounds; lengths in another unit are mostly not.
+_HEIGHTS = (0.8, 2.3)  # [m]
+_USUAL_HEIGHT = 1.6  # [m]
+# What `length` may have been meant: the CMU database's, inches, cm, mm, m.
+_LENGTHS = (CMU_LENGTH, 1.0, 2.54, 25.4, 0.0254)
+
+# A joint centre is faster than this for a hundredth of the time: the frame rate is in
+# doubt. Of 25 CMU trials (dances, runs, kicks, boxing, karate, dives) none comes
+# beyond 6.8 m/s at its own rate, eight come beyond 9 m/s at twice that and all but
+# six at four times. What is slow at the wrong rate, too, cannot be told.
+_IMPLAUSIBLE_SPEED = 9.0  # [m/s]
+_SPEED_QUANTILE = 0.99
+_FLIP_VICINITY = 0.1  # that the low-pass smears a flip over, on each side [s]
+_USUAL_RATES = (120.0, 60.0, 30.0)  # [Hz]
+
+# No angle beyond this: radians. Real files in degrees have 70 to 93 % of their
+# degrees of freedom beyond it; of those in radians at most a tenth can be, that turn
+# by more than once in all. An angle file that is all but still says nothing.
+_TURN_IN_RADIANS = 6.3
+_STILL = 0.5
+_DEGREES_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -63,31 +100,43 @@ class MotionReport:
         name: the motion's name.
         frames: number of frames.
         frame_rate: samples per second [Hz].
+        rate_source: where that comes from, one of `asf_amc.RATE_SOURCES`.
         duration: from the first to the last frame [s].
         bones: the skeleton's number of bones.
+        height: of the skeleton at rest [m].
         peak_speeds: joint centre to its largest speed in the raw data [m/s]; empty
             if the skeleton has no joint centres.
         flips: jumps of a bone's rotation, in frame order.
         jumps: jumps of joint centres (at least of the root), in frame order.
         frozen: stretches of identical frames.
+        doubts: what is implausible as a whole (unit of the angles, the performer's
+            height, the frame rate), each with what would explain it.
         obstacle: why the motion cannot drive a robot, or "".
     """
 
     name: str
     frames: int
     frame_rate: float  # [Hz]
+    rate_source: str
     duration: float  # [s]
     bones: int
+    height: float  # [m]
     peak_speeds: dict[str, float]  # [m/s]
     flips: tuple[Flip, ...] = ()
     jumps: tuple[Jump, ...] = ()
     frozen: tuple[FrozenStretch, ...] = ()
+    doubts: tuple[str, ...] = ()
     obstacle: str = ""
 
     @property
     def looks_clean(self) -> bool:
         """Whether nothing in the file looks bad."""
-        return not (self.flips or self.jumps or self.frozen or self.obstacle)
+        return not self.findings
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What looks bad, in few words each; `describe` says more."""
+        return tuple(short for short, _ in _findings(self))
 
 
 def inspect(clip: Clip) -> MotionReport:
@@ -99,19 +148,27 @@ def inspect(clip: Clip) -> MotionReport:
     except MotionError as error:
         points, obstacle = {}, str(error)
     steps = {name: _steps(samples) for name, samples in points.items()}
+    flips = _find_flips(clip, poses)
+    height = _height(clip.skeleton)
+    doubts = [*_doubt_angles(clip), *_doubt_height(clip.skeleton, height)]
+    if not doubts:  # else speeds say nothing of the rate
+        doubts += _doubt_rate(clip, points, flips)
     watched = points or {"waist": robot_frame(poses.start["root"])}
     return MotionReport(
         name=clip.name,
         frames=clip.num_frames,
         frame_rate=clip.frame_rate,
+        rate_source=clip.rate_source,
         duration=clip.duration,
         bones=len(clip.skeleton.bones),
+        height=height,
         peak_speeds={
             name: float(step.max() * clip.frame_rate) for name, step in steps.items()
         },
-        flips=_find_flips(clip, poses),
+        flips=flips,
         jumps=_find_jumps(watched, clip.frame_rate),
         frozen=_find_frozen(clip),
+        doubts=tuple(doubts),
         obstacle=obstacle,
     )
 
@@ -176,40 +233,192 @@ def _find_frozen(clip: Clip) -> tuple[FrozenStretch, ...]:
     return tuple(stretches)
 
 
+# --- implausible as a whole -------------------------------------------------------
+
+
+def _height(skeleton: Skeleton) -> float:
+    """From the lowest to the highest end of a bone at rest [m]."""
+    heights = [float(end[0, 1]) for end in rest_pose(skeleton).end.values()]
+    return max(heights) - min(heights)
+
+
+def _doubt_height(skeleton: Skeleton, height: float) -> Iterator[str]:
+    least, most = _HEIGHTS
+    if least <= height <= most:
+        return
+    # The length unit divides, so another one makes the performer so tall:
+    heights = {unit: height * skeleton.length_unit / unit for unit in _LENGTHS}
+    unit = min(_LENGTHS, key=lambda u: abs(np.log(heights[u] / _USUAL_HEIGHT)))
+    text = (
+        f"standing height {height:.3g} m is implausible, with length "
+        f"{skeleton.length_unit:g} in the skeleton's :units"
+    )
+    if least <= heights[unit] <= most:
+        text += f"; with length {unit:g} it would be {heights[unit]:.2f} m"
+    yield text
+
+
+def _doubt_angles(clip: Clip) -> Iterator[str]:
+    bones = clip.skeleton.bones.values()
+    # Numbers of a skeleton stand for themselves, those of a motion by columns.
+    fixed = [bone.axis for bone in bones]
+    fixed += [np.ravel(bone.limits) for bone in bones if bone.limits]
+    moving = np.hstack([clip.root_rotation, *clip.joints.values()])
+    yield from _doubt_unit(
+        "skeleton",
+        clip.skeleton.angle_unit,
+        np.abs(np.concatenate(fixed)),
+        {"degrees": "angle deg", "radians": "angle rad"},
+    )
+    yield from _doubt_unit(
+        "motion",
+        clip.angle_unit,
+        np.abs(moving).max(axis=0),
+        {"degrees": ":DEGREES", "radians": ":RADIANS"},
+    )
+
+
+def _doubt_unit(
+    what: str, unit: str, angles: np.ndarray, words: dict[str, str]
+) -> Iterator[str]:
+    """Doubts that a file's angles (k,) [rad] are in the unit that it says.
+
+    Args:
+        what: the kind of file.
+        unit: "degrees", "radians", or "" without a file.
+        angles: absolute values [rad], as they were read.
+        words: unit to how such a file says it.
+    """
+    numbers = np.degrees(angles) if unit == "degrees" else angles  # of the file
+    numbers = numbers[np.isfinite(numbers) & (numbers > 0.0)]
+    largest = numbers.max(initial=0.0)
+    share = np.mean(numbers > _TURN_IN_RADIANS) if numbers.size else 0.0
+    if unit == "degrees" and largest > _STILL and share == 0.0:
+        seen, other = f"never exceed ±{largest:.2f}", "radians"
+    elif unit == "radians" and share > _DEGREES_SHARE:
+        seen, other = f"reach ±{largest:.0f}", "degrees"
+    else:
+        return
+    yield (
+        f"the {what}'s angles {seen}, which looks like {other}, but the file says "
+        f"{unit}; if so, write {words[other]} in it"
+    )
+
+
+def _doubt_rate(
+    clip: Clip, points: dict[str, np.ndarray], flips: tuple[Flip, ...]
+) -> Iterator[str]:
+    speeds = {
+        name: _usual_top_speed(clip, name, samples, flips, clip.frame_rate)
+        for name, samples in points.items()
+    }
+    if not speeds:
+        return
+    fastest = max(speeds, key=speeds.get)
+    if speeds[fastest] <= _IMPLAUSIBLE_SPEED:
+        return
+    text = f"{fastest.replace('_', ' ')} reaches {speeds[fastest]:.1f} m/s"
+    for rate in _USUAL_RATES:
+        if rate < clip.frame_rate:
+            # Of all points: the low-pass leaves less of some than of others.
+            slower = max(
+                _usual_top_speed(clip, name, samples, flips, rate)
+                for name, samples in points.items()
+            )
+            if slower <= _IMPLAUSIBLE_SPEED:
+                yield (
+                    f"{text}; at {rate:g} Hz it would be {slower:.1f} m/s: is the rate "
+                    f"{rate:g} Hz? --frame-rate {rate:g}"
+                )
+                return
+    yield f"{text}, which no usual frame rate explains"
+
+
+def _usual_top_speed(
+    clip: Clip,
+    name: str,
+    samples: np.ndarray,
+    flips: tuple[Flip, ...],
+    rate: float,
+) -> float:
+    """What a joint centre's speed exceeds for a hundredth of the time [m/s].
+
+    It is that of filtered positions, so that neither noise nor a single bad frame
+    counts, and away from flips of what carries the point, where it leaps.
+    """
+    if len(samples) < MIN_FRAMES:
+        return 0.0
+    smooth = low_pass(samples, rate, min(DEFAULT_CUTOFF, rate / 4.0))
+    speed = _steps(smooth) * rate
+    honest = np.ones(len(speed), dtype=bool)
+    carriers = moved_by(clip.skeleton, name)
+    vicinity = int(np.ceil(_FLIP_VICINITY * rate))
+    for flip in flips:
+        if flip.bone in carriers:
+            step = flip.frame - 2
+            honest[max(step - vicinity, 0) : step + vicinity + 1] = False
+    return float(np.quantile(speed[honest], _SPEED_QUANTILE)) if honest.any() else 0.0
+
+
+# --- for people -------------------------------------------------------------------
+
+
+def rate_text(frame_rate: float, rate_source: str) -> str:
+    """A frame rate [Hz], and whether it is assumed."""
+    return f"{frame_rate:g} Hz" + (", assumed" if rate_source == "assumed" else "")
+
+
 def describe(report: MotionReport) -> Iterator[str]:
     """Yields the report as lines for a person to read."""
-
-    def at(frame: int) -> str:
-        return f"frame {frame} ({(frame - 1) / report.frame_rate:.2f} s)"
-
     yield (
-        f"{report.name}: {report.frames} frames at {report.frame_rate:g} Hz, "
-        f"{report.duration:.2f} s, {report.bones} bones"
+        f"{report.name}: {report.frames} frames at "
+        f"{rate_text(report.frame_rate, report.rate_source)}, "
+        f"{report.duration:.2f} s, {report.bones} bones, {report.height:.2f} m tall"
     )
+    if report.rate_source == "assumed":
+        yield "the file states no frame rate; give --frame-rate HZ if it is another"
     if report.peak_speeds:
         yield "largest speeds: " + ", ".join(
             f"{name} {speed:.1f} m/s" for name, speed in report.peak_speeds.items()
         )
+    for _, line in _findings(report):
+        yield line
+    if report.looks_clean:
+        yield "nothing looks bad"
+
+
+def _findings(report: MotionReport) -> Iterator[tuple[str, str]]:
+    """Yields what looks bad, the worst first: in few words, and as a whole line."""
+
+    def at(frame: int) -> str:
+        return f"frame {frame} ({(frame - 1) / report.frame_rate:.2f} s)"
+
+    for doubt in report.doubts:
+        yield doubt, doubt
+    if report.obstacle:
+        text = f"no robot can follow it: {report.obstacle}"
+        yield text, text
     for bone in dict.fromkeys(flip.bone for flip in report.flips):
         flips = [flip for flip in report.flips if flip.bone == bone]
         worst = max(flips, key=lambda flip: flip.angle)
+        short = f"{bone} flips {_times(len(flips))}"
         yield (
-            f"{bone} flips {_times(len(flips))}, first in {at(flips[0].frame)}, by up "
-            f"to {np.degrees(worst.angle):.0f} degrees in {at(worst.frame)}"
+            short,
+            f"{short}, first in {at(flips[0].frame)}, by up "
+            f"to {np.degrees(worst.angle):.0f} degrees in {at(worst.frame)}",
         )
     for point in dict.fromkeys(jump.point for jump in report.jumps):
         jumps = [jump for jump in report.jumps if jump.point == point]
         worst = max(jumps, key=lambda jump: jump.distance)
+        short = f"{point} jumps {_times(len(jumps))}"
         yield (
-            f"{point} jumps {_times(len(jumps))}, first in {at(jumps[0].frame)}, by up "
-            f"to {100.0 * worst.distance:.0f} cm in {at(worst.frame)}"
+            short,
+            f"{short}, first in {at(jumps[0].frame)}, by up "
+            f"to {100.0 * worst.distance:.0f} cm in {at(worst.frame)}",
         )
     for stretch in report.frozen:
-        yield f"nothing moves from {at(stretch.first)} to {at(stretch.last)}"
-    if report.obstacle:
-        yield f"no robot can follow it: {report.obstacle}"
-    if report.looks_clean:
-        yield "nothing looks bad"
+        text = f"nothing moves from {at(stretch.first)} to {at(stretch.last)}"
+        yield text, text
 
 
 def _times(count: int) -> str:
@@ -227,6 +436,7 @@ def plot_motion(clip: Clip, path: str | os.PathLike[str]) -> None:
 
     Raises:
         MotionError: the clip has no joint centres.
+        CrarError: there is no such format, or the file cannot be written.
     """
     centres = joint_centres(clip)
     report = inspect(clip)
@@ -260,8 +470,7 @@ def plot_motion(clip: Clip, path: str | os.PathLike[str]) -> None:
     paths.set_title("from above", fontsize="small")
     paths.set_aspect("equal", adjustable="datalim")
     paths.invert_xaxis()  # the left is on the left
-    with whole_file(path) as temporary:
-        figure.savefig(temporary)
+    save_figure(figure, path)
 
 
 def _draw_points(centres: JointCentres, heights, paths, speeds) -> None:

@@ -5,6 +5,16 @@ dependencies of the extra `robots`.
 """
 
 from crar_drake.robot_import.choices import ImportChoices, load_choices
-from crar_drake.robot_import.importer import ImportReport, import_robot
+from crar_drake.robot_import.importer import (
+    ImportReport,
+    check_installed,
+    import_robot,
+)
 
-__all__ = ["ImportChoices", "ImportReport", "import_robot", "load_choices"]
+__all__ = [
+    "ImportChoices",
+    "ImportReport",
+    "check_installed",
+    "import_robot",
+    "load_choices",
+]

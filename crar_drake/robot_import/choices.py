@@ -6,14 +6,12 @@ again and appended, with a comment.
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-
-from pydrake.common.yaml import yaml_load_typed
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
-from crar_drake.robot_description import nearest
+from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "fixed")
 
@@ -117,18 +115,15 @@ def load_choices(path: Path) -> ImportChoices:
     """Reads an import file.
 
     Raises:
-        ModelError: it is not one; the message names file and key.
+        ModelError: it is not one; the message names file, key and line.
     """
-    try:
-        choices = yaml_load_typed(
-            schema=ImportChoices, filename=str(path), defaults=ImportChoices()
-        )
-    except Exception as error:
-        known = [entry.name for entry in fields(ImportChoices)]
-        words = str(error).replace("[", " ").replace("]", " ").replace(",", " ").split()
-        unknown = [w.strip("'") for w in words if w.startswith("'")]
-        hint = next((nearest(w, known) for w in unknown if w not in known), "")
-        raise ModelError(f"{path}: {error}{hint}") from error
+    choices = load_yaml(
+        read_text(path, ModelError),
+        ImportChoices,
+        str(path),
+        ModelError,
+        manual="docs/your-robot.md",
+    )
     choices.validate(str(path))
     return choices
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -14,12 +15,12 @@ from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
+from crar_drake.nearest import nearest
 from crar_drake.robot_description import (
     IMPORT_FILE,
     RobotDescription,
     add_robot,
     find_joint,
-    nearest,
 )
 from crar_drake.robot_import.anatomy import (
     find_anatomy,
@@ -63,6 +64,16 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "picture.png",
     "report.txt",
 )
+
+WORLD = "world"  # the link that Drake takes for its own world
+
+# Module to the package that brings it; trimesh imports the others when it needs them.
+_MESH_PACKAGES = {
+    "trimesh": "trimesh",
+    "collada": "pycollada",
+    "networkx": "networkx",
+    "fast_simplification": "fast-simplification",
+}
 
 # Takes what is being done, and the share that is done.
 Progress = Callable[[str, float], None]
@@ -131,10 +142,10 @@ def import_robot(
         progress: is told what is being done.
 
     Raises:
-        ModelError: something in the URDF or the choices is wrong or not supported;
-            the message names it.
+        ModelError: something in the URDF or the choices is wrong or not supported,
+            or a package of the extra `robots` is missing; the message names it.
     """
-    _check_installed()
+    check_installed()
     progress = progress or (lambda what, share: None)
     file = out / IMPORT_FILE
     choices = None
@@ -184,6 +195,7 @@ def import_robot(
     _write_hulls(out, segments)
     cache.save()
     prescribed = choices.base == "prescribed"
+    welded_itself = robot.root == WORLD  # to Drake that link is the world
     write_urdf(
         out / URDF,
         robot,
@@ -198,7 +210,7 @@ def import_robot(
     description = RobotDescription(
         name=choices.name,
         model=URDF,
-        base="" if prescribed else robot.root,
+        base="" if prescribed or welded_itself else robot.root,
         prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
         if prescribed
         else {},
@@ -230,12 +242,21 @@ def import_robot(
     return report
 
 
-def _check_installed() -> None:
-    import importlib.util
+def check_installed() -> None:
+    """Imports what meshes are read and changed with.
 
-    modules = {"trimesh": "trimesh", "collada": "pycollada"}
-    modules["fast_simplification"] = "fast-simplification"
-    missing = [p for m, p in modules.items() if importlib.util.find_spec(m) is None]
+    They are asked for before anything is read: trimesh would miss the others in the
+    middle of an import, each only for some formats and some meshes.
+
+    Raises:
+        ModelError: a package of the extra `robots` is not installed, or is broken.
+    """
+    missing = []
+    for module, package in _MESH_PACKAGES.items():
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            missing.append(package)
     if missing:
         raise ModelError(
             f"importing robots needs {', '.join(missing)}: "
@@ -256,11 +277,17 @@ def _guess_structure(
     """Fills in base, locked and frames where the import file leaves them out."""
     anatomy = find_anatomy(robot)
     if choices.base is None:
-        choices.base = "fixed" if anatomy is None else "prescribed"
-        report.guessed["base"] = (
-            "two mirrored arms were found"
-            if anatomy
-            else "no pair of mirrored arms was found"
+        if robot.root == WORLD:
+            choices.base, why = "fixed", f"the root link is named {WORLD!r}"
+        elif anatomy is None:
+            choices.base, why = "fixed", "no pair of mirrored arms was found"
+        else:
+            choices.base, why = "prescribed", "two mirrored arms were found"
+        report.guessed["base"] = why
+    elif choices.base == "prescribed" and robot.root == WORLD:
+        raise ModelError(
+            f"{report.folder / IMPORT_FILE}: base: the root link is named {WORLD!r}, "
+            "which cannot move; write fixed, or rename the link in the URDF"
         )
     if choices.locked is None:
         choices.locked = guess_locked(robot, anatomy)

@@ -136,11 +136,15 @@ def convex_hulls(parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
 
     hulls = []
     for part in parts:
+        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
         try:
-            hull = trimesh.Trimesh(part.vertices, part.faces, process=False).convex_hull
+            # trimesh asks for the centre of mass, which a flat hull does not have.
+            with np.errstate(invalid="ignore", divide="ignore"):
+                hull = mesh.convex_hull
+                volume = hull.volume
         except QhullError:
             continue
-        if hull.volume > 1e-9:
+        if volume > 1e-9:
             hulls.append((np.asarray(hull.vertices), np.asarray(hull.faces)))
     return hulls
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 
-from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
 from crar_drake.robot_import.meshes import Part
 
@@ -40,6 +39,8 @@ def draw_robot(
     """
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
+
+    from crar_drake.figures import save_figure
 
     figure = Figure(figsize=(15, 10))
     axes = figure.subplots(1, 4)
@@ -84,8 +85,7 @@ def draw_robot(
         axis.set_xlabel("m")
     figure.suptitle(title)
     figure.tight_layout()
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save_figure(figure, path, dpi=110)
 
 
 def _triangles(poses, parts) -> tuple[np.ndarray, np.ndarray]:

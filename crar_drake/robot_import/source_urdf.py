@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_description import nearest
+from crar_drake.nearest import nearest
 
 # How an import names a URDF of that package, wherever it is installed.
 PACKAGE_SCHEME = "example-robot-data:"

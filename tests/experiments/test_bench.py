@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from crar_drake import cli
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.experiments.bench import (
     MEASUREMENTS,
     MODES,
@@ -39,7 +40,6 @@ from crar_drake.experiments.bench_timing import (
     replaced,
     time_side_by_side,
 )
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.referee import Referee
 from crar_drake.run import run_scenario
 from crar_drake.scenario import Scenario

@@ -2,10 +2,10 @@
 
 from dataclasses import fields
 
+from crar_drake.control.parameters import LookaheadParameters
 from crar_drake.experiments import parameter_study
 from crar_drake.experiments.parameter_study import HEADER, line, variations
 from crar_drake.experiments.sweep import Result
-from crar_drake.control.parameters import LookaheadParameters
 
 
 def result(**changes) -> Result:

@@ -2,6 +2,10 @@
 
 import multiprocessing
 import pickle
+import re
+import resource
+import subprocess
+import sys
 import threading
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -12,7 +16,7 @@ import pytest
 
 import crar_drake.experiments.sweep as sweep
 from crar_drake import cli
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, WriteError
 from crar_drake.experiments.sweep import (
     Case,
     Result,
@@ -22,6 +26,7 @@ from crar_drake.experiments.sweep import (
     run_case,
     run_sweep,
 )
+from crar_drake.motion.catalogue import load_clip
 from crar_drake.resources import builtin_motions_folder
 from crar_drake.run import run_scenario
 from crar_drake.scenario import Scenario
@@ -279,6 +284,91 @@ def test_other_files_are_refused_and_left_alone(tmp_path, text, expected):
     assert counting.cases == []
 
 
+# --- two at once ------------------------------------------------------------------
+
+SLOW = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from test_sweep import CASES, Inline, made_up
+from crar_drake.experiments.sweep import run_sweep
+
+class Slow(Inline):
+    def submit(self, function, case, scenario):
+        return super().submit(made_up, case)
+
+def tell(done, total, newest):
+    print(done, flush=True)
+    sys.stdin.readline()
+
+run_sweep(CASES, sys.argv[2], executor=Slow(), progress=tell)
+"""
+
+
+@pytest.fixture
+def other_sweep(tmp_path):
+    """Another process that sweeps into results.csv, and waits after its first case."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW, Path(__file__).parent, tmp_path / "results.csv"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == "1\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_two_sweeps_into_one_file_lose_nothing(tmp_path, other_sweep, pool, capsys):
+    out = tmp_path / "results.csv"
+    before = out.read_text()
+    named = rf"results.csv: process {other_sweep.pid} on .* is writing to it; wait"
+    with pytest.raises(CrarError, match=named):
+        run_sweep(CASES, out, executor=Counting())
+    assert cli.main(["sweep", "dance", "--out", "results.csv"]) == 2
+    assert re.search(named, capsys.readouterr().err)
+    assert pool.cases == []
+    assert out.read_text() == before
+    assert not out.with_suffix(".yaml").exists()
+
+    other_sweep.communicate("\n" * len(CASES), timeout=WAIT)
+    assert {r.case for r in read_results(out)} == set(CASES)
+    more = make_cases(["d"])
+    run_sweep(more, out, executor=Counting())
+    assert {r.case for r in read_results(out)} == {*CASES, *more}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["results.csv"]
+
+
+def test_a_sweep_that_was_killed_is_gone_on_with(tmp_path, other_sweep):
+    out = tmp_path / "results.csv"
+    other_sweep.kill()
+    other_sweep.wait(WAIT)
+    counting = Counting()
+    run_sweep(CASES, out, executor=counting)
+    assert 0 < len(counting.cases) < len(CASES), "what was finished is kept"
+    assert {r.case for r in read_results(out)} == set(CASES)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["results.csv"]
+
+
+def test_a_full_disk_keeps_what_is_finished(tmp_path):
+    out = tmp_path / "results.csv"
+    run_sweep(CASES[:2], out, executor=Counting())
+    before = out.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        # The next line fits only in part.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 50, limits[1]))
+        with pytest.raises(WriteError, match="results.csv: could not be written: File"):
+            run_sweep(CASES, out, executor=Counting())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert out.read_bytes() == before
+    counting = Counting()
+    run_sweep(CASES, out, executor=counting)
+    assert counting.cases == CASES[2:]
+
+
 # --- what fails, and where it runs ------------------------------------------------
 
 TINY = Scenario(motion="dance", experiment="wrists", duration=0.05)
@@ -377,6 +467,19 @@ def pool(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_frame_rate_is_that_of_all_motions(tmp_path, monkeypatch, capsys):
+    """A dance of 7.8 s at 60 Hz lasts half a tenth of a second at 9600 Hz."""
+    monkeypatch.chdir(tmp_path)
+    argv = "sweep dance --experiment wrists --jobs 1 --period 0.005 --out it/all.csv"
+    assert cli.main([*argv.split(), "--frame-rate", "9600"]) == 0
+    (result,) = read_results("it/all.csv")
+    expected = load_clip("dance").num_frames / 9600.0
+    assert result.duration == pytest.approx(expected, abs=2e-3)
+    capsys.readouterr()
+    assert cli.main(argv.split()) == 2
+    assert "--frame-rate (see it/all.yaml)" in capsys.readouterr().err
+
+
 def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     bad, _ = tiny_cases(tmp_path)
@@ -398,7 +501,7 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
     # What differs between the results' scenarios is not in the results.
     argv[argv.index("0.1")] = "0.2"
     assert cli.main(argv) == 2
-    assert "made with another --scenario or --duration" in capsys.readouterr().err
+    assert "another --scenario, --duration or --frame-rate" in capsys.readouterr().err
     assert Path("it/all.csv").read_text() == before
 
 

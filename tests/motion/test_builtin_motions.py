@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.motion.asf_amc import forward_kinematics
 from crar_drake.motion.builtin.author_motions import write_motions
 from crar_drake.motion.catalogue import builtin_names, load_clip
 from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.report import describe, inspect
 from crar_drake.motion_targets import load_motion_targets
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.resources import builtin_motions_folder
 from crar_drake.robot import ControlModel
 from crar_drake.robot_description import load_robot_description

@@ -299,3 +299,49 @@ def test_unknown_name_without_a_near_one(builtin):
 def test_skeleton_is_refused_where_it_is_known(builtin, tmp_path):
     for name in ("dance", "cmu:05_02"):
         assert "has its own skeleton" in refusal(name, tmp_path / "x.asf")
+
+
+# --- frame rates ------------------------------------------------------------------
+
+
+def test_where_a_frame_rate_comes_from(no_cmu, tmp_path) -> None:
+    def rate(name, **options) -> tuple[float, str]:
+        clip = load_clip(name, **options)
+        return clip.frame_rate, clip.rate_source
+
+    (tmp_path / "walk.asf").write_text(ASF)
+    walk = tmp_path / "walk.amc"
+    walk.write_text(AMC)
+    assert rate(walk) == (120.0, "assumed")
+    assert rate(walk, frame_rate=50.0) == (50.0, "given")
+    walk.write_text(AMC.replace(":DEGREES", ":DEGREES\n:SAMPLES-PER-SECOND 30"))
+    assert rate(walk) == (30.0, "file")
+    assert rate(walk, frame_rate=50.0) == (50.0, "given")
+    # As the trial of the database that it is called, its rate is known;
+    # as a file of somebody's with such a name it is assumed.
+    for trial, expected in (("61_01", 60.0), ("05_02", 120.0)):
+        files = trial_files(no_cmu, trial)
+        files.amc.parent.mkdir(parents=True)
+        files.amc.write_text(AMC)
+        files.asf.write_text(ASF)
+        assert rate(f"cmu:{trial}") == (expected, "database")
+        assert rate(files.amc) == (expected, "assumed")
+    assert rate("dance") == (60.0, "file")
+
+
+@pytest.mark.parametrize("frame_rate", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_frame_rate_must_be_positive(frame_rate) -> None:
+    with pytest.raises(MotionError, match="frame rate must be positive"):
+        load_clip("dance", frame_rate=frame_rate)
+
+
+def test_known_files_have_the_databases_rate_under_any_name(cmu, tmp_path) -> None:
+    folder = cmu / "subjects" / "02"
+    assert load_clip(folder / "02_01.amc").rate_source == "database"
+    (tmp_path / "walk.asf").write_bytes((folder / "02.asf").read_bytes())
+    text = (folder / "02_01.amc").read_bytes()
+    (tmp_path / "walk.amc").write_bytes(text)
+    assert load_clip(tmp_path / "walk.amc").rate_source == "database"
+    (tmp_path / "walk.amc").write_bytes(text.replace(b"\n2\n", b"\n2 \n", 1))
+    clip = load_clip(tmp_path / "walk.amc")
+    assert (clip.frame_rate, clip.rate_source) == (120.0, "assumed")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.geometry import Capsule, Sphere
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from small_urdfs import humanoid, joint, link, robot, write
 
@@ -151,6 +151,32 @@ def test_an_arm_is_fixed_and_has_no_frames(tmp_path):
     # The first link had no mass although it moves.
     assert any("l0" in note and "moves" in note for note in report.notes)
     assert any("none; a motion needs waist" in how for how in report.guessed.values())
+
+
+def test_a_root_named_world_is_the_world(tmp_path):
+    """So many arms have it; Drake welds such a link itself."""
+    parts = [link("world", mass=0.0)]
+    for i, below in enumerate(["world", "l0", "l1"]):
+        parts += [
+            link(f"l{i}", '<capsule radius="0.03" length="0.1"/>', "0 0 0.1"),
+            joint(f"j{i}", below, f"l{i}", "0 1 0", "0 0 0.2"),
+        ]
+    write(tmp_path, robot(parts))
+    file = tmp_path / "import.yaml"
+    file.write_text("source: small.urdf\nmost_capsules: 1\n")
+    import_robot("", tmp_path)
+    description = load_robot_description(tmp_path)
+    model = ControlModel.FromDescription(description, position_tasks(["l2"]))
+    source = Parser(plant := MultibodyPlant(0.0))
+    source.AddModels(str(tmp_path / "small.urdf"))
+    plant.Finalize()
+    assert model.plant.num_velocities() == plant.num_velocities() == 3
+    assert model.plant.CalcTotalMass(
+        model.plant.CreateDefaultContext()
+    ) == pytest.approx(plant.CalcTotalMass(plant.CreateDefaultContext()))
+    file.write_text("source: small.urdf\nbase: prescribed\n")
+    with pytest.raises(ModelError, match="'world', which cannot move; write fixed"):
+        import_robot("", tmp_path)
 
 
 def two_joints(extra: str = "", **options) -> str:

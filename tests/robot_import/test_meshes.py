@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.meshes import (
+    Part,
     convex_hulls,
     link_parts,
     simplified,
@@ -75,6 +76,16 @@ def test_obj_and_hulls(tmp_path):
     assert again.volume == pytest.approx(6.0)
     ((vertices, faces),) = convex_hulls([part])
     assert trimesh.Trimesh(vertices, faces).volume == pytest.approx(6.0)
+
+
+def test_what_is_flat_has_no_hull():
+    """Quietly: a plate that is a hair's breadth thick has a volume of rounding only."""
+    corners = np.array(
+        [[0.069, 0.053, 3e-13], [0.069, -0.012, 0], [0, -0.012, 0], [0, 0.053, 1e-13]]
+    )
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    plates = [Part(corners * [1, 1, thick], faces, (1.0,) * 4) for thick in (0, 1, 1e4)]
+    assert convex_hulls(plates) == []
 
 
 def test_unreadable_meshes_are_named(tmp_path):

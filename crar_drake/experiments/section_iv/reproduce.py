@@ -25,10 +25,10 @@ from crar_drake.experiments.section_iv.simulate import (
     log_path,
     run_plan,
 )
-from crar_drake.files import whole_file
+from crar_drake.figures import save_figure
+from crar_drake.files import check_folder
 from crar_drake.log import SimulationLog
 from crar_drake.motion.catalogue import load_clip
-from crar_drake.run import check_writable
 
 # Pictures and thousands of lines are smaller as pixels.
 _PIXELS = ("figure-3", "torque-spikes")
@@ -59,7 +59,7 @@ def reproduce(
         CrarError: a simulation could not be run, or the folder not be written to.
     """
     out, start = Path(out), time.perf_counter()
-    check_writable(out)
+    check_folder(out)
     kept = len(finished(plan, out))
     outcomes = run_plan(plan, out, executor=executor, jobs=jobs, progress=progress)
     failures = [f"{n}: {o.result.error}" for n, o in outcomes.items() if o.result.error]
@@ -82,9 +82,8 @@ def reproduce(
         for name, draw in all_figures(plan, outcomes, log, frame_rate).items():
             pixels = name.startswith(_PIXELS)
             path = out / FIGURES / f"{name}{'.png' if pixels else '.svg'}"
-            with whole_file(path) as temporary:
-                metadata = {} if pixels else {"Date": None}
-                draw().savefig(temporary, dpi=100, metadata=metadata)
+            metadata = {} if pixels else {"Date": None}
+            save_figure(draw(), path, dpi=100, metadata=metadata)
             figures[name] = path
     tables = write_tables(plan, outcomes, findings, log, frame_rate, out)
     result = Reproduction(

@@ -1,0 +1,131 @@
+"""Drake's warnings, collected while a command runs and told once, in a line each.
+
+Drake warns whenever it parses a model, which one run does several times over, and an
+inertia that cannot be takes eight lines each time. Its messages come as records of
+Python's logger "drake".
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+_WIDTH = 100  # of a line
+_LINES = 8  # that are printed, at most
+
+# A parser's message begins with the file and the line that it is about.
+_PLACE = re.compile(r"(?P<place>.*?:\d+): (?:warning|error): ", re.DOTALL)
+# A function's name tells the user nothing, and rows of a matrix little.
+_NOISE = re.compile(r"\b\w+\(\): |^\s*\[.*\]\s*$", re.MULTILINE)
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+
+
+class DrakeWarnings(logging.Handler):
+    """Collects warnings and what is worse.
+
+    Attributes:
+        texts: each message that was heard to the number of times, in their order.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: Counter[str] = Counter()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Takes a message of Drake's."""
+        self.texts[record.getMessage()] += 1
+
+    def lines(self) -> list[str]:
+        """What was collected, short: one line for messages that differ in places and
+        numbers only, with the number of different ones and the first one's place."""
+        kinds: dict[str, list[str]] = {}
+        for text in self.texts:
+            kinds.setdefault(_NUMBER.sub("#", _what(text)), []).append(text)
+        lines = [_short(texts) for texts in kinds.values()]
+        if len(lines) > _LINES:
+            lines[_LINES - 1 :] = [f"and {len(lines) - _LINES + 1} kinds more"]
+        return lines
+
+
+@contextmanager
+def collected_warnings(
+    *, verbose: bool = False, stream: TextIO | None = None
+) -> Iterator[None]:
+    """Keeps Drake quiet within the block, and prints its warnings at the end, short.
+
+    What Drake merely announces (Meshcat's address) is not printed.
+
+    Args:
+        verbose: change nothing: all is printed by Drake itself, at once and whole.
+        stream: to print to; by default stderr.
+    """
+    if verbose:
+        yield
+        return
+    with _listening() as heard:
+        try:
+            yield
+        finally:
+            lines = heard.lines()
+            if lines:
+                print(
+                    "Drake warns; --verbose prints all of it:",
+                    *(f"  {line}" for line in lines),
+                    sep="\n",
+                    file=stream or sys.stderr,
+                )
+
+
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Yields a list that has, after the block, each different warning of it.
+
+    For a process whose warnings another one tells, with `tell_again`.
+    """
+    texts: list[str] = []
+    with _listening() as heard:
+        try:
+            yield texts
+        finally:
+            texts += heard.texts
+
+
+def tell_again(texts: list[str]) -> None:
+    """Tells this process's logger what was recorded in another process."""
+    for text in texts:
+        logging.getLogger("drake").warning("%s", text)
+
+
+@contextmanager
+def _listening() -> Iterator[DrakeWarnings]:
+    """Puts a `DrakeWarnings` in the place of what prints Drake's messages."""
+    logger = logging.getLogger("drake")
+    handlers, propagate = logger.handlers[:], logger.propagate
+    heard = DrakeWarnings()
+    logger.handlers[:], logger.propagate = [heard], False
+    try:
+        yield heard
+    finally:
+        logger.handlers[:], logger.propagate = handlers, propagate
+
+
+def _what(text: str) -> str:
+    """A message in one line, without the place."""
+    return " ".join(_NOISE.sub("", _PLACE.sub("", text, count=1)).split())
+
+
+def _short(texts: list[str]) -> str:
+    """One line for messages of one kind."""
+    count = f"{len(texts)} x " if len(texts) > 1 else ""
+    match = _PLACE.match(texts[0])
+    # Folders are long, and the user knows them.
+    place = f" ({match['place'].rpartition('/')[2]})" if match else ""
+    what, room = _what(texts[0]), _WIDTH - 2 - len(count) - len(place)
+    if len(what) > room:
+        what = what[: max(room, 40) - 4].rstrip() + " ..."
+    return f"{count}{what}{place}"

@@ -1,0 +1,84 @@
+"""What is drawn of a robot whose model has nothing to be drawn."""
+
+from __future__ import annotations
+
+from pydrake.geometry import (
+    HalfSpace,
+    IllustrationProperties,
+    PerceptionProperties,
+    Rgba,
+    Role,
+    SceneGraph,
+    SceneGraphInspector,
+)
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
+
+COLLISION_COLOR = Rgba(0.75, 0.78, 0.82, 1.0)
+
+
+def models_without_visuals(
+    plant: MultibodyPlant, inspector: SceneGraphInspector
+) -> list[str]:
+    """Names of the models that have collision shapes and nothing else to be seen."""
+    return [plant.GetModelInstanceName(i) for i in _unseen(plant, inspector)]
+
+
+def draw_collision_shapes(
+    plant: MultibodyPlant, scene_graph: SceneGraph
+) -> tuple[str, ...]:
+    """Lets collision shapes be drawn where a model has nothing else.
+
+    Half-spaces are left out, since they have no end. Models with any visual geometry
+    stay as they are: a link that has none may be meant to be unseen.
+
+    Args:
+        plant: finalized.
+        scene_graph: where the plant's geometry is registered; there must be no
+            context of it yet.
+
+    Returns:
+        The names of those models.
+    """
+    inspector = scene_graph.model_inspector()
+    unseen = _unseen(plant, inspector)
+    illustration, perception = IllustrationProperties(), PerceptionProperties()
+    for properties in (illustration, perception):
+        properties.AddProperty("phong", "diffuse", COLLISION_COLOR)
+    source = plant.get_source_id()
+    for instance in unseen:
+        for geometry in _shapes(plant, inspector, instance, Role.kProximity):
+            scene_graph.AssignRole(source, geometry, illustration)
+            if inspector.GetPerceptionProperties(geometry) is None:
+                scene_graph.AssignRole(source, geometry, perception)
+    return tuple(plant.GetModelInstanceName(i) for i in unseen)
+
+
+def _unseen(
+    plant: MultibodyPlant, inspector: SceneGraphInspector
+) -> list[ModelInstanceIndex]:
+    return [
+        instance
+        for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
+        if _shapes(plant, inspector, instance, Role.kProximity)
+        and not _shapes(plant, inspector, instance, Role.kIllustration)
+    ]
+
+
+def _shapes(
+    plant: MultibodyPlant,
+    inspector: SceneGraphInspector,
+    instance: ModelInstanceIndex,
+    role: Role,
+) -> list:
+    """The geometries of a model in that role; none of the world itself."""
+    world = plant.world_body().index()
+    return [
+        geometry
+        for index in map(BodyIndex, range(plant.num_bodies()))
+        if index != world and plant.get_body(index).model_instance() == instance
+        for geometry in inspector.GetGeometries(
+            plant.GetBodyFrameIdOrThrow(index), role
+        )
+        if not isinstance(inspector.GetShape(geometry), HalfSpace)
+    ]

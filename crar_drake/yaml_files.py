@@ -1,0 +1,317 @@
+"""One reader for all of the project's YAML files: scenarios, robots, imports.
+
+Drake's `yaml_load_typed` makes the objects. What it says of a mistake names neither
+the line nor the way to the key, so a file is compared with its schema first.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import types
+import typing
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+from pydrake.common.yaml import yaml_dump, yaml_load_data, yaml_load_typed
+
+from crar_drake.errors import CrarError
+from crar_drake.nearest import nearest
+
+T = TypeVar("T")
+
+# The way to a value: keys, and indices in lists.
+_Way = tuple[str | int, ...]
+
+_BYTE_ORDER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
+
+
+def read_text(path: str | os.PathLike[str], error: type[CrarError]) -> str:
+    """Reads a whole text file in UTF-8, with or without a byte order mark.
+
+    Args:
+        path: of the file.
+        error: what to raise.
+
+    Raises:
+        error: the file cannot be read, or is not UTF-8; the message names the file,
+            line and byte.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as why:
+        raise error(f"{path}: cannot be read: {why.strerror or why}") from why
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as why:
+        line = data.count(b"\n", 0, why.start) + 1
+        other = _BYTE_ORDER_MARKS.get(data[:2])
+        raise error(
+            f"{path}: line {line}: byte {why.start + 1} of the file, "
+            f"0x{data[why.start]:02x}, is not UTF-8"
+            + (f" (the file begins like {other})" if other else "")
+            + "; save it as UTF-8"
+        ) from why
+
+
+def load_yaml(
+    text: str,
+    schema: type[T],
+    source: str,
+    error: type[CrarError],
+    *,
+    manual: str,
+    defaults: T | None = None,
+    of_others: Mapping[_Way, Any] = MappingProxyType({}),
+    left_out: Iterable[_Way] = (),
+    retired: Mapping[_Way, str] = MappingProxyType({}),
+) -> T:
+    """Makes an object of a YAML text.
+
+    Args:
+        text: YAML, a mapping.
+        schema: a dataclass, or a configuration of Drake's.
+        source: what to call the text in messages, usually the file's path.
+        error: what to raise.
+        manual: where the user finds what such a file holds, for messages.
+        defaults: of keys that the text leaves out; by default those of `schema`.
+        of_others: the way to settings that the Drake which is installed does not
+            have, to what it does anyway. They are left out where they say that.
+        left_out: the way to settings that do not matter any more.
+        retired: the way to settings that there are no more, to what to do about it.
+
+    Raises:
+        error: the text is no YAML, is empty, has a key twice or one that the schema
+            does not know at that level, or a value of another type; or a setting
+            of `of_others` says something else. The message names the source, the
+            way to the key and the line.
+    """
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        # No text would be taken for no argument.
+        document = yaml_load_data(text) if root is not None else None
+        lines = _lines(root, source, error) if document is not None else {}
+    except yaml.YAMLError as why:
+        raise error(f"{source}: {_syntax(why, text)}") from why
+    except RecursionError as why:
+        raise error(
+            f"{source}: not YAML that can be read: it is nested too deep, "
+            "or within itself"
+        ) from why
+    except ValueError as why:
+        if isinstance(why, CrarError):
+            raise
+        # Of a value that looks like a date but is none.
+        raise error(f"{source}: not YAML that can be read: {why}") from why
+    if document is None:
+        raise error(f"{source}: the file is empty; {manual} shows what it may hold")
+    if not isinstance(document, dict):
+        raise error(
+            f"{source}: expected keys and values, found {_shown(document)}; see "
+            f"{manual}"
+        )
+    foreign = _take_out(document, of_others)
+    ignored = _take_out(document, left_out)
+    mistakes = [
+        (way, _of_another_drake(value, of_others[way]))
+        for way, value in foreign.items()
+        if value != of_others[way]
+    ]
+    mistakes += [(way, retired[way]) for way in _take_out(document, retired)]
+    for way, message in mistakes or _mistakes(document, schema, ()):
+        line = lines.get(way) or lines.get(way[:-1])
+        at = f" (line {line})" if line else ""
+        raise error(f"{source}: {_spelled(way)}{at}: {message}")
+    if foreign or ignored:
+        text = yaml_dump(document)
+    try:
+        return yaml_load_typed(schema=schema, data=text, defaults=defaults)
+    except Exception as why:  # what Drake checks besides
+        raise error(f"{source}: {why}; see {manual}") from why
+
+
+# --- the text ---------------------------------------------------------------------
+
+
+def _syntax(error: yaml.YAMLError, text: str) -> str:
+    """What the YAML parser found, in one line."""
+    mark = getattr(error, "problem_mark", None)
+    if mark is None:  # a character that no YAML may hold
+        position = getattr(error, "position", None)
+        if position is None:
+            return f"not YAML: {' '.join(str(error).split())}"
+        line = text.count("\n", 0, position) + 1
+        return (
+            f"line {line}: the character {text[position]!r} may not be in YAML; "
+            "remove it"
+        )
+    problem = error.problem or "cannot be read"
+    begun = getattr(error, "context_mark", None)
+    if begun is not None and error.context:
+        problem += f" ({error.context}, begun in line {begun.line + 1})"
+    return f"line {mark.line + 1}, column {mark.column + 1}: not YAML: {problem}"
+
+
+def _lines(root: yaml.Node, source: str, error: type[CrarError]) -> dict[_Way, int]:
+    """The line of each key and list entry; no key may be there twice."""
+    lines: dict[_Way, int] = {}
+    waiting: list[tuple[yaml.Node, _Way]] = [(root, ())]
+    seen: set[int] = set()  # what an alias repeats is looked at once
+    while waiting:
+        node, way = waiting.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, yaml.SequenceNode):
+            for i, entry in enumerate(node.value):
+                lines[*way, i] = entry.start_mark.line + 1
+                waiting.append((entry, (*way, i)))
+        elif isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                if not isinstance(key, yaml.ScalarNode) or key.value == "<<":
+                    continue
+                here, line = (*way, key.value), key.start_mark.line + 1
+                if here in lines:
+                    raise error(
+                        f"{source}: {_spelled(here)}: the key is there twice, in "
+                        f"lines {lines[here]} and {line}; keep one"
+                    )
+                lines[here] = line
+                waiting.append((value, here))
+    return lines
+
+
+def _spelled(way: _Way) -> str:
+    """controller.lookahead.rho, tasks[0].frame"""
+    text = ""
+    for part in way:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.removeprefix(".")
+
+
+# --- what another Drake has -------------------------------------------------------
+
+
+def _take_out(document: Any, ways: Iterable[_Way]) -> dict[_Way, Any]:
+    """Removes what a document has at these ways, and returns it."""
+    taken = {}
+    for way in ways:
+        holder = document
+        for key in way[:-1]:
+            holder = holder.get(key) if isinstance(holder, dict) else None
+        if isinstance(holder, dict) and way[-1] in holder:
+            taken[way] = holder.pop(way[-1])
+    return taken
+
+
+def _of_another_drake(value: Any, usual: Any) -> str:
+    return (
+        f"{value}: the Drake that is installed does not have this setting, and does as "
+        f"if it were {usual}; leave it out"
+    )
+
+
+# --- the schema -------------------------------------------------------------------
+
+
+def _mistakes(value: Any, schema: Any, way: _Way) -> Iterator[tuple[_Way, str]]:
+    """Yields where `value` does not fit the schema, and why."""
+    origin, arguments = typing.get_origin(schema), typing.get_args(schema)
+    if origin in (typing.Union, types.UnionType):
+        rest = [kind for kind in arguments if kind is not types.NoneType]
+        if value is None and len(rest) < len(arguments):
+            return
+        if len(rest) == 1:  # of several, Drake chooses by the value's tag
+            yield from _mistakes(value, rest[0], way)
+    elif schema in (bool, int, float, str):
+        if not _fits(value, schema):
+            yield way, f"expected {_NAMES[schema]}, found {_shown(value)}"
+    elif origin is list or schema is np.ndarray:
+        if not isinstance(value, list):
+            yield way, f"expected a list, as in [a, b], found {_shown(value)}"
+            return
+        for i, entry in enumerate(value):
+            yield from _mistakes(entry, arguments[0] if arguments else float, (*way, i))
+    elif origin is dict:
+        if not isinstance(value, dict):
+            yield way, f"expected names and their values, found {_shown(value)}"
+            return
+        for key, entry in value.items():
+            if not isinstance(key, str):
+                yield (*way, str(key)), f"expected a name, found {_shown(key)}"
+                return
+            yield from _mistakes(entry, arguments[1], (*way, key))
+    else:
+        known = _fields(schema)
+        if known is None:
+            return
+        if not isinstance(value, dict):
+            keys = ", ".join(list(known)[:3])
+            yield way, f"expected keys such as {keys}, found {_shown(value)}"
+            return
+        for key, entry in value.items():
+            if key not in known:
+                hint = nearest(str(key), known)
+                yield (*way, str(key)), f"unknown key {str(key)!r}{hint}"
+                return
+            yield from _mistakes(entry, known[key], (*way, key))
+
+
+def _fields(schema: Any) -> dict[str, Any] | None:
+    """Key to type of a dataclass or of a configuration of Drake's."""
+    if dataclasses.is_dataclass(schema):
+        return {entry.name: entry.type for entry in dataclasses.fields(schema)}
+    fields = getattr(schema, "__fields__", None)
+    return None if fields is None else {entry.name: entry.type for entry in fields}
+
+
+_NAMES = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+}
+
+
+def _fits(value: Any, kind: type) -> bool:
+    """Whether Drake's loader makes a `kind` of the value."""
+    if kind is bool:
+        return isinstance(value, bool) or value in ("true", "false")
+    if kind is str:
+        return isinstance(value, str)
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return False
+    if kind is int and isinstance(value, float):
+        return value.is_integer()
+    try:
+        kind(value)  # "1e-3" is text to YAML
+    except (ValueError, OverflowError):
+        return False
+    return True
+
+
+def _shown(value: Any) -> str:
+    """A value as the user wrote it, or nearly, and what YAML takes it for."""
+    if value is None:
+        return "nothing (null)"
+    if isinstance(value, bool):
+        # YAML 1.1 takes more words for these than one expects.
+        return f"{str(value).lower()} (true, yes and on are the same; as text quote it)"
+    if isinstance(value, int | float):
+        return f"the number {value}"
+    if isinstance(value, str):
+        return f"the text {_short(value)}"
+    if isinstance(value, list):
+        return f"the list {_short(value)}"
+    if isinstance(value, dict):
+        return f"the keys {_short(', '.join(map(str, value)))}"
+    return f"{_short(str(value))}, which YAML takes for a {type(value).__name__}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,181 @@
+"""What README.md and the pages in docs/ say is true: links, program, public names."""
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+import crar_drake
+
+ROOT = Path(__file__).resolve().parents[1]
+README = ROOT / "README.md"
+YOUR_DIAGRAM = ROOT / "docs" / "your-diagram.md"
+PAGES = [
+    README,
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "models").glob("**/README.md")),
+    *sorted((ROOT / "diagrams").glob("*.md")),
+]
+
+
+def prose(page: Path) -> str:
+    """A page without its fenced code."""
+    return re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.M | re.S)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link can point to: the headings, as GitHub writes them."""
+    headings = re.findall(r"^#+ (.+)$", prose(page), re.M)
+    plain = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]
+    return {heading.strip().replace(" ", "-") for heading in plain}
+
+
+def links(page: Path) -> list[str]:
+    text = re.sub(r"`[^`\n]*`", "`", prose(page))
+    return re.findall(r"\]\(\s*([^)\s]+)\s*\)", text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_relative_link_resolves(page):
+    for link in links(page):
+        if re.match(r"[a-z]+:", link):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        assert target.is_relative_to(ROOT), link
+        if anchor:
+            assert anchor in anchors(target), link
+
+
+def test_the_links_are_seen():
+    """The test above looks at something: each page of docs/ is linked from a page."""
+    linked = {
+        (page.parent / link.partition("#")[0]).resolve()
+        for page in PAGES
+        for link in links(page)
+    }
+    assert set((ROOT / "docs").glob("*.md")) <= linked
+    assert {ROOT / "examples", ROOT / "docs/images/dance.png"} <= linked
+
+
+def test_the_first_page_fits_the_width():
+    """Nothing wraps a table; the picture's link may be long."""
+    for line in README.read_text("utf-8").splitlines():
+        assert len(line) <= 88 or line.startswith("!["), line
+
+
+# --- the program on the first page ------------------------------------------------
+
+
+def programs(page: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+
+
+def test_the_first_pages_program_runs_as_it_stands(tmp_path):
+    (program,) = programs(README)
+    finished = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=240,
+    )
+    assert finished.returncode == 0, finished.stderr
+    # The wrists have gone up: were they still below, they would be off by 100 mm.
+    off = re.fullmatch(r"wrists off by at most ([\d.]+) mm\n", finished.stdout)
+    assert float(off[1]) < 2.0
+
+
+def test_the_first_page_imports_public_names_only():
+    (program,) = programs(README)
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.ImportFrom) and "crar_drake" in node.module:
+            assert node.module == "crar_drake"
+            assert {alias.name for alias in node.names} <= set(crar_drake.__all__)
+
+
+def test_the_calls_on_the_page_about_diagrams_work():
+    """Each line of code of the page, in its order, in a diagram of the test's own."""
+    code = re.findall(
+        r"^    (\w+ = .*|plant\..*)$", YOUR_DIAGRAM.read_text("utf-8"), re.M
+    )
+    assert len(code) == 6
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    known = vars(crar_drake) | {n: getattr(crar_drake, n) for n in crar_drake.__all__}
+    known |= {"builder": builder, "plant": plant, "scene_graph": scene_graph}
+    known["tasks"] = crar_drake.position_tasks(crar_drake.EXPERIMENTS["wrists"])
+    known["parameters"] = crar_drake.CrarParameters()
+    for line in code:
+        exec(line, known)
+        if line.startswith("robot"):
+            plant.Finalize()
+        elif line.startswith("controller"):
+            known["model"] = model = known["controller"].model
+            q = known["q"] = model.rest_positions()
+            known["v"] = np.zeros_like(q)
+            # Wrists 10 cm higher than at rest.
+            known["first_tasks"] = model.tasks_at(q)
+            known["first_tasks"][[2, 5]] += 0.1
+            known["desired_tasks"] = model.tasks_at(q)
+            known["desired_prescribed"] = np.r_[q[model.prescribed], np.zeros(6)]
+    start = plant.GetPositions(plant.CreateDefaultContext())
+    reached = model.tasks_at(start)[:6] - known["first_tasks"][:6]
+    assert np.abs(reached).max() < 0.02 and not np.allclose(start, q)
+    # Asked to stay where it is, the robot is sent nowhere.
+    assert np.abs(known["solution"].acceleration).max() < 1e-6
+    fields = [field.name for field in dataclasses.fields(crar_drake.Solution)]
+    text = YOUR_DIAGRAM.read_text("utf-8")
+    section = text[text.index("A `Solution` has") :].partition("\n\n")[0]
+    assert sorted(re.findall(r"`([a-z_]+)`", section)) == sorted(fields)
+
+
+# --- the public names -------------------------------------------------------------
+
+
+def test_the_list_of_public_names_is_in_order():
+    assert sorted(crar_drake.__all__) == list(crar_drake.__all__)
+    assert set(crar_drake.__all__) == set(crar_drake._MODULES)
+    source = ast.parse(inspect.getsource(crar_drake))
+    (types,) = [node for node in source.body if isinstance(node, ast.If)]
+    for statement in types.body:  # what type checkers see
+        for alias in statement.names:
+            module = statement.module.removeprefix("crar_drake.")
+            assert crar_drake._MODULES[alias.name] == module
+    seen = [alias.name for statement in types.body for alias in statement.names]
+    assert sorted(seen) == list(crar_drake.__all__)
+
+
+@pytest.mark.parametrize("name", crar_drake.__all__)
+def test_every_public_name_is_documented(name):
+    """In its docstring, with every field and method; and on the page of them all."""
+    assert re.search(rf"\b{name}\b", YOUR_DIAGRAM.read_text("utf-8"))
+    thing = getattr(crar_drake, name)
+    if not (inspect.isclass(thing) or inspect.isfunction(thing)):
+        source = inspect.getsource(
+            importlib.import_module(f"crar_drake.{crar_drake._MODULES[name]}")
+        )
+        assert re.search(rf"^# .+\n{name}\b", source, re.M), "a comment says what it is"
+        return
+    # A dataclass without a docstring gets its signature for one.
+    assert thing.__doc__ and not thing.__doc__.startswith(f"{name}(")
+    if inspect.isfunction(thing):
+        for parameter in inspect.signature(thing).parameters:
+            assert re.search(rf"\b{parameter}\b", thing.__doc__), parameter
+        return
+    for field in dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ():
+        assert re.search(rf"\b{field.name}\b", thing.__doc__), field.name
+    for method, member in vars(thing).items():
+        member = getattr(member, "__func__", getattr(member, "fget", None) or member)
+        if inspect.isfunction(member) and not method.startswith("_"):
+            assert member.__doc__, f"{name}.{method}"

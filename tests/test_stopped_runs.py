@@ -1,0 +1,442 @@
+"""Runs that do not come to their end, or whose files do not fit: what is kept."""
+
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import crar_drake.plots
+import crar_drake.run
+from crar_drake import cli
+from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.errors import CrarError, ScenarioError, WriteError
+from crar_drake.log import SimulationLog
+from crar_drake.run import RunFailed, RunInterrupted, run_scenario
+from crar_drake.scenario import Scenario, load_scenario
+
+FILES = ["log.npz", "plot.png", "recording.html", "summary.json"]
+RUN = "run dance_wrists --duration 0.2 --out it".split()
+WAIT = 120.0  # [s] longer than any process here needs
+
+
+def scenario(duration: float = 0.2) -> Scenario:
+    loaded = load_scenario("dance_wrists")
+    loaded.duration = duration
+    return loaded
+
+
+def names(folder) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def whole() -> SimulationLog:
+    """The log of a run that nothing stops."""
+    return run_scenario(scenario()).log
+
+
+@pytest.fixture
+def it(tmp_path, monkeypatch):
+    """The folder that RUN writes into, where an earlier run has left its files."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "it"
+    folder.mkdir()
+    for name in FILES:
+        (folder / name).write_text("of an earlier run")
+    return folder
+
+
+@pytest.fixture(params=["first run", "an earlier run is there"])
+def any_it(request, it):
+    """The same, or a folder that is not there yet."""
+    if request.param == "first run":
+        shutil.rmtree(it)
+    return it
+
+
+def contents(folder) -> dict[str, bytes]:
+    if not folder.exists():
+        return {}
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def in_the_middle(monkeypatch, action, call: int = 100) -> None:
+    """Makes the controller do something in its 100th step."""
+    solve, calls = ControlLaw.solve, []
+
+    def solve_until(self, *arguments):
+        calls.append(1)
+        if len(calls) == call:
+            action()
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(ControlLaw, "solve", solve_until)
+
+
+def check_part(folder: Path, whole: SimulationLog, stopped: str) -> float:
+    """That the files are the beginning of the whole run; returns its length [s]."""
+    assert names(folder) == FILES
+    log = SimulationLog.load(folder / "log.npz")
+    n = len(log.time)
+    assert 50 < n < len(whole.time)
+    np.testing.assert_array_equal(log.time, whole.time[:n])
+    for name in ("q", "v", "actuation", "desired_tasks", "signed_distances"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(whole, name)[:n])
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["samples"] == n
+    assert summary["duration"] == log.time[-1]
+    assert summary["stopped"] == stopped
+    assert matplotlib.image.imread(folder / "plot.png").shape[:2] == (1755, 1245)
+    page = (folder / "recording.html").read_text()
+    assert page.lstrip().lower().startswith("<!doctype html>")
+    return log.time[-1]
+
+
+# --- errors -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "error, told",
+    [
+        (InputError("desired_tasks is NaN"), "desired_tasks is NaN"),
+        (np.linalg.LinAlgError("singular"), "LinAlgError: singular"),
+    ],
+)
+def test_what_came_before_an_error_is_kept(it, monkeypatch, capsys, whole, error, told):
+    def fail():
+        raise error
+
+    in_the_middle(monkeypatch, fail)
+    assert cli.main(RUN) == 2
+    until = check_part(it, whole, told)
+    output = capsys.readouterr()
+    end = re.escape(f"{told} (at {until:.3f} s of 0.2 s); it holds what was simulated")
+    assert re.search(f"^crar-drake: error: {end}", output.err, re.MULTILINE)
+    assert "Traceback" not in output.err
+    for name in FILES:
+        assert f"it/{name}" in output.out
+    assert "stopped" in output.out
+
+
+def test_a_defect_is_not_hidden_and_the_part_is_kept(it, monkeypatch, whole):
+    def fail():
+        raise ZeroDivisionError("a defect of ours")
+
+    in_the_middle(monkeypatch, fail)
+    with pytest.raises(ZeroDivisionError, match="a defect of ours") as caught:
+        cli.main(RUN)
+    assert any("it holds what was simulated" in n for n in caught.value.__notes__)
+    check_part(it, whole, "ZeroDivisionError: a defect of ours")
+
+
+def test_an_error_in_the_first_sample_leaves_all_as_it_was(any_it, monkeypatch, capsys):
+    def fail():
+        raise InputError("desired_tasks is NaN")
+
+    in_the_middle(monkeypatch, fail, call=1)
+    before = contents(any_it)
+    assert cli.main(RUN) == 2
+    assert "crar-drake: error: desired_tasks is NaN\n" in capsys.readouterr().err
+    assert contents(any_it) == before
+
+
+def test_a_run_without_a_folder_raises_what_it_was(monkeypatch):
+    def fail():
+        raise InputError("desired_tasks is NaN")
+
+    in_the_middle(monkeypatch, fail)
+    with pytest.raises(InputError) as caught:
+        run_scenario(scenario())
+    assert type(caught.value) is InputError
+
+
+# --- Ctrl-C -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def interruptible():
+    """A background job may have been started with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
+
+
+def interrupt() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupted_run_is_kept(it, monkeypatch, capsys, whole, interruptible):
+    in_the_middle(monkeypatch, interrupt)
+    assert cli.main(RUN) == 130
+    until = check_part(it, whole, "interrupted")
+    output = capsys.readouterr()
+    told = f"crar-drake: interrupted at {until:.3f} s of 0.2 s; it holds what was"
+    assert told in output.err
+    assert "it/log.npz" in output.out and "rms task error" in output.out
+
+
+def test_a_second_interrupt_does_not_wait_for_the_step(
+    it, monkeypatch, whole, interruptible
+):
+    def twice():
+        interrupt()
+        interrupt()
+
+    in_the_middle(monkeypatch, twice)
+    assert cli.main(RUN) == 130
+    assert check_part(it, whole, "interrupted") < 0.101
+
+
+@pytest.mark.parametrize("first", ["while simulating", "while writing"])
+def test_an_interrupt_while_writing_ends_cleanly(
+    it, monkeypatch, capsys, interruptible, first
+):
+    if first == "while simulating":
+        in_the_middle(monkeypatch, interrupt)
+    draw = crar_drake.plots.draw_run
+
+    def draw_and_interrupt(log):
+        figure = draw(log)
+        save = figure.savefig
+
+        def savefig(path, **options):
+            save(path, **options)
+            try:
+                interrupt()
+            finally:
+                interrupt()  # the tidying up is not disturbed
+
+        figure.savefig = savefig
+        return figure
+
+    monkeypatch.setattr(crar_drake.plots, "draw_run", draw_and_interrupt)
+    assert cli.main(RUN) == 130
+    # Nothing of an earlier run, no plot, no temporary file.
+    assert names(it) == ["log.npz", "summary.json"]
+    stopped = json.loads((it / "summary.json").read_text())["stopped"]
+    assert stopped == ("interrupted" if first == "while simulating" else "")
+    message = capsys.readouterr().err
+    assert "while the files were written" in message or "interrupted again" in message
+    assert "it holds log.npz, summary.json of this run" in message
+
+
+def test_a_thread_can_run_a_scenario(tmp_path):
+    handler = signal.getsignal(signal.SIGINT)
+    results = []
+    thread = threading.Thread(
+        target=lambda: results.append(run_scenario(scenario(0.01), tmp_path / "it"))
+    )
+    thread.start()
+    thread.join(WAIT)
+    assert sorted(path.name for path in results[0].files) == FILES
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_a_handler_of_the_callers_stays(tmp_path, monkeypatch):
+    signals = []
+    before = signal.signal(signal.SIGINT, lambda *_: signals.append(1))
+    try:
+        in_the_middle(monkeypatch, interrupt)
+        result = run_scenario(scenario(), tmp_path, record=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert signals == [1]
+    assert len(result.log.time) == 201
+
+
+def test_the_callers_of_a_library_get_the_part(tmp_path, monkeypatch, interruptible):
+    in_the_middle(monkeypatch, interrupt)
+    with pytest.raises(RunInterrupted) as caught:
+        run_scenario(scenario(), tmp_path, record=False)
+    result = caught.value.result
+    assert result.summary.stopped == "interrupted"
+    assert sorted(path.name for path in result.files) == names(tmp_path)
+
+
+SLOW = """
+import sys
+from crar_drake import cli, run
+simulate = run._simulate
+def tell_and_simulate(*arguments):
+    print("simulating", flush=True)
+    simulate(*arguments)
+run._simulate = tell_and_simulate
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def test_ctrl_c_of_the_real_command(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW, *"run dance --out it --no-recording".split()],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A background job may ignore SIGINT, and so would its child.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stdout.readline() == "simulating\n"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=WAIT)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert re.search(r"crar-drake: interrupted at \d\.\d+ s of [\d.]+ s; it holds", err)
+    log = SimulationLog.load(tmp_path / "it/log.npz")
+    assert f"interrupted at {log.time[-1]:.3f} s" in err
+    assert names(tmp_path / "it") == ["log.npz", "plot.png", "summary.json"]
+
+
+# --- a full disk ------------------------------------------------------------------
+
+
+@pytest.fixture
+def largest_file():
+    """Limits how large files may become; the error comes from the system."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def limit(size: int) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+
+    yield limit
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_the_log_stays_if_the_page_does_not_fit(it, capsys, largest_file):
+    largest_file(2_000_000)  # a page has more than 2.5 MB
+    assert cli.main(RUN) == 2
+    output = capsys.readouterr()
+    # An earlier page beside this log would mislead.
+    assert names(it) == ["log.npz", "plot.png", "summary.json"]
+    assert len(SimulationLog.load(it / "log.npz").time) == 201
+    assert "it/recording.html: could not be written: File too large" in output.err
+    assert "it holds log.npz, summary.json, plot.png of this run" in output.err
+    assert "crar-drake playback it/log.npz" in output.err
+    assert "Traceback" not in output.err
+    assert "rms task error" in output.out and "it/log.npz" in output.out
+    assert "recording.html" not in output.out
+
+
+def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys, largest_file):
+    before = contents(any_it)
+    largest_file(20_000)
+    assert cli.main(RUN) == 2
+    assert contents(any_it) == before
+    assert any_it.exists() == bool(before), "the folder goes if it was made for this"
+    output = capsys.readouterr()
+    assert "it/log.npz: could not be written: File too large" in output.err
+    assert "nothing was written, it is as it was" in output.err
+    assert "rms task error" in output.out, "the figures are known all the same"
+
+
+def test_errors_of_the_library_hold_the_result(it, largest_file):
+    largest_file(2_000_000)
+    with pytest.raises(RunFailed) as caught:
+        run_scenario(scenario(), "it")
+    result = caught.value.result
+    assert isinstance(caught.value.__cause__, WriteError)
+    assert len(result.log.time) == 201
+    assert [path.name for path in result.files] == [
+        "log.npz",
+        "summary.json",
+        "plot.png",
+    ]
+
+
+def test_a_defect_of_a_writer_leaves_no_older_file(it, monkeypatch):
+    def fail(log, path):
+        raise ZeroDivisionError("a defect of ours")
+
+    monkeypatch.setattr(crar_drake.plots, "plot_run", fail)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(RUN)
+    assert names(it) == ["log.npz", "summary.json"]
+
+
+MOUNTED = """
+set -e
+mount -t tmpfs -o size={size}k tmpfs {folder}
+code=0
+{python} -m crar_drake run dance_wrists --duration 0.2 --out {folder}/it || code=$?
+cp -r {folder}/it {copy} || true
+ls -A {folder}
+exit $code
+"""
+
+
+def test_a_disk_that_is_full(tmp_path):
+    """A real small file system, in a mount namespace that ends with the command."""
+    unshare = shutil.which("unshare")
+    # Root needs no user namespace, which may be forbidden.
+    enter = [unshare, "-m" if os.geteuid() == 0 else "-rm"]
+    (tmp_path / "disk").mkdir()
+    probe = f"mount -t tmpfs -o size=100k tmpfs {tmp_path}/disk"
+    if not unshare or subprocess.run([*enter, "sh", "-c", probe]).returncode:
+        pytest.skip("file systems may not be mounted here")
+    script = MOUNTED.format(
+        size=2000,
+        folder=tmp_path / "disk",
+        copy=tmp_path / "copy",
+        python=sys.executable,
+    )
+    result = subprocess.run(
+        [*enter, "sh", "-c", script], capture_output=True, text=True, timeout=WAIT
+    )
+    assert result.returncode == 2, result.stderr
+    assert "No space left on device" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert names(tmp_path / "copy") == ["log.npz", "plot.png", "summary.json"]
+    assert len(SimulationLog.load(tmp_path / "copy/log.npz").time) == 201
+    assert "it/recording.html: could not be written" in result.stderr
+
+
+# --- what is too long -------------------------------------------------------------
+
+
+def test_a_run_that_no_memory_holds_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match="at most 1e.06 s are simulated at once"):
+        run_scenario(scenario(1e9), tmp_path / "it")
+    with pytest.raises(
+        ScenarioError, match="GiB of memory.* or no recording"
+    ) as caught:
+        run_scenario(scenario(2e5), tmp_path / "it")
+    # What it advises is enough.
+    advised = scenario(2e5)
+    setup = crar_drake.run.PrepareScenario(advised)
+    period = re.search(r"publish_period of at least ([\d.]+) s", str(caught.value))
+    advised.visualization.publish_period = float(period[1])
+    crar_drake.run.check_size(advised, setup, 2e5, record=True)
+
+    dense = scenario(1e5)
+    dense.log_period = 1e-3
+    with pytest.raises(ScenarioError, match="log_period of at least") as caught:
+        crar_drake.run.check_size(dense, setup, 1e5, record=False)
+    dense.log_period = float(re.search(r"at least ([\d.]+) s", str(caught.value))[1])
+    crar_drake.run.check_size(dense, setup, 1e5, record=False)
+    assert not (tmp_path / "it").exists()
+
+
+def test_the_estimate_of_the_log_is_near_its_size(whole):
+    """Of the arrays that a sample holds, 8 bytes a value."""
+    values = sum(
+        getattr(whole, name)[0].size
+        for name in SimulationLog.__dataclass_fields__
+        if getattr(getattr(whole, name), "shape", ())[:1] == whole.time.shape
+    )
+    loaded = scenario(1e5)
+    loaded.log_period = 1e-3
+    setup = crar_drake.run.PrepareScenario(loaded)
+    with pytest.raises(CrarError) as caught:
+        crar_drake.run.check_size(loaded, setup, 1e5, record=False)
+    told = float(re.search(r"about ([\d.]+) GiB", str(caught.value))[1])
+    assert told * 2**30 == pytest.approx(1e8 * 4 * 8 * values, rel=0.5)

@@ -10,45 +10,49 @@ if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
     from crar_drake.control.law import ControlLaw, Solution, make_control_law
     from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-    from crar_drake.diagram import AddCrarController, AddRobot, MakeCrarDiagram
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
-    from crar_drake.log import SimulationLog
-    from crar_drake.robot import ControlModel
-    from crar_drake.robot_description import RobotDescription, load_robot_description
-    from crar_drake.scenario import Scenario, load_scenario
-    from crar_drake.start_pose import solve_start_pose
-    from crar_drake.task import EXPERIMENTS, Task, position_tasks
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.robot.description import RobotDescription, load_robot_description
+    from crar_drake.robot.model import ControlModel
+    from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
+    from crar_drake.simulation.diagram import (
+        AddCrarController,
+        AddRobot,
+        MakeCrarDiagram,
+    )
+    from crar_drake.simulation.scenario import Scenario, load_scenario
+    from crar_drake.targets.start_pose import solve_start_pose
 
 __version__ = "0.1.0"
 
 # Public name to its module. They are imported when first asked for: Drake and SciPy
 # take two seconds, which `crar-drake --help` and a mistyped option need not wait for.
 _MODULES = {
-    "AddCrarController": "diagram",
-    "AddRobot": "diagram",
+    "AddCrarController": "simulation.diagram",
+    "AddRobot": "simulation.diagram",
     "ControlLaw": "control.law",
-    "ControlModel": "robot",
+    "ControlModel": "robot.model",
     "CrarController": "control.controller",
     "CrarError": "errors",
     "CrarParameters": "control.parameters",
-    "EXPERIMENTS": "task",
+    "EXPERIMENTS": "robot.task",
     "LookaheadParameters": "control.parameters",
-    "MakeCrarDiagram": "diagram",
+    "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
-    "RobotDescription": "robot_description",
-    "Scenario": "scenario",
+    "RobotDescription": "robot.description",
+    "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
-    "SimulationLog": "log",
+    "SimulationLog": "results.log",
     "Solution": "control.law",
-    "Task": "task",
+    "Task": "robot.task",
     "TaskLayout": "equations.tasks",
-    "load_robot_description": "robot_description",
-    "load_scenario": "scenario",
+    "load_robot_description": "robot.description",
+    "load_scenario": "simulation.scenario",
     "make_control_law": "control.law",
-    "position_tasks": "task",
-    "solve_start_pose": "start_pose",
+    "position_tasks": "robot.task",
+    "solve_start_pose": "targets.start_pose",
 }
 
 __all__ = [

@@ -23,19 +23,19 @@ from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, ScenarioError
 
 if TYPE_CHECKING:
-    from crar_drake.experiments.sweep import Case, Result
     from crar_drake.run import Progress
-    from crar_drake.scenario import Scenario
+    from crar_drake.simulation.scenario import Scenario
+    from crar_drake.studies.sweep import Case, Result
 
 DEFAULT_SCENARIO = "dance"
 OUT = Path("out")
 
-# The same as in crar_drake.task and crar_drake.control.parameters, which take long to
-# import; a test compares them.
+# The same as in crar_drake.robot.task and crar_drake.control.parameters, which take
+# long to import; a test compares them.
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
-MEASUREMENTS = ("step", "simulation", "scaling")  # of crar_drake.experiments.bench
+MEASUREMENTS = ("step", "simulation", "scaling")  # of benchmarks.step
 
 
 # What several commands say of the same options.
@@ -104,7 +104,7 @@ def _drop_output() -> None:
 
 
 def _run(arguments: argparse.Namespace) -> None:
-    from crar_drake.scenario import load_scenario
+    from crar_drake.simulation.scenario import load_scenario
 
     scenario = load_scenario(arguments.scenario)
     _override(scenario, arguments)
@@ -112,8 +112,8 @@ def _run(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
+    from crar_drake.results.summary import summary_table
     from crar_drake.run import RunFailed, RunInterrupted, RunResult, run_scenario
-    from crar_drake.summary import summary_table
 
     def show(result: RunResult) -> None:
         Console().print(summary_table(result.summary))
@@ -160,8 +160,8 @@ def _motion(arguments: argparse.Namespace) -> None:
 def _list(arguments: argparse.Namespace) -> None:
     from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
     from crar_drake.resources import data_folder
-    from crar_drake.robot_description import import_file, imported_names, robot_names
-    from crar_drake.scenario import load_scenario, scenario_names
+    from crar_drake.robot.description import import_file, imported_names, robot_names
+    from crar_drake.simulation.scenario import load_scenario, scenario_names
 
     def duration(motion: str) -> str:
         clip = load_clip(motion)
@@ -210,7 +210,7 @@ def _fetch(arguments: argparse.Namespace) -> None:
 def _import_robot(arguments: argparse.Namespace) -> None:
     from crar_drake.files import whole_file
     from crar_drake.resources import imported_robots_folder
-    from crar_drake.robot_description import IMPORT_FILE, import_file
+    from crar_drake.robot.description import IMPORT_FILE, import_file
     from crar_drake.robot_import import check_installed, import_robot, load_choices
     from crar_drake.robot_import.source_urdf import find_urdf
 
@@ -272,12 +272,12 @@ def _import_bar() -> Iterator[Callable[[str, float], None]]:
 
 
 def _judge(arguments: argparse.Namespace) -> None:
-    from crar_drake.log import SimulationLog
-    from crar_drake.logged_robot import check_logged_robot, load_logged_robot
-    from crar_drake.referee import Referee
-    from crar_drake.robot import ControlModel
-    from crar_drake.robot_import.hull_judge import HullJudge, has_hulls
-    from crar_drake.scenario import parse_scenario
+    from crar_drake.results.hull_judge import HullJudge, has_hulls
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
+    from crar_drake.results.referee import Referee
+    from crar_drake.robot.model import ControlModel
+    from crar_drake.simulation.scenario import parse_scenario
 
     log = SimulationLog.load(arguments.log)
     scenario = parse_scenario(log.scenario, "the log's scenario")
@@ -319,8 +319,8 @@ def _of_pair(pair: tuple[str, str] | None) -> str:
 
 def _playback(arguments: argparse.Namespace) -> None:
     from crar_drake.files import check_file
-    from crar_drake.log import SimulationLog
-    from crar_drake.recording import record_log
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.simulation.visualization import record_log
 
     log = SimulationLog.load(arguments.log)
     out = arguments.out or arguments.log.with_name("playback.html")
@@ -338,15 +338,15 @@ def _sweep(arguments: argparse.Namespace) -> None:
     if out.suffix != ".csv" or out.is_dir():
         raise UsageError(f"--out: {out} must be a file that ends in .csv")
 
-    from crar_drake.experiments.sweep import (
+    from crar_drake.files import check_file
+    from crar_drake.simulation.scenario import Scenario, load_scenario
+    from crar_drake.studies.sweep import (
         find_motions,
         make_cases,
         read_results,
         run_sweep,
         settings_path,
     )
-    from crar_drake.files import check_file
-    from crar_drake.scenario import Scenario, load_scenario
 
     if arguments.scenario is None:
         scenario = Scenario(motion="dance", experiment="wrists")
@@ -376,7 +376,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from crar_drake.experiments.sweep_report import failures, plot_sweep, sweep_tables
+    from crar_drake.studies.sweep_report import failures, plot_sweep, sweep_tables
 
     kept = len(finished.intersection(cases))
     try:
@@ -408,8 +408,8 @@ def _bench(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from crar_drake.experiments.bench import BenchSettings, run_bench, write_json
-    from crar_drake.experiments.bench_report import (
+    from benchmarks.step import BenchSettings, run_bench, write_json
+    from benchmarks.step_report import (
         machine_line,
         plot_bench,
         rich_tables,
@@ -451,12 +451,12 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from crar_drake.experiments.section_iv.plan import MOTION_SETS, make_plan
-    from crar_drake.experiments.section_iv.report import report_path
-    from crar_drake.experiments.section_iv.reproduce import reproduce
-    from crar_drake.experiments.section_iv.simulate import finished
-    from crar_drake.experiments.sweep import find_motions
     from crar_drake.files import check_folder
+    from crar_drake.studies.section_iv.plan import MOTION_SETS, make_plan
+    from crar_drake.studies.section_iv.report import report_path
+    from crar_drake.studies.section_iv.reproduce import reproduce
+    from crar_drake.studies.section_iv.simulate import finished
+    from crar_drake.studies.sweep import find_motions
 
     chosen = arguments.motions or ["builtin"]
     motions = [m for name in chosen for m in MOTION_SETS.get(name, (name,))]
@@ -538,7 +538,7 @@ def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
     `_label`. A file of one's own, and a robot that is not the default, are named
     with the motion and the experiment that are put into them.
     """
-    from crar_drake.scenario import scenario_names
+    from crar_drake.simulation.scenario import scenario_names
 
     path = Path(arguments.scenario)
     shipped = path.parent.name in ("", "diagrams") and path.stem in scenario_names()
@@ -629,7 +629,7 @@ def _sweep_bar(
     from rich.console import Console
     from rich.table import Column
 
-    from crar_drake.experiments.sweep_report import headline
+    from crar_drake.studies.sweep_report import headline
 
     columns = (
         progress.BarColumn(bar_width=20),

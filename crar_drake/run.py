@@ -17,17 +17,17 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from crar_drake.diagram import MakeCrarDiagram, PrepareScenario, Setup
-from crar_drake.disturbances import ScaleMasses
 from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file
-from crar_drake.log import SimulationLog
 from crar_drake.motion.report import inspect
-from crar_drake.robot_description import lasting_name
-from crar_drake.run_warnings import run_warnings
-from crar_drake.scenario import Scenario
-from crar_drake.summary import Summary, summarize
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.summary import Summary, summarize
+from crar_drake.robot.description import lasting_name
+from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
+from crar_drake.simulation.disturbances import ScaleMasses
+from crar_drake.simulation.scenario import Scenario
+from crar_drake.simulation.warnings import run_warnings
 
 # What a run writes into its folder.
 RECORDING, LOG, SUMMARY, PLOT = "recording.html", "log.npz", "summary.json", "plot.png"
@@ -55,7 +55,7 @@ _SLICE = 0.0625
 _MEMORY_LIMIT = 4 * 2**30
 
 # What a frame of the recording takes of memory while the page is made, for each body
-# and target [B]; measured as 1.6 kB (`crar_drake.experiments.long_run`).
+# and target [B]; measured as 1.6 kB (`benchmarks.long_run`).
 _FRAME_BYTES = 2000
 
 # A logged value is kept as 8 bytes, grown by doubling, and copied twice.
@@ -155,7 +155,7 @@ def run_scenario(
         for name in (RECORDING, LOG, SUMMARY, PLOT):
             check_file(out / name)
         # Whatever is wrong with the plotting library shows before the simulation.
-        import crar_drake.plots  # noqa: F401
+        import crar_drake.results.plots  # noqa: F401
     with when_compiling(lambda: tell(COMPILING) if tell is not None else None):
         setup = PrepareScenario(scenario)
         duration = scenario.duration or setup.motion.duration
@@ -175,7 +175,7 @@ def run_scenario(
             scenario.disturbances.mass_scale,
         )
     if meshcat is not None:
-        from crar_drake.recording import start_recording
+        from crar_drake.simulation.visualization import start_recording
 
         start_recording(meshcat, scenario.visualization.publish_period)
     clip = setup.motion.clip
@@ -376,7 +376,7 @@ def _write(
     Returns:
         Why others are not: errors of writing, or a KeyboardInterrupt as the last.
     """
-    from crar_drake.plots import plot_run
+    from crar_drake.results.plots import plot_run
 
     log, summary = result.log, result.summary
 
@@ -385,7 +385,7 @@ def _write(
             temporary.write_text(summary.to_json())
 
     def write_recording(path: Path) -> None:
-        from crar_drake.recording import save_recording
+        from crar_drake.simulation.visualization import save_recording
 
         save_recording(meshcat, path)
 

@@ -13,8 +13,8 @@ import sys
 from distributed import Client
 
 from crar_drake import Scenario
-from crar_drake.experiments.sweep import Result, find_motions, make_cases, run_sweep
-from crar_drake.experiments.sweep_report import markdown_report
+from crar_drake.studies.sweep import Result, find_motions, make_cases, run_sweep
+from crar_drake.studies.sweep_report import markdown_report
 
 
 def show(done: int, total: int, newest: Result) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import matplotlib
 import pytest
+from small_urdfs import humanoid, write
 
 matplotlib.use("Agg")
 
@@ -18,3 +19,14 @@ def cmu() -> Path:
     if not (Path(folder) / "subjects").is_dir():
         pytest.fail(f"CRAR_MOCAP_PATH={folder} has no subjects/ folder")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def imported(tmp_path_factory: pytest.TempPathFactory):
+    """The small humanoid, imported with few capsules, and the report of it."""
+    from crar_drake.robot_import import import_robot
+
+    folder = tmp_path_factory.mktemp("small_humanoid")
+    write(folder, humanoid())
+    (folder / "import.yaml").write_text("source: small.urdf\nmost_capsules: 2\n")
+    return import_robot("", folder)

@@ -1,9 +1,9 @@
 """The control law once more, slowly and plainly: loops, Drake's own Jacobians, solves.
 
-It shares nothing with `crar_drake.equations`, `crar_drake.link_kinematics` or
-`crar_drake.watched_pairs`; of the model it takes names, indices and limits. Jacobians
-are those of the witness points, distances the referee's, inverse dynamics the printed
-sum. Without blending, nominal posture and lost targets.
+It shares nothing with `crar_drake.equations`, `crar_drake.robot.kinematics` or
+`crar_drake.robot.collision_pairs`; of the model it takes names, indices and limits.
+Jacobians are those of the witness points, distances the referee's, inverse dynamics the
+printed sum. Without blending, nominal posture and lost targets.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.spatial.transform import Rotation
 
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.referee import capsule_distance
-from crar_drake.robot import ControlModel
-from crar_drake.robot_description import find_body, find_frame
+from crar_drake.results.referee import capsule_distance
+from crar_drake.robot.description import find_body, find_frame
+from crar_drake.robot.model import ControlModel
 
 KV = JacobianWrtVariable.kV
 LIMIT_CLAMP, DISTANCE_CLAMP, SMALLEST_MARGIN = 1e-4, 1e-3, 1e-4

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crar_drake.log import SimulationLog
+from crar_drake.results.log import SimulationLog
 
 SCENARIO = """
 description: a test

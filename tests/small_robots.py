@@ -13,9 +13,9 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.robot import ControlModel
-from crar_drake.robot_description import RobotDescription
-from crar_drake.task import Task
+from crar_drake.robot.description import RobotDescription
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
 
 LINK = 0.3  # length of every link [m]
 CAPSULE = '<capsule radius="0.04" length="0.2"/>'

@@ -16,12 +16,12 @@ import crar_drake.run
 from crar_drake import cli
 from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 from crar_drake.errors import ScenarioError
-from crar_drake.log import SimulationLog
 from crar_drake.motion.catalogue import MotionFiles, load_clip
 from crar_drake.motion.report import inspect
-from crar_drake.scenario import parse_scenario, scenario_names
-from crar_drake.summary import summarize
-from crar_drake.task import EXPERIMENTS
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.summary import summarize
+from crar_drake.robot.task import EXPERIMENTS
+from crar_drake.simulation.scenario import parse_scenario, scenario_names
 
 FILES = ["log.npz", "plot.png", "summary.json"]
 
@@ -250,11 +250,11 @@ def test_impossible_places_are_refused_before_the_work(
         place = "/proc/self"
     for name in (
         "crar_drake.run.run_scenario",
-        "crar_drake.recording.record_log",
+        "crar_drake.simulation.visualization.record_log",
         "crar_drake.motion.report.inspect",
-        "crar_drake.experiments.sweep.run_case",
-        "crar_drake.experiments.bench.run_bench",
-        "crar_drake.experiments.section_iv.simulate.run_plan",
+        "crar_drake.studies.sweep.run_case",
+        "benchmarks.step.run_bench",
+        "crar_drake.studies.section_iv.simulate.run_plan",
     ):
         if name.endswith("run_scenario") and command.startswith("run "):
             continue  # it looks itself, first of all
@@ -479,7 +479,7 @@ def test_import_robot_refuses(robot, words, empty_folder, capsys):
 def test_running_without_the_import_names_the_command(
     empty_folder, capsys, monkeypatch
 ):
-    from crar_drake import robot_description
+    from crar_drake.robot import description as robot_description
 
     monkeypatch.setattr(
         robot_description, "imported_robots_folder", lambda: Path("nowhere")

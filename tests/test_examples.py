@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from crar_drake.run import run_scenario
-from crar_drake.scenario import load_scenario
+from crar_drake.simulation.scenario import load_scenario
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

@@ -15,14 +15,14 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-import crar_drake.plots
+import crar_drake.results.plots
 import crar_drake.run
 from crar_drake import cli
 from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.errors import CrarError, ScenarioError, WriteError
-from crar_drake.log import SimulationLog
+from crar_drake.results.log import SimulationLog
 from crar_drake.run import RunFailed, RunInterrupted, run_scenario
-from crar_drake.scenario import Scenario, load_scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario
 
 FILES = ["log.npz", "plot.png", "recording.html", "summary.json"]
 RUN = "run dance_wrists --duration 0.2 --out it".split()
@@ -204,7 +204,7 @@ def test_an_interrupt_while_writing_ends_cleanly(
 ):
     if first == "while simulating":
         in_the_middle(monkeypatch, interrupt)
-    draw = crar_drake.plots.draw_run
+    draw = crar_drake.results.plots.draw_run
 
     def draw_and_interrupt(log):
         figure = draw(log)
@@ -220,7 +220,7 @@ def test_an_interrupt_while_writing_ends_cleanly(
         figure.savefig = savefig
         return figure
 
-    monkeypatch.setattr(crar_drake.plots, "draw_run", draw_and_interrupt)
+    monkeypatch.setattr(crar_drake.results.plots, "draw_run", draw_and_interrupt)
     assert cli.main(RUN) == 130
     # Nothing of an earlier run, no plot, no temporary file.
     assert names(it) == ["log.npz", "summary.json"]
@@ -357,7 +357,7 @@ def test_a_defect_of_a_writer_leaves_no_older_file(it, monkeypatch):
     def fail(log, path):
         raise ZeroDivisionError("a defect of ours")
 
-    monkeypatch.setattr(crar_drake.plots, "plot_run", fail)
+    monkeypatch.setattr(crar_drake.results.plots, "plot_run", fail)
     with pytest.raises(ZeroDivisionError):
         cli.main(RUN)
     assert names(it) == ["log.npz", "summary.json"]

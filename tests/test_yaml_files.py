@@ -7,9 +7,9 @@ from pydrake.common.yaml import yaml_load_typed
 
 from crar_drake import cli
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.robot_description import load_robot_description
+from crar_drake.robot.description import load_robot_description
 from crar_drake.robot_import.choices import ImportChoices, load_choices
-from crar_drake.scenario import Scenario, load_scenario, parse_scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario
 from crar_drake.yaml_files import read_text
 
 VALID = "motion: dance\nexperiment: wrists\n"

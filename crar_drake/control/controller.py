@@ -30,7 +30,7 @@ from crar_drake.control.law import (
 )
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.robot import ControlModel
+from crar_drake.robot.model import ControlModel
 
 _NOTHING = np.zeros(0)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from crar_drake.robot import ControlModel
+    from crar_drake.robot.model import ControlModel
 
 
 class Diagnostic(NamedTuple):

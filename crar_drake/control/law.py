@@ -24,7 +24,7 @@ from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
 from crar_drake.equations.torque_limit import limit_torque
 from crar_drake.errors import CrarError
-from crar_drake.robot import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel, Workspace
 
 # Values of the controller's output port "status".
 STATUS_TRACKING = 0.0  # the targets as given

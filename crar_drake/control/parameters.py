@@ -8,7 +8,7 @@ from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.errors import ScenarioError
-from crar_drake.watched_pairs import DISTANCES
+from crar_drake.robot.collision_pairs import DISTANCES
 
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = tuple(MODES)

@@ -1,6 +1,16 @@
 """From a motion-capture file to a trajectory that fits a robot."""
 
-from crar_drake.motion.asf_amc import (
+from crar_drake.motion.catalogue import (
+    MotionFiles,
+    available_trials,
+    builtin_names,
+    cached_trials,
+    load_clip,
+    resolve,
+)
+from crar_drake.motion.conditioning import low_pass, spline
+from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
+from crar_drake.motion.formats.asf_amc import (
     Bone,
     BonePoses,
     Clip,
@@ -12,16 +22,6 @@ from crar_drake.motion.asf_amc import (
     write_amc,
     write_asf,
 )
-from crar_drake.motion.catalogue import (
-    MotionFiles,
-    available_trials,
-    builtin_names,
-    cached_trials,
-    load_clip,
-    resolve,
-)
-from crar_drake.motion.conditioning import low_pass, spline
-from crar_drake.motion.fetch import LICENCE_NOTICE, fetch, rich_progress
 from crar_drake.motion.hand_orientations import (
     HANDS,
     HandOrientations,

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.asf_amc import Clip, read_amc, read_asf
+from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
 from crar_drake.resources import builtin_motions_folder, cached
 
 CMU_PREFIX = "cmu:"

@@ -27,7 +27,6 @@ import rich.progress
 from rich.console import Console
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.asf_amc import read_amc, read_asf
 from crar_drake.motion.catalogue import (
     SEARCH_PATH_VARIABLE,
     MotionFiles,
@@ -35,6 +34,7 @@ from crar_drake.motion.catalogue import (
     trial_files,
     trial_id,
 )
+from crar_drake.motion.formats.asf_amc import read_amc, read_asf
 
 DATABASE_URL = "http://mocap.cs.cmu.edu"
 

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.asf_amc import Clip, forward_kinematics, rest_pose
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
+from crar_drake.motion.formats.asf_amc import Clip, forward_kinematics, rest_pose
 from crar_drake.motion.joint_centres import robot_frame
-from crar_drake.quaternion_spline import sign_continuous
+from crar_drake.motion.quaternion_spline import sign_continuous
 
 # Hand: the bone that says how it is turned. That is the wrist, the forearm's last
 # third, which turns with the hand and was fitted to the two markers at its sides; it

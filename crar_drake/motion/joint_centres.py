@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.asf_amc import Clip, Skeleton, forward_kinematics, rest_pose
+from crar_drake.motion.formats.asf_amc import (
+    Clip,
+    Skeleton,
+    forward_kinematics,
+    rest_pose,
+)
 
 # Joint centre: the bone at whose start it lies ("root" for the root itself).
 _BONE_OF = {

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from crar_drake.errors import MotionError
 from crar_drake.figures import save_figure
-from crar_drake.motion.asf_amc import (
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
+from crar_drake.motion.formats.asf_amc import (
     CMU_LENGTH,
     BonePoses,
     Clip,
@@ -19,7 +20,6 @@ from crar_drake.motion.asf_amc import (
     forward_kinematics,
     rest_pose,
 )
-from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
 from crar_drake.motion.joint_centres import (
     JointCentres,
     joint_centres,

@@ -16,7 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
 from crar_drake.nearest import nearest
-from crar_drake.robot_description import (
+from crar_drake.robot.description import (
     IMPORT_FILE,
     RobotDescription,
     add_robot,

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.capsule_distances import capsule_distances
-from crar_drake.referee import capsule_distance
+from crar_drake.results.referee import capsule_distance
 
 NUM_PAIRS = 100_000
 

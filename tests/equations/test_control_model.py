@@ -9,13 +9,13 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.equations.tasks import orientation_error
-from crar_drake.robot import ControlModel
-from crar_drake.robot_description import (
+from crar_drake.robot.description import (
     RobotDescription,
     add_robot,
     load_robot_description,
 )
-from crar_drake.task import Task
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
 
 H = 1e-6  # step of the finite differences [s]
 

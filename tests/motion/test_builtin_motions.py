@@ -5,16 +5,16 @@ import pytest
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.motion.asf_amc import forward_kinematics
 from crar_drake.motion.builtin.author_motions import write_motions
 from crar_drake.motion.catalogue import builtin_names, load_clip
+from crar_drake.motion.formats.asf_amc import forward_kinematics
 from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.report import describe, inspect
-from crar_drake.motion_targets import load_motion_targets
 from crar_drake.resources import builtin_motions_folder
-from crar_drake.robot import ControlModel
-from crar_drake.robot_description import load_robot_description
-from crar_drake.task import EXPERIMENTS, position_tasks
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import EXPERIMENTS, position_tasks
+from crar_drake.targets.motion import load_motion_targets
 
 NAMES = ("boxing", "dance", "exercise", "reaching")
 STEP = 4e-3  # of the kinematic run [s]

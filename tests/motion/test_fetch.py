@@ -14,7 +14,6 @@ import pytest
 from rich.console import Console
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.asf_amc import read_amc, read_asf
 from crar_drake.motion.catalogue import trial_files
 from crar_drake.motion.fetch import (
     LICENCE_NOTICE,
@@ -23,6 +22,7 @@ from crar_drake.motion.fetch import (
     known_trials,
     rich_progress,
 )
+from crar_drake.motion.formats.asf_amc import read_amc, read_asf
 
 ASF = b"""\
 :version 1.10

@@ -12,12 +12,12 @@ from pydrake.systems.framework import DiagramBuilder
 from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.referee import Referee
-from crar_drake.robot import ControlModel
-from crar_drake.robot_description import load_robot_description
+from crar_drake.results.referee import Referee
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.importer import DESCRIPTION, PICTURE, REPORT, URDF
-from crar_drake.task import EXPERIMENTS, position_tasks
 
 TASKS = position_tasks(EXPERIMENTS["upper-body"])
 WAIST = ["waist_x", "waist_y", "waist_z", "waist_heading"]

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.referee import Referee
-from crar_drake.robot_description import import_file
+from crar_drake.results.hull_judge import HullJudge
+from crar_drake.results.referee import Referee
+from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.capsule_fitting import fit_link
-from crar_drake.robot_import.hull_judge import HullJudge
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
 from crar_drake.run import run_scenario
-from crar_drake.scenario import Scenario, load_scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from crar_drake.equations.lookahead import (
 )
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
-from crar_drake.robot import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel, Workspace
 
 if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters

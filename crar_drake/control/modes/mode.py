@@ -12,7 +12,7 @@ import numpy as np
 from crar_drake.control.diagnostics import Diagnostic
 from crar_drake.equations.kinematics import FromDrake
 from crar_drake.equations.references import Answer, TaskGains, Wanted
-from crar_drake.robot import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel, Workspace
 
 if TYPE_CHECKING:  # the parameters ask the modes whether they fit
     from crar_drake.control.parameters import CrarParameters

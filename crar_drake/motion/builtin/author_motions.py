@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from crar_drake.motion.asf_amc import (
+from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
     Skeleton,

@@ -1,0 +1,1 @@
+"""What measures the project: speed, faults, recovery, parameters, peers."""

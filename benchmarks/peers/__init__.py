@@ -1,0 +1,1 @@
+"""The lookahead beside PlaCo, Pink, mink and Drake's differential IK."""

@@ -1,0 +1,283 @@
+"""Compares the lookahead with PlaCo, Pink, mink and Drake's differential IK.
+
+    python -m benchmarks.peers.compare               # run and print
+    python -m benchmarks.peers.compare --tune        # choose settings.json anew
+    python -m benchmarks.peers.compare --page docs/peers.md
+
+Makes an environment for each peer under --out (the versions are in `peers.py`), writes
+the problem, runs every controller on every case in several rounds, one after the
+other in one process each and with one thread, and judges what they recorded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.peers.judge import Figures, Judge
+from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS, Peer
+from benchmarks.peers.problem import CASES, write_problem
+from benchmarks.peers.report import Row, page, tables
+from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
+from crar_drake import CrarError
+from crar_drake.files import whole_file
+
+ROOT = Path(__file__).resolve().parents[2]  # of the checkout
+PERIOD = 0.005  # [s] of all controllers
+COMPILED = {"arithmetic": "compiled"}  # needs crar-drake[compiled]
+WARM_UP = 20  # first steps of a run, not timed
+
+
+class PeerError(CrarError):
+    """A peer could not be installed or did not run."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A controller with the settings for each case."""
+
+    name: str
+    peer: Peer
+    settings: dict[str, dict]
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/peers"))
+    parser.add_argument("--tune", action="store_true", help="try all grids first")
+    parser.add_argument("--only", help="names that contain this")
+    parser.add_argument("--rounds", type=int, default=3, help="runs for the step times")
+    parser.add_argument("--page", type=Path, help="write the result to this file")
+    arguments = parser.parse_args(argv)
+    chosen = [peer for peer in (*PEERS, OURS) if (arguments.only or "") in peer.name]
+    if not chosen:
+        names = ", ".join(peer.name for peer in (*PEERS, OURS))
+        parser.error(
+            f"--only {arguments.only!r}: no such controller; there are {names}"
+        )
+    if arguments.rounds < 1:
+        parser.error(f"--rounds {arguments.rounds}: must be at least 1")
+    out = arguments.out.resolve()
+    folder = out / "problem"
+    write_problem(folder)
+    data = json.loads((folder / "problem.json").read_text())
+    judge = Judge(data["robot"], data["joints"], data["tasks"])
+    pythons = {
+        name: environment(out / "environments", name, ENVIRONMENTS[name])
+        for name in {peer.environment for peer in chosen}
+    }
+    if arguments.tune:
+        tune(chosen, pythons, folder, out / "tuning", judge)
+    rows = run_all(
+        entries(chosen), pythons, folder, out / "runs", judge, arguments.rounds
+    )
+    with whole_file(out / "rows.json") as temporary:
+        temporary.write_text(json.dumps([asdict(row) for row in rows], indent=1))
+    console = Console()
+    for table in tables(rows):
+        console.print(table)
+    if arguments.page:
+        with whole_file(arguments.page) as temporary:
+            temporary.write_text(page(rows, load_settings()))
+        console.print(f"{arguments.page} written")
+
+
+def environment(folder: Path, name: str, requirements: tuple[str, ...]) -> str:
+    """The Python of an environment with these packages, made if it is not there.
+
+    Raises:
+        PeerError: it could not be made.
+    """
+    if not name:
+        return sys.executable
+    python = folder / name / "bin" / "python"
+    stamp = folder / name / "installed.txt"
+    wanted = "\n".join(requirements)
+    if stamp.is_file() and stamp.read_text() == wanted:
+        return str(python)
+    for command in (
+        [sys.executable, "-m", "venv", "--clear", str(folder / name)],
+        [str(python), "-m", "pip", "install", "--quiet", *requirements],
+    ):
+        finished = subprocess.run(command, capture_output=True, text=True)
+        if finished.returncode:
+            raise PeerError(
+                f"{name}: {' '.join(command)} failed; the environment is made from "
+                f"PyPI:\n{finished.stderr[-2000:]}"
+            )
+    stamp.write_text(wanted)
+    return str(python)
+
+
+def entries(chosen: list[Peer]) -> list[Entry]:
+    """Peers as tuned for each case; ours with one setting for all, and as it comes.
+
+    Raises:
+        PeerError: there are no settings for a peer.
+    """
+    settings = load_settings()
+    made = []
+    for peer in chosen:
+        tuned = settings.get(peer.name)
+        if tuned is None:
+            raise PeerError(f"settings.json has no {peer.name!r}: run with --tune")
+        if peer is not OURS:
+            chosen_settings = {case: one["settings"] for case, one in tuned.items()}
+            made.append(Entry(peer.name, peer, chosen_settings))
+            continue
+        ours = tuned["crossing"]["settings"]
+        for name, one in (
+            ("lookahead, tuned", ours),
+            ("lookahead, tuned, compiled", ours | COMPILED),
+            ("lookahead, tuned, as torque", ours | {"torque": True}),
+            ("lookahead, defaults", {}),
+            ("lookahead, defaults, compiled", COMPILED),
+            ("lookahead, defaults, as torque", {"torque": True}),
+        ):
+            made.append(Entry(name, peer, dict.fromkeys(CASES, one)))
+    return made
+
+
+def tune(
+    chosen: list[Peer], pythons: dict[str, str], folder: Path, out: Path, judge: Judge
+) -> None:
+    """Tries every grid and saves the best settings: of a peer for each case; of ours
+    for the crossing, with less rms acceleration than any peer as taken."""
+    settings = load_settings()
+    for peer in chosen:
+        cases = ["crossing"] if peer is OURS else list(CASES)
+        settings[peer.name] = {}
+        for case in cases:
+            jobs = [
+                job(case, grid, out / f"{i}.npz") for i, grid in enumerate(peer.grid)
+            ]
+            drive(peer, pythons, folder, jobs)
+            judged = [
+                judge.figures(dict(np.load(one["out"])))
+                for one in track(jobs, f"{peer.name}, {case}")
+            ]
+            settings[peer.name][case] = choose(
+                peer.grid,
+                judged,
+                case,
+                calmest(settings, case) if peer is OURS else None,
+            )
+            with whole_file(out / f"{peer.name}, {case}.json") as temporary:
+                temporary.write_text(
+                    json.dumps(
+                        [
+                            {"settings": s, "holds": holds(f, case)} | asdict(f)
+                            for s, f in zip(peer.grid, judged, strict=True)
+                        ],
+                        indent=1,
+                    )
+                )
+        save_settings(settings)
+
+
+def calmest(settings: dict[str, dict[str, dict]], case: str) -> float | None:
+    """The least rms acceleration [rad/s^2] that a peer has with its settings."""
+    return min(
+        (
+            settings[peer.name][case]["taken"]["acceleration"]
+            for peer in PEERS
+            if peer.name in settings
+        ),
+        default=None,
+    )
+
+
+def run_all(
+    rows: list[Entry],
+    pythons: dict[str, str],
+    folder: Path,
+    out: Path,
+    judge: Judge,
+    rounds: int,
+) -> list[Row]:
+    """Runs all entries, round by round, so that a busy moment hits no one alone."""
+    jobs = {
+        (entry.name, turn): [
+            job(case, entry.settings[case], out / f"{i} {case} {turn}.npz")
+            for case in CASES
+        ]
+        for i, entry in enumerate(rows)
+        for turn in range(rounds)
+    }
+    for turn in range(rounds):
+        for entry in track(rows, f"round {turn + 1} of {rounds}"):
+            drive(entry.peer, pythons, folder, jobs[entry.name, turn])
+    made = []
+    for entry in rows:
+        for column, case in enumerate(CASES):
+            turns = [
+                dict(np.load(jobs[entry.name, turn][column]["out"]))
+                for turn in range(rounds)
+            ]
+            times = [turn["step_time"][WARM_UP:] for turn in turns]
+            made.append(
+                Row(
+                    name=entry.name,
+                    python=entry.peer.python,
+                    case=case,
+                    settings=entry.settings[case],
+                    versions=json.loads(str(turns[0]["versions"])),
+                    figures=Figures(**asdict(judge.figures(turns[0]))),
+                    median_time=float(np.median([np.median(t) for t in times])),
+                    p99_time=float(np.median([np.percentile(t, 99) for t in times])),
+                )
+            )
+    return made
+
+
+def job(case: str, settings: dict, out: Path) -> dict:
+    """One run for `driver.main`."""
+    return {
+        "case": case,
+        "period": PERIOD,
+        "settings": settings,
+        "out": str(out.absolute()),
+    }
+
+
+def drive(peer: Peer, pythons: dict[str, str], folder: Path, jobs: list[dict]) -> None:
+    """Runs jobs in the peer's own environment, with one thread.
+
+    Raises:
+        PeerError: the driver ended with an error.
+    """
+    Path(jobs[0]["out"]).parent.mkdir(parents=True, exist_ok=True)
+    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    finished = subprocess.run(
+        [
+            pythons[peer.environment],
+            "-m",
+            f"benchmarks.peers.{peer.driver}",
+            str(folder.absolute()),
+            json.dumps(jobs),
+        ],
+        capture_output=True,
+        text=True,
+        # Its folder comes first on the path of modules.
+        cwd=ROOT,
+        env=os.environ | one_thread,
+    )
+    if finished.returncode:
+        raise PeerError(f"{peer.driver} failed:\n{finished.stderr[-2000:]}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except CrarError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

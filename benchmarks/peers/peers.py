@@ -1,0 +1,212 @@
+"""The controllers that are compared: their drivers, environments and grids.
+
+A grid is a list of settings that is tried for a peer, case by case; which one is taken
+is written to `settings.json` by `compare.py --tune` (its rule is in `compare.best`).
+All are asked to keep the same margin of distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+
+@dataclass(frozen=True)
+class Peer:
+    """One row of the comparison.
+
+    Attributes:
+        name: as the tables show it.
+        driver: module beside this file; imports nothing that its environment lacks.
+        environment: key of ENVIRONMENTS.
+        grid: settings to try.
+        python: whether Python assembles each step (a C++ core with one call a step
+            is False).
+    """
+
+    name: str
+    driver: str
+    environment: str
+    grid: tuple[dict, ...]
+    python: bool
+
+
+# Pinned, so that the figures can be had again. "" is the environment of this project.
+ENVIRONMENTS = {
+    "": (),
+    "placo": ("placo==0.10.2",),
+    "pink": ("pin-pink==4.4.0", "pin==4.1.0", "daqp==0.11.0", "qpsolvers==4.13.0"),
+    "mink": ("mink==1.3.0", "mujoco==4.0.0", "daqp==0.11.0", "qpsolvers==4.13.0"),
+}
+
+
+def every(**choices: tuple) -> tuple[dict, ...]:
+    """All combinations of the choices."""
+    return tuple(
+        dict(zip(choices, values, strict=True)) for values in product(*choices.values())
+    )
+
+
+MARGIN = 0.005  # [m] that every controller is asked to keep
+
+
+def placo_dynamics(**choices: tuple) -> tuple[dict, ...]:
+    """The grid of PlaCo's dynamics solver, with choices besides."""
+    return every(
+        solver=("dynamics",),
+        kp=(300.0, 900.0),
+        posture=(1e-3,),
+        posture_kp=(100.0,),
+        torque_cost=(1e-6, 1e-4),
+        qdd_safe=(20.0, 80.0, 200.0),
+        margin=(MARGIN,),
+        trigger=(0.1,),
+        **choices,
+    )
+
+
+PEERS = (
+    Peer(
+        "PlaCo, kinematics",
+        "run_placo",
+        "placo",
+        every(
+            solver=("kinematics",),
+            gain=(30.0, 60.0, 200.0),
+            regularization=(1e-4, 1e-3, 1e-2),
+            posture=(1e-3,),
+            margin=(MARGIN,),
+            trigger=(0.05,),
+            priority=("hard",),
+            weight=(1.0,),
+            velocity_limits=(True,),
+        )
+        + every(
+            solver=("kinematics",),
+            gain=(60.0,),
+            regularization=(1e-4, 1e-3),
+            posture=(1e-3,),
+            margin=(MARGIN,),
+            trigger=(0.05,),
+            priority=("soft",),
+            weight=(10.0, 1000.0),
+            velocity_limits=(True,),
+        ),
+        python=False,
+    ),
+    Peer(
+        "PlaCo, dynamics",
+        "run_placo",
+        "placo",
+        placo_dynamics(
+            priority=("hard",),
+            weight=(1.0,),
+            velocity_limits=(True,),
+        )
+        + placo_dynamics(
+            priority=("soft",),
+            weight=(1e3,),
+            velocity_limits=(False,),
+        ),
+        python=False,
+    ),
+    Peer(
+        "Pink",
+        "run_pink",
+        "pink",
+        every(
+            gain=(60.0, 200.0),
+            posture=(1e-3,),
+            damping=(0.03,),
+            barrier_gain=(20.0, 50.0),
+            safe_displacement=(0.0, 0.01, 0.1),
+            collision_distance=(MARGIN,),
+            velocity_limits=(True,),
+            acceleration_limit=(None,),
+        )
+        + every(
+            gain=(60.0,),
+            posture=(1e-3,),
+            damping=(0.03,),
+            barrier_gain=(20.0,),
+            safe_displacement=(0.01,),
+            collision_distance=(MARGIN,),
+            velocity_limits=(True,),
+            acceleration_limit=(100.0, 300.0),
+        ),
+        python=True,
+    ),
+    Peer(
+        "mink",
+        "run_mink",
+        "mink",
+        every(
+            gain=(60.0, 200.0),
+            posture=(1e-3,),
+            damping=(0.03, 0.1),
+            # Up to 1 by its documentation; up to the period it is a displacement.
+            collision_gain=(0.0005, 0.001, 0.0025, 0.005, 0.05, 0.5),
+            collision_distance=(MARGIN,),
+            detection_distance=(0.1,),
+            relaxation=(0.0,),
+            velocity_limits=(True,),
+        )
+        + every(
+            gain=(60.0,),
+            posture=(1e-3,),
+            damping=(0.03,),
+            collision_gain=(0.001, 0.0025),
+            collision_distance=(MARGIN,),
+            detection_distance=(0.1,),
+            # A negative one asks for a retreat from inside the margin.
+            relaxation=(-1e-4, -5e-4),
+            velocity_limits=(True,),
+        ),
+        python=True,
+    ),
+    Peer(
+        "Drake, differential IK",
+        "run_drake_diffik",
+        "",
+        every(
+            gain=(15.0, 30.0, 60.0, 200.0),
+            cartesian_weight=(1.0, 100.0),
+            posture_gain=(1.0,),
+            collision_distance=(MARGIN,),
+            influence_distance=(0.05, 0.15),
+            limit_margin=(0.0025,),
+            limit_influence=(0.1,),
+        ),
+        python=True,
+    ),
+)
+
+
+def lookahead(**choices: tuple) -> tuple[dict, ...]:
+    """Settings of crar_drake; names in LOOKAHEAD go to `LookaheadParameters`."""
+    made = []
+    for settings in every(**choices):
+        inner = {k: v for k, v in settings.items() if k in LOOKAHEAD}
+        outer = {k: v for k, v in settings.items() if k not in LOOKAHEAD}
+        made.append(outer | {"lookahead": inner})
+    return tuple(made)
+
+
+LOOKAHEAD = ("rho", "rho_limits", "limit_margin", "distance_margin")
+
+OURS = Peer(
+    "lookahead",
+    "run_crar",
+    "",
+    lookahead(
+        Gv=(100.0,),
+        K=(60.0, 80.0, 90.0, 100.0),
+        Kp=(900.0,),
+        beta=(0.1, 0.2, 0.5),
+        rho=(0.01, 0.04, 0.06, 0.08),
+        rho_limits=(1e-3,),
+        limit_margin=(0.005,),
+        distance_margin=(MARGIN,),
+    ),
+    python=True,
+)

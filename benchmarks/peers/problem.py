@@ -1,0 +1,178 @@
+"""Writes the one problem that all controllers are given, to a folder.
+
+    python -m benchmarks.peers.problem out/peers/problem
+
+The folder holds the robot (`robot.urdf` for Drake, `robot_pinocchio.urdf`,
+`robot_mujoco.xml`), `collisions.json` (the watched pairs, in PlaCo's format),
+`problem.json` (names, limits, gains that are common) and, for each case, `CASE.npz`:
+
+    time (T,) [s], every millisecond; q_start (n,) [rad];
+    p, v, a (T, 7, 3) of the targets [m, m/s, m/s^2]; q_reference (T, n) [rad].
+
+The drivers of the peers read these and need nothing else of this project.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers import motions, robot_files
+from crar_drake import (
+    EXPERIMENTS,
+    ControlModel,
+    RobotDescription,
+    load_robot_description,
+    position_tasks,
+)
+from crar_drake.files import whole_file
+
+ROBOT = "upper_body"
+SAMPLE = 1e-3  # [s]
+START_DEPTH = 0.015  # [m] of the start in penetration
+CASES = {
+    "crossing": "hands swung through each other and the chest, from a clear start",
+    "start_inside": "the same swing from a start in penetration",
+    "target_inside": "a target that goes into the chest and stays there",
+}
+
+
+def write_problem(folder: Path) -> None:
+    """Writes the robot and all cases."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shipped = load_robot_description(ROBOT)
+    tasks = EXPERIMENTS["upper-body"]
+    links = [shipped.task_frames[task] for task in tasks]
+    robot = robot_files.simplified_urdf(
+        Path(shipped.folder) / shipped.model,
+        {
+            joint: shipped.rest_posture.get(joint, 0.0)
+            for joint in shipped.prescribed_joints
+        },
+    )
+    _write(folder / "robot.urdf", robot_files.drake_urdf(robot))
+    _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(robot))
+    _write(folder / "robot_mujoco.xml", robot_files.mjcf(robot, links))
+    _write(folder / "collisions.json", json.dumps(shipped.pairs, indent=1))
+    description = describe(folder, shipped)
+    model = ControlModel.FromDescription(description, position_tasks(tasks))
+    problem = {
+        "robot": ROBOT,
+        "base": shipped.base,
+        "joints": list(model.joint_names),
+        "lower": _finite_or_none(model.lower),
+        "upper": _finite_or_none(model.upper),
+        "velocity_limits": model.plant.GetVelocityUpperLimits().tolist(),
+        "tasks": tasks,
+        "task_links": links,
+        "pairs": shipped.pairs,
+        "rest": model.rest_positions().tolist(),
+        "cases": CASES,
+    }
+    _write(folder / "problem.json", json.dumps(problem, indent=1))
+    for name, motion in joint_motions(model).items():
+        time = SAMPLE * np.arange(round(motion.duration / SAMPLE) + 1)
+        q, v, a = motion.at(time)
+        with whole_file(folder / f"{name}.npz") as temporary:
+            np.savez(
+                temporary,
+                time=time,
+                q_start=q[0],
+                q_reference=q,
+                **task_targets(model, q, v, a),
+            )
+
+
+def describe(folder: Path, shipped: RobotDescription) -> RobotDescription:
+    """What crar_drake needs to know of the robot in the problem's folder."""
+    return RobotDescription(
+        name="peers",
+        model="robot.urdf",
+        base=shipped.base,
+        task_frames=shipped.task_frames,
+        pairs=shipped.pairs,
+        rest_posture={
+            joint: angle
+            for joint, angle in shipped.rest_posture.items()
+            if joint not in shipped.prescribed_joints
+        },
+        folder=str(folder),
+    )
+
+
+def joint_motions(model: ControlModel) -> dict[str, motions.JointMotion]:
+    """The joint-space reference of every case."""
+    rest = model.rest_positions()
+    none = np.zeros(model.n)
+
+    def pose(angles: dict[str, float], base: np.ndarray) -> np.ndarray:
+        q = base.copy()
+        for joint, angle in angles.items():
+            q[model.joint_names.index(joint)] = angle
+        return q
+
+    crossed = pose(motions.ARMS_CROSSED, rest)
+    swing = pose(motions.SWING, none)
+    inside = penetrating_pose(
+        model, pose(motions.ARMS_APART, rest), pose(motions.ARMS_IN_CHEST, rest)
+    )
+    deep = pose(motions.ARM_DEEP_IN_CHEST, rest)
+    return {
+        "crossing": motions.JointMotion(rest, crossed, swing, 0.5, 1.5, 6.0),
+        "start_inside": motions.JointMotion(inside, crossed, swing, 0.5, 1.5, 6.0),
+        "target_inside": motions.JointMotion(rest, deep, none, 0.5, 1.5, 4.0),
+    }
+
+
+def penetrating_pose(
+    model: ControlModel, q_clear: np.ndarray, q_inside: np.ndarray
+) -> np.ndarray:
+    """The pose between the two whose smallest distance is -START_DEPTH."""
+    workspace = model.MakeWorkspace()
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        share = 0.5 * (low + high)
+        q = q_clear + share * (q_inside - q_clear)
+        if model.evaluate_distances(workspace, q).d.min() > -START_DEPTH:
+            low = share
+        else:
+            high = share
+    return q
+
+
+def task_targets(
+    model: ControlModel, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Positions, velocities and accelerations (T, tasks, 3) of the task points."""
+    workspace = model.MakeWorkspace()
+    positions, velocities, accelerations = [], [], []
+    for q_k, v_k, a_k in zip(q, v, a, strict=True):
+        state = model.evaluate(workspace, q_k, v_k)
+        positions.append(state.p)
+        velocities.append(state.v.reshape(-1, 3))
+        accelerations.append((state.J @ a_k + state.Jdot_qdot).reshape(-1, 3))
+    return {
+        "p": np.array(positions),
+        "v": np.array(velocities),
+        "a": np.array(accelerations),
+    }
+
+
+def _finite_or_none(values: np.ndarray) -> list[float | None]:
+    """JSON has no infinity."""
+    return [float(x) if np.isfinite(x) else None for x in values]
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_text(text)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("usage: python -m benchmarks.peers.problem FOLDER")
+    write_problem(Path(sys.argv[1]))
+    print(f"{sys.argv[1]}: robot and {', '.join(CASES)}")

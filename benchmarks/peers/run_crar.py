@@ -1,0 +1,131 @@
+"""crar_drake's lookahead: driven like the peers, and as torque on a simulated robot."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from benchmarks.peers.driver import Controller, Problem, Targets, main, run
+from benchmarks.peers.problem import describe
+from crar_drake import (
+    ControlModel,
+    CrarParameters,
+    LookaheadParameters,
+    load_robot_description,
+    make_control_law,
+    position_tasks,
+)
+from crar_drake.robot.description import add_robot
+
+PLANT_STEP = 1e-3  # [s] of the simulated robot
+
+
+class Crar(Controller):
+    """Settings: fields of `CrarParameters`, with those of `LookaheadParameters`
+    under "lookahead"; "torque" true simulates the robot's dynamics."""
+
+    packages = ("crar-drake", "drake", "numpy", "scipy")
+    commands = "acceleration"
+
+    def __init__(self, problem: Problem, period: float, settings: dict) -> None:
+        settings = dict(settings)
+        self.torque = settings.pop("torque", False)
+        if settings.get("arithmetic") == "compiled":
+            self.packages = (*self.packages, "numba")
+        lookahead = LookaheadParameters(**settings.pop("lookahead", {}))
+        self.description = describe(
+            problem.folder, load_robot_description(problem.robot)
+        )
+        model = ControlModel.FromDescription(
+            self.description, position_tasks(problem.links), time_step=PLANT_STEP
+        )
+        assert list(model.joint_names) == problem.joints
+        self.law = make_control_law(
+            model, CrarParameters(period=period, lookahead=lookahead, **settings)
+        )
+
+    def reset(self, q: np.ndarray) -> None:
+        self.law.reset()
+
+    def solve(self, q: np.ndarray, v: np.ndarray, targets: Targets) -> np.ndarray:
+        return self._step(q, v, targets).acceleration
+
+    def record(
+        self, case: Path, period: float, seconds: float | None
+    ) -> dict[str, np.ndarray]:
+        if not self.torque:
+            return run(self, case, period, seconds)
+        return self._simulate(case, period, seconds)
+
+    def _step(self, q, v, targets):
+        desired = (targets.p.ravel(), targets.v.ravel(), targets.a.ravel())
+        return self.law.step(q, v, np.concatenate(desired))
+
+    def _simulate(
+        self, case: Path, period: float, seconds: float | None
+    ) -> dict[str, np.ndarray]:
+        """The torque, held for a period, on a plant without contact and limits, so
+        that nothing but the controller keeps it from a violation."""
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, PLANT_STEP)
+        add_robot(plant, self.description)
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            free = np.full(joint.num_positions(), np.inf)
+            joint.set_position_limits(-free, free)
+        for index in plant.GetJointActuatorIndices():
+            plant.get_mutable_joint_actuator(index).set_effort_limit(np.inf)
+        plant.Finalize()
+        scene_graph.collision_filter_manager().Apply(
+            CollisionFilterDeclaration().ExcludeWithin(
+                GeometrySet(scene_graph.model_inspector().GetAllGeometryIds())
+            )
+        )
+        simulator = Simulator(builder.Build())
+        context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        plant.SetPositions(context, np.load(case)["q_start"])
+        actuation = plant.get_actuation_input_port()
+        actuation.FixValue(context, np.zeros(plant.num_actuators()))
+        simulator.Initialize()
+
+        def advance(solution) -> np.ndarray:
+            actuation.FixValue(context, solution.actuation)
+            simulator.AdvanceTo(simulator.get_context().get_time() + period)
+            return plant.GetPositionsAndVelocities(context)
+
+        return self._closed_loop(case, period, seconds, advance)
+
+    def _closed_loop(self, case, period, seconds, advance) -> dict[str, np.ndarray]:
+        data = np.load(case)
+        stride = round(period / (data["time"][1] - data["time"][0]))
+        clock, p, v_d, a_d = (data[key][::stride] for key in ("time", "p", "v", "a"))
+        steps = len(clock) - 1 if seconds is None else round(seconds / period)
+        n = len(data["q_start"])
+        x = np.zeros((steps + 1, 2 * n))
+        x[0, :n] = data["q_start"]
+        step_time = np.empty(steps)
+        self.law.reset()
+        for k in range(steps):
+            targets = Targets(p[k], v_d[k], a_d[k], v_d[k])
+            start = time.process_time()
+            solution = self._step(x[k, :n], x[k, n:], targets)
+            step_time[k] = time.process_time() - start
+            x[k + 1] = advance(solution)
+        return {
+            "time": clock[: steps + 1],
+            "q": x[:, :n],
+            "v": x[:, n:],
+            "p": p[: steps + 1],
+            "step_time": step_time,
+            "no_answer": np.zeros(steps, dtype=bool),
+        }
+
+
+if __name__ == "__main__":
+    main(Crar)

@@ -1,0 +1,79 @@
+"""mink: velocities from a QP over MuJoCo's kinematics, with its collision limit."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+
+from benchmarks.peers.driver import Controller, NoAnswer, Problem, Targets, main
+
+
+class Mink(Controller):
+    """Settings: gain [1/s], posture and damping costs, collision_gain,
+    collision_distance, detection_distance and relaxation of the bound [m]."""
+
+    packages = ("mink", "mujoco", "daqp", "qpsolvers", "numpy")
+
+    def __init__(self, problem: Problem, period: float, settings: dict) -> None:
+        self.period, self.gain = period, settings["gain"]
+        model = mujoco.MjModel.from_xml_path(str(problem.folder / "robot_mujoco.xml"))
+        assert [model.joint(i).name for i in range(model.nq)] == problem.joints
+        self.configuration = mink.Configuration(model)
+        self.tasks = [
+            mink.FrameTask(
+                link,
+                "site",
+                position_cost=1.0,
+                orientation_cost=0.0,
+                gain=min(1.0, self.gain * period),
+            )
+            for link in problem.links
+        ]
+        self.posture = mink.PostureTask(model, cost=settings["posture"])
+        self.posture.set_target(problem.rest)
+        self.damping = mink.DampingTask(model, cost=settings["damping"])
+        geoms: dict[str, list[str]] = {}
+        for i in range(model.ngeom):
+            body = model.body(model.geom_bodyid[i]).name
+            geoms.setdefault(body, []).append(model.geom(i).name)
+        self.limits = [
+            mink.ConfigurationLimit(model),
+            mink.CollisionAvoidanceLimit(
+                model,
+                [(geoms[a], geoms[b]) for a, b in problem.pairs],
+                gain=settings["collision_gain"],
+                minimum_distance_from_collisions=settings["collision_distance"],
+                collision_detection_distance=settings["detection_distance"],
+                bound_relaxation=settings["relaxation"],
+            ),
+        ]
+        if settings["velocity_limits"]:
+            limits = zip(problem.joints, problem.velocity_limits, strict=True)
+            self.limits.append(mink.VelocityLimit(model, dict(limits)))
+
+    def solve(self, q: np.ndarray, v: np.ndarray, targets: Targets) -> np.ndarray:
+        configuration = self.configuration
+        configuration.update(q)
+        # The task's law is gain * (target - p): shifted by the feedforward. It is a
+        # pose error; with the present orientation as target, a position error.
+        goals = targets.p + targets.v_step / self.gain
+        for task, goal in zip(self.tasks, goals, strict=True):
+            pose = configuration.get_transform_frame_to_world(task.frame_name, "site")
+            task.set_target(
+                mink.SE3.from_rotation_and_translation(pose.rotation(), goal)
+            )
+        try:
+            return mink.solve_ik(
+                configuration,
+                [*self.tasks, self.posture, self.damping],
+                self.period,
+                "daqp",
+                limits=self.limits,
+            )
+        except mink.NoSolutionFound as error:
+            raise NoAnswer from error
+
+
+if __name__ == "__main__":
+    main(Mink)

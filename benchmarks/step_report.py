@@ -1,0 +1,271 @@
+"""Tables, a page and a plot of what `crar-drake bench` measured."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from crar_drake.errors import CrarError
+from crar_drake.figures import save_figure
+from crar_drake.files import whole_file
+from crar_drake.studies.tables import markdown_table
+
+# The page's text ends here; below are the tables, which the command writes.
+HEADING = "## One run"
+
+
+def machine_line(result: dict) -> str:
+    """The circumstances of the run in one sentence."""
+    m = result["machine"]
+    load = "" if m["load"] is None else f", load average {m['load']:.1f} at the start"
+    return (
+        f"{m['cpu']}, {m['cores']} cores{load}; Python {m['python']}, NumPy "
+        f"{m['numpy']}, Drake {m['drake']}; {m['threads']} thread; motion "
+        f"{result['settings']['motion']}, {result['settings']['duration']:g} s."
+    )
+
+
+def sections(result: dict) -> list[tuple[str, list[str], list[list[str]]]]:
+    """Title, header and rows of each table; text only."""
+    found = [("What is to be reached", *_targets(result))]
+    if result["step"]:
+        found += [
+            ("One control step, in a row [µs]", *_steps(result, "in_a_row")),
+            ("One control step, by turns [µs]", *_steps(result, "by_turns")),
+            ("Its parts, medians in a row [µs]", *_parts(result)),
+            ("For comparison, medians in a row [µs]", *_comparison(result)),
+        ]
+    if result["simulation"]:
+        found.append(("Whole simulation, 1 kHz", *_simulations(result)))
+    if result["scaling"]:
+        found.append(("Growth of the control step", *_scaling(result)))
+    return found
+
+
+def rich_tables(result: dict) -> list[Table]:
+    """The tables for a terminal."""
+    tables = []
+    for title, header, rows in sections(result):
+        table = Table(title=title, title_justify="left")
+        for i, name in enumerate(header):
+            table.add_column(name, justify="right" if i else "left")
+        for row in rows:
+            table.add_row(*row)
+        tables.append(table)
+    return tables
+
+
+def markdown(result: dict) -> str:
+    """The tables for a page, below HEADING."""
+    text = [HEADING, "", machine_line(result)]
+    for title, header, rows in sections(result):
+        text += ["", f"### {title}", "", markdown_table(header, rows).rstrip()]
+    return "\n".join(text) + "\n"
+
+
+def text_of_page(path: str | os.PathLike[str]) -> str:
+    """What stands above HEADING on the page; "" if there is no page yet.
+
+    Raises:
+        CrarError: the page has no such heading.
+    """
+    page = Path(path)
+    if not page.exists():
+        return ""
+    try:
+        text, found, _ = page.read_text(encoding="utf-8").partition(f"{HEADING}\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CrarError(f"{page}: not a page of text: {error}") from error
+    if not found:
+        raise CrarError(f"{page}: it has no line {HEADING!r}, below which to write")
+    return text
+
+
+def write_page(result: dict, path: str | os.PathLike[str]) -> None:
+    """Puts the tables into a page, in the place of those below its HEADING.
+
+    Raises:
+        CrarError: as `text_of_page`.
+    """
+    text = text_of_page(path) + markdown(result)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _targets(result: dict) -> tuple[list[str], list[list[str]]]:
+    rows = []
+    for t in result["targets"]:
+        sign = "≥" if t["at_least"] else "≤"
+        rows.append(
+            [
+                t["target"],
+                f"{t['value']:.2f}",
+                f"{sign} {t['limit']:g}",
+                "yes" if t["reached"] else "no",
+            ]
+        )
+    return ["target", "measured", "wanted", "reached"], rows
+
+
+def _steps(result: dict, order: str) -> tuple[list[str], list[list[str]]]:
+    header = [
+        "tasks, constraints",
+        "step",
+        "p99",
+        "processor time",
+        "p99",
+        "bound",
+        "ratio",
+    ]
+    rows = []
+    for e in result["step"]:
+        step, bound = e[order]["step"], e[order]["bound"]
+        times = [step[name] for name in ("median", "p99", "cpu_median", "cpu_p99")]
+        ratio = f"{e[order]['ratio']:.2f}"
+        rows.append([_case(e), *map(_us, times), _us(bound["median"]), ratio])
+    return header, rows
+
+
+def _comparison(result: dict) -> tuple[list[str], list[list[str]]]:
+    rows = [
+        [
+            _case(e),
+            _us(e["model_alone"]["median"]),
+            _us(e["scene_graph_distances"]["median"]),
+            str(e["pairs"]),
+        ]
+        for e in result["step"]
+    ]
+    return [
+        "tasks, constraints",
+        "model alone",
+        "SceneGraph's distances",
+        "pairs",
+    ], rows
+
+
+def _parts(result: dict) -> tuple[list[str], list[list[str]]]:
+    names = list(result["step"][0]["parts"])
+    rows = [
+        [
+            _case(e),
+            *(_us(e["parts"][name]) for name in names),
+            _us(sum(e["parts"].values())),
+        ]
+        for e in result["step"]
+    ]
+    return ["tasks, constraints", *names, "step"], rows
+
+
+def _simulations(result: dict) -> tuple[list[str], list[list[str]]]:
+    header = [
+        "tasks, constraints",
+        "recording",
+        "real-time factor",
+        "by processor time",
+        "writing the page afterwards",
+    ]
+    rows = []
+    for e in result["simulation"]:
+        recording = e["recording"]
+        rows.append(
+            [
+                _case(e),
+                "yes" if recording else "no",
+                f"{e['real_time_factor']:.2f}",
+                f"{e['cpu_factor']:.2f}",
+                f"{e['writing_the_page']:.2f} s" if recording else "–",
+            ]
+        )
+    return header, rows
+
+
+def _scaling(result: dict) -> tuple[list[str], list[list[str]]]:
+    header = [
+        "growing",
+        "constraints",
+        "sizes",
+        "step, median [µs]",
+        "exponent, of the last two",
+        "per unit [µs]",
+        "last over first",
+    ]
+    rows = [
+        [
+            e["quantity"],
+            e["constraints"],
+            ", ".join(map(str, e["sizes"])),
+            ", ".join(map(_us, e["median"])),
+            f"{e['exponent']:.2f}, {e['last_exponent']:.2f}",
+            f"{1e6 * e['per_unit']:.2f}",
+            f"{e['last_over_first']:.2f}",
+        ]
+        for e in result["scaling"]
+    ]
+    return header, rows
+
+
+def _case(entry: dict) -> str:
+    return f"{entry['experiment']}, {entry['constraints']}"
+
+
+def _us(seconds: float) -> str:
+    return f"{1e6 * seconds:.0f}"
+
+
+def plot_bench(result: dict, path: str | os.PathLike[str]) -> None:
+    """Draws what was measured; the suffix chooses the format."""
+    save_figure(draw_bench(result), path, dpi=150)
+
+
+def draw_bench(result: dict) -> Figure:
+    """The parts of each step with its bound, and a panel per quantity that grows."""
+    quantities = list(dict.fromkeys(e["quantity"] for e in result["scaling"]))
+    wide = bool(result["step"])
+    figure = Figure(
+        figsize=(11.0, 3.2 * wide + 3.4 * -(-len(quantities) // 2) + 0.2),
+        layout="constrained",
+    )
+    rows = wide + -(-len(quantities) // 2)
+    if not rows:
+        figure.text(0.5, 0.5, "nothing to draw", ha="center")
+        return figure
+    grid = figure.add_gridspec(rows, 2)
+    if wide:
+        _draw_parts(figure.add_subplot(grid[0, :]), result["step"])
+    for i, quantity in enumerate(quantities):
+        ax = figure.add_subplot(grid[wide + i // 2, i % 2])
+        for e in result["scaling"]:
+            if e["quantity"] == quantity:
+                ax.plot(
+                    e["sizes"],
+                    [1e6 * t for t in e["median"]],
+                    "o-",
+                    label=e["constraints"],
+                )
+        ax.set_xlabel(quantity)
+        ax.set_ylabel("control step, median [µs]")
+        ax.set_ylim(bottom=0.0)
+        ax.grid(alpha=0.3)
+        ax.legend()
+    return figure
+
+
+def _draw_parts(ax, entries: list[dict]) -> None:
+    lanes = range(len(entries))
+    left = [0.0] * len(entries)
+    for name in entries[0]["parts"]:
+        widths = [1e6 * e["parts"][name] for e in entries]
+        ax.barh(lanes, widths, left=left, label=name, height=0.6)
+        left = [a + b for a, b in zip(left, widths, strict=True)]
+    for lane, e in zip(lanes, entries, strict=True):
+        bound = 1e6 * e["in_a_row"]["bound"]["median"]
+        label = "bound" if lane == 0 else None
+        ax.plot([bound, bound], [lane - 0.4, lane + 0.4], "k-", lw=2, label=label)
+    ax.set_yticks(lanes, [_case(e) for e in entries])
+    ax.invert_yaxis()
+    ax.set_xlabel("control step, median [µs]")
+    ax.legend(ncols=7, fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0))

@@ -1,0 +1,376 @@
+"""One control step, what it cannot do without, and its parts, ready to be timed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import InputPort
+
+import crar_drake.robot.model
+from benchmarks.step_timing import Stopwatch, Subject, replaced
+from crar_drake.control.controller import CrarController
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.lookahead import resting_configuration
+from crar_drake.robot.description import find_frame
+from crar_drake.robot.model import ControlModel
+from crar_drake.run import RunResult
+
+# The parts of a step that are timed, by what they do; the rest of it is OVERHEAD.
+PARTS = ("kinematics", "distances", "gradients", "solve", "inverse dynamics")
+OVERHEAD = "system overhead"
+
+_ORIGIN = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What the controller was given, and what it answered, in K consecutive steps.
+
+    Attributes:
+        q, v: (K, nq), (K, nv) states.
+        tasks: (K, layout.size) desired tasks.
+        prescribed: (K, 3 n_p) desired motion of the prescribed joints.
+        vdot: (K, nv) accelerations that it commanded.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    tasks: np.ndarray
+    prescribed: np.ndarray
+    vdot: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+
+def samples_of_run(run: RunResult) -> Samples:
+    """The control steps of a run whose log has a sample in each of them."""
+    log, motion = run.log, run.setup.motion
+    prescribed = np.zeros((len(log.time), 0))
+    if motion.MakePrescribedSource is not None:
+        source = motion.MakePrescribedSource()
+        context = source.CreateDefaultContext()
+        rows = []
+        for time in log.time:
+            context.SetTime(time)
+            rows.append(source.get_output_port().Eval(context))
+        prescribed = np.array(rows)
+    return Samples(
+        log.q, log.v, log.desired_tasks, prescribed, log.desired_acceleration
+    )
+
+
+class Step(Subject):
+    """A control step as a simulator does it: the torque, then the controller's update.
+
+    The controller alone, with the samples' states and targets at its input ports.
+    The plant and the loggers, which a simulation has besides, are not there.
+    """
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+    ) -> None:
+        self.controller = CrarController(model, parameters)
+        self._samples = samples
+        self._period = parameters.period
+        self.restart()
+
+    def restart(self) -> None:
+        """Before the first step again."""
+        context = self.controller.CreateDefaultContext()
+        self._simulator = Simulator(self.controller, context)
+        self._context = self._simulator.get_mutable_context()
+        samples = self._samples
+        self._inputs = [
+            (self._fix(port), values)
+            for port, values in (
+                (
+                    self.controller.get_input_port_estimated_state(),
+                    np.hstack([samples.q, samples.v]),
+                ),
+                (self.controller.get_input_port_desired_tasks(), samples.tasks),
+                (
+                    self.controller.get_input_port_desired_prescribed(),
+                    samples.prescribed,
+                ),
+            )
+            if port is not None
+        ]
+        self._actuation = self.controller.get_output_port_actuation()
+        self._next = 0
+        self.torque = np.zeros(0)
+
+    def prepare(self, k: int) -> None:
+        if k != self._next:
+            raise ValueError(f"step {k} does not follow on step {self._next - 1}")
+        self._next += 1
+        if k == 0:
+            self._set_inputs(0)
+            # Updates at the start wait for the first advance.
+            self._simulator.Initialize()
+        else:
+            self._simulator.AdvanceTo(k * self._period)
+            self._set_inputs(k)
+
+    def __call__(self) -> None:
+        self.torque = self._actuation.Eval(self._context)
+        self._simulator.AdvancePendingEvents()
+
+    def _set_inputs(self, k: int) -> None:
+        for fixed, values in self._inputs:
+            fixed.GetMutableData().get_mutable_value().SetFromVector(values[k])
+
+    def _fix(self, port: InputPort):
+        return port.FixValue(self._context, np.zeros(port.size()))
+
+
+class StepInParts(Step):
+    """The same, with a watch on what it consists of.
+
+    Attributes:
+        own: per part (K,) its time without the other parts' [s].
+        calls: per part (K,) how often it was called.
+    """
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+    ) -> None:
+        super().__init__(model, parameters, samples)
+        self._watch = Stopwatch()
+        self._model = model
+        self._k = 0
+        self.own = {part: np.zeros(len(samples)) for part in PARTS}
+        self.calls = {part: np.zeros(len(samples), dtype=int) for part in PARTS}
+
+    def begin(self) -> None:
+        timed = self._watch.timed
+        model = self._model
+        self._stack = ExitStack()
+        self._stack.enter_context(
+            replaced(
+                [
+                    (owner, name, partial(timed, part))
+                    for owner, name, part in (
+                        (self.controller.law, "solve", "solve"),
+                        (model, "evaluate", "kinematics"),
+                        (model, "evaluate_with_ahead", "kinematics"),
+                        *_distance_functions(model),
+                        (model, "inverse_dynamics", "inverse dynamics"),
+                    )
+                ]
+            )
+        )
+
+    def end(self) -> None:
+        self._stack.close()
+
+    def prepare(self, k: int) -> None:
+        super().prepare(k)
+        self._k = k
+        self._watch.reset()
+
+    def __call__(self) -> None:
+        super().__call__()
+        for part in PARTS:
+            self.own[part][self._k] = self._watch.own.get(part, 0.0)
+            self.calls[part][self._k] = self._watch.calls.get(part, 0)
+
+
+class Bound(Subject):
+    """What a control step cannot do without: Drake's calls, and the distances.
+
+    One call per quantity, each result an array: set the state; positions and
+    spatial Jacobian of every link that carries a task or a watched shape (bodies
+    that are welded together are one link, what is fixed to the world is none); a
+    bias acceleration per task; force elements and inverse dynamics. Then the
+    evaluation of distances and gradients as the step itself does it, with the very
+    arguments that it gives. In the lookahead mode positions, Jacobians and
+    distances also where the robot would come to rest.
+    """
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+    ) -> None:
+        self._model, self._samples = model, samples
+        self._horizon = (
+            parameters.braking_horizon
+            if parameters.constraints == "lookahead"
+            else None
+        )
+        workspace = model.MakeWorkspace()
+        self._workspace = workspace
+        self._here, self._ahead = workspace.plant_context, workspace.plant_context_ahead
+        self._forces = MultibodyForces(model.plant)
+        known = model.description.task_frames
+        self._tasks = [
+            (
+                find_frame(model.plant, known.get(task.frame, task.frame)),
+                np.asarray(task.point, dtype=float),
+                task.kind,
+            )
+            for task in model.tasks
+        ]
+        self._links = self._find_links()
+        self.num_links = len(self._links)
+        self._distance_calls = record_distance_calls(model, parameters, samples)
+
+    def prepare(self, k: int) -> None:
+        samples = self._samples
+        self._x = np.concatenate([samples.q[k], samples.v[k]])
+        self._vdot = samples.vdot[k]
+        self._calls = self._distance_calls[k]
+        if self._horizon is not None:
+            self._q_s = resting_configuration(samples.q[k], samples.v[k], self._horizon)
+
+    def __call__(self) -> None:
+        plant, here, forces = self._model.plant, self._here, self._forces
+        plant.SetPositionsAndVelocities(here, self._x)
+        self._links_at(here)
+        W, kV = plant.world_frame(), JacobianWrtVariable.kV
+        for frame, p_FT, kind in self._tasks:
+            if kind == "position":
+                plant.CalcBiasTranslationalAcceleration(here, kV, frame, p_FT, W, W)
+            else:
+                plant.CalcBiasSpatialAcceleration(
+                    here, kV, frame, p_FT, W, W
+                ).get_coeffs()
+        if self._horizon is not None:
+            plant.SetPositions(self._ahead, self._q_s)
+            self._links_at(self._ahead)
+        for function, args, options in self._calls:
+            function(*args, **options)
+        plant.CalcForceElementsContribution(here, forces)
+        plant.CalcInverseDynamics(here, self._vdot, forces)
+
+    def _links_at(self, context) -> None:
+        plant = self._model.plant
+        W, kV = plant.world_frame(), JacobianWrtVariable.kV
+        for frame, points in self._links:
+            plant.CalcPointsPositions(context, frame, points, W)
+            plant.CalcJacobianSpatialVelocity(context, kV, frame, _ORIGIN, W, W)
+
+    def _find_links(self) -> list[tuple[Frame, np.ndarray]]:
+        """Each link's frame L and the points p_LP (3, P) on it."""
+        plant, pairs = self._model.plant, self._model.pairs
+        context = plant.CreateDefaultContext()
+        placed = [(frame.body(), frame, p_FT) for frame, p_FT, _ in self._tasks]
+        for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
+            for axis in axes:
+                placed += [(body, body.body_frame(), p) for p in (axis.p_B0, axis.p_B1)]
+        links: dict[int, tuple[Frame, list[np.ndarray]]] = {}
+        for body, frame, p in placed:
+            if plant.IsAnchored(body):
+                continue
+            first = min(plant.GetBodiesWeldedTo(body), key=lambda b: int(b.index()))
+            link = links.setdefault(int(first.index()), (first.body_frame(), []))
+            link[1].append(plant.CalcPointsPositions(context, frame, p, link[0])[:, 0])
+        return [(frame, np.array(points).T) for frame, points in links.values()]
+
+
+class ModelAlone(Subject):
+    """The control model's own evaluation and inverse dynamics, without the law.
+
+    For comparison: these are the calls that this implementation makes.
+    """
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+    ) -> None:
+        self._model, self._samples = model, samples
+        self._workspace = model.MakeWorkspace()
+        self._ahead = parameters.constraints == "lookahead"
+        self._horizon = parameters.braking_horizon
+
+    def prepare(self, k: int) -> None:
+        samples = self._samples
+        self._q, self._v, self._vdot = samples.q[k], samples.v[k], samples.vdot[k]
+        self._q_s = resting_configuration(self._q, self._v, self._horizon)
+
+    def __call__(self) -> None:
+        model, workspace = self._model, self._workspace
+        if self._ahead:
+            model.evaluate_with_ahead(workspace, self._q, self._v, self._q_s)
+        else:
+            model.evaluate(workspace, self._q, self._v)
+        model.inverse_dynamics(workspace, self._vdot)
+
+
+class SceneGraphDistances(Subject):
+    """SceneGraph's distances of all watched shape pairs in one state, results read.
+
+    For comparison with the closed forms.
+    """
+
+    def __init__(
+        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+    ) -> None:
+        self._model, self._samples = model, samples
+        workspace = model.MakeWorkspace()
+        self._workspace = workspace
+        self._plant_context = workspace.plant_context
+        self._context = workspace.scene_graph_context
+        plant, pairs = model.plant, model.pairs
+        ids = [plant.GetCollisionGeometriesForBody(body) for body in pairs.bodies]
+        self._ids = [
+            (id_a, id_b)
+            for a, b in zip(pairs.body_a, pairs.body_b, strict=True)
+            for id_a in ids[a]
+            for id_b in ids[b]
+        ]
+
+    def prepare(self, k: int) -> None:
+        samples = self._samples
+        self._model.plant.SetPositionsAndVelocities(
+            self._plant_context, np.concatenate([samples.q[k], samples.v[k]])
+        )
+
+    def __call__(self) -> None:
+        port = self._model.scene_graph.get_query_output_port()
+        query = port.Eval(self._context)
+        for id_a, id_b in self._ids:
+            answer = query.ComputeSignedDistancePairClosestPoints(id_a, id_b)
+            _ = answer.distance, answer.nhat_BA_W, answer.p_ACa
+
+
+def record_distance_calls(
+    model: ControlModel, parameters: CrarParameters, samples: Samples
+) -> list[list[tuple[Callable, tuple, dict]]]:
+    """Per step the calls that evaluate distances and gradients, with arguments."""
+    step = Step(model, parameters, samples)
+    calls: list[tuple[Callable, tuple, dict]] = []
+
+    def recorded(function: Callable) -> Callable:
+        def call(*args, **options):
+            # Copies: the arrays may be the model's own, which it uses again.
+            kept = tuple(
+                a.copy(order="K") if isinstance(a, np.ndarray) else a for a in args
+            )
+            calls.append((function, kept, options))
+            return function(*args, **options)
+
+        return call
+
+    recording = []
+    with replaced(
+        [(owner, name, recorded) for owner, name, _ in _distance_functions(model)]
+    ):
+        for k in range(len(samples)):
+            step.prepare(k)
+            calls = []
+            step()
+            recording.append(calls)
+    return recording
+
+
+def _distance_functions(model: ControlModel) -> tuple[tuple[object, str, str], ...]:
+    """Owner and name of what evaluates distances, with the part that it is."""
+    return (
+        (model.pairs, "proximity", "distances"),
+        (crar_drake.robot.model, "distance_gradient_about_origin", "gradients"),
+    )

@@ -1,0 +1,149 @@
+"""What a control step takes with two versions of Drake, measured by turns.
+
+    python -m benchmarks.two_drakes .venv/bin/python .venv-3.13/bin/python
+        [--motion dance] [--duration 1] [--rounds 5] [--out FILE]
+
+Each interpreter has its own Drake, NumPy and Python, so that the ratio is that of all
+three. Both run this copy of crar_drake; a round is `crar-drake bench --only step` in
+the one and then in the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import crar_drake
+from crar_drake.errors import CrarError
+from crar_drake.studies.tables import markdown_table, write_report
+
+# What is compared: its name in the table, and where bench.json has its median [s].
+_COMPARED = {
+    "step": ("in_a_row", "step", "cpu_median"),
+    "of it Drake's calls (the bound)": ("in_a_row", "bound", "cpu_median"),
+    "step, by turns": ("by_turns", "step", "cpu_median"),
+}
+
+
+def measure_once(python: str, motion: str, duration: float) -> dict:
+    """What `crar-drake bench` finds with an interpreter, as `bench.json` has it.
+
+    Args:
+        python: the interpreter.
+        motion: as of `crar-drake bench`.
+        duration: of the motion [s].
+
+    Raises:
+        CrarError: the interpreter does not run, or the measurement fails in it.
+    """
+    path = [str(Path(crar_drake.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, path))}
+    with tempfile.TemporaryDirectory() as folder:
+        command = [python, "-m", "crar_drake", "bench", "--only", "step"]
+        command += ["--motion", motion, "--duration", str(duration), "--out", folder]
+        try:
+            done = subprocess.run(
+                command, env=environment, capture_output=True, text=True
+            )
+        except OSError as error:
+            raise CrarError(f"{python} does not run: {error.strerror}") from error
+        if done.returncode:
+            last = (done.stderr.strip().splitlines() or ["nothing was said"])[-1]
+            raise CrarError(f"{python} cannot measure: {last}")
+        return json.loads((Path(folder) / "bench.json").read_text())
+
+
+def measure(
+    pythons: Sequence[str], motion: str, duration: float, rounds: int
+) -> list[list[dict]]:
+    """The results of each interpreter, round by round, measured by turns.
+
+    Raises:
+        CrarError: as `measure_once`.
+    """
+    found: list[list[dict]] = [[] for _ in pythons]
+    for k in range(rounds):
+        for python, results in zip(pythons, found, strict=True):
+            print(f"measuring: round {k + 1} of {rounds}, {python}", file=sys.stderr)
+            results.append(measure_once(python, motion, duration))
+    return found
+
+
+def report(found: Sequence[Sequence[dict]], motion: str, duration: float) -> str:
+    """The table, as Markdown: medians of the rounds and of their ratios.
+
+    Args:
+        found: from `measure`, of two interpreters.
+        motion, duration: that were measured.
+    """
+    first, second = found
+    machines = [results[0]["machine"] for results in found]
+    names = [f"Drake {m['drake']}" for m in machines]
+    loads = [
+        result["machine"]["load"] or 0.0 for results in found for result in results
+    ]
+    whole = [
+        f"{name} (Python {m['python']}, NumPy {m['numpy']})"
+        for name, m in zip(names, machines, strict=True)
+    ]
+    machine = machines[0]
+    text = (
+        f"{machine['cpu']}, {machine['cores']} cores, load average {min(loads):.1f} to "
+        f"{max(loads):.1f}; {machine['threads']} thread; motion {motion}, "
+        f"{duration:g} s; {len(first)} rounds by turns. {whole[0]} and {whole[1]}. "
+        "Medians of processor time [µs], and of the rounds' ratios with the least and "
+        "the largest.\n\n"
+    )
+    rows = []
+    for case in range(len(first[0]["step"])):
+        entry = first[0]["step"][case]
+        for what, (order, subject, figure) in _COMPARED.items():
+            a, b = (
+                np.array([r["step"][case][order][subject][figure] for r in results])
+                for results in found
+            )
+            ratio = b / a
+            rows.append(
+                [
+                    f"{entry['experiment']}, {entry['constraints']}",
+                    what,
+                    f"{1e6 * np.median(a):.0f}",
+                    f"{1e6 * np.median(b):.0f}",
+                    f"{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})",
+                ]
+            )
+    header = ["tasks, constraints", "what", *names, "second over first"]
+    return text + markdown_table(header, rows)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measures and prints the table; 0, or 2 with a message if something is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pythons", nargs=2, metavar="PYTHON", help="an interpreter")
+    parser.add_argument("--motion", default="dance", help="as of crar-drake bench")
+    parser.add_argument("--duration", type=float, default=1.0, help="of it [s]")
+    parser.add_argument("--rounds", type=int, default=5, help="(default: %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="to write to, besides")
+    arguments = parser.parse_args(argv)
+    motion, duration = arguments.motion, arguments.duration
+    try:
+        if arguments.rounds < 1:
+            raise CrarError(f"--rounds: {arguments.rounds} must be at least 1")
+        found = measure(arguments.pythons, motion, duration, arguments.rounds)
+        write_report(report(found, motion, duration), arguments.out)
+    except CrarError as error:
+        print(f"two_drakes: error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

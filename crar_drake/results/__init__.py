@@ -1,0 +1,1 @@
+"""What a run leaves behind, what shows it, and who judges it."""

@@ -1,0 +1,391 @@
+"""The independent judge of a motion: distances and joint limits, computed plainly.
+
+It shares no code with the controller's distances: here one pair at a time, a
+minimum over candidates that is right by convexity, in scalar code. It is slow
+(20 µs a pair), and meant for judging trajectories afterwards and for tests.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Capsule, SceneGraph, SceneGraphInspector, Sphere
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import find_body
+
+# A joint is in violation beyond this much (design of the project's figures).
+LIMIT_TOLERANCE = 1e-6  # [rad or m]
+
+
+def capsule_distance(
+    p_a0: Sequence[float],
+    p_a1: Sequence[float],
+    radius_a: float,
+    p_b0: Sequence[float],
+    p_b1: Sequence[float],
+    radius_b: float,
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Signed distance of two capsules, and where their axes are nearest.
+
+    The signed distance is the distance of the two axis segments minus both radii.
+    Outside it is exactly the distance of the surfaces. Inside it is exactly minus
+    the penetration depth, the shortest translation that parts the capsules: along
+    the line between the nearest axis points, or, where the axes cross, along their
+    common normal.
+
+    The axis distance is the minimum over the unit square of the convex quadratic
+    |a(s) - b(t)|², with a(s) = p_a0 + s (p_a1 - p_a0) and b(t) likewise. Its
+    minimum lies either at a stationary point inside, or on one of the four edges,
+    each a point against a segment. Every candidate is a pair of points of the
+    segments, so that none can be too small, and one of them is the minimum. For
+    parallel and for degenerate segments the edges alone contain a minimum.
+
+    Args:
+        p_a0, p_a1: (3,) ends of the axis of a [m], equal for a sphere.
+        radius_a: radius of a [m].
+        p_b0, p_b1, radius_b: likewise for b, in the same frame.
+
+    Returns:
+        The signed distance [m], and the (3,) witness points on the axes of a and
+        of b, in the frame of the arguments. Where several are equally near
+        (parallel axes), it is one of them.
+    """
+    a0, a1, b0, b1 = (tuple(map(float, p)) for p in (p_a0, p_a1, p_b0, p_b1))
+
+    # The four edges: an end of one segment against the whole other one.
+    candidates = [
+        (a0, _nearest_on_segment(a0, b0, b1)),
+        (a1, _nearest_on_segment(a1, b0, b1)),
+        (_nearest_on_segment(b0, a0, a1), b0),
+        (_nearest_on_segment(b1, a0, a1), b1),
+    ]
+
+    # Inside: w + s u - t v is along the common normal u x v of both lines. Crossed
+    # with v and projected on the normal, t drops out and s remains. Where s is
+    # inaccurate (nearly parallel), the point is still one of the segment, and the
+    # nearest point of b to it makes it a fair candidate.
+    u, v, w = _minus(a1, a0), _minus(b1, b0), _minus(a0, b0)
+    normal = _cross(u, v)
+    normal_squared = _dot(normal, normal)
+    if normal_squared > 0.0:
+        s = -_dot(_cross(w, v), normal) / normal_squared
+        p_a = _point_at(a0, a1, s)
+        candidates.append((p_a, _nearest_on_segment(p_a, b0, b1)))
+
+    p_a, p_b = min(candidates, key=lambda pair: math.dist(*pair))
+    distance = math.dist(p_a, p_b) - radius_a - radius_b
+    return distance, np.array(p_a), np.array(p_b)
+
+
+@dataclass(frozen=True)
+class Violations:
+    """What a trajectory of T samples violates.
+
+    Attributes:
+        num_samples: T.
+        count: (T,) violated limits plus penetrating pairs of each sample (Fig. 2).
+        num_penetrating: samples with any d < 0.
+        num_beyond_limit: samples with any joint more than 1e-6 beyond its limit.
+        num_violated: samples with either.
+        smallest_distance: over all pairs and samples [m]; infinite without pairs.
+        smallest_distance_pair: the two links of that pair; None without pairs.
+        smallest_distance_index: the first sample where it is reached.
+        largest_limit_excess: over all joints and samples [rad or m]; 0 if none.
+        largest_limit_excess_joint: that joint; None if no joint is outside.
+        largest_limit_excess_index: the first sample where it is reached.
+    """
+
+    num_samples: int
+    count: np.ndarray
+    num_penetrating: int
+    num_beyond_limit: int
+    num_violated: int
+    smallest_distance: float
+    smallest_distance_pair: tuple[str, str] | None
+    smallest_distance_index: int | None
+    largest_limit_excess: float
+    largest_limit_excess_joint: str | None
+    largest_limit_excess_index: int | None
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """The axis of a capsule (or sphere) in the frame of its body B."""
+
+    p_B0: np.ndarray  # (3,) [m]
+    p_B1: np.ndarray  # (3,) [m]
+    radius: float  # [m]
+
+
+class Referee:
+    """Judges configurations of a plant by its own context and formulas.
+
+    Give it the plant with the limits that count: of the control model, since those
+    of the simulated robot may be lifted. Collision filters play no part.
+
+    Attributes:
+        pairs: (Nc) watched pairs of links, as they were given.
+        joint_names: (nq,) joint of each position; a joint with several positions
+            has its name repeated.
+        lower, upper: (nq,) position limits at construction [rad or m].
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        pairs: Iterable[Sequence[str]],
+    ) -> None:
+        """
+        Args:
+            plant: finalized, and registered as a source of geometry.
+            scene_graph: where it is registered.
+            pairs: two links each, by name, plain or scoped; "world" for geometry
+                that is fixed to the world.
+
+        Raises:
+            ModelError: the plant is not finalized or not registered, a link does
+                not exist, or has no collision shape, or one that is neither sphere
+                nor capsule.
+        """
+        if not plant.is_finalized():
+            raise ModelError("the referee needs a finalized plant: call Finalize()")
+        if not plant.geometry_source_is_registered():
+            raise ModelError(
+                "the referee needs a plant that is registered with a SceneGraph"
+            )
+        self._plant = plant
+        self._context = plant.CreateDefaultContext()
+        self.pairs = tuple((str(a), str(b)) for a, b in pairs)
+        self.lower = plant.GetPositionLowerLimits()
+        self.upper = plant.GetPositionUpperLimits()
+        joint_names = [""] * plant.num_positions()
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            for i in range(joint.num_positions()):
+                joint_names[joint.position_start() + i] = joint.name()
+        self.joint_names = tuple(joint_names)
+
+        inspector = scene_graph.model_inspector()
+        self._bodies: dict[str, RigidBody] = {}
+        self._axes: dict[str, list[_Axis]] = {}
+        for name in (name for pair in self.pairs for name in pair):
+            if name not in self._bodies:
+                self._bodies[name] = find_body(plant, name)
+                self._axes[name] = _body_axes(plant, inspector, self._bodies[name])
+
+    def distances(self, q: np.ndarray) -> np.ndarray:
+        """Signed distance of each watched pair: the smallest over its shape pairs.
+
+        Args:
+            q: (nq,) positions of the plant.
+
+        Returns:
+            (Nc,) distances [m], in the order of `pairs`.
+
+        Raises:
+            ValueError: q has another size, or is not finite.
+        """
+        self._plant.SetPositions(self._context, self._checked(q))
+        axes_W = {name: self._axes_in_world(name) for name in self._bodies}
+        return np.array(
+            [
+                min(
+                    capsule_distance(*axis_a, *axis_b)[0]
+                    for axis_a in axes_W[a]
+                    for axis_b in axes_W[b]
+                )
+                for a, b in self.pairs
+            ]
+        )
+
+    def limit_excess(self, q: np.ndarray) -> np.ndarray:
+        """By how much each position is outside its limits.
+
+        Args:
+            q: (nq,) positions of the plant.
+
+        Returns:
+            (nq,) excess [rad or m], in the order of `joint_names`; 0 within the
+            limits, and where there are none.
+
+        Raises:
+            ValueError: q has another size, or is not finite.
+        """
+        q = self._checked(q)
+        return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
+
+    def violations(self, q_trajectory: np.ndarray) -> Violations:
+        """Judges every sample of a trajectory.
+
+        A sample is violated if a pair has d < 0, or if a joint is beyond its limit
+        by more than 1e-6 rad (or m).
+
+        Args:
+            q_trajectory: (T, nq) positions of the plant.
+
+        Raises:
+            ValueError: it has another shape, no sample, or is not finite.
+        """
+        q_trajectory = np.asarray(q_trajectory, dtype=float)
+        if q_trajectory.ndim != 2 or len(q_trajectory) == 0:
+            raise ValueError(
+                f"q_trajectory must be (T, nq) with T > 0, not {q_trajectory.shape}"
+            )
+        excess = np.array([self.limit_excess(q) for q in q_trajectory])
+        num_limits = np.sum(excess > LIMIT_TOLERANCE, axis=1)
+        num_penetrating_pairs = np.zeros(len(q_trajectory), dtype=int)
+        smallest_distance, pair, pair_index = math.inf, None, None
+        for index, q in enumerate(q_trajectory):
+            # Only what may be in contact, or the smallest so far, is worth a look.
+            near = self._distances_below(q, max(smallest_distance, 0.0))
+            num_penetrating_pairs[index] = sum(d < 0.0 for d in near.values())
+            for column, d in near.items():
+                if d < smallest_distance:
+                    smallest_distance, pair, pair_index = d, self.pairs[column], index
+        count = num_penetrating_pairs + num_limits
+
+        largest_excess, joint, joint_index = 0.0, None, None
+        if np.any(excess > 0.0):
+            joint_index, column = _place(excess, int(np.argmax(excess)))
+            largest_excess = excess[joint_index, column]
+            joint = self.joint_names[column]
+
+        return Violations(
+            num_samples=len(q_trajectory),
+            count=count,
+            num_penetrating=int(np.sum(num_penetrating_pairs > 0)),
+            num_beyond_limit=int(np.sum(num_limits > 0)),
+            num_violated=int(np.sum(count > 0)),
+            smallest_distance=float(smallest_distance),
+            smallest_distance_pair=pair,
+            smallest_distance_index=pair_index,
+            largest_limit_excess=float(largest_excess),
+            largest_limit_excess_joint=joint,
+            largest_limit_excess_index=joint_index,
+        )
+
+    def _distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
+        """Distances of the pairs that may be nearer than `bound`, by pair number.
+
+        A shape lies in the ball about its axis' middle, so that the balls' distance
+        is never more than the shapes'.
+        """
+        self._plant.SetPositions(self._context, self._checked(q))
+        axes_W = {name: self._axes_in_world(name) for name in self._bodies}
+        balls = {
+            name: [
+                ((p0 + p1) / 2.0, math.dist(p0, p1) / 2.0 + radius)
+                for p0, p1, radius in axes
+            ]
+            for name, axes in axes_W.items()
+        }
+        near: dict[int, float] = {}
+        for column, (a, b) in enumerate(self.pairs):
+            for axis_a, (centre_a, ball_a) in zip(axes_W[a], balls[a], strict=True):
+                for axis_b, (centre_b, ball_b) in zip(axes_W[b], balls[b], strict=True):
+                    if math.dist(centre_a, centre_b) - ball_a - ball_b < bound:
+                        d = capsule_distance(*axis_a, *axis_b)[0]
+                        near[column] = min(d, near.get(column, math.inf))
+        return near
+
+    def _checked(self, q: np.ndarray) -> np.ndarray:
+        q = np.asarray(q, dtype=float)
+        if q.shape != (self._plant.num_positions(),):
+            raise ValueError(
+                f"q must be ({self._plant.num_positions()},), not {q.shape}"
+            )
+        # A comparison with NaN is false: it would pass as no violation.
+        for name, value in zip(self.joint_names, q, strict=True):
+            if not math.isfinite(value):
+                raise ValueError(f"position of joint {name!r} is {value}")
+        return q
+
+    def _axes_in_world(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
+        """(p_W0, p_W1, radius) of each shape of a body, in the present context."""
+        X_WB = self._plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
+        return [
+            (X_WB.multiply(axis.p_B0), X_WB.multiply(axis.p_B1), axis.radius)
+            for axis in self._axes[name]
+        ]
+
+
+def _body_axes(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody
+) -> list[_Axis]:
+    """The collision shapes of a body as axes with a radius."""
+    axes = []
+    for geometry in plant.GetCollisionGeometriesForBody(body):
+        shape = inspector.GetShape(geometry)
+        X_BG = inspector.GetPoseInFrame(geometry)
+        if isinstance(shape, Sphere):
+            half_length = 0.0
+        elif isinstance(shape, Capsule):
+            half_length = 0.5 * shape.length()
+        else:
+            raise ModelError(
+                f"link {body.name()!r}: collision geometry "
+                f"{inspector.GetName(geometry)!r} is a {type(shape).__name__}; the "
+                "referee knows only Sphere and Capsule"
+            )
+        # Drake's capsule lies along z of its geometry frame, centred.
+        p_B0 = X_BG.multiply(np.array([0.0, 0.0, -half_length]))
+        p_B1 = X_BG.multiply(np.array([0.0, 0.0, half_length]))
+        axes.append(_Axis(p_B0, p_B1, shape.radius()))
+    if not axes:
+        raise ModelError(
+            f"link {body.name()!r} is in a watched pair, but has no collision geometry"
+        )
+    return axes
+
+
+def _place(table: np.ndarray, flat_index: int) -> tuple[int, int]:
+    """(row, column) of a flat index."""
+    row, column = np.unravel_index(flat_index, table.shape)
+    return int(row), int(column)
+
+
+# Three coordinates as plain floats: as short as NumPy here, and ten times faster.
+_Vector = tuple[float, float, float]
+
+
+def _minus(x: _Vector, y: _Vector) -> _Vector:
+    return (x[0] - y[0], x[1] - y[1], x[2] - y[2])
+
+
+def _dot(x: _Vector, y: _Vector) -> float:
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+def _cross(x: _Vector, y: _Vector) -> _Vector:
+    return (
+        x[1] * y[2] - x[2] * y[1],
+        x[2] * y[0] - x[0] * y[2],
+        x[0] * y[1] - x[1] * y[0],
+    )
+
+
+def _point_at(start: _Vector, end: _Vector, s: float) -> _Vector:
+    """The point at share s of a segment; s is clamped to [0, 1]."""
+    s = min(max(s, 0.0), 1.0)
+    direction = _minus(end, start)
+    return (
+        start[0] + s * direction[0],
+        start[1] + s * direction[1],
+        start[2] + s * direction[2],
+    )
+
+
+def _nearest_on_segment(point: _Vector, start: _Vector, end: _Vector) -> _Vector:
+    """The point of a segment (perhaps of no length) that is nearest to a point."""
+    direction = _minus(end, start)
+    length_squared = _dot(direction, direction)
+    if length_squared == 0.0:
+        return start
+    return _point_at(start, end, _dot(_minus(point, start), direction) / length_squared)

@@ -1,0 +1,453 @@
+"""The figures of one run: what `summary.json` holds and the table shows."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+import crar_drake
+from crar_drake.control.law import STATUS_BRAKING
+from crar_drake.equations.compilation import arithmetic
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.motion.report import MotionReport, rate_text
+from crar_drake.results.log import SimulationLog
+from crar_drake.robot.model import LIMIT_TOLERANCE
+from crar_drake.simulation.scenario import parse_scenario
+
+
+@dataclass(frozen=True)
+class TaskErrors:
+    """The errors of one task.
+
+    Attributes:
+        kind: "position", "orientation" or "pose".
+        rms_error: root of the mean over time of |p_d - p|^2 [m]; None if the task
+            has no position.
+        rms_orientation_error: the same of Eq. (11)'s orientation error [rad];
+            None if the task has no orientation.
+    """
+
+    kind: str
+    rms_error: float | None  # [m]
+    rms_orientation_error: float | None  # [rad]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The figures of one run, in the definitions that all runs share.
+
+    `summary.json` is one JSON object with these attributes as its keys, in this
+    order; None is null, and so is what is not a finite number. No number is
+    rounded. Means over time are means over the log's samples.
+
+    Attributes:
+        version: of crar_drake that made the summary.
+        robot: name or path in the scenario.
+        motion: name or path in the scenario; "" for keyframes.
+        experiment: "wrists" or "upper-body"; "" for tasks of the scenario's own.
+        level: "velocity" or "acceleration".
+        constraints: "none", "paper" or "lookahead".
+        period: of the controller [s].
+        duration: from the first to the last sample [s].
+        samples: number of samples in the log.
+        rms_task_error: root of the mean over time and tasks of |p_d - p|^2 [m];
+            None if no task has a position.
+        rms_orientation_error: root of the mean over time and tasks of the squared
+            orientation error of Eq. (11) [rad]; None if no task has one.
+        tasks: the task's name to its own errors, see `TaskErrors`.
+        smallest_distance: over time and watched pairs [m], negative inside one
+            another; None if no pair is watched.
+        smallest_distance_pair: that pair, "link a - link b"; "" if none.
+        smallest_distance_time: when it occurred [s]; None if no pair is watched.
+        violated_samples: samples with a penetrating pair or a joint beyond a limit.
+        mean_violations: violated limits plus penetrating pairs, mean over time
+            (Fig. 2 counts them per frame).
+        penetrating_samples: samples with any pair at d < 0.
+        penetrating_pairs: each pair that penetrates to its number of samples.
+        beyond_limit_samples: samples with any controlled joint beyond a limit by
+            more than 1e-6 rad.
+        joints_beyond_limits: each such joint to its number of samples.
+        largest_excess: the farthest that a controlled joint is beyond a limit, 0 if
+            none is [rad].
+        largest_excess_joint: that joint; "" if none.
+        mean_power: mean over time of the sum of |tau_i qdot_i| over the controlled
+            joints, gravity included in tau [W].
+        peak_torque: largest |tau_i| over time and controlled joints [Nm].
+        peak_torque_joint: that joint.
+        peak_torque_time: when it occurred [s].
+        rms_acceleration: root of the mean over time and controlled joints of the
+            squared commanded acceleration [rad/s^2].
+        resting_distance: smallest distance where the robot would have come to rest
+            [m]; None unless constraints are "lookahead".
+        resting_margin: smallest margin to a joint limit there [rad]; likewise.
+        torque_limited_samples: samples where the effort limits allowed less than what
+            was wished for; 0 unless they are respected.
+        torque_clipped_samples: those among them where not even braking was within
+            the limits, so that torques were clipped.
+        braking_samples: samples without targets, which count in no error.
+        frame_rate: of the motion [Hz]; None for keyframes, or if not known.
+        frame_rate_source: "given" by the user, stated by the "file", that of the CMU
+            "database", or "assumed"; "" if there is none.
+        motion_findings: what looks bad in the motion, see `crar-drake motion`.
+        warnings: what the user may not have meant, a line each.
+        wall_time: that the simulation took [s]; None if not known.
+        real_time_factor: duration / wall_time; None if not known.
+        arithmetic: what computed the control law; "" if not known.
+        stopped: why the run ended before its time, "interrupted" or an error; "" if
+            it did not, or if it is not known.
+    """
+
+    version: str
+    robot: str
+    motion: str
+    experiment: str
+    level: str
+    constraints: str
+    period: float  # [s]
+    duration: float  # [s]
+    samples: int
+    rms_task_error: float | None  # [m]
+    rms_orientation_error: float | None  # [rad]
+    tasks: dict[str, TaskErrors]
+    smallest_distance: float | None  # [m]
+    smallest_distance_pair: str
+    smallest_distance_time: float | None  # [s]
+    violated_samples: int
+    mean_violations: float
+    penetrating_samples: int
+    penetrating_pairs: dict[str, int]
+    beyond_limit_samples: int
+    joints_beyond_limits: dict[str, int]
+    largest_excess: float  # [rad]
+    largest_excess_joint: str
+    mean_power: float  # [W]
+    peak_torque: float  # [Nm]
+    peak_torque_joint: str
+    peak_torque_time: float  # [s]
+    rms_acceleration: float  # [rad/s^2]
+    resting_distance: float | None  # [m]
+    resting_margin: float | None  # [rad]
+    torque_limited_samples: int
+    torque_clipped_samples: int
+    braking_samples: int
+    frame_rate: float | None  # [Hz]
+    frame_rate_source: str
+    motion_findings: list[str]
+    warnings: list[str]
+    wall_time: float | None  # [s]
+    real_time_factor: float | None
+    arithmetic: str
+    stopped: str = ""
+
+    @property
+    def title(self) -> str:
+        """What was run, in two lines."""
+        # The file is enough of a path.
+        motion = Path(self.motion).stem if self.motion else "keyframes"
+        tracked = self.experiment or "its own tasks"
+        return (
+            f"{_short(self.robot)} following {motion}: {tracked}\n"
+            f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
+        )
+
+    def to_json(self) -> str:
+        """The summary as JSON text, see the class documentation."""
+        text = json.dumps(_finite(asdict(self)), indent=2, allow_nan=False)
+        return text + "\n"
+
+
+@dataclass(frozen=True)
+class ControlledJoints:
+    """A log's columns of the controlled joints: T samples, n joints.
+
+    Attributes:
+        names: (n,) the joints.
+        q: (T, n) positions [rad].
+        v: (T, n) velocities [rad/s].
+        torque: (T, n) efforts [Nm].
+        acceleration: (T, n) commanded accelerations [rad/s^2].
+        lower, upper: (n,) limits, infinite where there is none [rad].
+        excess: (T, n) how far beyond the nearer limit, negative inside, -inf for
+            an unlimited joint [rad].
+    """
+
+    names: tuple[str, ...]
+    q: np.ndarray
+    v: np.ndarray
+    torque: np.ndarray
+    acceleration: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    excess: np.ndarray
+
+    @property
+    def power(self) -> np.ndarray:
+        """(T,) sum over the joints of |tau_i qdot_i| [W]."""
+        return np.abs(self.torque * self.v).sum(axis=1)
+
+
+def controlled_joints(log: SimulationLog) -> ControlledJoints:
+    """Picks the columns of the controlled joints out of a log, by name."""
+    positions = log.position_names.tolist()
+    columns = [positions.index(name) for name in log.controlled_names]
+    q, lower, upper = log.q[:, columns], log.lower[columns], log.upper[columns]
+    torque = [
+        # More than one actuator may move a joint.
+        log.actuation[:, log.actuator_names == name].sum(axis=1)
+        for name in log.controlled_names
+    ]
+    return ControlledJoints(
+        names=tuple(log.controlled_names.tolist()),
+        q=q,
+        v=log.v[:, columns],
+        torque=np.stack(torque, axis=1),
+        acceleration=log.desired_acceleration[:, columns],
+        lower=lower,
+        upper=upper,
+        excess=np.maximum(q - upper, lower - q),
+    )
+
+
+def _short(robot: str) -> str:
+    """A robot's name, or of its path the folder's."""
+    path = Path(robot)
+    return (path.parent if path.suffix in (".yaml", ".yml") else path).name or robot
+
+
+def task_layout(log: SimulationLog) -> TaskLayout:
+    """The rows of a log's task errors."""
+    return TaskLayout(tuple(log.task_names.tolist()), tuple(log.task_kinds.tolist()))
+
+
+def summarize(
+    log: SimulationLog,
+    wall_time: float | None = None,
+    *,
+    motion: MotionReport | None = None,
+    warnings: Sequence[str] = (),
+) -> Summary:
+    """Computes the figures of a run.
+
+    Args:
+        log: of at least one sample.
+        wall_time: that the simulation took [s], if it is known.
+        motion: the report of the motion, if there is one at hand.
+        warnings: lines to keep with the figures.
+
+    Raises:
+        ScenarioError: the scenario in the log is not one of this version.
+    """
+    scenario = parse_scenario(log.scenario, "the log's scenario")
+    layout = task_layout(log)
+    joints = controlled_joints(log)
+    duration = float(log.time[-1] - log.time[0])
+
+    penetrating = log.signed_distances < 0.0
+    beyond = joints.excess > LIMIT_TOLERANCE
+    violations = penetrating.sum(axis=1) + beyond.sum(axis=1)
+
+    distance, distance_pair, distance_time = None, "", None
+    if log.signed_distances.size:
+        sample, pair = _argmax(-log.signed_distances)
+        distance = float(log.signed_distances[sample, pair])
+        distance_pair = str(log.pair_names[pair])
+        distance_time = float(log.time[sample])
+    sample, joint = _argmax(joints.excess)
+    excess = max(float(joints.excess[sample, joint]), 0.0)
+    excess_joint = joints.names[joint] if excess > 0.0 else ""
+    torque_sample, torque_joint = _argmax(np.abs(joints.torque))
+
+    return Summary(
+        version=crar_drake.__version__,
+        robot=scenario.robot,
+        motion=scenario.motion,
+        experiment=scenario.experiment,
+        level=scenario.controller.level,
+        constraints=scenario.controller.constraints,
+        period=scenario.controller.period,
+        duration=duration,
+        samples=len(log.time),
+        rms_task_error=_rms_length(log.task_error[:, layout.linear_rows]),
+        rms_orientation_error=_rms_length(log.task_error[:, layout.angular_rows]),
+        tasks=_errors_per_task(log, layout),
+        smallest_distance=distance,
+        smallest_distance_pair=distance_pair,
+        smallest_distance_time=distance_time,
+        violated_samples=int(np.count_nonzero(violations)),
+        mean_violations=float(violations.mean()),
+        penetrating_samples=int(penetrating.any(axis=1).sum()),
+        penetrating_pairs=_counts(log.pair_names.tolist(), penetrating),
+        beyond_limit_samples=int(beyond.any(axis=1).sum()),
+        joints_beyond_limits=_counts(joints.names, beyond),
+        largest_excess=excess,
+        largest_excess_joint=excess_joint,
+        mean_power=float(joints.power.mean()),
+        peak_torque=float(np.abs(joints.torque[torque_sample, torque_joint])),
+        peak_torque_joint=joints.names[torque_joint],
+        peak_torque_time=float(log.time[torque_sample]),
+        rms_acceleration=float(np.sqrt(np.mean(joints.acceleration**2))),
+        resting_distance=_smallest(log.resting_margins[:, 0]),
+        resting_margin=_smallest(log.resting_margins[:, 1]),
+        torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
+        torque_clipped_samples=int(np.count_nonzero(log.torque_limit[:, 1] > 0.0)),
+        braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
+        frame_rate=motion.frame_rate if motion else None,
+        frame_rate_source=motion.rate_source if motion else "",
+        motion_findings=list(motion.findings) if motion else [],
+        warnings=list(warnings),
+        wall_time=wall_time,
+        real_time_factor=duration / wall_time if wall_time else None,
+        arithmetic=arithmetic() if wall_time else "",
+    )
+
+
+def summary_table(summary: Summary) -> Table:
+    """The figures that a person looks at first, as a table for the terminal."""
+    table = Table(title=summary.title, title_justify="left", show_header=False)
+    table.add_column("quantity", no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("where", overflow="fold")
+
+    if summary.frame_rate is not None:
+        table.add_row(
+            "frame rate",
+            rate_text(summary.frame_rate, summary.frame_rate_source),
+            "of the motion"
+            + ("; --frame-rate" if summary.frame_rate_source == "assumed" else ""),
+        )
+    if summary.rms_task_error is not None:
+        worst = _worst(summary, "rms_error")
+        table.add_row(
+            "rms task error",
+            f"{1e3 * summary.rms_task_error:.1f} mm",
+            f"worst {worst}, {1e3 * summary.tasks[worst].rms_error:.1f} mm",
+        )
+    if summary.rms_orientation_error is not None:
+        worst = _worst(summary, "rms_orientation_error")
+        angle = summary.tasks[worst].rms_orientation_error
+        table.add_row(
+            "rms orientation error",
+            f"{summary.rms_orientation_error:.3f} rad",
+            f"worst {worst}, {angle:.3f} rad",
+        )
+    if summary.smallest_distance is not None:
+        table.add_row(
+            "smallest distance",
+            f"{1e3 * summary.smallest_distance:.1f} mm",
+            f"{summary.smallest_distance_pair}, at "
+            f"{summary.smallest_distance_time:.2f} s",
+            style="bold red" if summary.smallest_distance < 0.0 else "",
+        )
+    table.add_row(
+        "violations",
+        f"{summary.violated_samples}",
+        f"of {summary.samples} samples",
+        style="bold red" if summary.violated_samples else "",
+    )
+    if summary.penetrating_samples:
+        table.add_row(
+            "  penetrating",
+            f"{summary.penetrating_samples}",
+            _most(summary.penetrating_pairs),
+        )
+    if summary.beyond_limit_samples:
+        table.add_row(
+            "  beyond limits",
+            f"{summary.beyond_limit_samples}",
+            f"{_most(summary.joints_beyond_limits)}; farthest "
+            f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} rad",
+        )
+    table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
+    table.add_row(
+        "peak torque",
+        f"{summary.peak_torque:.1f} Nm",
+        f"{summary.peak_torque_joint}, at {summary.peak_torque_time:.2f} s",
+    )
+    if summary.torque_limited_samples:
+        share = summary.torque_limited_samples / summary.samples
+        table.add_row(
+            "torque limit active",
+            f"{100 * share:.1f} %",
+            f"of {summary.samples} samples; clipped in "
+            f"{summary.torque_clipped_samples}",
+        )
+    table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", "")
+    if summary.stopped:
+        reason = escape(summary.stopped)
+        table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")
+    if summary.real_time_factor is not None:
+        table.add_row(
+            "wall time",
+            f"{summary.wall_time:.1f} s",
+            f"for {summary.duration:.2f} s, {summary.real_time_factor:.2f} x real time",
+        )
+    if summary.arithmetic:
+        table.add_row("control law", "", summary.arithmetic)
+    return table
+
+
+def _smallest(values: np.ndarray) -> float | None:
+    """The smallest of the finite values, None if there is none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if finite.size else None
+
+
+def _errors_per_task(log: SimulationLog, layout: TaskLayout) -> dict[str, TaskErrors]:
+    linear = dict(zip(layout.linear_tasks, layout.linear_rows, strict=True))
+    angular = dict(zip(layout.angular_tasks, layout.angular_rows, strict=True))
+
+    def rms(rows: dict, task: int) -> float | None:
+        return _rms_length(log.task_error[:, rows[task]]) if task in rows else None
+
+    return {
+        name: TaskErrors(layout.kinds[i], rms(linear, i), rms(angular, i))
+        for i, name in enumerate(layout.names)
+    }
+
+
+def _rms_length(vectors: np.ndarray) -> float | None:
+    """Root of the mean of |x|^2 over vectors (..., 3); None if there are none. NaN
+    vectors, of samples without targets, do not count."""
+    squares = np.sum(vectors**2, axis=-1)
+    squares = squares[np.isfinite(squares)]
+    return float(np.sqrt(np.mean(squares))) if squares.size else None
+
+
+def _argmax(values: np.ndarray) -> tuple[int, int]:
+    """Row and column of the largest of (T, N) values."""
+    row, column = np.unravel_index(np.argmax(values), values.shape)
+    return int(row), int(column)
+
+
+def _counts(names, violated: np.ndarray) -> dict[str, int]:
+    """Name to its number of samples, where that is not zero."""
+    counts = violated.sum(axis=0).tolist()
+    return {name: n for name, n in zip(names, counts, strict=True) if n}
+
+
+def _worst(summary: Summary, which: str) -> str:
+    errors = {name: getattr(task, which) for name, task in summary.tasks.items()}
+    return max((name for name in errors if errors[name] is not None), key=errors.get)
+
+
+def _most(counts: dict[str, int]) -> str:
+    """The name with most samples, and how many more there are."""
+    name = max(counts, key=counts.get)
+    others = len(counts) - 1
+    return name + (f" and {others} more" if others else "")
+
+
+def _finite(value):
+    """Replaces what JSON has no number for by None."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

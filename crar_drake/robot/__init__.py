@@ -1,0 +1,1 @@
+"""From a robot's description to the numbers of one of its states."""

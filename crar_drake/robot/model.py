@@ -1,0 +1,652 @@
+"""The controller's model of the robot: the hats of Eq. (2).
+
+`ControlModel` owns a plant and a SceneGraph of its own and turns one state into
+the numbers that the equations need. It knows names and indices; it has no opinion
+about control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.kinematics import (
+    FromDrake,
+    Robot,
+    State,
+    TaskPoints,
+    evaluate_state,
+)
+from crar_drake.equations.tasks import (
+    TaskLayout,
+    task_of_rows,
+    task_weights,
+    task_wrenches,
+)
+from crar_drake.errors import ModelError
+from crar_drake.nearest import nearest
+from crar_drake.robot.collision_pairs import WatchedPairs
+from crar_drake.robot.description import (
+    RobotDescription,
+    add_robot,
+    find_body,
+    find_frame,
+    find_joint,
+)
+from crar_drake.robot.kinematics import LinkKinematics
+from crar_drake.robot.task import Task
+
+# Farther beyond its limit than this, a joint violates it [rad or m].
+LIMIT_TOLERANCE = 1e-6
+
+_ORIGIN = np.zeros(3)
+_NOTHING_ASKED = np.zeros((0, 7))
+
+
+@dataclass(slots=True)
+class ModelState:
+    """What the equations need to know of one state, all in the world frame W.
+
+    n controlled and n_p prescribed joints, m task rows, Nc watched pairs.
+
+    Attributes:
+        qdot: (n,) velocities of the controlled joints [rad/s].
+        q_p, qdot_p: (n_p,) positions and velocities of the prescribed joints.
+        q: (n,) positions of the controlled joints [rad].
+        R: (Na, 3, 3) orientations R_WT of the tasks that have one.
+        p: (Nl, 3) positions p_WT of the tasks that have one [m].
+        v: (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
+        J: (m, n) task Jacobian with respect to the controlled joints.
+        J_p: (m, n_p) task Jacobian with respect to the prescribed joints.
+        Jdot_qdot: (m,) bias acceleration of Eq. (6), all joints.
+        d: (Nc,) signed distances [m].
+        dd_dq: (Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
+    """
+
+    q: np.ndarray
+    qdot: np.ndarray
+    q_p: np.ndarray
+    qdot_p: np.ndarray
+    R: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    J: np.ndarray
+    J_p: np.ndarray
+    Jdot_qdot: np.ndarray
+    d: np.ndarray
+    dd_dq: np.ndarray
+    dd_dq_p: np.ndarray
+
+    @staticmethod
+    def of(state: State, n: int) -> ModelState:
+        """The equations' state, with the n controlled joints apart."""
+        q, v, R, p, J, Jdot_qdot, d, dd_dv = state
+        return ModelState(
+            q=q[:n],
+            qdot=v[:n],
+            q_p=q[n:],
+            qdot_p=v[n:],
+            R=R,
+            p=p,
+            v=J @ v,
+            J=J[:, :n],
+            J_p=J[:, n:],
+            Jdot_qdot=Jdot_qdot,
+            d=d[0],
+            dd_dq=dd_dv[0][:, :n],
+            dd_dq_p=dd_dv[0][:, n:],
+        )
+
+
+@dataclass(slots=True)
+class Distances:
+    """Signed distances of the watched pairs at one configuration.
+
+    Attributes:
+        d: (Nc,) [m].
+        dd_dq: (Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
+    """
+
+    d: np.ndarray
+    dd_dq: np.ndarray
+    dd_dq_p: np.ndarray
+
+
+class Workspace:
+    """The contexts that a ControlModel computes in. A copy is an independent one."""
+
+    def __init__(self, model: ControlModel) -> None:
+        self._model = model
+        # The roots must be kept alive: the others are parts of them.
+        self._roots = [model.diagram.CreateDefaultContext() for _ in range(2)]
+        here, ahead = self._roots
+        self.plant_context: Context = model.plant.GetMyMutableContextFromRoot(here)
+        self.scene_graph_context: Context = model.scene_graph.GetMyContextFromRoot(here)
+        # For distances elsewhere, so that asking them disturbs nothing.
+        self.plant_context_ahead: Context = model.plant.GetMyMutableContextFromRoot(
+            ahead
+        )
+        self.scene_graph_context_ahead: Context = (
+            model.scene_graph.GetMyContextFromRoot(ahead)
+        )
+        self.forces = MultibodyForces(model.plant)
+
+    def scene_graph_context_of(self, plant_context: Context) -> Context:
+        """SceneGraph's context beside one of the two of the plant."""
+        if plant_context is self.plant_context:
+            return self.scene_graph_context
+        return self.scene_graph_context_ahead
+
+    def __deepcopy__(self, memo: dict) -> Workspace:
+        return Workspace(self._model)
+
+
+class ControlModel:
+    """Kinematics, distances and inverse dynamics of a robot, by index.
+
+    The joints of the plant are either *prescribed* (their acceleration is known)
+    or *controlled* (the paper's q, in the plant's order of velocities). Each must
+    have as many velocities as positions and be actuated.
+
+    Attributes:
+        plant, scene_graph, diagram: the model itself.
+        description: the robot description it was made with.
+        tasks, layout: the tasks and their rows.
+        row_weights: (m,) per-task weights, see `equations.tasks.task_weights`.
+        weighs_rows: whether one of them is not 1.
+        task_targets: per task its frame F and its point p_FT (3,) [m].
+        kinematics: `LinkKinematics` of the tasks' points and the watched axes.
+        pairs: the watched pairs.
+        pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
+            in the order of `order`.
+        n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
+        controlled, prescribed: their indices in v (and q).
+        order: (nv,) both, one after the other.
+        position_names: (nq,) the joint of each position of the plant.
+        joint_names, prescribed_names: (n,), (n_p,) those of controlled and
+            prescribed joints.
+        lower, upper: (n,) limits of the controlled joints [rad].
+        effort_limits: (nv,) largest effort per joint, inf where there is none.
+        actuator_limits: (nu,) the same per actuator, in their order.
+    """
+
+    def __init__(
+        self,
+        diagram: Diagram,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        description: RobotDescription,
+        tasks: Sequence[Task],
+        distances: str = "closed_form",
+    ) -> None:
+        """
+        Args:
+            diagram: root diagram that contains `plant` and `scene_graph`, and
+                whose every port is connected or has a default.
+            plant: finalized.
+            scene_graph: where the plant's geometry is registered.
+            description: the names in the plant.
+            tasks: what is tracked; at least one.
+            distances: "closed_form" or "scene_graph", see `WatchedPairs`.
+
+        Raises:
+            ModelError: the plant is not finalized, a name is not in it, a joint is
+                not actuated, or a shape has no distance.
+        """
+        if not plant.is_finalized():
+            raise ModelError("the plant is not finalized: call plant.Finalize() first")
+        self.diagram, self.plant, self.scene_graph = diagram, plant, scene_graph
+        self.description = description
+        description.validate()
+        self._set_joints()
+        self._set_tasks(tasks)
+        self.pairs = WatchedPairs(
+            plant,
+            scene_graph.model_inspector(),
+            [(find_body(plant, a), find_body(plant, b)) for a, b in description.pairs],
+            distances,
+        )
+        self._set_points()
+        self._check_distances()
+
+    @staticmethod
+    def FromDescription(
+        description: RobotDescription,
+        tasks: Sequence[Task],
+        *,
+        distances: str = "closed_form",
+        time_step: float = 1e-3,
+    ) -> ControlModel:
+        """Parses the robot's own model file.
+
+        Args:
+            description: from `load_robot_description`.
+            tasks: what is tracked.
+            distances: "closed_form" or "scene_graph".
+            time_step: of the plant that will be controlled [s], 0 if continuous;
+                used only to make up for its implicit joint damping.
+
+        Raises:
+            ModelError: as the constructor, and if the file cannot be parsed.
+        """
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
+        add_robot(plant, description)
+        plant.Finalize()
+        return ControlModel(
+            builder.Build(), plant, scene_graph, description, tasks, distances
+        )
+
+    @staticmethod
+    def FromPlant(
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        description: RobotDescription,
+        tasks: Sequence[Task],
+        *,
+        distances: str = "closed_form",
+    ) -> ControlModel:
+        """Clones a user's plant and SceneGraph as they are now.
+
+        Raises:
+            ModelError: as the constructor.
+        """
+        if not plant.is_finalized():
+            raise ModelError("the plant is not finalized: call plant.Finalize() first")
+        builder = DiagramBuilder()
+        plant_clone = builder.AddNamedSystem("plant", plant.Clone())
+        scene_graph_clone = builder.AddNamedSystem("scene_graph", scene_graph.Clone())
+        builder.Connect(
+            plant_clone.get_geometry_pose_output_port(),
+            scene_graph_clone.get_source_pose_port(plant.get_source_id()),
+        )
+        builder.Connect(
+            scene_graph_clone.get_query_output_port(),
+            plant_clone.get_geometry_query_input_port(),
+        )
+        return ControlModel(
+            builder.Build(),
+            plant_clone,
+            scene_graph_clone,
+            description,
+            tasks,
+            distances,
+        )
+
+    def MakeWorkspace(self) -> Workspace:
+        """Allocates contexts to compute in; one per thread or system context."""
+        return Workspace(self)
+
+    def evaluate(
+        self, workspace: Workspace, q: np.ndarray, v: np.ndarray
+    ) -> ModelState:
+        """Eqs. (5), (6), (20): kinematics and distances at a state.
+
+        Leaves the workspace at that state, which `inverse_dynamics` then uses.
+
+        Args:
+            workspace: of this model.
+            q: (nq,) positions of the whole plant.
+            v: (nv,) velocities of the whole plant.
+        """
+        drake = self.ask(workspace, q, v)
+        return ModelState.of(evaluate_state(drake, self.numbers(drake)), self.n)
+
+    def ask(
+        self,
+        workspace: Workspace,
+        q: np.ndarray,
+        v: np.ndarray,
+        q_ahead: np.ndarray | None = None,
+    ) -> FromDrake:
+        """Drake's numbers of a state, which `equations.kinematics` starts from.
+
+        Args:
+            workspace: of this model; left at the state.
+            q, v: (nq,), (nv,) the state.
+            q_ahead: (nq,) where else the distances are wanted.
+        """
+        plant, context = self.plant, workspace.plant_context
+        plant.SetPositionsAndVelocities(context, np.concatenate((q, v)))
+        contexts = [context]
+        if q_ahead is not None:
+            plant.SetPositions(workspace.plant_context_ahead, q_ahead)
+            contexts.append(workspace.plant_context_ahead)
+        if len(self._task_links) <= 2:  # for more, one call for all is faster
+            W, kV = plant.world_frame(), JacobianWrtVariable.kV
+            bias = [
+                plant.CalcBiasSpatialAcceleration(context, kV, link, _ORIGIN, W, W)
+                for link in self._task_links
+            ]
+        else:
+            every = plant.CalcSpatialAccelerationsFromVdot(context, self._still)
+            bias = [every[body] for body in self._task_bodies]
+        bias = np.array([A.get_coeffs() for A in bias])[self._link_of_task]
+        return self._ask(workspace, contexts, bias, q, v)
+
+    def numbers(self, drake: FromDrake) -> Held:
+        """Holds the `equations.kinematics.Robot` that goes with these numbers."""
+        return self._robots[len(drake.X) - 1]
+
+    def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
+        """Eq. (20) at a configuration other than the workspace's, which stays.
+
+        Args:
+            workspace: of this model.
+            q: (nq,) positions of the whole plant.
+        """
+        context = workspace.plant_context_ahead
+        self.plant.SetPositions(context, q)
+        bias = np.zeros((len(self.tasks), 6))
+        drake = self._ask(workspace, [context], bias, q, self._still)
+        state = evaluate_state(drake, self.numbers(drake))
+        d, dd_dv = state.d[0], state.dd_dv[0]
+        return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
+
+    def _ask(
+        self,
+        workspace: Workspace,
+        contexts: Sequence[Context],
+        bias: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> FromDrake:
+        X, ends = self.kinematics.ask(contexts)
+        asked = _NOTHING_ASKED
+        if self.pairs.needs_query:
+            port = self.scene_graph.get_query_output_port()
+            asked = self.pairs.ask(
+                [port.Eval(workspace.scene_graph_context_of(c)) for c in contexts]
+            )
+        return FromDrake(X, ends, bias, q, v, asked)
+
+    def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
+        """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
+
+        A discrete plant treats joint damping implicitly, at the end of its step;
+        the control model's time step says whether and by how much to make up for
+        it, so that the plant realises `vdot` exactly.
+
+        Args:
+            workspace: at the state of the last `evaluate`.
+            vdot: (nv,) accelerations of all joints of the plant.
+
+        Returns:
+            (nu,) efforts in the order of the plant's actuators [Nm or N].
+        """
+        plant, context = self.plant, workspace.plant_context
+        plant.CalcForceElementsContribution(context, workspace.forces)
+        tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
+        if self._is_damped:
+            tau = tau + self._implicit_damping * vdot
+        return self._actuators_from_efforts @ tau
+
+    def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
+        """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
+        joined = np.empty(self.n + self.n_p)
+        joined[self.controlled] = controlled
+        joined[self.prescribed] = prescribed
+        return joined
+
+    def inertia_matrix(self, workspace: Workspace) -> np.ndarray:
+        """H of Eqs. (1), (2) for the controlled joints, at the workspace's state.
+
+        Args:
+            workspace: at the state of the last `evaluate`.
+
+        Returns:
+            (n, n) symmetric positive definite [kg m^2]; rotor inertias are in it.
+        """
+        H = self.plant.CalcMassMatrix(workspace.plant_context)
+        return H[np.ix_(self.controlled, self.controlled)]
+
+    def effort_per_acceleration(self, workspace: Workspace) -> np.ndarray:
+        """d tau / d vdot of `inverse_dynamics`, at the workspace's state.
+
+        Args:
+            workspace: at the state of the last `evaluate`.
+
+        Returns:
+            (nu, nv) [kg m^2 or kg].
+        """
+        H = self.plant.CalcMassMatrix(workspace.plant_context)
+        if self._is_damped:
+            H = H + np.diag(self._implicit_damping)
+        return np.ascontiguousarray(self._actuators_from_efforts @ H)
+
+    def rest_positions(self) -> np.ndarray:
+        """Positions (nq,) of the description's rest posture."""
+        plant = self.plant
+        q = plant.GetPositions(plant.CreateDefaultContext())
+        for name, value in self.description.rest_posture.items():
+            joint = find_joint(plant, name)
+            q[joint.position_start()] = value
+        return q
+
+    def tasks_at(self, q: np.ndarray) -> np.ndarray:
+        """The targets that the robot fulfils where it is, at rest.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+
+        Returns:
+            (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
+        """
+        zero = np.zeros(self.plant.num_velocities())
+        state = self.evaluate(self.MakeWorkspace(), np.asarray(q, dtype=float), zero)
+        return self.layout.pack(state.R, state.p)
+
+    def _set_joints(self) -> None:
+        plant, description = self.plant, self.description
+        if plant.num_positions() != plant.num_velocities():
+            raise ModelError(
+                "the plant has a joint with more positions than velocities (a floating "
+                "base or a ball joint); weld the base, or use single-axis joints"
+            )
+        prescribed = [
+            joint.velocity_start() + i
+            for joint in (find_joint(plant, j) for j in description.prescribed_joints)
+            for i in range(joint.num_velocities())
+        ]
+        self._check_described_joints()
+        nv = plant.num_velocities()
+        B = plant.MakeActuationMatrix()
+        unactuated = np.flatnonzero(~B.any(axis=1))
+        names = names_by_joint(plant)
+        if len(unactuated):
+            raise ModelError(
+                "every joint must be actuated, but these are not: "
+                f"{', '.join(names[i] for i in unactuated)}; add actuators "
+                "(transmissions in a URDF), or weld the joints"
+            )
+        self._actuators_from_efforts = (
+            plant.MakeActuationMatrixPseudoinverse().toarray()
+        )
+        self.prescribed = np.array(prescribed, dtype=int)
+        self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
+        self.n, self.n_p = len(self.controlled), len(self.prescribed)
+        self.order = np.concatenate([self.controlled, self.prescribed])
+        self._still = np.zeros(nv)
+        if not self.n:
+            raise ModelError("the plant has no joint left to control")
+        self.position_names = names
+        self.joint_names = [names[i] for i in self.controlled]
+        self.prescribed_names = [names[i] for i in self.prescribed]
+        self.lower = plant.GetPositionLowerLimits()[self.controlled]
+        self.upper = plant.GetPositionUpperLimits()[self.controlled]
+        self.effort_limits = np.zeros(nv)
+        self.actuator_limits = np.full(plant.num_actuated_dofs(), np.inf)
+        for index in plant.GetJointActuatorIndices():
+            actuator = plant.get_joint_actuator(index)
+            start = actuator.joint().velocity_start()
+            self.effort_limits[start : start + actuator.num_inputs()] += (
+                actuator.effort_limit()
+            )
+            inputs = slice(
+                actuator.input_start(), actuator.input_start() + actuator.num_inputs()
+            )
+            self.actuator_limits[inputs] = actuator.effort_limit()
+        self._implicit_damping = np.zeros(nv)
+        if plant.time_step() > 0.0:
+            for index in plant.GetJointIndices():
+                joint = plant.get_joint(index)
+                start = joint.velocity_start()
+                self._implicit_damping[start : start + joint.num_velocities()] = (
+                    plant.time_step() * joint.default_damping_vector()
+                )
+        self._is_damped = bool(self._implicit_damping.any())
+
+    def _check_described_joints(self) -> None:
+        """Welds have no position to prescribe or to rest in, others not just one."""
+        description = self.description
+        for name in description.prescribed_joints:
+            if not find_joint(self.plant, name).num_velocities():
+                raise ModelError(
+                    f"robot {description.name}: prescribed_joints: {name!r} is fixed; "
+                    "leave it out"
+                )
+        for name, value in description.rest_posture.items():
+            positions = find_joint(self.plant, name).num_positions()
+            if positions != 1 or not np.isfinite(value):
+                raise ModelError(
+                    f"robot {description.name}: rest_posture: {name}: {value} for a "
+                    f"joint with {positions} positions; give finite values, to joints "
+                    "with one"
+                )
+
+    def _set_tasks(self, tasks: Sequence[Task]) -> None:
+        if not tasks:
+            raise ModelError("give at least one task")
+        self.tasks = tuple(tasks)
+        self.task_targets = []
+        for task in self.tasks:
+            task.validate()
+            known = self.description.task_frames
+            name = known.get(task.frame, task.frame)
+            try:
+                frame = find_frame(self.plant, name)
+            except ModelError as error:
+                if task.frame in known:
+                    raise
+                raise ModelError(
+                    f"task {task.name or task.frame}: {error}"
+                    f"{nearest(task.frame, known) if known else ''}"
+                ) from error
+            self.task_targets.append((frame, np.asarray(task.point, dtype=float)))
+        names = tuple(task.name or task.frame for task in self.tasks)
+        for name in names:
+            if names.count(name) > 1:
+                raise ModelError(f"two tasks are named {name!r}; name them apart")
+        self.layout = TaskLayout(names, tuple(task.kind for task in self.tasks))
+        self.m = self.layout.m
+        self.row_weights = task_weights(
+            self.layout,
+            [task.position_weight for task in self.tasks],
+            [task.orientation_weight for task in self.tasks],
+        )
+        self.weighs_rows = bool((self.row_weights != 1.0).any())
+
+    def _set_points(self) -> None:
+        """Collects every point whose position a step needs, and what moves it."""
+        tasks = [
+            (frame.body(), frame.GetFixedPoseInBodyFrame().multiply(p_FT))
+            for frame, p_FT in self.task_targets
+        ]
+        axes = [
+            (body, axis)
+            for body, axes in zip(self.pairs.bodies, self.pairs.axes, strict=True)
+            for axis in axes
+        ]
+        starts = [(body, axis.p_B0) for body, axis in axes]
+        vectors = [(body, axis.p_B1 - axis.p_B0) for body, axis in axes]
+        turned = [
+            (frame.body(), column)
+            for frame, _ in (self.task_targets[i] for i in self.layout.angular_tasks)
+            for column in frame.GetFixedRotationMatrixInBodyFrame().matrix().T
+        ]
+        bodies = self.pairs.bodies
+        self.kinematics = LinkKinematics(
+            self.plant,
+            [(point, 1.0) for point in tasks]
+            + [(vector, 0.0) for vector in turned]
+            + [(point, 1.0) for point in starts]
+            + [(vector, 0.0) for vector in vectors],
+            bodies,
+        )
+        kinematics = self.kinematics
+        links = [kinematics.link_of(body) for body, _ in tasks]
+        distinct, self._link_of_task = np.unique(links, return_inverse=True)
+        self._task_links = [kinematics.links[i].body_frame() for i in distinct]
+        self._task_bodies = [int(kinematics.links[i].index()) for i in distinct]
+        rows = self.layout.rows
+        carried = np.array([kinematics.carried_by(body) for body, _ in tasks])
+        fixed, by_point = task_wrenches(self.layout)
+        task_points = TaskPoints(
+            origins=4 * np.array(links) + 3,
+            fixed=fixed,
+            by_point=by_point,
+            carried=carried[task_of_rows(self.layout)][:, self.order].astype(float),
+        )
+        carried = np.array(
+            [kinematics.carried_by(body) for body in bodies], dtype=float
+        ).reshape(-1, self.plant.num_velocities())
+        moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
+        self.pair_moves = np.ascontiguousarray(moves[:, self.order])
+        self._robots = [
+            hold(
+                Robot(
+                    self.order,
+                    self.n,
+                    kinematics.selection,
+                    kinematics.first,
+                    kinematics.end_signs,
+                    task_points,
+                    rows,
+                    self.pairs.for_equations(
+                        K,
+                        len(kinematics.selection),
+                        len(tasks) + len(turned),
+                        self.pair_moves,
+                    ),
+                )
+            )
+            for K in (1, 2)
+        ]
+
+    def _check_distances(self) -> None:
+        """Some shapes have no distance; better to say so now than at run time."""
+        workspace = self.MakeWorkspace()
+        q = self.plant.GetPositions(workspace.plant_context)
+        try:
+            self.evaluate(workspace, q, np.zeros(self.plant.num_velocities()))
+        except RuntimeError as error:
+            raise ModelError(
+                "a watched pair has shapes whose distance SceneGraph cannot compute; "
+                f"use spheres, capsules or convex shapes: {error}"
+            ) from error
+
+
+def names_by_joint(plant: MultibodyPlant) -> list[str]:
+    """Per velocity the joint's name; scoped where two models share a name."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    plain = [joint.name() for joint in joints]
+    names = [""] * plant.num_velocities()
+    for joint in joints:
+        name = joint.name()
+        if plain.count(name) > 1:
+            name = f"{plant.GetModelInstanceName(joint.model_instance())}::{name}"
+        for i in range(joint.num_velocities()):
+            suffix = (
+                f".{joint.velocity_suffix(i)}" if joint.num_velocities() > 1 else ""
+            )
+            names[joint.velocity_start() + i] = name + suffix
+    return names

@@ -1,0 +1,1 @@
+"""From a scenario to a diagram that Drake simulates and shows."""

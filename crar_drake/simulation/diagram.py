@@ -1,0 +1,341 @@
+"""Builders: the controller in anybody's diagram, and one whole diagram."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometrySet,
+    Meshcat,
+    SceneGraph,
+)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import LogVectorOutput, MatrixGain
+
+from crar_drake.control.controller import CrarController
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.robot.description import (
+    RobotDescription,
+    add_robot,
+    find_joint,
+    load_robot_description,
+)
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+from crar_drake.simulation.desired_motion import DesiredMotion, load_desired_motion
+from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
+from crar_drake.simulation.scenario import Scenario, SimulatedRobot, check_multiple
+from crar_drake.simulation.visualization import AddVisualization
+from crar_drake.targets.start_pose import solve_start_pose
+
+
+def AddRobot(
+    plant: MultibodyPlant, robot: str | os.PathLike[str] | RobotDescription
+) -> RobotDescription:
+    """Adds a robot to a plant that is not finalized yet, in its rest posture.
+
+    Its model file is parsed, its base welded to the world, and the rest posture made
+    the default of its joints. The plant may hold other things, too.
+
+    Args:
+        plant: of `AddMultibodyPlantSceneGraph`; call `Finalize` afterwards.
+        robot: the name of a shipped robot (`crar-drake list` tells them) or of one
+            that `crar-drake import-robot` made, the path of a robot.yaml or of its
+            folder, or a description made in Python.
+
+    Returns:
+        The robot's description, which `AddCrarController` asks for.
+
+    Raises:
+        ModelError: the plant is finalized or has no SceneGraph, there is no such
+            robot, it is not imported yet, or its model cannot be parsed.
+    """
+    if plant.is_finalized():
+        raise ModelError("the plant is finalized already; call AddRobot before it")
+    if not plant.geometry_source_is_registered():
+        raise ModelError(
+            "the plant has no SceneGraph; make it by AddMultibodyPlantSceneGraph"
+        )
+    description = (
+        robot if isinstance(robot, RobotDescription) else load_robot_description(robot)
+    )
+    add_robot(plant, description)
+    for name, position in description.rest_posture.items():
+        joint = find_joint(plant, name)
+        if joint.num_positions() == 1:  # others are refused by the control model
+            joint.set_default_positions([position])
+    return description
+
+
+def AddCrarController(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    description: RobotDescription,
+    tasks: Sequence[Task],
+    parameters: CrarParameters | None = None,
+    *,
+    control_model: ControlModel | None = None,
+    estimated_state: OutputPort | None = None,
+) -> CrarController:
+    """Adds a controller beside a plant and connects state and actuation.
+
+    What remains to be connected are `desired_tasks` and, if the description
+    prescribes joints, `desired_prescribed`; see `CrarController` for what they carry.
+
+    Args:
+        builder: of the diagram that owns the plant.
+        plant: finalized.
+        scene_graph: where the plant's geometry is registered.
+        description: the names in the plant: task frames, watched pairs,
+            prescribed joints. From `AddRobot`, `load_robot_description`, or made in
+            Python.
+        tasks: what is tracked.
+        parameters: gains and modes; by default `CrarParameters()`.
+        control_model: the model that the controller computes with; by default a
+            clone of `plant` and `scene_graph` as they are now. A model that is given
+            has description, tasks and distances of its own, which then count.
+        estimated_state: port of the measured [q; v]; by default the plant's own.
+
+    Raises:
+        ModelError: the plant is not finalized, has another state or other
+            actuators than the control model, or a name is not in it.
+        ScenarioError: a parameter is out of range, or the control period is not a
+            multiple of the plant's time step.
+    """
+    parameters = parameters or CrarParameters()
+    parameters.validate()
+    if not plant.is_finalized():
+        raise ModelError("the plant is not finalized: call plant.Finalize() first")
+    check_multiple("controller.period", parameters.period, plant.time_step())
+    if control_model is None:
+        control_model = ControlModel.FromPlant(
+            plant, scene_graph, description, tasks, distances=parameters.distances
+        )
+    model_plant = control_model.plant
+    for what, theirs, ours in (
+        ("positions", plant.num_positions(), model_plant.num_positions()),
+        ("velocities", plant.num_velocities(), model_plant.num_velocities()),
+        ("actuators", plant.num_actuators(), model_plant.num_actuators()),
+        # The same numbers in another order would drive the wrong joints.
+        ("positions", *(_position_names(p) for p in (plant, model_plant))),
+        ("actuators", *(_actuator_names(p) for p in (plant, model_plant))),
+    ):
+        if theirs != ours:
+            raise ModelError(
+                f"the plant has {theirs} {what} but the control model {ours}; they "
+                "must be the same robot"
+            )
+    damped = any(
+        plant.get_joint(index).default_damping_vector().any()
+        for index in plant.GetJointIndices()
+    )
+    if damped and plant.time_step() != model_plant.time_step():
+        raise ModelError(
+            f"the plant's time step is {plant.time_step():g} s but the control model's "
+            f"{model_plant.time_step():g} s; with joint damping they must be the same"
+        )
+    controller = builder.AddSystem(
+        CrarController(
+            control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
+        )
+    )
+    builder.Connect(
+        estimated_state or plant.get_state_output_port(),
+        controller.get_input_port_estimated_state(),
+    )
+    builder.Connect(
+        controller.get_output_port_actuation(), plant.get_actuation_input_port()
+    )
+    return controller
+
+
+def _position_names(plant: MultibodyPlant) -> str:
+    return ", ".join(plant.GetPositionNames(False, False))
+
+
+def _actuator_names(plant: MultibodyPlant) -> str:
+    return ", ".join(plant.GetActuatorNames(add_model_instance_prefix=False))
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a scenario needs before it can be built.
+
+    Attributes:
+        model: the control model.
+        motion: the desired motion.
+        start_positions: (nq,) the pose that the run starts in, at rest.
+    """
+
+    model: ControlModel
+    motion: DesiredMotion
+    start_positions: np.ndarray
+
+
+def PrepareScenario(scenario: Scenario) -> Setup:
+    """Loads a scenario's robot and motion and solves for its start pose.
+
+    Raises:
+        CrarError: something in the scenario, its robot or its motion is wrong.
+    """
+    scenario.validate()
+    model = ControlModel.FromDescription(
+        load_robot_description(scenario.robot),
+        scenario.task_list(),
+        distances=scenario.controller.distances,
+        time_step=scenario.plant_config.time_step,
+    )
+    motion = load_desired_motion(scenario, model)
+    start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
+    return Setup(model, motion, start)
+
+
+def MakeCrarDiagram(
+    scenario: Scenario, meshcat: Meshcat | None = None, setup: Setup | None = None
+) -> Diagram:
+    """Builds the whole diagram of a scenario.
+
+    Subsystems, by name: "plant", "scene_graph", "crar_controller",
+    "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
+    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); with
+    `meshcat` its visualiser and "playback_overlay". The default context starts at
+    rest in a valid pose near the first target.
+
+    Exported outputs: "state", "query", "desired_tasks" and every output of the
+    controller. There are no inputs.
+
+    Args:
+        scenario: from `load_scenario`, or made in Python.
+        meshcat: draws the robot, the targets and the warnings; None for none.
+        setup: of this scenario, if it is at hand already.
+
+    Raises:
+        CrarError: something in the scenario, its robot or its motion is wrong.
+    """
+    setup = setup or PrepareScenario(scenario)
+    model, disturbances = setup.model, scenario.disturbances
+    builder = DiagramBuilder()
+    try:
+        plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
+    except RuntimeError as error:
+        raise ScenarioError(f"plant_config: {error}") from error
+    add_robot(plant, model.description)
+    _lift_limits(plant, scenario.simulated_robot)
+    plant.Finalize()
+    if not scenario.simulated_robot.contact:
+        _filter_contact(scene_graph)
+    plant.SetDefaultPositions(setup.start_positions)
+
+    controller = AddCrarController(
+        builder,
+        plant,
+        scene_graph,
+        model.description,
+        model.tasks,
+        scenario.controller,
+        control_model=model,
+        estimated_state=AddMeasurement(
+            builder, plant, disturbances, scenario.controller.period
+        ),
+    )
+    source = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())
+    tasks = source.get_output_port()
+    if disturbances.target_jump.duration:
+        jump = builder.AddSystem(TargetStep(model.layout, disturbances.target_jump))
+        builder.Connect(tasks, jump.get_input_port())
+        tasks = jump.get_output_port()
+    builder.Connect(tasks, controller.get_input_port_desired_tasks())
+    if disturbances.pushes:
+        pushes = builder.AddSystem(
+            PushSource(plant, model.description.task_frames, disturbances.pushes)
+        )
+        builder.Connect(
+            pushes.get_output_port(), plant.get_applied_spatial_force_input_port()
+        )
+    if setup.motion.MakePrescribedSource is not None:
+        prescribed = builder.AddNamedSystem(
+            "desired_prescribed", setup.motion.MakePrescribedSource()
+        )
+        builder.Connect(
+            prescribed.get_output_port(), controller.get_input_port_desired_prescribed()
+        )
+
+    logged = {
+        "state": plant.get_state_output_port(),
+        "desired_tasks": tasks,
+        "diagnostics": controller.get_output_port_diagnostics(),
+    }
+    period = scenario.log_period_for(scenario.duration or setup.motion.duration)
+    for name, port in logged.items():
+        LogVectorOutput(port, builder, period).set_name(f"log_{name}")
+    if meshcat is not None:
+        _add_visualization(builder, scenario, meshcat, model, tasks, controller)
+
+    builder.ExportOutput(plant.get_state_output_port(), "state")
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+    builder.ExportOutput(tasks, "desired_tasks")
+    for i in range(controller.num_output_ports()):
+        port = controller.get_output_port(i)
+        builder.ExportOutput(port, port.get_name())
+    diagram = builder.Build()
+    diagram.set_name("crar")
+    return diagram
+
+
+def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
+    """Takes off what would hide a violation, unless the scenario keeps it."""
+    if not simulated.position_limits:
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            unlimited = np.full(joint.num_positions(), np.inf)
+            joint.set_position_limits(-unlimited, unlimited)
+    if not simulated.effort_limits:
+        plant.RemoveAllJointActuatorEffortLimits()
+
+
+def _filter_contact(scene_graph: SceneGraph) -> None:
+    inspector = scene_graph.model_inspector()
+    everything = GeometrySet(inspector.GetAllGeometryIds())
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(everything)
+    )
+
+
+def _add_visualization(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    meshcat: Meshcat,
+    model: ControlModel,
+    tasks: OutputPort,
+    controller: CrarController,
+) -> None:
+    """The robot, its targets and its warnings, drawn into `meshcat`."""
+    layout = model.layout
+    overlay = AddVisualization(
+        builder,
+        scenario.visualization,
+        meshcat,
+        builder.GetSubsystemByName("plant"),
+        builder.GetSubsystemByName("scene_graph"),
+        [(a, b) for a, b in model.description.pairs],
+        [layout.names[i] for i in layout.linear_tasks],
+        scenario.warning_distance,
+    )
+    if len(layout.linear_tasks):
+        select = np.eye(layout.size)[layout.position_entries.ravel()]
+        positions = builder.AddNamedSystem("target_positions", MatrixGain(select))
+        builder.Connect(tasks, positions.get_input_port())
+        builder.Connect(
+            positions.get_output_port(), overlay.get_input_port_target_positions()
+        )
+    builder.Connect(
+        controller.get_output_port_signed_distances(),
+        overlay.get_input_port_signed_distances(),
+    )

@@ -1,0 +1,293 @@
+"""What a real robot does to a controller: wrong masses, noise, delay, pushes."""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    State,
+)
+
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.description import find_frame
+
+
+@dataclass
+class Push:
+    """A constant force on a frame's origin, for a while.
+
+    Attributes:
+        frame: task frame of the description, or any frame of the plant.
+        force: in the world [N].
+        start: when it begins [s].
+        duration: how long it lasts [s].
+    """
+
+    frame: str = ""
+    force: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    start: float = 0.0
+    duration: float = 0.0
+
+
+@dataclass
+class TargetJump:
+    """All task positions are displaced by a step, for a while.
+
+    Attributes:
+        offset: in the world [m].
+        start: when it begins [s].
+        duration: how long it lasts [s]; 0 means there is no jump.
+    """
+
+    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    start: float = 0.0
+    duration: float = 0.0
+
+
+@dataclass
+class Disturbances:
+    """How the simulated robot differs from what the controller believes.
+
+    Attributes:
+        mass_scale: factor on all masses and inertias of the simulated plant.
+        position_noise: standard deviation of measured positions [rad or m].
+        velocity_noise: standard deviation of measured velocities [rad/s or m/s].
+        noise_seed: of both noises.
+        delay_periods: control periods by which the measured state is late.
+        pushes: forces on the robot.
+        target_jump: a step in the task targets.
+    """
+
+    mass_scale: float = 1.0
+    position_noise: float = 0.0
+    velocity_noise: float = 0.0
+    noise_seed: int = 0
+    delay_periods: int = 0
+    pushes: list[Push] = field(default_factory=list)
+    target_jump: TargetJump = field(default_factory=TargetJump)
+
+    def validate(self) -> None:
+        """Raises ScenarioError where a field is out of its range."""
+        if not 0.0 < self.mass_scale < np.inf:
+            raise ScenarioError(
+                f"disturbances.mass_scale: {self.mass_scale} must be positive"
+            )
+        numbers = {
+            name: getattr(self, name) for name in ("position_noise", "velocity_noise")
+        }
+        numbers |= {
+            f"{what}.{name}": getattr(event, name)
+            for what, event in [
+                ("target_jump", self.target_jump),
+                *((f"push on {push.frame}", push) for push in self.pushes),
+            ]
+            for name in ("start", "duration")
+        }
+        for name, value in numbers.items():
+            if not 0.0 <= value < np.inf:
+                raise ScenarioError(
+                    f"disturbances.{name}: {value} must be finite and not negative"
+                )
+        for name in ("noise_seed", "delay_periods"):
+            value = getattr(self, name)
+            if value != int(value) or value < 0:
+                raise ScenarioError(
+                    f"disturbances.{name}: {value} must be a whole number, not negative"
+                )
+        vectors = [("target_jump.offset", self.target_jump.offset)]
+        vectors += [
+            (f"push on {push.frame}: force", push.force) for push in self.pushes
+        ]
+        for name, vector in vectors:
+            if np.shape(vector) != (3,) or not np.isfinite(vector).all():
+                raise ScenarioError(
+                    f"disturbances.{name}: {vector} must be three finite numbers"
+                )
+
+
+class PushSource(LeafSystem):
+    """Emits the pushes that act now, for a plant's applied_spatial_force port."""
+
+    def __init__(
+        self, plant: MultibodyPlant, task_frames: dict[str, str], pushes: list[Push]
+    ) -> None:
+        """
+        Args:
+            plant: finalized.
+            task_frames: of the robot description.
+            pushes: whose frames are in the plant.
+
+        Raises:
+            ModelError: there is no such frame.
+        """
+        super().__init__()
+        self.set_name("pushes")
+        self._pushes = []
+        for push in pushes:
+            frame = find_frame(plant, task_frames.get(push.frame, push.frame))
+            force = ExternallyAppliedSpatialForce()
+            force.body_index = frame.body().index()
+            force.p_BoBq_B = frame.GetFixedPoseInBodyFrame().translation()
+            force.F_Bq_W = SpatialForce(np.zeros(3), np.array(push.force))
+            self._pushes.append((push.start, push.start + push.duration, force))
+        self.DeclareAbstractOutputPort(
+            "applied_spatial_force",
+            lambda: Value[list[ExternallyAppliedSpatialForce]](),
+            self._Calc,
+            {self.time_ticket()},
+        )
+
+    def _Calc(self, context: Context, output: AbstractValue) -> None:
+        time = context.get_time()
+        output.set_value([f for start, end, f in self._pushes if start <= time < end])
+
+
+class TargetStep(LeafSystem):
+    """Adds a TargetJump to [x_d; v_d; a_d]: input and output (layout.size,)."""
+
+    def __init__(self, layout: TaskLayout, jump: TargetJump) -> None:
+        super().__init__()
+        self.set_name("target_jump")
+        self._jump = jump
+        self._offset = np.zeros(layout.size)
+        self._offset[layout.position_entries] = jump.offset
+        port = self.DeclareVectorInputPort("desired_tasks", layout.size)
+        self.DeclareVectorOutputPort(
+            "displaced_tasks",
+            layout.size,
+            self._Calc,
+            {self.time_ticket(), self.input_port_ticket(port.get_index())},
+        )
+
+    def _Calc(self, context: Context, output: BasicVector) -> None:
+        since = context.get_time() - self._jump.start
+        active = 0.0 <= since < self._jump.duration
+        output.SetFromVector(
+            self.EvalVectorInput(context, 0).value() + (active * self._offset)
+        )
+
+
+class Measurement(LeafSystem):
+    """A plant's state as it is measured: some periods late, and noisy.
+
+    Input port "state" and output port "measured_state", (size,) each. The state is
+    stored in an unrestricted update, simultaneously with a discrete plant's step:
+    a discrete update would come after it and store the next state.
+    """
+
+    def __init__(
+        self, deviations: np.ndarray, delay_periods: int, period: float, seed: int
+    ) -> None:
+        """
+        Args:
+            deviations: (size,) standard deviations of the noise.
+            delay_periods: how late the output is.
+            period: between measurements [s].
+            seed: of the noise, which is a function of seed and time.
+        """
+        super().__init__()
+        self.set_name("measurement")
+        self._deviations, self._period, self._seed = deviations, period, seed
+        size = len(deviations)
+        self._input = self.DeclareVectorInputPort("state", size)
+        sources = {self.time_ticket(), self._input.ticket()}
+        self._buffer = None
+        if delay_periods:
+            self._buffer = self.DeclareDiscreteState(delay_periods * size)
+            sources = {self.time_ticket(), self.discrete_state_ticket(self._buffer)}
+            self.DeclareInitializationUnrestrictedUpdateEvent(self._Fill)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Store)
+        self.DeclareVectorOutputPort("measured_state", size, self._Calc, sources)
+
+    def _Fill(self, context: Context, state: State) -> None:
+        buffer = state.get_mutable_discrete_state().get_mutable_vector(self._buffer)
+        x = self._input.Eval(context)
+        buffer.SetFromVector(np.tile(x, buffer.size() // len(x)))
+
+    def _Store(self, context: Context, state: State) -> None:
+        buffer = state.get_mutable_discrete_state().get_mutable_vector(self._buffer)
+        x = self._input.Eval(context)
+        buffer.SetFromVector(np.concatenate([buffer.value()[len(x) :], x]))
+
+    def _Calc(self, context: Context, output: BasicVector) -> None:
+        if self._buffer is None:
+            x = self._input.Eval(context)
+        else:
+            buffer = context.get_discrete_state(self._buffer).value()
+            x = buffer[: len(self._deviations)]
+        tick = round(context.get_time() / self._period)
+        noise = np.random.default_rng([self._seed, tick]).normal(size=len(x))
+        output.SetFromVector(x + self._deviations * noise)
+
+
+def AddMeasurement(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    disturbances: Disturbances,
+    period: float,
+) -> OutputPort:
+    """Adds what lies between the plant's state and the controller, if anything.
+
+    Args:
+        builder: of the diagram that owns the plant.
+        plant: finalized.
+        disturbances: noise and delay.
+        period: of the controller, at which measurements are taken [s].
+
+    Returns:
+        The port of the measured state.
+    """
+    time_step = plant.time_step()
+    if time_step and period != time_step:
+        # As the controller does: a tick just after the plant's step, by rounding,
+        # would store the next state.
+        period *= 1.0 - 4e-15
+    port = plant.get_state_output_port()
+    deviations = np.concatenate(
+        [
+            np.full(plant.num_positions(), disturbances.position_noise),
+            np.full(plant.num_velocities(), disturbances.velocity_noise),
+        ]
+    )
+    if not deviations.any() and not disturbances.delay_periods:
+        return port
+    measurement = builder.AddSystem(
+        Measurement(
+            deviations, disturbances.delay_periods, period, disturbances.noise_seed
+        )
+    )
+    builder.Connect(port, measurement.get_input_port())
+    return measurement.get_output_port()
+
+
+def ScaleMasses(plant: MultibodyPlant, context: Context, scale: float) -> None:
+    """Multiplies all masses and inertias of a plant, in one context.
+
+    Args:
+        plant: finalized.
+        context: of the plant.
+        scale: factor; the centres of mass stay.
+    """
+    for instance in range(plant.num_model_instances()):
+        for index in plant.GetBodyIndices(ModelInstanceIndex(instance)):
+            body = plant.get_body(index)
+            if index == plant.world_body().index():
+                continue
+            M_B = body.CalcSpatialInertiaInBodyFrame(context)
+            if M_B.get_mass() > 0.0:
+                body.SetSpatialInertiaInBodyFrame(
+                    context,
+                    SpatialInertia(
+                        scale * M_B.get_mass(), M_B.get_com(), M_B.get_unit_inertia()
+                    ),
+                )

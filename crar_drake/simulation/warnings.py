@@ -1,0 +1,100 @@
+"""What a run can be told to its user that is no mistake, but perhaps not meant."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+
+from crar_drake.motion.report import MotionReport
+from crar_drake.robot.description import find_joint
+from crar_drake.robot.model import LIMIT_TOLERANCE, ControlModel
+from crar_drake.simulation.diagram import Setup
+from crar_drake.simulation.scenario import Scenario
+from crar_drake.simulation.visuals import models_without_visuals
+
+_MOST = 2  # findings and joints that a line names
+
+
+def run_warnings(
+    scenario: Scenario,
+    setup: Setup,
+    report: MotionReport | None,
+    *,
+    recorded: bool,
+) -> list[str]:
+    """Lines to show beside a run's figures, most often none.
+
+    Args:
+        scenario: that is run.
+        setup: of the scenario.
+        report: of its motion; None with keyframes.
+        recorded: whether there is a recording.
+    """
+    lines = [*_of_the_motion(scenario, report), *_of_the_duration(scenario, setup)]
+    lines += _of_the_rest_posture(scenario, setup)
+    if recorded:
+        model = setup.model
+        for name in models_without_visuals(
+            model.plant, model.scene_graph.model_inspector()
+        ):
+            lines.append(
+                f"model {name} has no visual geometry: the recording draws its "
+                "collision shapes"
+            )
+    return lines
+
+
+def _of_the_motion(scenario: Scenario, report: MotionReport | None) -> Iterator[str]:
+    if report is None or report.looks_clean:
+        return
+    findings = report.findings
+    text = "; ".join(findings[:_MOST])
+    if len(findings) > _MOST:
+        text += f"; and {len(findings) - _MOST} more"
+    command = ["crar-drake", "motion", scenario.motion]
+    if scenario.skeleton:
+        command += ["--skeleton", scenario.skeleton]
+    if scenario.frame_rate is not None:
+        command += ["--frame-rate", f"{scenario.frame_rate:g}"]
+    plural = "s" if len(findings) > 1 else ""
+    yield f"motion: {len(findings)} finding{plural}: {text}; see {shlex.join(command)}"
+
+
+def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
+    end = setup.motion.duration
+    if scenario.duration is not None and scenario.duration > end + 1e-9:
+        what = "keyframes end" if scenario.keyframes else "motion ends"
+        yield (
+            f"duration: the {what} at {end:.2f} s; from there to "
+            f"{scenario.duration:g} s the targets stand still where they were"
+        )
+
+
+def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
+    model = setup.model
+    rest = model.rest_positions()[model.controlled]
+    start = setup.start_positions[model.controlled]
+    low, high = model.lower - LIMIT_TOLERANCE, model.upper + LIMIT_TOLERANCE
+    beyond = [i for i in range(model.n) if not low[i] <= rest[i] <= high[i]]
+    if not beyond:
+        return
+    named = []
+    for i in beyond[:_MOST]:
+        limit = model.lower[i] if rest[i] < low[i] else model.upper[i]
+        name = model.joint_names[i]
+        named.append(
+            f"{name} at {rest[i]:.3f} is beyond its limit {limit:.3f} {_unit(model, i)}"
+        )
+    more = f", and {len(beyond) - _MOST} more" if len(beyond) > _MOST else ""
+    if any(not low[i] <= start[i] <= high[i] for i in beyond):
+        then = "the run starts beyond, too"
+        if scenario.controller.constraints == "lookahead":
+            then += ", and the controller brings it back"
+    else:
+        then = "the start pose is within"
+    yield f"rest_posture: {', '.join(named)}{more}; {then}; correct robot.yaml"
+
+
+def _unit(model: ControlModel, index: int) -> str:
+    joint = find_joint(model.plant, model.joint_names[index])
+    return "m" if joint.type_name() == "prismatic" else "rad"

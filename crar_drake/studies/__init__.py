@@ -1,0 +1,1 @@
+"""What users run on many motions: sweeps, and the paper's Section IV."""

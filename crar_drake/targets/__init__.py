@@ -1,0 +1,1 @@
+"""From a motion and a robot to the desired tasks, over time."""

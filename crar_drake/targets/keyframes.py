@@ -1,0 +1,82 @@
+"""Poses at given times, and the smooth way between them."""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from crar_drake.errors import ScenarioError
+from crar_drake.motion.quaternion_spline import QuaternionSpline
+
+
+@dataclass
+class Keyframe:
+    """Where a task's frame is to be at one time.
+
+    Attributes:
+        time: since the start [s].
+        xyz: position in the world [m].
+        rpy_deg: roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
+    """
+
+    time: float = 0.0
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    rpy_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+
+class KeyframeTrajectory:
+    """The way of one task through its keyframes.
+
+    Position and orientation are cubic splines, the latter through the keyframes'
+    quaternions, normalised: twice continuously differentiable and at rest at both
+    ends. Before the first and after the last keyframe the task stands still there.
+    From one keyframe to the next it turns the shorter way.
+    """
+
+    def __init__(self, name: str, keyframes: Sequence[Keyframe]) -> None:
+        """
+        Args:
+            name: of the task, for messages.
+            keyframes: at least two, in order of time.
+
+        Raises:
+            ScenarioError: too few keyframes, times that do not increase, or a
+                vector that is not of three finite numbers.
+        """
+        if len(keyframes) < 2:
+            raise ScenarioError(f"keyframes of task {name}: give at least two")
+        times = np.array([frame.time for frame in keyframes])
+        if not (np.diff(times) > 0.0).all() or not np.isfinite(times).all():
+            raise ScenarioError(
+                f"keyframes of task {name}: their times must increase: {times.tolist()}"
+            )
+        for frame in keyframes:
+            for key in ("xyz", "rpy_deg"):
+                value = getattr(frame, key)
+                if np.shape(value) != (3,) or not np.isfinite(value).all():
+                    raise ScenarioError(
+                        f"keyframes of task {name}, time {frame.time:g}: {key}: "
+                        f"{value} must be three finite numbers"
+                    )
+        self.start, self.end = float(times[0]), float(times[-1])
+        self._position = CubicSpline(
+            times, [frame.xyz for frame in keyframes], bc_type="clamped"
+        )
+        angles = [list(frame.rpy_deg) for frame in keyframes]
+        quaternions = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
+        self._orientation = QuaternionSpline(times, quaternions, bc_type="clamped")
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
+        moving = self.start <= time <= self.end
+        t = min(max(time, self.start), self.end)
+        if not moving:
+            return self._position(t), np.zeros(3), np.zeros(3)
+        return self._position(t), self._position(t, 1), self._position(t, 2)
+
+    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
+        return self._orientation(time)

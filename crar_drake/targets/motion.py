@@ -1,0 +1,269 @@
+"""From a motion's name to the trajectories that a robot is to follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.trajectories import BsplineTrajectory
+
+from crar_drake.errors import ScenarioError
+from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.conditioning import spline
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.hand_orientations import HANDS, hand_orientations
+from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
+from crar_drake.motion.quaternion_spline import QuaternionSpline
+from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
+from crar_drake.robot.description import find_frame
+from crar_drake.robot.model import ControlModel
+
+_WAIST_AXES = ("waist.x", "waist.y", "waist.z")
+
+
+class PointTrajectory:
+    """The way of a joint centre."""
+
+    def __init__(self, position: BsplineTrajectory) -> None:
+        """
+        Args:
+            position: p_WC, three rows, from time 0 [m].
+        """
+        self.end = position.end_time()
+        self._derivatives = [position.MakeDerivative(k) for k in range(3)]
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W.
+
+        After the end it stands still there.
+        """
+        p, v, a = (f.value(min(time, self.end)).ravel() for f in self._derivatives)
+        return (p, v, a) if time <= self.end else (p, np.zeros(3), np.zeros(3))
+
+
+class HandTrajectory:
+    """The way of a hand: turned as the performer's, ahead of the robot's wrist.
+
+    Its position is p_WH = p_WC + length x_H, with C the wrist and x_H the hand's first
+    axis, the one to the fingertips.
+    """
+
+    def __init__(
+        self, wrist: PointTrajectory, orientation: QuaternionSpline, length: float
+    ) -> None:
+        """
+        Args:
+            wrist: the way of C.
+            orientation: R_WH, as long as the wrist's way.
+            length: of the robot, from its wrist to its hand [m].
+        """
+        self.end = wrist.end
+        self._wrist, self._orientation, self._length = wrist, orientation, length
+
+    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
+        return self._orientation(time)
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
+        p, v, a = self._wrist.position(time)
+        R, omega, alpha = self._orientation(time)
+        arm = self._length * R[:, 0]
+        turning = np.cross(omega, arm)
+        return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
+
+
+@dataclass(frozen=True)
+class MotionTargets:
+    """Trajectories of one motion for one robot, over [0, duration].
+
+    Attributes:
+        tasks: positions p_WT of the tasks, three rows each, in their order [m]; with
+            tasks of hands, which may have orientations, the way of each by its name.
+        prescribed: positions of the prescribed joints; None if there are none.
+        duration: [s].
+        clip: the motion itself.
+    """
+
+    tasks: BsplineTrajectory | dict[str, PointTrajectory | HandTrajectory]
+    prescribed: BsplineTrajectory | None
+    duration: float  # [s]
+    clip: Clip
+
+
+def segment_lengths(model: ControlModel) -> SegmentLengths:
+    """The robot's own lengths, read off its task frames at zero joint angles.
+
+    The waist's height is that of the rest posture.
+
+    Raises:
+        ScenarioError: the description lacks a task frame that a motion needs.
+    """
+    frames = model.description.task_frames
+    missing = [name for name in JOINT_CENTRES if name not in frames]
+    if missing:
+        raise ScenarioError(
+            f"robot {model.description.name}: a motion needs the task_frames "
+            f"{', '.join(missing)}; add them to its robot.yaml"
+        )
+    plant = model.plant
+    context = model.MakeWorkspace().plant_context
+
+    def positions(q: np.ndarray) -> dict[str, np.ndarray]:
+        plant.SetPositions(context, q)
+        return {
+            name: find_frame(plant, frame).CalcPoseInWorld(context).translation()
+            for name, frame in frames.items()
+        }
+
+    waist_height = float(positions(model.rest_positions())["waist"][2])
+    p = positions(np.zeros(plant.num_positions()))
+
+    def length(a: str, b: str) -> float:
+        return float(np.linalg.norm(p[a] - p[b]))
+
+    return SegmentLengths(
+        waist_neck=length("waist", "neck"),
+        left_neck_shoulder=length("neck", "left_shoulder"),
+        left_shoulder_elbow=length("left_shoulder", "left_elbow"),
+        left_elbow_wrist=length("left_elbow", "left_wrist"),
+        right_neck_shoulder=length("neck", "right_shoulder"),
+        right_shoulder_elbow=length("right_shoulder", "right_elbow"),
+        right_elbow_wrist=length("right_elbow", "right_wrist"),
+        waist_height=waist_height,
+    )
+
+
+def load_motion_targets(
+    motion: str,
+    model: ControlModel,
+    *,
+    skeleton: str = "",
+    frame_rate: float | None = None,
+    cutoff: float = 6.0,
+) -> MotionTargets:
+    """Loads, filters and scales a motion to the robot's tasks.
+
+    Args:
+        motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
+        model: the robot, with position tasks of JOINT_CENTRES, and tasks of HANDS
+            of any kind.
+        skeleton: path of the .asf, where it is not beside the motion.
+        frame_rate: of the motion [Hz]; see `motion.catalogue.load_clip`.
+        cutoff: of the low-pass [Hz].
+
+    Raises:
+        MotionError: the motion cannot be found, read or scaled, or its skeleton
+            lacks hands that a task needs.
+        ScenarioError: a task is none that a motion can drive.
+    """
+    _check_tasks(model)
+    clip = load_clip(motion, skeleton or None, frame_rate=frame_rate)
+    centres = joint_centres(clip)
+    retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
+    prescribed = None
+    if model.n_p:
+        prescribed = _prescribed_trajectory(model, retargeted)
+    frames = [task.frame for task in model.tasks]
+    if any(frame in HANDS for frame in frames):
+        tasks = _task_ways(model, clip, retargeted, cutoff)
+    else:
+        tasks = retargeted.trajectory(frames)
+    return MotionTargets(tasks, prescribed, retargeted.duration, clip)
+
+
+def _check_tasks(model: ControlModel) -> None:
+    """Raises ScenarioError unless a motion gives what each task tracks."""
+    for task, name in zip(model.tasks, model.layout.names, strict=True):
+        if task.frame in HANDS:
+            if task.frame not in model.description.task_frames:
+                raise ScenarioError(
+                    f"task {name}: robot {model.description.name} has no task_frame "
+                    f"{task.frame}; to follow a motion's hand, add it to its "
+                    f"robot.yaml (import.yaml of an imported robot), x to the "
+                    f"fingertips and z to the thumb's side"
+                )
+        elif task.frame not in JOINT_CENTRES:
+            raise ScenarioError(
+                f"task {name}: a motion has no {task.frame}; it gives positions of "
+                f"{', '.join(JOINT_CENTRES)}, and position and orientation of "
+                f"{', '.join(HANDS)}; track one of these, or use keyframes"
+            )
+        elif task.kind != "position":
+            raise ScenarioError(
+                f"task {name}: a motion gives no orientation of {task.frame}, only "
+                f"of {', '.join(HANDS)}; track one of these, take kind position, or "
+                f"use keyframes"
+            )
+
+
+def _task_ways(
+    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+) -> dict[str, PointTrajectory | HandTrajectory]:
+    """The way of each task, by its name."""
+    quaternions = hand_orientations(clip).smooth(cutoff)
+
+    def way(frame: str) -> PointTrajectory | HandTrajectory:
+        if frame not in HANDS:
+            return PointTrajectory(retargeted.trajectory([frame]))
+        wrist = frame.replace("hand", "wrist")
+        return HandTrajectory(
+            PointTrajectory(retargeted.trajectory([wrist])),
+            QuaternionSpline(retargeted.time, quaternions[frame]),
+            _distance(model, wrist, frame),
+        )
+
+    names = model.layout.names
+    return {
+        name: way(task.frame) for name, task in zip(names, model.tasks, strict=True)
+    }
+
+
+def _distance(model: ControlModel, a: str, b: str) -> float:
+    """Between two task frames at zero joint angles [m]."""
+    plant, frames = model.plant, model.description.task_frames
+    context = model.MakeWorkspace().plant_context
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    p_a, p_b = (
+        find_frame(plant, frames[name]).CalcPoseInWorld(context).translation()
+        for name in (a, b)
+    )
+    return float(np.linalg.norm(p_b - p_a))
+
+
+def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory:
+    """Positions of the prescribed joints: the performer's heading, and each its share
+    of the waist's position, less where the waist is while these joints are at zero."""
+    sources = list(model.description.prescribed_joints.values())
+    rest = model.rest_positions()[model.prescribed]
+    positions = np.tile(rest, (retargeted.num_frames, 1))
+    for column, source in enumerate(sources):
+        if source == "waist.heading":
+            positions[:, column] = retargeted.heading
+    offset = _waist_offset(model, sources, positions)
+    for column, source in enumerate(sources):
+        if source in _WAIST_AXES:
+            axis = _WAIST_AXES.index(source)
+            waist = retargeted.positions["waist"][:, axis]
+            positions[:, column] = waist - offset[:, axis]
+    return spline(retargeted.time, positions)
+
+
+def _waist_offset(
+    model: ControlModel, sources: list[str], positions: np.ndarray
+) -> np.ndarray:
+    """(T, 3) where the waist is with all joints at zero but the heading [m]."""
+    plant = model.plant
+    context = model.MakeWorkspace().plant_context
+    waist = find_frame(plant, model.description.task_frames["waist"])
+    turning = [i for i, source in enumerate(sources) if source == "waist.heading"]
+    q = np.zeros(plant.num_positions())
+
+    def offset(heading: np.ndarray) -> np.ndarray:
+        q[model.prescribed[turning]] = heading
+        plant.SetPositions(context, q)
+        return waist.CalcPoseInWorld(context).translation()
+
+    if not turning:
+        return np.tile(offset(np.zeros(0)), (len(positions), 1))
+    return np.array([offset(row) for row in positions[:, turning]])

@@ -1,0 +1,102 @@
+"""A constraint-valid pose to start from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.collisions import (
+    collision_gradient,
+    collision_potential_slope,
+    collision_weights,
+    pair_weights,
+)
+from crar_drake.equations.composite_weight import composite_index, composite_weights
+from crar_drake.equations.joint_limits import (
+    joint_limit_weights,
+    limit_gradient,
+    limit_potential,
+)
+from crar_drake.equations.tasks import task_error
+from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
+from crar_drake.robot.model import ControlModel, ModelState
+
+_MARGIN_DISTANCE = 0.02  # [m] that the start keeps from a collision
+_MARGIN_LIMIT = 0.02  # [rad] that the start keeps from a joint limit
+_LARGEST_STEP = 0.1  # [rad] of one iteration
+_ITERATIONS = 300
+
+
+def solve_start_pose(
+    model: ControlModel, tasks: np.ndarray, prescribed: np.ndarray
+) -> np.ndarray:
+    """The pose that comes nearest to the targets from the rest posture.
+
+    Steps of Eq. (9) with the damped inverse of Eq. (34), each shortened until all
+    watched pairs and limits keep a margin (or, where the rest posture itself has
+    less, do not lose any). So the answer is valid if the rest posture is; where the
+    targets are not reachable without violation it stops short of them, and the
+    controller's blending covers the rest.
+
+    Args:
+        model: the robot and its tasks.
+        tasks: (layout.size,) [x_d; v_d; a_d] of the first instant.
+        prescribed: (n_p,) positions of the prescribed joints.
+
+    Returns:
+        (nq,) positions.
+    """
+    workspace = model.MakeWorkspace()
+    zero = np.zeros(model.plant.num_velocities())
+    desired = model.layout.unpack(tasks)
+    S = model.row_weights
+
+    def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
+        state = model.evaluate(workspace, q, zero)
+        error = task_error(model.layout.rows, state.R, state.p, desired.R, desired.p)
+        return state, S * error
+
+    q = model.rest_positions()
+    q[model.prescribed] = prescribed
+    state, error = at(q)
+    least_distance = np.minimum(state.d, _MARGIN_DISTANCE)
+    lower = np.minimum(model.lower + _MARGIN_LIMIT, state.q)
+    upper = np.maximum(model.upper - _MARGIN_LIMIT, state.q)
+    for _ in range(_ITERATIONS):
+        W = _weights(model, state)
+        for _ in range(2):
+            J_star = damped_inverse(S[:, None] * state.J, W, 0.05)
+            step = inverse_times(J_star, error)
+            # What a joint that is stopped cannot do, the others must.
+            W[(state.q <= lower) & (step < 0.0)] = 1e9
+            W[(state.q >= upper) & (step > 0.0)] = 1e9
+        step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
+        for share in (1.0, 0.5, 0.25, 0.1, 0.02):
+            trial = q.copy()
+            trial[model.controlled] = np.clip(state.q + share * step, lower, upper)
+            trial_state, trial_error = at(trial)
+            valid = (trial_state.d >= least_distance).all()
+            if valid and trial_error @ trial_error < error @ error:
+                break
+        else:
+            break  # no step helps: as near as constraints let it come
+        progress = np.abs(trial - q).max()
+        q, state, error = trial, trial_state, trial_error
+        if progress < 1e-6:
+            break
+    return q
+
+
+def _weights(model: ControlModel, state: ModelState) -> np.ndarray:
+    """Eq. (27) with every joint counted as approaching, and gentle decay."""
+    W_JL = joint_limit_weights(
+        limit_gradient(state.q, limit_potential(model.lower, model.upper)),
+        np.zeros(model.n),
+        np.zeros(model.n),
+    )
+    gradient = collision_gradient(
+        collision_potential_slope(state.d, 1e-3, 50.0, 2.0),
+        np.ascontiguousarray(state.dd_dq),
+    )
+    never = np.zeros(gradient.shape)
+    W_COL = collision_weights(pair_weights(gradient, np.abs(gradient), never))
+    return composite_weights(W_JL, W_COL, composite_index(len(model.pairs)))

@@ -1,0 +1,323 @@
+"""The problem and the judging of benchmarks/peers, without the peers."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from pydrake.geometry import Capsule, Sphere
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake.results.referee import Referee
+
+FILES = ("robot.urdf", "robot_mujoco.xml", "robot_pinocchio.urdf")
+
+
+@pytest.fixture(scope="module")
+def example() -> dict[str, ModuleType]:
+    """The modules of benchmarks.peers, by their names."""
+    names = (
+        "motions",
+        "robot_files",
+        "problem",
+        "driver",
+        "judge",
+        "tuning",
+        "report",
+        "peers",
+        "run_crar",
+    )
+    return {name: importlib.import_module(f"benchmarks.peers.{name}") for name in names}
+
+
+@pytest.fixture(scope="module")
+def folder(example, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("peers")
+    example["problem"].write_problem(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def judge(example, folder):
+    data = json.loads((folder / "problem.json").read_text())
+    return example["judge"].Judge(data["robot"], data["joints"], data["tasks"])
+
+
+def load(path: Path) -> tuple[MultibodyPlant, dict[str, list]]:
+    """A plant of a robot's file, and each link's shapes: (shape, X_BG)."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    Parser(plant).AddModels(str(path))
+    if plant.GetBodyByName("base") not in plant.GetBodiesWeldedTo(plant.world_body()):
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    inspector = scene_graph.model_inspector()
+    shapes = {
+        plant.get_body(index).name(): [
+            (inspector.GetShape(g), inspector.GetPoseInFrame(g))
+            for g in plant.GetCollisionGeometriesForBody(plant.get_body(index))
+        ]
+        for index in plant.GetBodyIndices(plant.GetModelInstanceByName("upper_body"))
+    }
+    return plant, shapes
+
+
+def axis_ends(shape, X_BG) -> np.ndarray:
+    """The ends of a capsule's axis in its link, in a fixed order, and its radius."""
+    half = shape.length() / 2.0 if not isinstance(shape, Sphere) else 0.0
+    ends = [X_BG.multiply(np.array([0.0, 0.0, z])) for z in (-half, half)]
+    ends = sorted(np.round(ends, 9).tolist())
+    return np.array([*ends[0], *ends[1], shape.radius()])
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_dialect_is_the_shipped_robot(name: str, folder: Path) -> None:
+    """Poses of all links, masses, limits and shapes against the shipped URDF."""
+    shipped = load_robot_description("upper_body")
+    reference = ControlModel.FromDescription(shipped, position_tasks(["left_wrist"]))
+    data = json.loads((folder / "problem.json").read_text())
+    plant, shapes = load(folder / name)
+    rng = np.random.default_rng(3)
+    context, wanted_context = plant.CreateDefaultContext(), None
+    wanted_context = reference.plant.CreateDefaultContext()
+    for _ in range(5):
+        q = rng.uniform(-1.0, 1.0, len(data["joints"]))
+        q_wanted = reference.rest_positions()
+        for joint, angle in zip(data["joints"], q, strict=True):
+            plant.GetJointByName(joint).set_angle(context, angle)
+            q_wanted[reference.position_names.index(joint)] = angle
+        reference.plant.SetPositions(wanted_context, q_wanted)
+        for link in {link for pair in data["pairs"] for link in pair} | set(
+            data["task_links"]
+        ):
+            X_WB = plant.GetBodyByName(link).EvalPoseInWorld(context)
+            X_WB_wanted = reference.plant.GetBodyByName(link).EvalPoseInWorld(
+                wanted_context
+            )
+            assert X_WB.IsNearlyEqualTo(X_WB_wanted, 1e-8), link
+    assert plant.CalcTotalMass(context) == pytest.approx(
+        reference.plant.CalcTotalMass(wanted_context), rel=1e-9
+    )
+    for joint, lower, upper in zip(
+        data["joints"], data["lower"], data["upper"], strict=True
+    ):
+        found = plant.GetJointByName(joint)
+        if lower is None:
+            assert found.position_lower_limits()[0] <= -100.0
+        else:
+            assert found.position_lower_limits()[0] == pytest.approx(lower)
+            assert found.position_upper_limits()[0] == pytest.approx(upper)
+    _, wanted_shapes = load(folder / "robot.urdf")
+    for link, own in shapes.items():
+        wanted = sorted(axis_ends(*one).tolist() for one in wanted_shapes[link])
+        found = sorted(axis_ends(*one).tolist() for one in own)
+        np.testing.assert_allclose(found, wanted, atol=1e-8, err_msg=link)
+
+
+def test_pinocchio_is_told_which_cylinders_are_capsules(folder: Path) -> None:
+    text = (folder / "robot_pinocchio.urdf").read_text()
+    _, shapes = load(folder / "robot.urdf")
+    capsules = sum(isinstance(s, Capsule) for own in shapes.values() for s, _ in own)
+    assert text.count("<cylinder ") == text.count("<capsule name=") == capsules
+    assert "drake:" not in text.replace("xmlns:drake", "")
+
+
+def test_the_motion_is_as_the_page_says(folder: Path, judge) -> None:
+    """Followed, it penetrates by about 10 cm, and starts where the cases say."""
+    shipped = load_robot_description("upper_body")
+    model = judge.model
+    referee = Referee(model.plant, model.scene_graph, shipped.pairs)
+    crossing = np.load(folder / "crossing.npz")
+    found = referee.violations(judge.whole(crossing["q_reference"][::10]))
+    assert -0.105 < found.smallest_distance < -0.095
+    assert np.degrees(found.largest_limit_excess) == pytest.approx(2.9, abs=0.1)
+    assert referee.distances(judge.whole(crossing["q_start"][None])[0]).min() > 0.05
+    inside = np.load(folder / "start_inside.npz")
+    start = referee.distances(judge.whole(inside["q_start"][None])[0])
+    assert start.min() == pytest.approx(-0.015, abs=1e-6)
+    held = np.load(folder / "target_inside.npz")
+    end = referee.distances(judge.whole(held["q_reference"][-1:])[0])
+    assert end.min() < -0.05
+    for case in (crossing, inside, held):
+        assert not case["v"][0].any() and not case["a"][0].any()
+
+
+def test_targets_belong_to_the_reference(folder: Path, judge) -> None:
+    """p is where the shipped robot has its points; v and a are its derivatives."""
+    data = np.load(folder / "crossing.npz")
+    p, v, a, step = data["p"], data["v"], data["a"], data["time"][1]
+    every = slice(None, None, 250)
+    np.testing.assert_allclose(
+        judge.points(data["q_reference"][every]), p[every], atol=1e-8
+    )
+    difference = (p[2:] - p[:-2]) / (2.0 * step)
+    np.testing.assert_allclose(difference, v[1:-1], atol=1e-4)
+    difference = (v[2:] - v[:-2]) / (2.0 * step)
+    # The third derivative jumps where a smooth step begins and ends.
+    assert np.median(np.abs(difference - a[1:-1])) < 1e-4
+    np.testing.assert_allclose(difference, a[1:-1], atol=0.02)
+
+
+class Still:
+    """A controller that does not answer, or answers 0."""
+
+    commands = "velocity"
+
+    def __init__(self, no_answer: type[Exception] | None) -> None:
+        self.no_answer = no_answer
+
+    def reset(self, q: np.ndarray) -> None:
+        pass
+
+    def solve(self, q, v, targets) -> np.ndarray:
+        if self.no_answer:
+            raise self.no_answer
+        return np.zeros_like(q)
+
+
+def test_failed_and_frozen_steps_are_counted(example, folder, judge) -> None:
+    """A robot that stays has the error of its targets' way, in closed form."""
+    driver, case = example["driver"], folder / "crossing.npz"
+    frozen = driver.run(Still(None), case, 0.005, 1.5)
+    failed = driver.run(Still(driver.NoAnswer), case, 0.005, 1.5)
+    data = np.load(case)
+    p = data["p"][:1501:5]
+    speed = np.linalg.norm(np.diff(p, axis=0), axis=2).max(axis=1) / 0.005
+    found = judge.figures(frozen)
+    assert found.frozen == np.sum(speed > 0.05) > 100
+    assert found.failed == 0
+    assert found.error == pytest.approx(
+        np.sqrt(np.mean(np.sum((p - p[0]) ** 2, axis=2))), abs=1e-8
+    )
+    assert found.rms_acceleration == 0.0 and not found.holds
+    found = judge.figures(failed)
+    assert (found.failed, found.frozen) == (300, 0) and not found.holds
+
+
+def test_judging_a_motion_in_closed_form(example, judge) -> None:
+    """One joint, moved by a cosine past its limit; everything else at rest."""
+    joints = [judge.model.position_names[c] for c in judge._columns]
+    elbow = joints.index("left_elbow")
+    time = 0.005 * np.arange(201)
+    q = np.tile(judge._rest[judge._columns], (len(time), 1))
+    start = q[0, elbow]
+    upper = judge._referee.upper[judge._columns[elbow]]
+    top = upper + 0.01
+    q[:, elbow] = start + (top - start) * (1.0 - np.cos(np.pi * time)) / 2.0
+    v = np.vstack([np.zeros(len(joints)), np.diff(q, axis=0) / 0.005])
+    result = {
+        "time": time,
+        "q": q,
+        "v": v,
+        "p": judge.points(q),
+        "no_answer": np.zeros(200, dtype=bool),
+    }
+    found = judge.figures(result)
+    assert found.error < 1e-12 and found.penetrating == 0.0
+    assert found.limit_excess == pytest.approx(0.01)
+    assert found.beyond_limit == np.mean(q[:, elbow] > upper + 1e-6) > 0.0
+    amplitude = (top - start) / 2.0 * np.pi**2
+    assert found.peak_acceleration == pytest.approx(amplitude, rel=1e-2)
+    assert found.rms_acceleration == pytest.approx(
+        amplitude / np.sqrt(2.0 * len(joints)), rel=1e-2
+    )
+
+
+def test_penetration_at_the_start(judge, folder: Path) -> None:
+    """The time of leaving is that of the first sample after the last inside."""
+    case = np.load(folder / "start_inside.npz")
+    apart = np.load(folder / "crossing.npz")["q_start"]
+    q = np.vstack([np.tile(case["q_start"], (7, 1)), np.tile(apart, (4, 1))])
+    found = judge.figures(
+        {
+            "time": 0.005 * np.arange(11),
+            "q": q,
+            "v": np.zeros_like(q),
+            "p": judge.points(q),
+            "no_answer": np.zeros(10, dtype=bool),
+        }
+    )
+    assert found.clear_at == pytest.approx(0.035)
+    assert found.penetrating == pytest.approx(7 / 11)
+    assert found.smallest_distance == pytest.approx(-0.015, abs=1e-6)
+
+
+def test_the_rule_of_choice(example) -> None:
+    Figures, best = example["judge"].Figures, example["tuning"].best
+
+    def run(error: float, acceleration: float, penetrating: float = 0.0, clear=0.0):
+        return Figures(
+            -1.0, penetrating, 0.0, 0.0, 0, 0, error, acceleration, 0.0, clear
+        )
+
+    # The least error penetrates; of the rest, within 3 %, the calmest.
+    runs = [run(1.0, 1.0, 0.1), run(2.0, 90.0), run(2.05, 50.0), run(2.1, 10.0)]
+    assert best(runs, "crossing") == 2
+    assert best(runs, "crossing", 60.0) == 2 and best(runs, "crossing", 20.0) == 3
+    assert best(runs, "crossing", 5.0) == 2  # none is that calm: the rule without it
+    # Where all penetrate: the least of it.
+    assert best([run(1.0, 1.0, 0.3), run(9.0, 1.0, 0.2)], "crossing") == 1
+    # A start inside is no violation, if it is left in time.
+    runs = [run(1.0, 1.0, 0.2, np.inf), run(2.0, 1.0, 0.1, 0.2)]
+    assert best(runs, "start_inside") == 1
+
+
+def test_the_page_shows_weak_rows_as_plainly(example) -> None:
+    """Failures, penetration and limits are in the cells, in the units of the header."""
+    report, Figures = example["report"], example["judge"].Figures
+    bad = Figures(-0.0123, 0.25, 0.004, 0.02, 3, 7, 0.0155, 30.06, 1234.4, np.inf)
+    rows = [
+        report.Row("some peer", True, case, {"gain": 1.5}, {"p": "1"}, bad, 1e-3, 2e-3)
+        for case in example["problem"].CASES
+    ]
+    one = {"error": 0.015, "acceleration": 30.0}
+    kept = {"tried": 4, "held": 1, "least_error": one, "least_acceleration": None}
+    text = report.page(rows, {"some peer": {"crossing": kept}})
+    assert "{{" not in text
+    cells = (
+        "1.00 (2.00) ms | -12.3 mm | 25 % | <1 %, 1.15° | 3, 7 | 15.5 mm | "
+        "30.1 (1234) rad/s²"
+    )
+    assert cells in text and cells.replace("25 %", "25 %, never out") in text
+    assert "| some peer | 4 | 1 | 15.0 mm, 30.0 rad/s² | – |" in text
+    assert text.count('`{"gain": 1.5}`') == 1
+    assert [table.row_count for table in report.tables(rows)] == [1, 1, 1]
+
+
+@pytest.mark.slow
+def test_the_lookahead_end_to_end(example, folder: Path, judge, tmp_path) -> None:
+    """The driver of this project, kinematic and as torque, on a short stretch."""
+    run_crar = example["run_crar"]
+    problem = example["driver"].Problem(folder)
+    errors = []
+    for settings in ({}, {"torque": True}):
+        controller = run_crar.Crar(problem, 0.005, settings)
+        result = controller.record(folder / "crossing.npz", 0.005, 1.8)
+        found = judge.figures(result)
+        assert found.holds and found.smallest_distance > 0.0
+        assert result["q"].shape == (361, 11)
+        errors.append(found.error)
+    # Torque does what the accelerations say.
+    assert errors[0] == pytest.approx(errors[1], rel=0.05)
+
+
+def test_settings_and_pins_are_complete(example) -> None:
+    """Every peer has tuned settings of its own grid, and pinned packages."""
+    peers = example["peers"]
+    settings = example["tuning"].load_settings()
+    for peer in (*peers.PEERS, peers.OURS):
+        assert importlib.util.find_spec(f"benchmarks.peers.{peer.driver}")
+        assert peer.environment in peers.ENVIRONMENTS
+        for case, chosen in settings[peer.name].items():
+            assert case in example["problem"].CASES
+            assert chosen["settings"] in peer.grid, (peer.name, case)
+            assert chosen["tried"] == len(peer.grid)
+    for requirements in peers.ENVIRONMENTS.values():
+        assert all("==" in requirement for requirement in requirements)

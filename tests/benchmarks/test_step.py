@@ -1,0 +1,387 @@
+"""The bench measures what it says; how fast that is, no test asks."""
+
+import json
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from benchmarks.step import (
+    MEASUREMENTS,
+    MODES,
+    BenchSettings,
+    find_targets,
+    fit_growth,
+    run_bench,
+)
+from benchmarks.step_report import (
+    HEADING,
+    markdown,
+    plot_bench,
+    sections,
+    write_page,
+)
+from benchmarks.step_robots import FAR, PERIOD, make_robot, make_samples
+from benchmarks.step_subjects import (
+    OVERHEAD,
+    PARTS,
+    Bound,
+    Step,
+    StepInParts,
+    record_distance_calls,
+    samples_of_run,
+)
+from benchmarks.step_timing import (
+    Stopwatch,
+    Subject,
+    replaced,
+    time_side_by_side,
+)
+from crar_drake import cli
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.results.referee import Referee
+from crar_drake.run import run_scenario
+from crar_drake.simulation.scenario import Scenario
+
+SHORT = BenchSettings(
+    duration=0.06,
+    repeats=1,
+    scaling_steps=3,
+    experiments=("wrists",),
+    scaling={
+        "pairs": [(7, 1, 5, 0), (7, 1, 9, 0)],
+        "joints": [(7, 1, 5, 0), (8, 1, 5, 0)],
+    },
+)
+
+
+@pytest.fixture(scope="module")
+def result() -> dict:
+    return run_bench(SHORT)
+
+
+@pytest.fixture(scope="module", params=MODES)
+def short_run(request):
+    """A run of a few steps: its controller's parameters, model and samples."""
+    parameters = CrarParameters(constraints=request.param, blend_time=0.01)
+    scenario = Scenario(
+        motion="dance", experiment="wrists", controller=parameters, duration=0.03
+    )
+    run = run_scenario(scenario, record=False)
+    return parameters, run, samples_of_run(run)
+
+
+# --- the step ---------------------------------------------------------------------
+
+
+def test_the_timed_steps_are_those_of_the_simulation(short_run):
+    parameters, run, samples = short_run
+    step = Step(run.setup.model, parameters, samples)
+    for _ in range(2):
+        for k in range(len(samples)):
+            step.prepare(k)
+            step()
+            np.testing.assert_array_equal(step.torque, run.log.actuation[k])
+        step.restart()
+
+
+def test_steps_are_taken_in_their_order(short_run):
+    parameters, run, samples = short_run
+    step = Step(run.setup.model, parameters, samples)
+    step.prepare(0)
+    with pytest.raises(ValueError, match="step 2 does not follow on step 0"):
+        step.prepare(2)
+
+
+def test_a_step_in_parts_computes_the_same_and_calls_every_part(short_run):
+    parameters, run, samples = short_run
+    model = run.setup.model
+    step = StepInParts(model, parameters, samples)
+    step.begin()
+    for k in range(len(samples)):
+        step.prepare(k)
+        step()
+        np.testing.assert_array_equal(step.torque, run.log.actuation[k])
+    step.end()
+    for part in PARTS:
+        assert (step.calls[part] >= 1).all(), part
+        assert (step.own[part] > 0.0).mean() > 0.9, part
+    # All is as it was: nothing of the model is wrapped any more.
+    assert (
+        not {"evaluate", "evaluate_with_ahead", "inverse_dynamics"} & vars(model).keys()
+    )
+    assert "proximity" not in vars(model.pairs)
+
+
+def test_the_bound_evaluates_the_distances_of_the_step(short_run):
+    """The replayed calls give the distances that the simulation logged, and as many
+    configurations as the mode looks at."""
+    parameters, run, samples = short_run
+    model = run.setup.model
+    recorded = record_distance_calls(model, parameters, samples)
+    configurations = 2 if parameters.constraints == "lookahead" else 1
+    for k, calls in enumerate(recorded):
+        answers = [function(*args, **options) for function, args, options in calls]
+        near, gradient = answers
+        assert len(near.d) == len(gradient) == configurations
+        np.testing.assert_allclose(
+            near.d[0], run.log.signed_distances[k], rtol=1e-12, atol=1e-12
+        )
+        assert gradient.shape[1:] == (len(model.pairs), model.n + model.n_p)
+
+
+def test_the_bound_visits_every_moving_link_once(short_run):
+    parameters, run, samples = short_run
+    model = run.setup.model
+    bound = Bound(model, parameters, samples)
+    plant = model.plant
+    moving = {
+        min(int(b.index()) for b in plant.GetBodiesWeldedTo(body))
+        for body in model.pairs.bodies
+        if not plant.IsAnchored(body)
+    }
+    assert bound.num_links == len(moving)  # the wrists are on links that are watched
+    bound.prepare(3)
+    bound()
+    context = bound._workspace.plant_context
+    np.testing.assert_array_equal(plant.GetPositions(context), samples.q[3])
+
+
+# --- timing -----------------------------------------------------------------------
+
+
+class Sleep(Subject):
+    def __init__(self, seconds: float) -> None:
+        self.seconds, self.prepared = seconds, []
+
+    def prepare(self, k: int) -> None:
+        self.prepared.append(k)
+
+    def __call__(self) -> None:
+        time.sleep(self.seconds)
+
+
+def test_wall_time_counts_waiting_and_processor_time_does_not():
+    subjects = {"short": Sleep(1e-3), "long": Sleep(4e-3)}
+    timings = time_side_by_side(subjects, 6, block=3)
+    assert subjects["long"].prepared == [0, 1, 2, 3, 4, 5]
+    assert timings["long"].kept.tolist() == [False, True, True, False, True, True]
+    figures = timings["long"].figures()
+    assert 4e-3 <= figures["median"] <= figures["p99"]
+    assert figures["cpu_median"] < 2e-3
+    assert timings["short"].wall.min() >= 1e-3
+    assert time_side_by_side(subjects, 2, block=1)["long"].kept.all()
+
+
+def test_a_stopwatch_tells_a_function_from_those_that_it_calls():
+    watch = Stopwatch()
+    inner = watch.timed("inner", lambda: time.sleep(4e-3))
+
+    def outer() -> None:
+        inner()
+        time.sleep(1e-3)
+        inner()
+
+    watch.timed("outer", outer)()
+    assert watch.calls == {"inner": 2, "outer": 1}
+    assert watch.own["inner"] >= 8e-3
+    assert 1e-3 <= watch.own["outer"] < watch.own["inner"]
+
+
+def test_replaced_functions_come_back_after_an_error():
+    class Owner:
+        def method(self):
+            return "method"
+
+    owner = Owner()
+    owner.own = lambda: "own"
+    before = vars(owner).copy()
+    with (
+        pytest.raises(KeyError),
+        replaced([(owner, "method", lambda f: lambda: f() * 2)]),
+    ):
+        assert owner.method() == "methodmethod"
+        raise KeyError
+    with replaced([(owner, "own", lambda f: lambda: f() * 2)]):
+        assert owner.own() == "ownown"
+    assert vars(owner) == before
+
+
+# --- robots that are made up ------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "joints, tasks, near, far",
+    [(7, 2, 5, 0), (14, 2, 200, 0), (14, 1, 10, 190), (60, 20, 30, 0)],
+)
+def test_robots_have_the_numbers_asked_for(joints, tasks, near, far):
+    model = make_robot(joints, tasks, near, far)
+    assert (model.n, model.n_p) == (joints, 0)
+    assert model.m == 3 * tasks
+    assert len(model.pairs) == len(set(model.pairs.names)) == near + far
+
+
+def test_far_pairs_are_beyond_the_influence_distance_and_near_ones_within():
+    model = make_robot(14, 2, 200, 190)
+    parameters = CrarParameters(period=PERIOD, blend_time=0.0)
+    samples = make_samples(model, parameters, 40)
+    assert np.abs(samples.v).max() > 0.1
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    influence = parameters.lookahead.influence_distance
+    for q, v in zip(samples.q[::8], samples.v[::8], strict=True):
+        resting = q + parameters.braking_horizon * v
+        for d in (referee.distances(q), referee.distances(resting)):
+            assert 0.0 < d[:200].min() and d[:200].max() < influence
+            assert d[200:].min() > FAR > influence
+
+
+def test_a_smaller_robot_watches_a_part_of_the_pairs_of_a_larger():
+    small, large = make_robot(14, 2, 20), make_robot(14, 2, 200)
+    assert small.pairs.names == large.pairs.names[:20]
+
+
+def test_robots_that_cannot_be_made():
+    with pytest.raises(ValueError, match="8 tasks need as many links, not 7"):
+        make_robot(7, 8, 5)
+    with pytest.raises(ValueError, match="7 links have 105 pairs, not 106"):
+        make_robot(7, 1, 106)
+
+
+def test_growth_of_a_power_law():
+    sizes = [1.0, 10.0, 100.0]
+    grown = fit_growth(sizes, [3e-6 * s**1.5 for s in sizes])
+    assert grown["exponent"] == pytest.approx(1.5)
+    assert grown["last_exponent"] == pytest.approx(1.5)
+    line = fit_growth([0, 10, 30], [5e-6, 6e-6, 8e-6])
+    assert line["per_unit"] == pytest.approx(1e-7)
+    assert line["last_over_first"] == pytest.approx(1.6)
+
+
+# --- the results ------------------------------------------------------------------
+
+
+def test_the_result_has_every_case(result):
+    assert {(e["experiment"], e["constraints"]) for e in result["step"]} == {
+        ("wrists", mode) for mode in MODES
+    }
+    for e in result["step"]:
+        assert (e["joints"], e["task_rows"], e["pairs"]) == (11, 6, 30)
+        assert e["steps"] == 61
+        for order in ("in_a_row", "by_turns"):
+            step, bound = e[order]["step"], e[order]["bound"]
+            for figures in (step, bound):
+                assert 0.0 < figures["median"] <= figures["p99"]
+                assert 0.0 < figures["cpu_median"] <= figures["cpu_p99"]
+            assert e[order]["ratio"] == step["median"] / bound["median"]
+    cases = [(e["constraints"], e["recording"]) for e in result["simulation"]]
+    assert sorted(cases) == [(m, r) for m in sorted(MODES) for r in (False, True)]
+    for e in result["simulation"]:
+        assert len(e["wall"]) == 1
+        assert e["real_time_factor"] == pytest.approx(0.06 / e["wall"][0])
+    assert [(e["quantity"], e["sizes"]) for e in result["scaling"][::2]] == [
+        ("pairs", [5, 9]),
+        ("joints", [7, 8]),
+    ]
+    json.dumps(result)
+
+
+def test_the_parts_are_the_whole_step(result):
+    for e in result["step"]:
+        assert list(e["parts"]) == [*PARTS, OVERHEAD]
+        assert sum(e["parts"].values()) == pytest.approx(
+            e["in_a_row"]["step"]["median"]
+        )
+        assert all(e["parts"][part] > 0.0 for part in PARTS)
+
+
+def test_the_worst_case_decides_on_a_target():
+    case = {"experiment": "wrists", "constraints": "paper"}
+    figures = {"median": 1.0, "p99": 1.5, "cpu_median": 1.0, "cpu_p99": 3.0}
+
+    def step(ratio: float) -> dict:
+        timed = {"step": figures, "bound": figures, "ratio": ratio}
+        return case | {"in_a_row": timed, "by_turns": timed | {"ratio": 1.0}}
+
+    simulated = [
+        case | {"recording": r, "real_time_factor": f, "cpu_factor": f}
+        for r, f in ((False, 1.0), (True, 2.5), (True, 2.1))
+    ]
+    targets = find_targets(
+        {"step": [step(1.7), step(1.2)], "simulation": simulated, "scaling": []}
+    )
+    assert [(t["target"], t["value"], t["reached"]) for t in targets] == [
+        ("paper: step over bound, in a row", 1.7, False),
+        ("paper: step over bound, by turns", 1.0, True),
+        ("step: 99th percentile over median, wall clock", 1.5, True),
+        ("step: 99th percentile over median, processor time", 3.0, False),
+        ("simulation: real-time factor with recording, wall clock", 2.1, True),
+        ("simulation: real-time factor with recording, processor time", 2.1, True),
+    ]
+
+
+def test_tables_and_plot(result, tmp_path):
+    for _, header, rows in sections(result):
+        assert rows and all(len(row) == len(header) for row in rows)
+    plot_bench(result, tmp_path / "bench.png")
+    assert matplotlib.image.imread(tmp_path / "bench.png").std() > 0.05
+    # Of a run that measured nothing, too.
+    nothing = run_bench(BenchSettings(measurements=()))
+    plot_bench(nothing, tmp_path / "nothing.png")
+    assert nothing["targets"] == []
+
+
+def test_a_page_keeps_its_text_and_gets_new_tables(result, tmp_path):
+    page = tmp_path / "speed.md"
+    page.write_text(f"# Speed\n\ntext\n\n{HEADING}\n\nold\n")
+    write_page(result, page)
+    assert page.read_text() == "# Speed\n\ntext\n\n" + markdown(result)
+    write_page(result, tmp_path / "new.md")
+    assert (tmp_path / "new.md").read_text() == markdown(result)
+
+
+def test_a_page_without_a_place_for_tables_is_refused_at_once(tmp_path, capsys):
+    page = tmp_path / "speed.md"
+    page.write_text("# Speed\n")
+    argv = ["bench", "--markdown", str(page), "--out", str(tmp_path / "out")]
+    assert cli.main(argv) == 2
+    error = capsys.readouterr().err
+    assert "measuring" not in error
+    assert "speed.md: it has no line '## One run'" in error
+    assert page.read_text() == "# Speed\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_command(tmp_path, monkeypatch, capsys):
+    """What the options become, and what is written."""
+    seen = []
+
+    def short(settings, progress):
+        seen.append(settings)
+        progress("something")
+        return run_bench(BenchSettings(measurements=()))
+
+    monkeypatch.setattr("benchmarks.step.run_bench", short)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "2")
+    argv = ["bench", "--quick", "--only", "scaling,step", "--motion", "boxing"]
+    argv += ["--out", str(tmp_path / "b"), "--markdown", str(tmp_path / "page.md")]
+    assert cli.main(argv) == 0
+    assert seen[0].measurements == ("scaling", "step")
+    assert (seen[0].motion, seen[0].repeats) == ("boxing", 1)
+    out = capsys.readouterr()
+    assert out.err == "measuring: something\n"
+    written = json.loads((tmp_path / "b/bench.json").read_text())
+    assert written["machine"]["threads"] == "1"
+    assert (tmp_path / "b/bench.png").is_file()
+    assert (tmp_path / "page.md").is_file()
+    assert cli.MEASUREMENTS == MEASUREMENTS
+
+
+def test_a_mistyped_measurement_or_motion(tmp_path, capsys):
+    assert cli.main(["bench", "--only", "steps", "--out", str(tmp_path)]) == 2
+    assert "did you mean step?" in capsys.readouterr().err
+    argv = ["bench", "--only", "step", "--motion", "danse", "--out", str(tmp_path)]
+    assert cli.main(argv) == 2
+    assert "dance" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,796 @@
+"""The control law by itself: theory, weights, posture, prescribed joints, extremes."""
+
+import re
+
+import numpy as np
+import pytest
+from pydrake.multibody.tree import MultibodyForces
+from scipy.spatial.transform import Rotation
+from small_robots import chain_urdf, free_of_constraints, make_model, random_state
+
+from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.resolved_acceleration import error_dynamics_residual
+from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+
+LEVELS = ("velocity", "acceleration")
+BENT = np.array([0.5, 0.7, -0.9, 0.6])  # a pose of four joints without singularity
+
+
+@pytest.fixture(scope="module")
+def planar() -> ControlModel:
+    """Four joints in a plane; the tip's three rows have rank two."""
+    return make_model(chain_urdf("zzzz"))
+
+
+@pytest.fixture(scope="module")
+def spatial() -> ControlModel:
+    """Five joints in space, tip position: two degrees of redundancy, full rank."""
+    return make_model(chain_urdf("zyzyz"))
+
+
+@pytest.fixture(scope="module")
+def on_rail() -> ControlModel:
+    """Four joints on a prescribed rail."""
+    return make_model(chain_urdf("zyzy", rail="y"), prescribed_joints={"rail": "hold"})
+
+
+def circle(model: ControlModel, centre, t: float, radius=0.08, rate=2.0) -> np.ndarray:
+    """[x_d; v_d; a_d] of one position task on a circle in a tilted plane."""
+    u, w = np.array([0.8, 0.0, 0.6]), np.array([0.0, 1.0, 0.0])
+    c, s = np.cos(rate * t), np.sin(rate * t)
+    return model.layout.pack(
+        np.empty((0, 3, 3)),
+        [centre + radius * (c * u + s * w)],
+        radius * rate * (-s * u + c * w),
+        radius * rate**2 * (-c * u - s * w),
+    )
+
+
+def hold(model: ControlModel, p, R=None) -> np.ndarray:
+    """Targets at rest."""
+    return model.layout.pack(np.empty((0, 3, 3)) if R is None else R, p)
+
+
+def integrate(law: ControlLaw, q, v, targets, duration: float, prescribed=None):
+    """Follows the accelerations, exactly for each period: time, q, v, solutions."""
+    T = law.parameters.period
+    times, qs, vs, solutions = [], [], [], []
+    for k in range(round(duration / T)):
+        t = k * T
+        p = None if prescribed is None else prescribed(t)
+        solution = law.step(q, v, targets(t), p)
+        times.append(t)
+        qs.append(q)
+        vs.append(v)
+        solutions.append(solution)
+        q = q + T * v + 0.5 * T**2 * solution.acceleration
+        v = v + T * solution.acceleration
+    return np.array(times), np.array(qs), np.array(vs), solutions
+
+
+def at(model: ControlModel, q, v=None):
+    """The model's state, in a workspace of its own."""
+    return model.evaluate(
+        model.MakeWorkspace(), q, np.zeros_like(q) if v is None else v
+    )
+
+
+def test_first_acceleration_is_the_printed_one(spatial):
+    """Eqs. (9), (14), (15), (30), (31), (33) with the undamped inverse, W = I."""
+    q, v = random_state(spatial, 3)
+    gains = free_of_constraints(Kp=200.0, Kv=25.0, K=20.0, Gv=15.0, GvN=10.0)
+    target = circle(spatial, np.array([0.8, 0.3, 0.2]), 0.4)
+    solution = ControlLaw(spatial, gains).step(q, v, target)
+    state = at(spatial, q, v)
+    p_d, v_d, a_d = target.reshape(3, 3)
+    e = p_d - state.p[0]
+    J_plus = np.linalg.pinv(state.J)
+    qdot_c = J_plus @ (v_d + 20.0 * e)
+    a_r = a_d + 25.0 * (v_d - state.J @ v) + 200.0 * e
+    alpha = J_plus @ (a_r - state.Jdot_qdot)
+    alpha += (np.eye(5) - J_plus @ state.J) @ (10.0 * (qdot_c - v))
+    expected = alpha + 15.0 * (qdot_c - v)
+    np.testing.assert_allclose(solution.acceleration, expected, rtol=1e-6)
+    np.testing.assert_allclose(solution.constrained_velocity, qdot_c, rtol=1e-6)
+    np.testing.assert_allclose(solution.task_error, e, atol=1e-14)
+    np.testing.assert_array_equal(solution.constraint_weights, np.ones(5))
+
+
+def test_paper_weights_enter_the_inverse(spatial):
+    """Eq. (15) with the weights that the solution reports."""
+    model = make_model(
+        chain_urdf("zyzyz", limits=(-1.2, 1.1)), pairs=[["l3", "post"], ["l4", "post"]]
+    )
+    q, v = random_state(model, 4)
+    gains = CrarParameters(constraints="paper", blend_time=0.0, damping=1e-6)
+    target = circle(model, np.array([0.8, 0.3, 0.2]), 0.4)
+    solution = ControlLaw(model, gains).step(q, v, target)
+    W = solution.constraint_weights
+    assert W.min() >= 1.0 and np.ptp(W) > 1e-3
+    state = at(model, q, v)
+    p_d, v_d, _ = target.reshape(3, 3)
+    expected = weighted_pseudo_inverse(state.J, W) @ (v_d + 30.0 * (p_d - state.p[0]))
+    np.testing.assert_allclose(solution.constrained_velocity, expected, rtol=1e-6)
+
+
+def inertia_by_inverse_dynamics(model: ControlModel, q: np.ndarray) -> np.ndarray:
+    """H, column by column: the torque of a unit acceleration at rest, less gravity."""
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    forces = MultibodyForces(plant)
+    columns = np.vstack([np.zeros(len(q)), np.eye(len(q))])
+    tau = [plant.CalcInverseDynamics(context, vdot, forces) for vdot in columns]
+    H = (np.array(tau[1:]) - tau[0]).T
+    return H[np.ix_(model.controlled, model.controlled)]
+
+
+def test_inertia_metric_has_the_least_kinetic_energy(on_rail):
+    """Of all q_dot that do the task (Karush-Kuhn-Tucker), and H is the robot's own."""
+    q, v = random_state(on_rail, 5)
+    state, H = at(on_rail, q, v), inertia_by_inverse_dynamics(on_rail, q)
+    workspace = on_rail.MakeWorkspace()
+    on_rail.evaluate(workspace, q, v)
+    np.testing.assert_allclose(on_rail.inertia_matrix(workspace), H, atol=1e-12)
+
+    target = circle(on_rail, np.array([0.8, 0.3, 0.2]), 0.4)
+    prescribed = np.concatenate([q[on_rail.prescribed], [0.0, 0.0]])
+    gains = free_of_constraints(metric="inertia")
+    solution = ControlLaw(on_rail, gains).step(q, v, target, prescribed)
+    p_d, v_d, _ = target.reshape(3, 3)
+    v_r = v_d + gains.K * (p_d - state.p[0]) - state.J_p @ state.qdot_p
+    system = np.block([[H, state.J.T], [state.J, np.zeros((3, 3))]])
+    least = np.linalg.solve(system, np.concatenate([np.zeros(4), v_r]))[:4]
+    np.testing.assert_allclose(solution.constrained_velocity, least, rtol=1e-5)
+    plain = ControlLaw(on_rail, free_of_constraints()).step(q, v, target, prescribed)
+    qdot = plain.constrained_velocity
+    assert least @ H @ least < 0.99 * qdot @ H @ qdot
+
+
+def test_adaptive_gain_is_far_or_near_with_the_constraints():
+    """Far from all limits it is Gv; where every joint is at its limit, Gv_near."""
+    model = make_model(chain_urdf("zyzyz", limits=(-1e4, 1e4)))
+    q, v = random_state(model, 4)
+    target = circle(model, np.array([0.8, 0.3, 0.2]), 0.4)
+
+    def acceleration(model, **gains):
+        law = ControlLaw(
+            model, CrarParameters(constraints="paper", blend_time=0.0, **gains)
+        )
+        return law.step(q, v, target).acceleration
+
+    adaptive = acceleration(model, Gv=10.0, Gv_near=80.0)
+    np.testing.assert_allclose(adaptive, acceleration(model, Gv=10.0), rtol=1e-3)
+    assert np.abs(adaptive - acceleration(model, Gv=80.0)).max() > 1.0
+
+    limits = (q.min() - 1e-3, q.max() + 1e-3)
+    narrow = make_model(chain_urdf("zyzyz", limits=limits))
+    narrow.lower, narrow.upper = q - 2e-3, q + 1e-3
+    adaptive = acceleration(narrow, Gv=10.0, Gv_near=80.0)
+    np.testing.assert_allclose(adaptive, acceleration(narrow, Gv=80.0), rtol=1e-2)
+    # The null-space gain goes along unless it is given.
+    fixed = acceleration(narrow, Gv=10.0, Gv_near=80.0, GvN=10.0)
+    np.testing.assert_allclose(
+        fixed, acceleration(narrow, Gv=80.0, GvN=10.0), rtol=1e-2
+    )
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"metric": "inertai"}, "metric: 'inertai' is none of identity, inertia"),
+        (
+            {"metric": "inertia", "constraints": "lookahead"},
+            "metric: 'inertia' belongs",
+        ),
+        ({"Gv_near": 60.0, "constraints": "lookahead"}, "Gv_near: 60.0 belongs"),
+        ({"Gv_near": 60.0, "constraints": "none"}, "Gv_near: 60.0 belongs"),
+        ({"Gv_near": -1.0}, "Gv_near: -1.0 must be positive"),
+    ],
+)
+def test_variants_of_the_paper_are_for_its_own_constraints(changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        CrarParameters(**({"constraints": "paper"} | changes)).validate()
+
+
+def residual_of_eq_32(constraints: str, period: float) -> tuple[float, float, float]:
+    """Largest residual and largest coupling term [m/s^2], and e(end) / e(0)."""
+    limits = (-2.5, 2.5) if constraints == "none" else (-1e4, 1e4)
+    model = make_model(chain_urdf("zyzyz", limits=limits))
+    gains = free_of_constraints(constraints=constraints, period=period)
+    q = np.array([0.4, -0.5, 0.6, 0.8, -0.3])
+    centre = at(model, q).p[0]  # so the run starts 8 cm from its target, at rest
+    t, qs, vs, solutions = integrate(
+        ControlLaw(model, gains),
+        q,
+        np.zeros(5),
+        lambda t: circle(model, centre, t),
+        0.25,
+    )
+    e = np.array([s.task_error for s in solutions])
+    e_dot = (e[2:] - e[:-2]) / (2 * period)
+    e_ddot = (e[2:] - 2 * e[1:-1] + e[:-2]) / period**2
+    largest = coupling = 0.0
+    for k in range(1, len(t) - 1, 20):
+        J, qdot_c = at(model, qs[k]).J, solutions[k].constrained_velocity
+        residual = error_dynamics_residual(
+            e[k],
+            e_dot[k - 1],
+            e_ddot[k - 1],
+            J,
+            qdot_c,
+            vs[k],
+            gains.Kp,
+            gains.velocity_gain,
+            gains.Gv,
+        )
+        largest = max(largest, np.abs(residual).max())
+        coupling = max(coupling, np.abs(J @ (gains.Gv * (qdot_c - vs[k]))).max())
+    return largest, coupling, np.linalg.norm(e[-1]) / np.linalg.norm(e[0])
+
+
+@pytest.mark.parametrize("constraints", ["none", "paper"])
+def test_error_dynamics_of_eq_32(constraints):
+    """e_dd + Kv e_d + Kp e = -J Gv (q_dot_c - q_dot), e differenced from positions.
+
+    The held acceleration leaves a residual of half a period: it halves with it.
+    """
+    coarse, _, _ = residual_of_eq_32(constraints, 2e-4)
+    fine, coupling, left = residual_of_eq_32(constraints, 1e-4)
+    assert coupling > 10.0  # m/s^2: the right-hand side is not negligible
+    assert fine < 6e-3 * coupling
+    assert fine == pytest.approx(0.5 * coarse, rel=0.05)
+    assert left < 0.1
+
+
+def test_velocity_level_starts_without_a_spike(spatial):
+    """Eqs. (10), (12): the first acceleration is Gv (q_dot_c - q_dot), for alpha has
+    no predecessor, and none of the first ones is out of the ordinary."""
+    q, v = random_state(spatial, 7)
+    gains = CrarParameters(level="velocity", constraints="none")
+    target = lambda t: circle(spatial, at(spatial, q).p[0], t)  # noqa: E731
+    first = ControlLaw(spatial, gains).step(q, v, target(0.0))
+    np.testing.assert_allclose(
+        first.acceleration, gains.Gv * (first.constrained_velocity - v), rtol=1e-12
+    )
+    _, _, _, solutions = integrate(
+        ControlLaw(spatial, gains), q, np.zeros(5), target, 1.0
+    )
+    size = np.array([np.abs(s.acceleration).max() for s in solutions])
+    np.testing.assert_allclose(solutions[0].acceleration, 0.0, atol=1e-12)
+    assert size[:20].max() < 0.2 * size.max()
+    # No jump from one step to the next either, to the end of blending and after.
+    assert np.abs(np.diff(size)).max() < 0.05 * size.max()
+
+
+def test_velocity_level_differentiates_the_constrained_velocity(spatial):
+    """Eq. (10): the second acceleration has the difference over one period."""
+    q, v = random_state(spatial, 7)
+    gains = free_of_constraints(level="velocity", period=2e-3)
+    law = ControlLaw(spatial, gains)
+    target = circle(spatial, np.array([0.8, 0.3, 0.2]), 0.4)
+    first = law.step(q, v, target)
+    q2 = q + 2e-3 * v
+    second = law.step(q2, v, target)
+    alpha = (second.constrained_velocity - first.constrained_velocity) / 2e-3
+    np.testing.assert_allclose(
+        second.acceleration,
+        alpha + gains.Gv * (second.constrained_velocity - v),
+        rtol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_targets_are_blended_in_from_the_measured_pose(spatial, level):
+    """At the first step the error that is acted on is zero, however far the target."""
+    q = np.array([0.4, -0.5, 0.6, 0.8, -0.3])
+    far = hold(spatial, [[-0.5, 0.3, 0.6]])
+    law = ControlLaw(spatial, CrarParameters(level=level, constraints="none"))
+    solution = law.step(q, np.zeros(5), far)
+    np.testing.assert_allclose(solution.acceleration, 0.0, atol=1e-12)
+    assert solution.status == 1.0
+    # The diagnostic error is that against the target as given.
+    np.testing.assert_allclose(
+        solution.task_error, [-0.5, 0.3, 0.6] - at(spatial, q).p[0], atol=1e-14
+    )
+    law.reset()
+    _, _, _, solutions = integrate(law, q, np.zeros(5), lambda t: far, 0.6)
+    assert solutions[499].status == 1.0 and solutions[500].status == 0.0
+    size = np.array([np.abs(s.acceleration).max() for s in solutions])
+    assert size[:5].max() < 0.1 * size.max()
+
+
+# One square task: two joints and one position row cannot be had, so three joints in
+# space with the tip's three rows stand for m = n.
+DIMENSIONS = [
+    ("zyzyz", [Task(frame="tip")], "m < n"),
+    ("zyy", [Task(frame="tip")], "m = n"),
+    ("zyy", [Task(frame="tip", kind="pose")], "m > n"),
+    ("zyy", [Task(frame="l2"), Task(frame="tip"), Task(frame="l1")], "m > n"),
+]
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("axes, tasks, case", DIMENSIONS)
+def test_any_number_of_rows_converges(axes, tasks, case, level):
+    """To a target that can be reached; the null-space gain acts only if m < n."""
+    model = make_model(chain_urdf(axes), tasks)
+    assert {"m < n": model.m < model.n, "m = n": model.m == model.n}.get(
+        case, model.m > model.n
+    )
+    rng = np.random.default_rng(0)
+    goal = np.array([0.4, -0.5, 0.8, 0.6, -0.3])[: model.n]
+    state = at(model, goal)
+    target = model.layout.pack(state.R, state.p)
+    gains = free_of_constraints(level=level, damping=0.01, period=2e-3)
+    start = goal + rng.uniform(-0.2, 0.2, model.n)
+    _, _, _, solutions = integrate(
+        ControlLaw(model, gains), start, np.zeros(model.n), lambda t: target, 1.5
+    )
+    assert np.abs(solutions[0].task_error).max() > 0.01
+    assert np.abs(solutions[-1].task_error).max() < 1e-4
+
+    v = rng.normal(size=model.n)
+    other = free_of_constraints(level=level, damping=0.01, GvN=3.0)
+    accelerations = [
+        ControlLaw(model, parameters).step(start, v, target).acceleration
+        for parameters in (free_of_constraints(level=level, damping=0.01), other)
+    ]
+    difference = np.abs(accelerations[0] - accelerations[1]).max()
+    if level == "acceleration" and case == "m < n":
+        assert difference > 0.1
+    else:
+        assert difference == 0.0
+
+
+@pytest.fixture(scope="module")
+def arm_orientation() -> ControlModel:
+    description = load_robot_description("obstacle_arm")
+    return ControlModel.FromDescription(
+        description, [Task(frame="tool", kind="orientation")]
+    )
+
+
+@pytest.mark.parametrize("degrees", [30, 90, 170])
+def test_orientations_converge(arm_orientation, degrees):
+    """Eq. (11) on the arm, without blending, the shorter way round."""
+    model = arm_orientation
+    q = model.rest_positions()
+    R = at(model, q).R[0]
+    # About the tool's axis: the last joint has the range for it.
+    turn = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)]).as_matrix()
+    R_d = R @ turn
+    target = model.layout.pack([R_d], np.empty((0, 3)))
+    gains = free_of_constraints(damping=0.05, period=2e-3)
+    _, qs, vs, solutions = integrate(
+        ControlLaw(model, gains), q, np.zeros(7), lambda t: target, 3.0
+    )
+    angle = [
+        Rotation.from_matrix(at(model, x).R[0].T @ R_d).magnitude() for x in qs[::50]
+    ]
+    assert angle[0] == pytest.approx(np.radians(degrees))
+    assert angle[-1] < 1e-4
+    assert max(angle) < np.radians(degrees) + 1e-6  # it never goes the long way
+
+
+def test_task_weights_shift_the_compromise():
+    """Two targets that cannot both be reached: the heavier is nearer its own."""
+    q = np.array([0.3, 0.5, 0.4])
+
+    def errors(weights):
+        tasks = [
+            Task(frame="l2", position_weight=weights[0]),
+            Task(frame="tip", position_weight=weights[1]),
+        ]
+        model = make_model(chain_urdf("zzz"), tasks)
+        p = at(model, q).p
+        target = hold(model, [p[0] + [0, 0.1, 0], p[1] - [0, 0.1, 0]])
+        gains = free_of_constraints(damping=0.05, period=2e-3)
+        _, _, _, solutions = integrate(
+            ControlLaw(model, gains), q, np.zeros(3), lambda t: target, 1.0
+        )
+        e = solutions[-1].task_error.reshape(2, 3)
+        return np.linalg.norm(e, axis=1)
+
+    even, first, second = errors((1, 1)), errors((5, 1)), errors((1, 5))
+    assert first[0] < even[0] < second[0]
+    assert second[1] < even[1] < first[1]
+
+
+def test_orientation_weight_shifts_the_compromise():
+    """Metres against radians within one pose."""
+    q = np.array([0.3, 0.5])
+
+    def errors(weight):
+        model = make_model(
+            chain_urdf("zz"),
+            [Task(frame="tip", kind="pose", orientation_weight=weight)],
+        )
+        state = at(model, q)
+        turned = Rotation.from_rotvec([0, 0, 0.5]).as_matrix() @ state.R[0]
+        target = model.layout.pack([turned], state.p)
+        gains = free_of_constraints(damping=0.05, period=2e-3)
+        _, _, _, solutions = integrate(
+            ControlLaw(model, gains), q, np.zeros(2), lambda t: target, 1.0
+        )
+        e = solutions[-1].task_error
+        return np.abs(e[2]), np.linalg.norm(e[3:])
+
+    light, heavy = errors(0.1), errors(1.0)
+    assert heavy[0] < 0.5 * light[0] and light[1] < 0.5 * heavy[1]
+
+
+def test_nominal_posture_moves_the_null_space_only(spatial):
+    """Redundant joints come nearer the posture, the task stays where it is."""
+    q = np.array([0.4, -0.5, 0.6, 0.8, -0.3])
+    p = at(spatial, q).p
+    posture = q + np.array([0.3, -0.2, 0.2, 0.3, 0.5])
+    target = hold(spatial, p)
+    law = ControlLaw(
+        spatial, free_of_constraints(nominal_posture_gain=400.0, period=2e-3)
+    )
+    now, v = q, np.zeros(5)
+    drift = 0.0
+    for _ in range(1000):
+        solution = law.step(now, v, target, nominal_posture=posture)
+        now = now + 2e-3 * v + 2e-6 * solution.acceleration
+        v = v + 2e-3 * solution.acceleration
+        drift = max(drift, np.abs(solution.task_error).max())
+    assert drift < 1e-3
+    assert np.linalg.norm(now - posture) < 0.9 * np.linalg.norm(q - posture)
+    # What is left of the pull is in the task's row space: nothing more to gain.
+    J = at(spatial, now).J
+    N = np.eye(5) - np.linalg.pinv(J) @ J
+    assert np.abs(N @ (posture - now)).max() < 0.02
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_task_stays_in_the_world_while_the_waist_moves(on_rail, level):
+    """J_p q_dot_p and J_p q_ddot_p are moved to the right-hand side."""
+    model = on_rail
+    rail = model.prescribed[0]
+    q = np.zeros(5)
+    q[model.controlled] = BENT
+    p = at(model, q).p
+
+    def prescribed(t):
+        w = 4.0
+        return [
+            0.1 * (1 - np.cos(w * t)),
+            0.1 * w * np.sin(w * t),
+            0.1 * w**2 * np.cos(w * t),
+        ]
+
+    gains = free_of_constraints(level=level)
+    _, qs, vs, solutions = integrate(
+        ControlLaw(model, gains),
+        q,
+        np.zeros(5),
+        lambda t: hold(model, p),
+        1.0,
+        prescribed,
+    )
+    desired = np.array([prescribed(t)[0] for t in np.arange(len(qs)) * gains.period])
+    np.testing.assert_allclose(qs[:, rail], desired, atol=1e-4)
+    assert np.ptp(desired) > 0.15
+    error = np.abs([s.task_error for s in solutions]).max()
+    # At the velocity level the difference quotient lags by a step, and Gv filters.
+    assert error < (2e-5 if level == "acceleration" else 2e-3)
+
+
+def test_prescribed_joint_has_the_error_dynamics_of_eq_14(on_rail):
+    """From 10 cm off: e_dd + Kv e_d + Kp e = 0, whatever the arm does."""
+    model = on_rail
+    rail = model.prescribed[0]
+    q = np.zeros(5)
+    q[model.controlled] = BENT
+    gains = free_of_constraints(Kp=100.0, Kv=12.0)
+    target = hold(model, at(model, q).p)
+    t, qs, _, solutions = integrate(
+        ControlLaw(model, gains),
+        q,
+        np.zeros(5),
+        lambda t: target,
+        0.6,
+        lambda t: [0.1, 0.0, 0.0],
+    )
+    # Underdamped: omega_d = 8, sigma = 6.
+    expected = 0.1 - 0.1 * np.exp(-6 * t) * (np.cos(8 * t) + 0.75 * np.sin(8 * t))
+    np.testing.assert_allclose(qs[:, rail], expected, atol=1e-3)
+    assert solutions[0].acceleration[rail] == pytest.approx(10.0)
+
+
+def test_prescribed_joint_is_blended_in(on_rail):
+    q = np.zeros(5)
+    q[on_rail.controlled] = BENT
+    law = ControlLaw(on_rail, CrarParameters(constraints="none"))
+    solution = law.step(
+        q, np.zeros(5), hold(on_rail, at(on_rail, q).p), [0.5, 0.3, 2.0]
+    )
+    np.testing.assert_allclose(solution.acceleration, 0.0, atol=1e-10)
+
+
+def test_position_command_is_one_period_on(spatial):
+    """The semi-implicit step that a discrete plant takes."""
+    q, v = random_state(spatial, 1)
+    gains = free_of_constraints(period=5e-3)
+    solution = ControlLaw(spatial, gains).step(q, v, hold(spatial, [[0.8, 0.3, 0.2]]))
+    v_next = v + 5e-3 * solution.acceleration
+    np.testing.assert_allclose(
+        solution.position_command, np.r_[q + 5e-3 * v_next, v_next], rtol=1e-12
+    )
+
+
+def test_approaching_weighs_more_than_leaving():
+    """Eqs. (18), (21): at the same configuration W depends on where it came from."""
+    model = make_model(chain_urdf("zz", limits=(-1.0, 1.0)), pairs=[["l1", "post"]])
+    target = hold(model, [[0.5, 0.3, 0.0]])
+    there = np.array([0.8, 0.5])
+    back, closer = there - 0.05, there + 0.05
+
+    def weights(previous):
+        law = ControlLaw(model, CrarParameters(constraints="paper"))
+        law.step(previous, np.zeros(2), target)
+        return law.step(there, np.zeros(2), target).constraint_weights
+
+    first = ControlLaw(model, CrarParameters(constraints="paper")).step(
+        there, np.zeros(2), target
+    )
+    assert at(model, closer).d < at(model, there).d < at(model, back).d
+    approaching, leaving = weights(back), weights(closer)
+    assert (approaching > leaving + 0.01).all()
+    np.testing.assert_array_equal(leaving, np.ones(2))
+    # The first step counts as approaching.
+    np.testing.assert_array_equal(first.constraint_weights, approaching)
+
+
+def test_reset_forgets(spatial):
+    q, v = random_state(spatial, 2)
+    target = hold(spatial, [[0.8, 0.3, 0.2]])
+    gains = CrarParameters(constraints="paper", level="velocity", blend_time=0.01)
+    law = ControlLaw(spatial, gains)
+    fresh = law.step(q, v, target)
+    for k in range(20):
+        later = law.step(q + 0.01 * k, v, target)
+    assert np.abs(later.acceleration - fresh.acceleration).max() > 0.1
+    law.reset()
+    again = law.step(q, v, target)
+    np.testing.assert_array_equal(again.acceleration, fresh.acceleration)
+    np.testing.assert_array_equal(again.actuation, fresh.actuation)
+
+
+EXTREMES = {
+    "unlimited joints": (dict(limits=None), np.array([0.3, 0.4, 40.0])),
+    "beyond a limit": (dict(limits=(-1.0, 1.0)), np.array([1.2, -1.5, 0.3])),
+    "exactly at the limits": (dict(limits=(-1.0, 1.0)), np.array([1.0, -1.0, 0.0])),
+    "locked joints": (dict(limits=(0.2, 0.2)), np.array([0.2, 0.3, 0.1])),
+    "straight (singular)": (dict(), np.zeros(3)),
+    "straight towards the post": (
+        dict(),
+        np.array([np.arctan2(0.5, 0.2), 0.0, 0.0]),
+    ),
+    "inside the post": (dict(), np.array([1.19, 0.0, 0.02])),
+}
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("distances", ["closed_form", "scene_graph"])
+@pytest.mark.parametrize("case", EXTREMES)
+def test_finite_in_every_extreme(case, level, distances):
+    """Warnings are errors here, so no hidden division by zero either."""
+    robot, q = EXTREMES[case]
+    flat_post = chain_urdf("zzz", **robot).replace("0.2 0.5 0.1", "0.2 0.5 0.0")
+    model = make_model(
+        flat_post,
+        pairs=[["l1", "post"], ["l2", "post"], ["l0", "l2"]],
+        distances=distances,
+    )
+    law = ControlLaw(
+        model, CrarParameters(constraints="paper", level=level, blend_time=0.0)
+    )
+    target = hold(model, [[0.2, 0.6, 0.0]])
+    rng = np.random.default_rng(0)
+    for step in range(4):
+        solution = law.step(q, rng.normal(size=3), target)
+        for value in (
+            solution.actuation,
+            solution.acceleration,
+            solution.signed_distances,
+            solution.constraint_weights,
+        ):
+            assert np.isfinite(value).all()
+        assert np.abs(solution.actuation).max() < 1e5
+        if case == "inside the post":
+            assert solution.signed_distances.min() < -0.05
+        if case == "beyond a limit" and step == 0:
+            # The first step counts as approaching; the third joint is inside.
+            W = solution.constraint_weights
+            assert W[0] > 1e3 and W[1] > 1e3 and W[2] < 10.0
+        q = q + rng.uniform(-1e-3, 1e-3, 3)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_pair_exactly_at_touch(level):
+    """Two balls, 0.3 m apart, of radii that add up to exactly that."""
+    ball = '<sphere radius="0.125"/>'
+    post = (
+        '<link name="post"><collision><origin xyz="0.15 0.25 0"/><geometry>'
+        '<sphere radius="0.125"/></geometry></collision></link>'
+        '<joint name="w" type="fixed"><parent link="base"/><child link="post"/></joint>'
+    )
+    model = make_model(
+        chain_urdf("zz", shapes=(ball,), extra=post),
+        pairs=[["l0", "post"], ["post", "l1"]],
+    )
+    law = ControlLaw(model, CrarParameters(constraints="paper", level=level))
+    solution = law.step(np.zeros(2), np.ones(2), hold(model, [[0.3, 0.3, 0.0]]))
+    assert solution.signed_distances[0] == 0.0
+    assert np.isfinite(solution.actuation).all()
+    assert np.isfinite(solution.constraint_weights).all()
+
+
+def test_step_takes_plain_lists(on_rail):
+    q = [0.0, 0.5, 0.7, -0.9, 0.6]
+    law = ControlLaw(on_rail)
+    target = hold(on_rail, [[0.8, 0.3, 0.2]])
+    a = law.step(q, [0.0] * 5, list(target), [0.0, 0.0, 0.0])
+    law.reset()
+    b = law.step(np.array(q), np.zeros(5), target, np.zeros(3))
+    np.testing.assert_array_equal(a.actuation, b.actuation)
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"q": np.array([0.0, np.nan, 0.0, 0.0, 0.0])}, ["q ", "entries 1"]),
+        ({"v": np.array([0.0, 0.0, np.inf, 0.0, 0.0])}, ["v ", "entries 2"]),
+        ({"tasks": np.full(9, np.nan)}, ["tasks", "t = 0.002"]),
+        ({"prescribed": np.array([np.nan, 0, 0])}, ["prescribed"]),
+        ({"q": np.zeros(4)}, ["q ", "(5,)"]),
+        ({"tasks": np.zeros((3, 3))}, ["tasks", "(9,)"]),
+        ({"prescribed": None}, ["prescribed", "(3,)"]),
+        ({"nominal_posture": None}, ["nominal_posture", "(4,)"]),
+        ({"nominal_posture": np.full(4, np.nan)}, ["nominal_posture"]),
+    ],
+)
+def test_step_refuses_bad_arguments(on_rail, change, words):
+    """By name, with the time; the memory is as before."""
+    law = ControlLaw(
+        on_rail, CrarParameters(constraints="paper", nominal_posture_gain=1.0)
+    )
+    good = {
+        "q": np.array([0.0, 0.5, 0.7, -0.9, 0.6]),
+        "v": np.zeros(5),
+        "tasks": np.zeros(9),
+        "prescribed": np.zeros(3),
+        "nominal_posture": np.zeros(4),
+    }
+    law.step(**good)
+    law.step(**good)
+    with pytest.raises(InputError) as caught:
+        law.step(**(good | change))
+    for word in words:
+        assert word in str(caught.value)
+    law.step(**good)
+
+
+def test_zero_quaternion_is_refused():
+    """An orientation target that was never set."""
+    model = make_model(chain_urdf("zyz"), [Task(frame="tip", kind="pose")])
+    law = ControlLaw(model, CrarParameters(constraints="paper"))
+    with pytest.raises(InputError, match="quaternion"):
+        law.step(np.zeros(3), np.zeros(3), np.zeros(model.layout.size))
+
+
+@pytest.mark.parametrize("lost", ["quaternion", "tasks", "nominal_posture"])
+def test_lost_targets_brake_under_lookahead(lost):
+    """Whatever is missing, the torque is finite and slows every joint down."""
+    model = make_model(chain_urdf("zyz"), [Task(frame="tip", kind="pose")])
+    gains = CrarParameters(constraints="lookahead", nominal_posture_gain=5.0)
+    law = ControlLaw(model, gains)
+    q, v = random_state(model, 1)
+    target = model.layout.pack([np.eye(3)], [[0.5, 0.3, 0.2]])
+    posture = np.zeros(3)
+    assert law.step(q, v, target, nominal_posture=posture).status == 1.0
+    if lost == "quaternion":
+        target = np.zeros_like(target)
+    elif lost == "tasks":
+        target = np.full_like(target, np.nan)
+    else:
+        posture = np.array([0.0, np.nan, 0.0])
+    solution = law.step(q, v, target, nominal_posture=posture)
+    assert solution.status == 2.0
+    assert np.isfinite(solution.actuation).all()
+    assert (solution.acceleration * v < 0.0).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        dict(level="position"),
+        dict(constraints="qp"),
+        dict(distances="exact"),
+        dict(period=0.0),
+        dict(damping=-0.1),
+        dict(Kp=float("nan")),
+        dict(Kv=-1.0),
+        dict(limit_share=1.5),
+        dict(blend_time=-1.0),
+    ],
+)
+def test_parameters_out_of_range_are_refused(planar, change):
+    name = next(iter(change))
+    with pytest.raises(ScenarioError, match=f"controller.{name}"):
+        ControlLaw(planar, CrarParameters(**{"constraints": "paper"} | change))
+
+
+# --- effort limits ----------------------------------------------------------------
+
+
+def limited_model(effort: float) -> ControlModel:
+    text, count = re.subn("<limit ", f'<limit effort="{effort}" ', chain_urdf("zyzyz"))
+    assert count == 5
+    return make_model(text)
+
+
+def test_effort_limits_are_respected_when_asked_for():
+    """A far target asks for more than the actuators have; then the robot comes to
+    the target nevertheless, and never is more commanded than there is."""
+    effort = 170.0  # gravity alone takes up to 135 Nm
+    model = limited_model(effort)
+    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
+    far = np.array([0.1, 0.9, -0.6, 0.9, 0.1])
+    target = at(model, far).p
+    results = {}
+    for respect in (False, True):
+        law = ControlLaw(
+            model, CrarParameters(respect_effort_limits=respect, blend_time=0.0, Kp=1e3)
+        )
+        *_, solutions = integrate(law, q, np.zeros(5), lambda t: hold(model, target), 2)
+        results[respect] = solutions
+    torque = {
+        respect: np.abs([s.actuation for s in solutions]).max()
+        for respect, solutions in results.items()
+    }
+    theta = np.array([s.torque_limit[0] for s in results[True]])
+    assert torque[False] > 1.2 * effort
+    assert torque[True] <= effort
+    assert theta.min() < 1.0 and theta[-1] == 1.0
+    assert all((s.torque_limit == [1.0, 0.0]).all() for s in results[False])
+    assert np.linalg.norm(results[True][-1].task_error) < 0.03
+
+
+def test_wide_effort_limits_change_nothing():
+    model = limited_model(1e6)
+    q, v = random_state(model, 3)
+    targets = hold(model, at(model, q).p + 0.1)
+    a, b = (
+        ControlLaw(model, CrarParameters(respect_effort_limits=respect)).step(
+            q, v, targets
+        )
+        for respect in (False, True)
+    )
+    np.testing.assert_array_equal(a.actuation, b.actuation)
+    np.testing.assert_array_equal(a.acceleration, b.acceleration)
+
+
+def test_the_torque_is_that_of_the_acceleration():
+    """What is reported as commanded is what the limited torque does."""
+    model = limited_model(170.0)
+    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
+    v = np.array([0.3, -0.2, 0.4, 0.1, 0.0])
+    law = ControlLaw(model, CrarParameters(respect_effort_limits=True, blend_time=0.0))
+    solution = law.step(q, v, hold(model, at(model, q).p + 0.3))
+    assert 0.0 < solution.torque_limit[0] < 1.0 and solution.torque_limit[1] == 0.0
+    workspace = model.MakeWorkspace()
+    model.evaluate(workspace, q, v)
+    np.testing.assert_allclose(
+        model.inverse_dynamics(workspace, solution.acceleration),
+        solution.actuation,
+        atol=1e-9,
+    )

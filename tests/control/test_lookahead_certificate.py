@@ -1,0 +1,109 @@
+"""The lookahead on real loops: nothing is violated, and its certificate is true."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.referee import Referee
+from crar_drake.run import RunResult, run_scenario
+from crar_drake.simulation.diagram import PrepareScenario
+from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario
+
+# Motion, experiment, control period and duration [s]. At 3.5 s of the boxing a hand
+# passes the head.
+CASES = {
+    "wrists, 1 ms": ("wrists", 1e-3, 1.5),
+    "wrists, 5 ms": ("wrists", 5e-3, 4.0),
+    "upper body, 5 ms": ("upper-body", 5e-3, 3.7),
+}
+
+
+def boxing(experiment: str, period: float, duration: float) -> Scenario:
+    return Scenario(
+        motion="boxing",
+        experiment=experiment,
+        controller=CrarParameters(constraints="lookahead", period=period),
+        duration=duration,
+        log_period=1e-3,
+    )
+
+
+def arm() -> Scenario:
+    shipped = load_scenario("obstacle_arm")
+    controller = replace(shipped.controller, constraints="lookahead", period=5e-3)
+    # In this time the straight way leads into the post.
+    return replace(shipped, controller=controller, duration=3.2, log_period=1e-3)
+
+
+@pytest.fixture(scope="module", params=[*CASES, "arm and post, 5 ms"])
+def run(request) -> RunResult:
+    scenario = boxing(*CASES[request.param]) if request.param in CASES else arm()
+    return run_scenario(scenario, record=False)
+
+
+def referee_of(run: RunResult) -> Referee:
+    model = run.setup.model
+    return Referee(model.plant, model.scene_graph, model.description.pairs)
+
+
+def test_nothing_is_violated(run):
+    verdict = referee_of(run).violations(run.log.q)
+    assert verdict.num_samples > 1000
+    assert verdict.num_violated == 0
+    assert 0.0 < verdict.smallest_distance < 0.1  # but it was near
+    assert np.abs(run.log.v).max() > 0.5
+    np.testing.assert_array_equal(run.log.status != 2.0, True)
+
+
+def test_certificate_is_what_the_log_says(run):
+    """Referee's distances at q + T q_dot, those of q with their rate, and limits."""
+    log, model, referee = run.log, run.setup.model, referee_of(run)
+    gains = parse_scenario(log.scenario).controller
+    T = gains.braking_horizon
+    # Samples at which the law was solved.
+    ticks = np.arange(0, len(log.time), round(gains.period / log.time[1]))
+    for k in ticks[:: max(1, len(ticks) // 25)]:
+        q, v = log.q[k], log.v[k]
+        q_s = q + T * v
+        # The rate of the distances by differences along v.
+        step = 1e-6
+        rate = (referee.distances(q + step * v) - referee.distances(q - step * v)) / (
+            2.0 * step
+        )
+        h = min(referee.distances(q_s).min(), (referee.distances(q) + T * rate).min())
+        c = model.controlled
+        margin = min((referee.upper - q_s)[c].min(), (q_s - referee.lower)[c].min())
+        np.testing.assert_allclose(log.resting_margins[k], [h, margin], atol=1e-7)
+    assert run.summary.resting_distance == log.resting_margins[:, 0].min()
+    assert run.summary.resting_margin == log.resting_margins[:, 1].min()
+    assert run.summary.resting_distance > 0.0
+    assert run.summary.resting_margin > 0.0
+
+
+def test_more_rows_than_joints_are_among_the_cases():
+    """The seven points of the upper body: no null space; the wrists have one, and
+    the arm's task has orientation rows."""
+    seven, two, pose = (
+        PrepareScenario(s).model
+        for s in (boxing("upper-body", 5e-3, 1.0), boxing("wrists", 5e-3, 1.0), arm())
+    )
+    assert seven.m >= seven.n
+    assert two.m < two.n
+    assert len(pose.layout.angular_tasks) == 1
+    assert any("post" in pair for pair in np.ravel(pose.pairs.names))
+
+
+@pytest.mark.parametrize("kind", ["upper body", "arm"])
+def test_same_run_same_bits(kind):
+    scenario = boxing("upper-body", 1e-3, 0.4) if kind == "upper body" else arm()
+    scenario = replace(scenario, duration=0.4)
+    first, second = (run_scenario(scenario, record=False).log for _ in range(2))
+    for field in fields(SimulationLog):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        if isinstance(a, np.ndarray) and a.dtype.kind == "f":
+            assert a.tobytes() == b.tobytes(), field.name
+        else:
+            np.testing.assert_array_equal(a, b)

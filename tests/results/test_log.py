@@ -1,0 +1,113 @@
+"""A log comes back from its file as it went in, and nothing else is taken for one."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from small_logs import small_log
+
+from crar_drake.errors import CrarError, WriteError
+from crar_drake.results.log import SimulationLog
+
+
+def test_round_trip(tmp_path):
+    path = tmp_path / "log.npz"
+    log = small_log()
+    log.save(path)
+    loaded = SimulationLog.load(path)
+    for field in fields(SimulationLog):
+        ours, theirs = getattr(log, field.name), getattr(loaded, field.name)
+        assert type(ours) is type(theirs), field.name
+        np.testing.assert_array_equal(ours, theirs, strict=field.name != "scenario")
+    assert [p.name for p in tmp_path.iterdir()] == ["log.npz"]
+
+
+def test_plain_numpy_reads_it(tmp_path):
+    small_log().save(tmp_path / "log.npz")
+    with np.load(tmp_path / "log.npz") as archive:
+        assert set(archive.files) == {field.name for field in fields(SimulationLog)}
+        np.testing.assert_array_equal(archive["time"], [0.0, 0.5, 1.0])
+
+
+def test_an_older_log_stays_if_saving_fails(tmp_path, monkeypatch):
+    path = tmp_path / "log.npz"
+    small_log().save(path)
+    before = path.read_bytes()
+
+    def fail(stream, **arrays):
+        stream.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    with pytest.raises(WriteError, match="log.npz: could not be written: disk full"):
+        small_log().save(path)
+    assert path.read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(CrarError, match="nowhere.npz: there is no such log"):
+        SimulationLog.load(tmp_path / "nowhere.npz")
+
+
+def _text(path):
+    path.write_text("time, q, v\n")
+
+
+def _empty(path):
+    path.write_bytes(b"")
+
+
+def _cut_off(path):
+    small_log().save(path)
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def _damaged(path):
+    small_log().save(path)
+    data = bytearray(path.read_bytes())
+    start = data.index(b"q.npy") + 40
+    data[start : start + 40] = bytes(40)
+    path.write_bytes(data)
+
+
+def _one_array(path):
+    with path.open("wb") as stream:
+        np.save(stream, np.arange(3.0))
+
+
+def _without_time(path):
+    arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
+    del arrays["time"]
+    np.savez(path, **arrays)
+
+
+def _with_something_else(path):
+    arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
+    np.savez(path, **arrays, gyroscope=np.zeros(3))
+
+
+def _objects(path):
+    arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
+    arrays["time"] = np.array([print], dtype=object)
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        _text,
+        _empty,
+        _cut_off,
+        _damaged,
+        _one_array,
+        _without_time,
+        _with_something_else,
+        _objects,
+    ],
+)
+def test_what_is_no_log_is_refused(tmp_path, write):
+    path = tmp_path / "log.npz"
+    write(path)
+    with pytest.raises(CrarError, match="log.npz: not a log of crar-drake run"):
+        SimulationLog.load(path)

@@ -1,0 +1,126 @@
+"""The plot of a run: a readable page, with the log's data in it."""
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from small_logs import small_log
+
+from crar_drake.errors import WriteError
+from crar_drake.results.plots import draw_run, plot_run
+
+
+def _axes(figure: Figure, label: str):
+    return next(ax for ax in figure.axes if ax.get_ylabel() == label)
+
+
+def _line(ax, label: str) -> np.ndarray:
+    return next(
+        line.get_ydata() for line in ax.get_lines() if line.get_label() == label
+    )
+
+
+def test_png_has_the_size_of_a_page_and_something_on_it(tmp_path):
+    plot_run(small_log(), tmp_path / "plot.png")
+    image = matplotlib.image.imread(tmp_path / "plot.png")
+    assert image.shape[:2] == (1755, 1245)  # A4 at 150 dots per inch
+    # Something in each fifth of the page, but mostly paper.
+    dark = image[..., :3].mean(axis=2) < 0.7
+    assert all(part.any() for part in np.array_split(dark, 5))
+    assert dark.mean() < 0.2
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_errors_reach_the_axes():
+    figure = draw_run(small_log())
+    ax = _axes(figure, "task error [mm]")
+    np.testing.assert_allclose(_line(ax, "hand"), [5.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(_line(ax, "tool"), [0.0, 12.0, 5.0])
+    np.testing.assert_array_equal(ax.get_lines()[0].get_xdata(), [0.0, 0.5, 1.0])
+    assert "5.7 mm" in ax.get_title(loc="left")
+    ax = _axes(figure, "orientation error [deg]")
+    np.testing.assert_allclose(_line(ax, "tool"), np.degrees([0.1, 0.2, 0.2]))
+
+
+def test_distances_reach_the_axes():
+    ax = _axes(draw_run(small_log()), "distance [mm]")
+    np.testing.assert_allclose(_line(ax, "smallest"), [100.0, -10.0, -30.0])
+    np.testing.assert_allclose(_line(ax, "left - right"), [200.0, 50.0, -30.0])
+    np.testing.assert_allclose(_line(ax, "hand - torso"), [100.0, -10.0, -20.0])
+    low, high = ax.get_ylim()
+    assert low < -30.0 and high >= 200.0
+    title = ax.get_title(loc="left")
+    assert "-30.0 mm, left - right, at 1.00 s" in title
+
+
+def test_joints_are_drawn_between_their_limits():
+    q = np.array([[9.0, -1.0, 3.0], [9.0, 0.0, 4.0], [9.0, 1.5, 5.0]])
+    figure = draw_run(small_log(q=q))
+    ax = next(ax for ax in figure.axes if "limits" in ax.get_title(loc="left"))
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["swing", "turn"]
+    swing, outside, turn = (line.get_ydata() for line in ax.get_lines())
+    top, bottom = swing[1] - 0.38, swing[1] + 0.38  # the axis counts downwards
+    assert swing[0] == pytest.approx(bottom) and swing[2] < top
+    np.testing.assert_array_equal(np.isnan(outside), [True, True, False])
+    assert outside[2] == swing[2]
+    # Without limits, the lane spans what was visited.
+    np.testing.assert_allclose(turn, [1.38, 1.0, 0.62])
+    assert len(ax.patches) == 1
+    assert "swing, 29°" in ax.get_title(loc="left")
+    assert [text.get_text() for text in ax.texts] == [
+        "-57° … 57°",
+        "172° … 286° visited,\nno limits",
+    ]
+
+
+def test_power_reaches_the_axes():
+    ax = _axes(draw_run(small_log()), "power [W]")
+    power, mean = (np.asarray(line.get_ydata()) for line in ax.get_lines())
+    np.testing.assert_allclose(power, [16.0, 60.0, 32.0])
+    np.testing.assert_allclose(mean, 36.0)
+    assert "mean 36.0 W" in ax.get_title(loc="left")
+
+
+def test_what_is_not_there_takes_no_room(tmp_path):
+    log = small_log(
+        signed_distances=np.zeros((3, 0)),
+        pair_names=np.array([], dtype=str),
+        task_names=np.array(["hand"]),
+        task_kinds=np.array(["position"]),
+        task_error=np.zeros((3, 3)),
+        q=np.zeros((3, 3)),
+        v=np.zeros((3, 3)),
+    )
+    labels = [ax.get_ylabel() for ax in draw_run(log).axes]
+    assert labels == ["task error [mm]", "", "power [W]"]
+    plot_run(log, tmp_path / "standing still.png")
+
+
+def test_samples_without_targets_leave_a_gap(tmp_path):
+    error = small_log().task_error.copy()
+    error[1] = np.nan
+    log = small_log(task_error=error)
+    ax = _axes(draw_run(log), "task error [mm]")
+    np.testing.assert_allclose(_line(ax, "hand"), [5.0, np.nan, 0.0], atol=1e-12)
+    plot_run(small_log(task_error=np.full_like(error, np.nan)), tmp_path / "plot.png")
+
+
+def test_title_says_what_was_run():
+    title = draw_run(small_log()).get_suptitle()
+    assert title.split("\n") == [
+        "upper_body following waltz: wrists",
+        "velocity level, constraints none, 1.00 s",
+    ]
+
+
+def test_a_failure_leaves_the_old_plot(tmp_path, monkeypatch):
+    path = tmp_path / "plot.png"
+    path.write_bytes(b"old")
+
+    def fail(self, *args, **options):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(Figure, "savefig", fail)
+    with pytest.raises(WriteError, match="plot.png: could not be written: disk full"):
+        plot_run(small_log(), path)
+    assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,193 @@
+"""The figures of a run, against numbers worked out by hand from `small_log`."""
+
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+from small_logs import small_log
+
+import crar_drake
+from crar_drake.errors import ScenarioError
+from crar_drake.results.summary import TaskErrors, summarize, summary_table
+
+
+def test_errors_of_positions_and_orientations_apart():
+    summary = summarize(small_log())
+    # hand 5, 0, 0 mm; tool 0, 12, 5 mm.
+    assert summary.rms_task_error == pytest.approx(1e-3 * np.sqrt(194.0 / 6.0))
+    # tool 0.1, 0.2, 0.2 rad.
+    assert summary.rms_orientation_error == pytest.approx(np.sqrt(0.09 / 3.0))
+    hand, tool = summary.tasks["hand"], summary.tasks["tool"]
+    assert hand.kind == "position" and tool.kind == "pose"
+    assert hand.rms_error == pytest.approx(1e-3 * np.sqrt(25.0 / 3.0))
+    assert hand.rms_orientation_error is None
+    assert tool.rms_error == pytest.approx(1e-3 * np.sqrt(169.0 / 3.0))
+    assert tool.rms_orientation_error == summary.rms_orientation_error
+
+
+def test_smallest_distance_with_its_pair_and_time():
+    summary = summarize(small_log())
+    assert summary.smallest_distance == -0.03
+    assert summary.smallest_distance_pair == "left - right"
+    assert summary.smallest_distance_time == 1.0
+
+
+def test_violations():
+    summary = summarize(small_log())
+    assert summary.samples == 3
+    assert summary.penetrating_samples == 2
+    assert summary.penetrating_pairs == {"left - right": 1, "hand - torso": 2}
+    assert summary.beyond_limit_samples == 1
+    assert summary.joints_beyond_limits == {"swing": 1}
+    assert summary.largest_excess == 0.25
+    assert summary.largest_excess_joint == "swing"
+    # Nothing; one pair and one limit; two pairs.
+    assert summary.violated_samples == 2
+    assert summary.mean_violations == pytest.approx(4.0 / 3.0)
+
+
+@pytest.mark.parametrize(
+    "beyond, samples", [(0.0, 0), (0.9e-6, 0), (1.1e-6, 1), (-1.0, 0)]
+)
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_limit_may_be_exceeded_by_rounding_only(side, beyond, samples):
+    q = np.zeros((3, 3))
+    q[1, 1] = side * (1.0 + beyond)
+    summary = summarize(small_log(q=q))
+    assert summary.beyond_limit_samples == samples
+    assert summary.largest_excess == pytest.approx(max(beyond, 0.0), abs=1e-15)
+
+
+def test_power_and_torque_of_the_controlled_joints():
+    summary = summarize(small_log())
+    # |10 * 1| + |3 * 2|; |-30 * -2| + 0; 0 + |-8 * 4|: the rail's 4500 W do not count.
+    assert summary.mean_power == pytest.approx((16.0 + 60.0 + 32.0) / 3.0)
+    assert summary.peak_torque == 30.0
+    assert summary.peak_torque_joint == "swing"
+    assert summary.peak_torque_time == 0.5
+
+
+def test_rms_acceleration_of_the_controlled_joints():
+    # 1, 2, 3, 1, 0, -3: the rail's 70 do not count.
+    assert summarize(small_log()).rms_acceleration == pytest.approx(2.0)
+
+
+def test_two_actuators_on_a_joint_add_up():
+    summary = summarize(small_log(actuator_names=np.array(["swing", "rail", "swing"])))
+    assert summary.peak_torque == 25.0  # 5 - 30
+
+
+def test_samples_without_targets_count_in_no_error():
+    error = small_log().task_error.copy()
+    error[1:] = np.nan
+    summary = summarize(
+        small_log(task_error=error, status=np.array([[0.0], [2.0], [2.0]]))
+    )
+    assert summary.braking_samples == 2
+    assert summary.rms_task_error == pytest.approx(1e-3 * np.sqrt(25.0 / 2.0))
+    assert summary.rms_orientation_error == pytest.approx(0.1)
+
+
+def test_margins_where_the_robot_would_come_to_rest():
+    summary = summarize(small_log())
+    assert (summary.resting_distance, summary.resting_margin) == (0.1, 0.2)
+    summary = summarize(small_log(resting_margins=np.full((3, 2), np.nan)))
+    assert (summary.resting_distance, summary.resting_margin) == (None, None)
+
+
+def test_identification_and_wall_time():
+    summary = summarize(small_log(), wall_time=4.0)
+    assert summary.version == crar_drake.__version__
+    assert (summary.robot, summary.motion) == ("upper_body", "some/waltz.amc")
+    assert (summary.experiment, summary.level) == ("wrists", "velocity")
+    assert (summary.constraints, summary.period) == ("none", 0.5)
+    assert summary.duration == 1.0
+    assert (summary.wall_time, summary.real_time_factor) == (4.0, 0.25)
+    assert summarize(small_log()).real_time_factor is None
+
+
+def test_without_pairs_and_without_positions():
+    summary = summarize(
+        small_log(
+            signed_distances=np.zeros((3, 0)),
+            pair_names=np.array([], dtype=str),
+            task_names=np.array(["tool"]),
+            task_kinds=np.array(["orientation"]),
+            task_error=np.full((3, 3), 0.1),
+        )
+    )
+    assert summary.smallest_distance is None
+    assert summary.smallest_distance_time is None
+    assert summary.smallest_distance_pair == ""
+    assert summary.penetrating_samples == 0
+    assert summary.rms_task_error is None
+    assert summary.tasks == {
+        "tool": TaskErrors("orientation", None, pytest.approx(np.sqrt(0.03)))
+    }
+
+
+def test_json_keeps_every_digit():
+    summary = summarize(small_log(), wall_time=1.0 / 3.0)
+    data = json.loads(summary.to_json())
+    assert data["wall_time"] == 1.0 / 3.0
+    assert data["rms_task_error"] == summary.rms_task_error
+    assert data["tasks"]["hand"]["rms_orientation_error"] is None
+    assert data["penetrating_pairs"] == {"left - right": 1, "hand - torso": 2}
+
+
+def test_the_keys_of_the_json_are_stable():
+    keys = (
+        "version robot motion experiment level constraints period duration samples "
+        "rms_task_error rms_orientation_error tasks smallest_distance "
+        "smallest_distance_pair smallest_distance_time violated_samples "
+        "mean_violations penetrating_samples penetrating_pairs beyond_limit_samples "
+        "joints_beyond_limits largest_excess largest_excess_joint mean_power "
+        "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
+        "resting_distance resting_margin torque_limited_samples "
+        "torque_clipped_samples braking_samples frame_rate frame_rate_source "
+        "motion_findings warnings wall_time real_time_factor "
+        "stopped"
+    )
+    assert list(json.loads(summarize(small_log()).to_json())) == keys.split()
+
+
+def test_what_is_not_a_number_is_null_in_json():
+    actuation = small_log().actuation.copy()
+    actuation[2, 2] = np.inf
+    text = summarize(small_log(v=np.ones((3, 3)), actuation=actuation)).to_json()
+    assert json.loads(text)["peak_torque"] is None
+    assert json.loads(text)["mean_power"] is None
+
+
+def test_a_log_of_another_version_is_refused():
+    with pytest.raises(ScenarioError, match="the log's scenario.*experimnt"):
+        summarize(small_log(scenario="motion: dance\nexperimnt: wrists\n"))
+
+
+def test_table_shows_the_figures():
+    console = Console(width=100, record=True, file=open("/dev/null", "w"))
+    console.print(summary_table(summarize(small_log(), wall_time=4.0)))
+    text = console.export_text()
+    assert "upper_body following waltz: wrists" in text
+    for row in (
+        ["rms task error", "5.7 mm", "worst tool, 7.5 mm"],
+        ["rms orientation error", "0.173 rad", "worst tool"],
+        ["smallest distance", "-30.0 mm", "left - right, at 1.00 s"],
+        ["violations", "2", "of 3 samples"],
+        ["penetrating", "2", "hand - torso and 1 more"],
+        ["beyond limits", "1", "swing; farthest swing, 0.25 rad"],
+        ["mean power", "36.0 W"],
+        ["peak torque", "30.0 Nm", "swing, at 0.50 s"],
+        ["rms acceleration", "2.0 rad/s²"],
+        ["wall time", "4.0 s", "0.25 x real time"],
+    ):
+        line = next(line for line in text.splitlines() if row[0] in line)
+        assert all(part in line for part in row), line
+
+
+def test_torque_limited_samples():
+    summary = summarize(small_log())
+    assert (summary.torque_limited_samples, summary.torque_clipped_samples) == (2, 1)
+    free = summarize(small_log(torque_limit=np.array([[1.0, 0.0]] * 3)))
+    assert (free.torque_limited_samples, free.torque_clipped_samples) == (0, 0)

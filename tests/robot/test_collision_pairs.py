@@ -1,0 +1,125 @@
+"""Watched pairs without dynamics: shapes, axes, the order of the pairs."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Capsule, HalfSpace, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import CoulombFriction
+from pydrake.systems.framework import DiagramBuilder
+from small_robots import CAPSULE, add_plant, chain_urdf, make_model, random_state
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.collision_pairs import capsule_axis
+from crar_drake.robot.description import RobotDescription
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+
+
+def test_axis_of_a_capsule_is_its_z_axis():
+    X_BG = RigidTransform(RotationMatrix.MakeYRotation(0.3), [0.1, 0.2, 0.3])
+    axis = capsule_axis(Capsule(radius=0.05, length=0.4), X_BG.GetAsMatrix34())
+    np.testing.assert_allclose(axis.p_B0, X_BG @ np.array([0, 0, -0.2]))
+    np.testing.assert_allclose(axis.p_B1, X_BG @ np.array([0, 0, 0.2]))
+    assert axis.radius == 0.05
+
+
+def test_axis_of_a_sphere_is_a_point():
+    X_BG = RigidTransform([0.1, 0.2, 0.3]).GetAsMatrix34()
+    axis = capsule_axis(Sphere(0.07), X_BG)
+    np.testing.assert_array_equal(axis.p_B0, axis.p_B1)
+    np.testing.assert_array_equal(axis.p_B0, [0.1, 0.2, 0.3])
+    assert axis.radius == 0.07
+    axis.p_B0[0] = 9.0  # its own copy
+    assert axis.p_B1[0] == 0.1
+
+
+def test_a_box_has_no_axis():
+    assert capsule_axis(Box(1, 1, 1), np.eye(4)[:3]) is None
+
+
+def sampled_distance(model, link_a, link_b, q, count=400) -> float:
+    """Brute force over points on the axes of all capsules of two links."""
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    inspector = model.scene_graph.model_inspector()
+    clouds = []
+    for link in (link_a, link_b):
+        body = plant.GetBodyByName(link)
+        X_WB = plant.EvalBodyPoseInWorld(context, body)
+        cloud = []
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            shape, X_BG = (
+                inspector.GetShape(geometry),
+                inspector.GetPoseInFrame(geometry),
+            )
+            half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
+            z = np.linspace(-half, half, count)
+            points = (X_WB @ X_BG).multiply(np.array([0 * z, 0 * z, z]))
+            cloud.append((points.T, shape.radius()))
+        clouds.append(cloud)
+    return min(
+        np.linalg.norm(a[:, None] - b[None], axis=2).min() - r_a - r_b
+        for a, r_a in clouds[0]
+        for b, r_b in clouds[1]
+    )
+
+
+def test_smallest_over_all_shape_pairs_in_the_order_given():
+    """Links with one, three and five shapes mixed, against brute force."""
+    urdf = chain_urdf("zyzy", shapes=(CAPSULE, '<sphere radius="0.06"/>', CAPSULE))
+    pairs = [["post", "l3"], ["l3", "l0"], ["l0", "l2"], ["l2", "post"], ["l1", "l3"]]
+    model = make_model(urdf, pairs=pairs)
+    assert model.pairs.names == tuple(map(tuple, pairs)) and len(model.pairs) == 5
+    for seed in range(4):
+        q, v = random_state(model, seed)
+        d = model.evaluate(model.MakeWorkspace(), q, v).d
+        expected = [sampled_distance(model, a, b, q) for a, b in pairs]
+        np.testing.assert_allclose(d, expected, atol=2e-4)
+
+
+def test_the_order_within_a_pair_does_not_matter():
+    """For closed forms and for SceneGraph, which has an order of its own."""
+    for shapes in ((CAPSULE,), ('<box size="0.05 0.07 0.2"/>',)):
+        urdf = chain_urdf("zyzy", shapes=shapes)
+        pairs = [["l0", "l2"], ["l3", "post"], ["l1", "l3"]]
+        there = make_model(urdf, pairs=pairs)
+        back = make_model(urdf, pairs=[pair[::-1] for pair in pairs])
+        q, v = random_state(there, 3)
+        a, b = (m.evaluate(m.MakeWorkspace(), q, v) for m in (there, back))
+        np.testing.assert_allclose(a.d, b.d, atol=1e-6)
+        np.testing.assert_allclose(a.dd_dq, b.dd_dq, atol=1e-4)
+
+
+def test_mixed_closed_and_queried_rows_stay_in_order():
+    """A box between capsules: the answers are put back where they belong."""
+    shapes = (CAPSULE, '<box size="0.05 0.07 0.2"/>')
+    pairs = [["l0", "post"], ["l1", "l3"], ["l2", "post"], ["l0", "l3"]]
+    urdf = chain_urdf("zyzy", shapes=shapes)
+    mixed = make_model(urdf, pairs=pairs)
+    queried = make_model(urdf, pairs=pairs, distances="scene_graph")
+    for seed in range(4):
+        q, v = random_state(mixed, seed)
+        a, b = (m.evaluate(m.MakeWorkspace(), q, v) for m in (mixed, queried))
+        np.testing.assert_allclose(a.d, b.d, atol=1e-5)
+
+
+def test_shape_without_a_distance_is_refused():
+    """SceneGraph has none between a box and a half-space: said at construction."""
+    urdf = chain_urdf("zz", shapes=('<box size="0.05 0.07 0.2"/>',))
+    plant, scene_graph = add_plant(DiagramBuilder(), urdf, finalize=False)
+    plant.RegisterCollisionGeometry(
+        plant.GetBodyByName("post"),
+        RigidTransform([0.0, 0.0, -1.0]),
+        HalfSpace(),
+        "ground",
+        CoulombFriction(1.0, 1.0),
+    )
+    plant.Finalize()
+    with pytest.raises(ModelError, match="cannot compute"):
+        ControlModel.FromPlant(
+            plant,
+            scene_graph,
+            RobotDescription(pairs=[["l1", "post"]]),
+            [Task(frame="tip")],
+        )

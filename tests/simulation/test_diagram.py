@@ -1,0 +1,353 @@
+"""The builders: AddCrarController beside a plant, MakeCrarDiagram of a scenario."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+from small_robots import add_plant, chain_urdf, make_model
+
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import CrarError, ModelError, ScenarioError
+from crar_drake.motion.catalogue import builtin_names
+from crar_drake.resources import data_folder
+from crar_drake.robot.description import RobotDescription, load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+from crar_drake.simulation.diagram import (
+    AddCrarController,
+    AddRobot,
+    MakeCrarDiagram,
+    PrepareScenario,
+)
+from crar_drake.simulation.scenario import (
+    Scenario,
+    SimulatedRobot,
+    load_scenario,
+    scenario_names,
+)
+from crar_drake.targets.keyframes import Keyframe
+
+TIP = [Task(frame="tip")]
+
+
+def controlled(plant, scene_graph, builder, **options):
+    return AddCrarController(
+        builder, plant, scene_graph, RobotDescription(), TIP, **options
+    )
+
+
+def test_three_lines_beside_a_plant():
+    """Torque moves a plant in a user's own builder to the target."""
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zyz", damping=0.5))
+    controller = controlled(plant, scene_graph, builder)
+    target = builder.AddSystem(ConstantVectorSource(np.r_[0.5, 0.4, 0.2, np.zeros(6)]))
+    builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetPositions(context, [0.3, -0.4, 0.8])
+    simulator.AdvanceTo(2.0)
+    tip = plant.GetFrameByName("tip").CalcPoseInWorld(context).translation()
+    np.testing.assert_allclose(tip, [0.5, 0.4, 0.2], atol=1e-3)
+    assert np.abs(plant.GetVelocities(context)).max() < 1e-2
+
+
+def test_the_control_model_is_a_clone_by_default():
+    """Filters included; what is done to the plant afterwards does not reach it."""
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zz"))
+    controller = controlled(plant, scene_graph, builder)
+    model = controller.law.model
+    assert model.plant is not plant and model.scene_graph is not scene_graph
+    inspector = model.scene_graph.model_inspector()
+    a, b = (
+        model.plant.GetCollisionGeometriesForBody(model.plant.GetBodyByName(link))[0]
+        for link in ("l1", "post")
+    )
+    assert inspector.CollisionFiltered(a, b)
+    plant.SetDefaultPositions([0.7, 0.7])
+    np.testing.assert_array_equal(model.rest_positions(), [0.0, 0.0])
+
+
+def test_plant_that_is_not_finalized():
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zz"), finalize=False)
+    with pytest.raises(ModelError, match="Finalize"):
+        controlled(plant, scene_graph, builder)
+
+
+@pytest.mark.parametrize(
+    "other, words",
+    [
+        (dict(axes="zzz"), ["2 positions", "3"]),
+        (dict(axes="z", rail="y"), ["positions", "j0, j1", "rail, j0"]),
+        (dict(axes="zz", actuated=["j1", "j0"]), ["actuators", "j1, j0"]),
+    ],
+)
+def test_control_model_of_another_robot(other, words):
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zz"))
+    with pytest.raises(ModelError) as caught:
+        controlled(
+            plant, scene_graph, builder, control_model=make_model(chain_urdf(**other))
+        )
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_period_that_is_not_a_multiple():
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zz"), time_step=2e-3)
+    with pytest.raises(ScenarioError, match="controller.period: 0.003 s.*0.002 s"):
+        controlled(plant, scene_graph, builder, parameters=CrarParameters(period=3e-3))
+
+
+def test_plant_heavier_than_its_model_is_accepted():
+    """A plant 10 % heavier than the model: same joints, another mass."""
+    builder = DiagramBuilder()
+    heavier = chain_urdf("zz").replace('<mass value="1.0"/>', '<mass value="1.1"/>')
+    plant, scene_graph = add_plant(builder, heavier)
+    controlled(plant, scene_graph, builder, control_model=make_model(chain_urdf("zz")))
+
+
+def test_a_shipped_robot_in_a_plant():
+    """As Drake's own parser reads it, in its rest posture, beside other things."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    description = AddRobot(plant, "upper_body")
+    plant.Finalize()
+    assert plant.HasBodyNamed("ball")
+    alone = MultibodyPlant(1e-3)
+    Parser(alone).AddModels(str(data_folder("models") / "upper_body/upper_body.urdf"))
+    alone.WeldFrames(alone.world_frame(), alone.GetFrameByName(description.base))
+    alone.Finalize()
+    assert plant.num_positions() == alone.num_positions() + 7
+    context = plant.CreateDefaultContext()
+    for index in alone.GetJointIndices():
+        joint = alone.get_joint(index)
+        if joint.num_positions():
+            value = description.rest_posture.get(joint.name(), 0.0)
+            assert plant.GetJointByName(joint.name()).GetOnePosition(context) == value
+    assert description.rest_posture and len(description.pairs) == 30
+
+
+def test_a_robot_by_path_and_by_description():
+    path = data_folder("models") / "obstacle_arm"
+    described = load_robot_description(path)
+    for robot in (path, str(path / "robot.yaml"), described):
+        plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+        assert AddRobot(plant, robot) == described
+        assert plant.HasBodyNamed("forearm") and not plant.is_finalized()
+
+
+def test_a_robot_that_cannot_be_added():
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    with pytest.raises(ModelError, match="'uper_body'.*did you mean 'upper_body'"):
+        AddRobot(plant, "uper_body")
+    with pytest.raises(ModelError, match="AddMultibodyPlantSceneGraph"):
+        AddRobot(MultibodyPlant(1e-3), "upper_body")
+    plant.Finalize()
+    with pytest.raises(ModelError, match="finalized already"):
+        AddRobot(plant, "upper_body")
+
+
+def test_the_tasks_of_a_posture_are_where_its_frames_are():
+    model = ControlModel.FromDescription(
+        load_robot_description("obstacle_arm"),
+        [Task(frame="tool", kind="pose"), Task(frame="arm::palm", point=[0, 0, 0.1])],
+    )
+    q = np.linspace(-0.4, 0.5, 7)
+    plant, context = model.plant, model.plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    tool = plant.GetFrameByName("tool").CalcPoseInWorld(context)
+    palm = plant.GetBodyByName("palm").EvalPoseInWorld(context)
+    desired = model.tasks_at(q)
+    assert desired.shape == (10 + 2 * 9,) and not desired[10:].any()
+    wxyz = tool.rotation().ToQuaternion().wxyz()
+    np.testing.assert_allclose(abs(desired[:4] @ wxyz), 1.0, atol=1e-12)
+    np.testing.assert_allclose(desired[4:7], tool.translation(), atol=1e-12)
+    np.testing.assert_allclose(desired[7:10], palm @ [0.0, 0.0, 0.1], atol=1e-12)
+
+
+def runnable(name: str, request) -> Scenario:
+    """The shipped scenario; on a real recording where its motion is not shipped.
+
+    A robot that is not imported is skipped: `tests/robot_import` imports and runs it.
+    """
+    scenario = load_scenario(name)
+    try:
+        load_robot_description(scenario.robot)
+    except ModelError as error:
+        if "import-robot" not in str(error):
+            raise
+        pytest.skip(str(error))
+    if scenario.motion and scenario.motion not in builtin_names():
+        cmu = request.getfixturevalue("cmu")
+        scenario.motion = str(cmu / "subjects" / "05" / "05_02.amc")
+    return scenario
+
+
+@pytest.fixture(scope="module", params=scenario_names())
+def built(request) -> tuple[Scenario, Diagram]:
+    scenario = runnable(request.param, request)
+    return scenario, MakeCrarDiagram(scenario)
+
+
+def test_subsystems_and_ports_are_as_documented(built):
+    scenario, diagram = built
+    prescribed = bool(load_robot_description(scenario.robot).prescribed_joints)
+    for name in ("plant", "scene_graph", "crar_controller", "desired_tasks"):
+        assert diagram.HasSubsystemNamed(name)
+    assert diagram.HasSubsystemNamed("desired_prescribed") == prescribed
+    for name in ("state", "desired_tasks", "diagnostics"):
+        assert diagram.HasSubsystemNamed(f"log_{name}")
+    outputs = {
+        diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())
+    }
+    controller = diagram.GetSubsystemByName("crar_controller")
+    of_controller = {
+        controller.get_output_port(i).get_name()
+        for i in range(controller.num_output_ports())
+    }
+    assert outputs == {"state", "query", "desired_tasks"} | of_controller
+    assert diagram.num_input_ports() == 0
+
+
+def test_it_starts_at_rest_and_valid(built):
+    """No pair nearer than 2 cm, or than in the rest posture; the first command is
+    that of a robot at rest, so nothing jumps."""
+    _, diagram = built
+    context = diagram.CreateDefaultContext()
+    plant = diagram.GetSubsystemByName("plant")
+    model = diagram.GetSubsystemByName("crar_controller").law.model
+    plant_context = plant.GetMyContextFromRoot(context)
+    assert not plant.GetVelocities(plant_context).any()
+    q = plant.GetPositions(plant_context)[model.controlled]
+    assert (q > model.lower).all() and (q < model.upper).all()
+    d = diagram.GetOutputPort("signed_distances").Eval(context)
+    rest = model.evaluate(
+        model.MakeWorkspace(), model.rest_positions(), np.zeros(model.n + model.n_p)
+    )
+    assert (d >= np.minimum(rest.d, 0.02) - 1e-9).all()
+    acceleration = diagram.GetOutputPort("desired_acceleration").Eval(context)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-6)
+    error = diagram.GetOutputPort("task_error").Eval(context)
+    layout = model.layout
+    assert np.isfinite(error).all()
+    assert np.abs(error[layout.linear_rows]).max(initial=0.0) < 0.3  # [m]
+    # A hand may have to turn far from the rest posture; blending does the rest.
+    assert np.abs(error[layout.angular_rows]).max(initial=0.0) < 0.9  # sine
+
+
+def test_nothing_hides_a_violation(built):
+    """By default the plant has neither contact nor limits; the control model has."""
+    _, diagram = built
+    plant = diagram.GetSubsystemByName("plant")
+    inspector = diagram.GetSubsystemByName("scene_graph").model_inspector()
+    assert np.isinf(plant.GetPositionUpperLimits()).all()
+    assert np.isinf(plant.GetPositionLowerLimits()).all()
+    assert np.isinf(plant.GetEffortUpperLimits()).all()
+    assert not inspector.GetCollisionCandidates()
+    model = diagram.GetSubsystemByName("crar_controller").law.model
+    assert np.isfinite(model.upper).any() and np.isfinite(model.effort_limits).any()
+    assert model.scene_graph.model_inspector().GetCollisionCandidates()
+
+
+def test_it_runs(built):
+    _, diagram = built
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.05)
+    root = simulator.get_context()
+    controller = diagram.GetSubsystemByName("crar_controller")
+    mode = controller.law.parameters.constraints
+    sizes = {}
+    for name in ("state", "desired_tasks", "diagnostics"):
+        log = diagram.GetSubsystemByName(f"log_{name}").FindLog(root)
+        sizes[name] = log.num_samples()
+        # The paper's mode has no such margins.
+        missing = name == "diagnostics" and mode != "lookahead"
+        assert np.isfinite(log.data()).all() != missing
+    assert set(sizes.values()) == {51}
+
+
+def test_simulated_robot_options():
+    """Each is kept when asked for, by itself."""
+    scenario = load_scenario("obstacle_arm")
+    setup = PrepareScenario(scenario)
+    for option in ("contact", "position_limits", "effort_limits"):
+        scenario.simulated_robot = replace(SimulatedRobot(), **{option: True})
+        diagram = MakeCrarDiagram(scenario, setup=setup)
+        plant = diagram.GetSubsystemByName("plant")
+        inspector = diagram.GetSubsystemByName("scene_graph").model_inspector()
+        assert bool(inspector.GetCollisionCandidates()) == (option == "contact")
+        kept = np.isfinite(plant.GetPositionUpperLimits()).all()
+        assert kept == (option == "position_limits")
+        assert np.isfinite(plant.GetEffortUpperLimits()).all() == (
+            option == "effort_limits"
+        )
+
+
+def test_continuous_plant_and_log_period():
+    """A scenario may choose both."""
+    scenario = load_scenario("obstacle_arm")
+    scenario.plant_config.time_step = 0.0
+    scenario.plant_config.use_sampled_output_ports = False
+    scenario.controller.period = 5e-3
+    scenario.log_period = 0.01
+    diagram = MakeCrarDiagram(scenario)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.1)
+    log = diagram.GetSubsystemByName("log_state").FindLog(simulator.get_context())
+    np.testing.assert_allclose(log.sample_times(), np.arange(11) * 0.01, atol=1e-12)
+
+
+def arm_with(**changes) -> Scenario:
+    scenario = load_scenario("obstacle_arm")
+    for name, value in changes.items():
+        setattr(scenario, name, value)
+    return scenario
+
+
+def still(name: str, xyz=(0.4, 0.0, 0.3)) -> dict[str, list[Keyframe]]:
+    return {name: [Keyframe(t, list(xyz)) for t in (0.0, 1.0)]}
+
+
+@pytest.mark.parametrize(
+    "scenario, words",
+    [
+        (arm_with(robot="obstacle_rm"), ["did you mean 'obstacle_arm'"]),
+        (arm_with(tasks=[Task(frame="tol")]), ["tol", "did you mean 'tool'"]),
+        (arm_with(keyframes=still("tol")), ["none for task tool"]),
+        (arm_with(keyframes=still("tool") | still("x")), ["no task x"]),
+        (arm_with(keyframes=still("tool", (0.4, 0.0))), ["tool", "xyz", "three"]),
+        (arm_with(keyframes={"tool": [Keyframe()]}), ["tool", "at least two"]),
+        (arm_with(keyframes={}, motion="nowhere"), ["tool", "keyframes"]),
+        (arm_with(robot="upper_body", tasks=[Task(frame="neck")]), ["prescribed"]),
+        (arm_with(controller=CrarParameters(period=1.5e-3)), ["controller.period"]),
+    ],
+)
+def test_refused_scenarios(scenario, words):
+    with pytest.raises(CrarError) as caught:
+        MakeCrarDiagram(scenario)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_prepared_setup_gives_the_same_diagram():
+    scenario = load_scenario("obstacle_arm")
+    setup = PrepareScenario(scenario)
+    assert isinstance(setup.model, ControlModel) and setup.motion.duration == 8.0
+    contexts = [
+        MakeCrarDiagram(scenario, setup=s).CreateDefaultContext() for s in (setup, None)
+    ]
+    states = [c.get_discrete_state_vector().CopyToVector() for c in contexts]
+    np.testing.assert_array_equal(states[0], states[1])
+    np.testing.assert_array_equal(states[0][:7], setup.start_positions)

@@ -119,26 +119,30 @@ def test_the_largest_share_that_leaves_room_to_brake(
     """By trying shares: of those within the limits the largest after which braking
     needs 80 % of them or, where it needs more now, less of the surplus by c; or else
     the smallest within the limits."""
-    now = torques(tau, tau_brake)
-    allowed = (np.abs(now) <= limits).all(axis=1)
-    assume(allowed.any())
     surplus = np.maximum(np.abs(tau_brake) - 0.8 * limits, 0.0)
-    after = tau_brake - c * (now - tau_still)
-    kept = (np.abs(after) <= 0.8 * limits + (1.0 - c) * surplus).all(axis=1)
+    room = 0.8 * limits + (1.0 - c) * surplus
+
+    def allowed(theta: np.ndarray, slack: float) -> np.ndarray:
+        now = tau_brake + theta[:, None] * (tau - tau_brake)
+        return (np.abs(now) <= limits * (1.0 + slack)).all(axis=1)
+
+    def kept(theta: np.ndarray, slack: float) -> np.ndarray:
+        now = tau_brake + theta[:, None] * (tau - tau_brake)
+        after = tau_brake - c * (now - tau_still)
+        return (np.abs(after) <= room * (1.0 + slack)).all(axis=1)
+
+    # Shares that are right, or that may be, whatever rounding does.
+    right = allowed(THETA, -1e-9)
+    assume(right.any())
     found = scale(tau, tau_brake, tau_still, limits, c)
+    at = np.array([found.theta])
     assert found.excess == 0.0
-    step = THETA[1]
-    if (allowed & kept).any():
-        assert found.theta == pytest.approx(THETA[allowed & kept].max(), abs=step)
-    elif found.theta > THETA[allowed].min() + step:
-        # Shares between two that were tried: then what was found must do.
-        at = tau_brake + found.theta * (tau - tau_brake)
-        assert (np.abs(at) <= limits * (1.0 + 1e-9)).all()
-        next_brake = np.abs(tau_brake - c * (at - tau_still))
-        room = 0.8 * limits + (1.0 - c) * surplus
-        assert (next_brake <= room * (1.0 + 1e-9)).all()
-    else:
-        assert found.theta == pytest.approx(THETA[allowed].min(), abs=step)
+    assert 0.0 <= found.theta <= 1.0 and allowed(at, 1e-9)[0]
+    if (right & kept(THETA, -1e-9)).any():
+        assert kept(at, 1e-9)[0]
+        assert found.theta >= THETA[right & kept(THETA, -1e-9)].max() - 1e-9
+    elif not kept(at, 1e-9)[0]:
+        assert found.theta <= THETA[right].min() + 1e-9
 
 
 class Arm(NamedTuple):
@@ -204,6 +208,30 @@ def test_limited_torque_is_that_of_the_slower_resting_point(arm):
     assert (np.abs(after) < 0.8 * limits).all()
     vdot, tau, (theta, excess) = arm.limited(limits)
     assert theta == pytest.approx(0.6, abs=1e-9) and excess == 0.0
+    np.testing.assert_allclose(vdot, arm.slowed(theta), rtol=1e-9)
+    np.testing.assert_allclose(tau, arm.torque(vdot), rtol=1e-9)
+
+
+def test_limited_torque_leaves_room_to_brake(arm):
+    """By trying shares; what no acceleration costs is that of the controlled joints,
+    while the prescribed joint goes on."""
+    arm = arm._replace(period=0.03)
+    c = arm.period / arm.horizon
+    brake = arm.torque(arm.slowed(0.0))
+    limits = np.maximum(np.abs(brake), np.abs(arm.torque(arm.wish))) * 1.01
+
+    def largest(still: np.ndarray) -> float:
+        now = np.array([arm.torque(arm.slowed(theta)) for theta in THETA])
+        after = brake - c * (now - arm.torque(still))
+        room = 0.8 * limits + (1.0 - c) * np.maximum(np.abs(brake) - 0.8 * limits, 0.0)
+        kept = (np.abs(now) <= limits) & (np.abs(after) <= room)
+        return THETA[kept.all(axis=1)].max()
+
+    expected = largest(np.array([0.0, 0.0, arm.wish[2]]))
+    assert 0.05 < expected < 0.95
+    assert abs(largest(np.zeros(3)) - expected) > 0.01
+    vdot, tau, (theta, excess) = arm.limited(limits)
+    assert theta == pytest.approx(expected, abs=THETA[1]) and excess == 0.0
     np.testing.assert_allclose(vdot, arm.slowed(theta), rtol=1e-9)
     np.testing.assert_allclose(tau, arm.torque(vdot), rtol=1e-9)
 

@@ -80,7 +80,7 @@ class CrarParameters:
             ScenarioError: names the field, its value and what it may be.
         """
         check_choice("controller", self, "level", LEVELS)
-        check_choice("controller", self, "constraints", CONSTRAINTS)
+        check_choice("controller", self, "constraints", tuple(MODES))
         check_choice("controller", self, "distances", DISTANCES)
         check_choice("controller", self, "metric", METRICS)
         check_numbers(

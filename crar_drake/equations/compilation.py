@@ -51,28 +51,30 @@ _CACHE_FOLDER = cache_folder()
 
 
 def _compile_quickly() -> None:
-    """Makes Numba optimise our functions less than it does by default.
+    """Makes Numba optimise our functions less than it does by default, but for loops.
 
-    On arrays of a dozen numbers the full optimisation gains nothing that could be
-    measured, and takes most of the time of compiling. Numba has one setting for all:
-    it is borrowed while a function of this package is compiled.
+    On arrays of a dozen numbers the full optimisation of array expressions gains
+    nothing that could be measured, and takes most of the time of compiling. Numba has
+    one setting for all: it is borrowed while a function of this package is compiled.
     """
     from numba.core import config, event
 
-    ours = {"OPT": config._OptLevel(1), "LOOP_VECTORIZE": 0, "SLP_VECTORIZE": 0}
-    theirs: list[dict] = []
+    quick = {"OPT": config._OptLevel(1), "LOOP_VECTORIZE": 0, "SLP_VECTORIZE": 0}
+    usual = {name: getattr(config, name) for name in quick}
+    before: list[dict] = []
 
     class Borrower(event.Listener):
         def on_start(self, start: event.Event) -> None:
             function = start.data["dispatcher"].py_func
-            if theirs or function.__module__.startswith(__package__):
-                theirs.append({name: getattr(config, name) for name in ours})
-                for name, value in ours.items():
+            if before or function.__module__.startswith(__package__):
+                before.append({name: getattr(config, name) for name in quick})
+                full = function.__name__.endswith("_loops")
+                for name, value in (usual if full else quick).items():
                     setattr(config, name, value)
 
         def on_end(self, end: event.Event) -> None:
-            if theirs:
-                for name, value in theirs.pop().items():
+            if before:
+                for name, value in before.pop().items():
                     setattr(config, name, value)
 
     event.register("numba:compile", Borrower())

@@ -151,9 +151,8 @@ class Robot(NamedTuple):
 
 
 @compiled
-def evaluate_state(drake: FromDrake, robot: Held) -> State:
-    """Eqs. (5), (6), (20): the numbers of a state from Drake's; holds a `Robot`."""
-    r = robot.value
+def find_state(drake: FromDrake, r: Robot) -> State:
+    """Eqs. (5), (6), (20): the numbers of a state from Drake's."""
     tasks, rows, X = r.tasks, r.rows, drake.X
     points = place_points(X, r.selection, r.first)
     S = joint_motion(drake.ends, r.signs, r.order)
@@ -175,11 +174,23 @@ def evaluate_state(drake: FromDrake, robot: Held) -> State:
 
 
 @compiled
-def join_joints(qddot: np.ndarray, qddot_p: np.ndarray, robot: Held) -> np.ndarray:
-    """Accelerations (nv,) in the plant's order, from the controlled joints' (n,) and
-    the prescribed joints' (n_p,); holds a `Robot`."""
-    r = robot.value
-    vdot = np.empty(len(r.order))
-    vdot[r.order[: r.n]] = qddot
-    vdot[r.order[r.n :]] = qddot_p
+def evaluate_state(drake: FromDrake, robot: Held) -> State:
+    """`find_state`, of a held `Robot`."""
+    return find_state(drake, robot.value)
+
+
+@compiled
+def join_joints(
+    qddot: np.ndarray, qddot_p: np.ndarray, order: np.ndarray
+) -> np.ndarray:
+    """Accelerations (nv,) in the plant's order.
+
+    Args:
+        qddot, qddot_p: (n,), (n_p,) of the controlled and the prescribed joints.
+        order: (nv,) their places in the plant's order, see `Robot`.
+    """
+    vdot = np.empty(len(order))
+    n = len(qddot)
+    for i in range(len(order)):
+        vdot[order[i]] = qddot[i] if i < n else qddot_p[i - n]
     return vdot

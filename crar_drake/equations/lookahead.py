@@ -27,7 +27,7 @@ from crar_drake.equations.joint_limits import (
     limit_gradient,
     limit_potential,
 )
-from crar_drake.equations.kinematics import FromDrake, evaluate_state, join_joints
+from crar_drake.equations.kinematics import FromDrake, find_state, join_joints
 from crar_drake.equations.references import (
     Answer,
     TaskGains,
@@ -364,11 +364,12 @@ def solve_lookahead(
         if not added.any():
             break
         on |= added
-        active = rows[on]
+        A = np.flatnonzero(on)
+        active = rows[A]
         penalty = gram(active)
         M = normal + penalty
         W = 1.0 + np.diag(penalty) / damping2
-        right = right_v - transposed_times(active, (root * drift)[on])
+        right = right_v - transposed_times(active, (root * drift)[A])
 
     wish = root * (retreat - drift)
     on[:] = False
@@ -379,10 +380,11 @@ def solve_lookahead(
             break
         passes += 1
         on |= added
-        active = rows[on]
+        A = np.flatnonzero(on)
+        active = rows[A]
         M = gram(active)
         add_to_diagonal(M, damped)
-        right = damping2 * s_0 + transposed_times(active, wish[on])
+        right = damping2 * s_0 + transposed_times(active, wish[A])
         s = cholesky_solve(cholesky(M), right)
         rate = times(constraints.g, s) + drift
     return LookaheadSolution((s - qdot) / T, s, qdot_c, W, passes)
@@ -425,10 +427,11 @@ def lookahead_step(
     Returns:
         The answer; (n,) slip; (2,) smallest margins of pairs [m] and limits [rad].
     """
-    limits, gains = mode.value.limits, mode.value.gains
-    n, T = robot.value.n, gains.T
-    state = evaluate_state(drake, robot)
-    references = find_references(state, wanted, robot.value.rows, mode.value.tasks)
+    r, numbers = robot.value, mode.value
+    limits, gains = numbers.limits, numbers.gains
+    n, T = r.n, gains.T
+    state = find_state(drake, r)
+    references = find_references(state, wanted, r.rows, numbers.tasks)
     v, qdot = state.v, state.v[:n]
     slip = slip_velocity(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share
@@ -459,7 +462,7 @@ def lookahead_step(
     if len(at_limits.h):
         margins[1] = at_limits.h.min()
     answer = Answer(
-        join_joints(solution.qddot, references.qddot_p, robot),
+        join_joints(solution.qddot, references.qddot_p, r.order),
         references.error,
         state.d[0],
         solution.W,

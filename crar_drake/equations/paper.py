@@ -22,7 +22,7 @@ from crar_drake.equations.joint_limits import (
     limit_gradient,
     limit_proximity,
 )
-from crar_drake.equations.kinematics import FromDrake, evaluate_state, join_joints
+from crar_drake.equations.kinematics import FromDrake, find_state, join_joints
 from crar_drake.equations.references import (
     Answer,
     References,
@@ -191,17 +191,18 @@ def paper_step(
         mode: holds `PaperNumbers`.
         before: of the step before; zeros, and no q_dot_c, at the first.
     """
-    n, gains = robot.value.n, mode.value.gains
-    state = evaluate_state(drake, robot)
-    references = find_references(state, wanted, robot.value.rows, mode.value.tasks)
-    if mode.value.constrained:
+    r, numbers = robot.value, mode.value
+    n, gains = r.n, numbers.gains
+    state = find_state(drake, r)
+    references = find_references(state, wanted, r.rows, numbers.tasks)
+    if numbers.constrained:
         weights = constraint_weights(
             state.q[:n],
             state.d[0],
             np.ascontiguousarray(state.dd_dv[0][:, :n]),
             before.limit_proximity,
             before.pair_proximity,
-            mode.value.limits,
+            numbers.limits,
             gains,
         )
     else:
@@ -219,7 +220,7 @@ def paper_step(
         gains,
     )
     answer = Answer(
-        join_joints(qddot, references.qddot_p, robot),
+        join_joints(qddot, references.qddot_p, r.order),
         references.error,
         state.d[0],
         W,

@@ -143,21 +143,22 @@ def test_distance_gradient_about_origin_is_that_of_the_witness_points():
     at different places of the line, each on its own link; two configurations."""
     rng = np.random.default_rng(4)
     K, count, n = 2, 7, 5
-    normal = rng.normal(size=(K, 3, count))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    p_a = rng.normal(size=(K, 3, count))
-    p_b = p_a - rng.normal(size=(K, 1, count)) * normal
+    normal = rng.normal(size=(K, count, 3))
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    p_a = rng.normal(size=(K, count, 3))
+    p_b = p_a - rng.normal(size=(K, count, 1)) * normal
     S = rng.normal(size=(K, 6, n))
-    carries_a, carries_b = rng.integers(2, size=(2, count, n))
+    carries_a, carries_b = rng.integers(2, size=(2, count, n)).astype(float)
     expected = np.empty((K, count, n))
     for k, j, i in np.ndindex(K, count, n):
         omega, v = S[k, :3, i], S[k, 3:, i]
-        v_a = carries_a[j, i] * (v + np.cross(omega, p_a[k, :, j]))
-        v_b = carries_b[j, i] * (v + np.cross(omega, p_b[k, :, j]))
-        expected[k, j, i] = normal[k, :, j] @ (v_a - v_b)
-    for point in (p_a, p_b):
+        v_a = carries_a[j, i] * (v + np.cross(omega, p_a[k, j]))
+        v_b = carries_b[j, i] * (v + np.cross(omega, p_b[k, j]))
+        expected[k, j, i] = normal[k, j] @ (v_a - v_b)
+    moves = carries_a - carries_b
+    for point in (p_a.reshape(-1, 3), p_b.reshape(-1, 3)):
         np.testing.assert_allclose(
-            distance_gradient_about_origin(normal, point, S, carries_a - carries_b),
+            distance_gradient_about_origin(normal.reshape(-1, 3), point, S, moves),
             expected,
             atol=1e-13,
         )
@@ -198,7 +199,7 @@ def test_proximity_grows_strictly_with_depth_without_a_jump():
 
 def test_first_step_counts_as_approaching():
     gradient = np.array([[2.0, -3.0], [0.0, 4.0]])
-    W = pair_weights(gradient, np.abs(gradient), None)
+    W = pair_weights(gradient, np.abs(gradient), np.zeros((2, 2)))
     np.testing.assert_array_equal(W, [[3.0, 4.0], [1.0, 5.0]])
 
 
@@ -248,6 +249,6 @@ def test_without_pairs_nothing_is_weighed():
     slope = collision_potential_slope(d, **PAPER)
     gradient = collision_gradient(slope, none)
     proximity = collision_proximity(gradient, d)
-    for previous in (None, proximity):
+    for previous in (none, proximity):
         W_COL_j = pair_weights(gradient, proximity, previous)
         np.testing.assert_array_equal(collision_weights(W_COL_j), np.ones(4))

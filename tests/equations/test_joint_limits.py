@@ -5,20 +5,23 @@ import pytest
 
 from crar_drake.equations.joint_limits import (
     LIMIT_CLAMP,
-    LimitPotential,
     joint_limit_potential,
     joint_limit_weights,
+    limit_gradient,
+    limit_potential,
+    limit_proximity,
 )
 
 LOWER, UPPER = np.array([-0.7]), np.array([1.9])
 
 
 def joint_limit_gradient(q, lower, upper) -> np.ndarray:
-    return LimitPotential(lower, upper).gradient(q)
+    return limit_gradient(q, limit_potential(lower, upper))
 
 
 def joint_limit_proximity(q, lower, upper) -> np.ndarray:
-    return LimitPotential(lower, upper).gradient_and_proximity(q)[1]
+    limits = limit_potential(lower, upper)
+    return limit_proximity(q, limit_gradient(q, limits), limits)
 
 
 def gradient_at(q) -> np.ndarray:
@@ -136,6 +139,50 @@ def test_narrow_ranges_and_equal_limits_stay_finite(span):
     assert gradient[0] < -1e3 and gradient[-1] > 1e3
 
 
+@pytest.mark.parametrize(
+    "span, effective", [(0.0, 1e-4), (5e-5, 1e-4), (1e-4, 1e-4), (2e-4, 2e-4)]
+)
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_narrow_range_is_clamped_at_a_quarter_of_it(span, effective, sign):
+    """Eq. (17) at a quarter of the range r from a limit is 32 / (9 r); a range narrower
+    than a clamp counts as one as wide, about the same middle."""
+    assert LIMIT_CLAMP == 1e-4
+    middle = 0.3
+    lower, upper = np.array([middle - 0.5 * span]), np.array([middle + 0.5 * span])
+
+    def gradient(offset: float) -> float:
+        q = np.array([middle + sign * offset])
+        return sign * joint_limit_gradient(q, lower, upper)[0]
+
+    at_clamp = 32.0 / (9.0 * effective)
+    for offset in (0.25, 0.3, 0.5, 1.0, 1e5):
+        assert gradient(offset * effective) == pytest.approx(at_clamp, rel=1e-9)
+    # Further inside it is Eq. (17) as printed: r^2 2x / (4 (r^2/4 - x^2)^2).
+    for share in (0.2, 0.1, 0.0):
+        x, r = share * effective, effective
+        printed = r**2 * 2.0 * x / (4.0 * (0.25 * r**2 - x**2) ** 2)
+        assert gradient(x) == pytest.approx(printed, rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize("span", [3.9e-4, 4e-4, 4.1e-4, 1e-3])
+def test_the_clamp_is_a_quarter_of_the_range_or_its_own_width(span):
+    """Whichever is less: on both sides of four clamps, from the printed formula."""
+    lower, upper = np.array([0.0]), np.array([span])
+    clamp = 0.25 * span if span < 4e-4 else 1e-4
+    rest = span - clamp
+    printed = span**2 * (rest - clamp) / (4 * clamp**2 * rest**2)
+    beyond = joint_limit_gradient(upper + 1.0, lower, upper)
+    np.testing.assert_allclose(beyond, printed, rtol=1e-9)
+    np.testing.assert_allclose(
+        joint_limit_gradient(lower - 1.0, lower, upper), -printed
+    )
+    # Beyond the clamp, the proximity grows by one gradient per LIMIT_CLAMP.
+    past = upper - clamp + 3.0 * LIMIT_CLAMP
+    np.testing.assert_allclose(
+        joint_limit_proximity(past, lower, upper), 4.0 * printed, rtol=1e-9
+    )
+
+
 def test_proximity_is_the_gradients_magnitude_inside():
     q = np.linspace(LOWER + LIMIT_CLAMP, UPPER - LIMIT_CLAMP, 101)[:, 0]
     np.testing.assert_allclose(proximity_at(q), np.abs(gradient_at(q)), rtol=1e-6)
@@ -155,7 +202,7 @@ def test_proximity_grows_strictly_outwards_without_a_jump():
 
 def test_first_step_counts_as_approaching():
     gradient = np.array([2.0, -3.0, 0.0])
-    W = joint_limit_weights(gradient, np.abs(gradient), None)
+    W = joint_limit_weights(gradient, np.abs(gradient), np.zeros(3))
     assert W.tolist() == [3.0, 4.0, 1.0]
 
 

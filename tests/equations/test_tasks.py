@@ -60,14 +60,14 @@ def test_orientation_error_is_sine_times_axis(degrees):
         theta = np.radians(degrees)
         R_d = Rotation.from_rotvec(theta * axis).as_matrix() @ R
         np.testing.assert_allclose(
-            orientation_error(R, R_d), np.sin(theta) * axis, atol=1e-14
+            orientation_error(R[None], R_d[None])[0], np.sin(theta) * axis, atol=1e-14
         )
 
 
 def test_orientation_error_grows_up_to_90_degrees_and_is_gone_at_180():
     def size(degrees: float) -> float:
         R_d = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
-        return orientation_error(np.eye(3), R_d)[2]
+        return orientation_error(np.eye(3)[None], R_d[None])[0, 2]
 
     assert size(30) == pytest.approx(0.5)
     assert size(90) == pytest.approx(1.0)
@@ -158,7 +158,7 @@ def test_task_error_stacks_orientation_above_position(layout):
     rng = np.random.default_rng(5)
     R, R_d = random_rotations(rng, 3), random_rotations(rng, 3)
     p, p_d = rng.normal(size=(4, 3)), rng.normal(size=(4, 3))
-    e = task_error(layout, R, p, R_d, p_d)
+    e = task_error(layout.rows, R, p, R_d, p_d)
     angular = [0.5 * np.cross(R[i], R_d[i], axis=0).sum(axis=1) for i in range(3)]
     linear = p_d - p
     expected = np.r_[
@@ -173,7 +173,7 @@ def test_task_error_of_one_kind_only(kind):
     angular = kind == "orientation"
     R = np.eye(3)[None] if angular else np.empty((0, 3, 3))
     p = np.empty((0, 3)) if angular else np.zeros((1, 3))
-    e = task_error(layout, R, p, R, p + 1.0)
+    e = task_error(layout.rows, R, p, R, p + 1.0)
     np.testing.assert_array_equal(e, np.zeros(3) if angular else np.ones(3))
 
 
@@ -216,11 +216,11 @@ def test_quaternions_of_the_identity_and_of_single_matrices():
         quaternion_from_rotation(np.eye(3)), [1, 0, 0, 0], atol=1e-15
     )
     np.testing.assert_allclose(
-        rotation_from_quaternion(np.array([-2.0, 0, 0, 0])), np.eye(3)
+        rotation_from_quaternion(np.array([[-2.0, 0, 0, 0]])), np.eye(3)[None]
     )
     assert quaternion_from_rotation(np.empty((0, 3, 3))).shape == (0, 4)
     assert rotation_from_quaternion(np.empty((0, 4))).shape == (0, 3, 3)
 
 
 def test_a_zero_quaternion_gives_nan_quietly():
-    assert np.isnan(rotation_from_quaternion(np.zeros(4))).all()
+    assert np.isnan(rotation_from_quaternion(np.zeros((1, 4)))).all()

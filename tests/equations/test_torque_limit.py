@@ -1,12 +1,14 @@
 """The torque limit takes the largest share that it may, judged by brute force."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from crar_drake.equations.torque_limit import torque_scale
+from crar_drake.equations.torque_limit import limit_torque, torque_scale
 
 vectors = arrays(float, 4, elements=st.floats(-50.0, 50.0))
 THETA = np.linspace(0.0, 1.0, 2001)
@@ -18,7 +20,7 @@ def scale(tau, tau_brake, tau_still, limits, dt_T=0.0):
         np.asarray(tau_brake, float),
         np.asarray(tau_still, float),
         np.asarray(limits, float),
-        period_over_horizon=dt_T,
+        float(dt_T),
     )
 
 
@@ -74,3 +76,170 @@ def test_speed_is_kept_low_enough_to_brake():
         fastest = max(fastest, v)
     assert mass * fastest / T <= limit  # braking at q_ddot = -q_dot / T is possible
     assert fastest > 0.7 * limit * T / mass  # and it is not needlessly slow
+
+
+@pytest.mark.parametrize(
+    "tau, tau_brake, tau_still, theta",
+    [
+        # L = 10, dt / T = 1/2. Next braking torque: -3 - 7.5 theta, of at most 8.
+        (9.0, -6.0, 0.0, 2.0 / 3.0),
+        # 1 beyond the reserve of 8: half of it may be left, 8.5 >= 4.5 + 6 theta.
+        (3.0, -9.0, 0.0, 2.0 / 3.0),
+        # The mirror images.
+        (-9.0, 6.0, 0.0, 2.0 / 3.0),
+        (-3.0, 9.0, 0.0, 2.0 / 3.0),
+        # Torques up to 20: theta <= 0.5. Next: 12 - 10 theta <= 8 asks for 0.4 or more.
+        (20.0, 0.0, 24.0, 0.5),
+        # 15 - 10 theta <= 8 asks for 0.7, which is not allowed: the least allowed.
+        (20.0, 0.0, 30.0, 0.0),
+        # Only 0.25 and more is allowed, and no share leaves a next braking torque of
+        # 10 or less, 11 + 4 theta: the least allowed, again.
+        (-4.0, -12.0, -10.0, 0.25),
+        # 10 - 2.5 theta <= 8 asks for 0.8 or more, which is allowed.
+        (5.0, 0.0, 20.0, 1.0),
+    ],
+)
+def test_share_that_leaves_room_to_brake_by_hand(tau, tau_brake, tau_still, theta):
+    found = scale([tau], [tau_brake], [tau_still], [10.0], 0.5)
+    assert found.theta == pytest.approx(theta, abs=1e-9)
+    assert found.excess == 0.0
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    vectors,
+    vectors,
+    vectors,
+    arrays(float, 4, elements=st.floats(20.0, 60.0)),
+    st.sampled_from([0.02, 0.2, 0.5, 1.0]),
+)
+def test_the_largest_share_that_leaves_room_to_brake(
+    tau, tau_brake, tau_still, limits, c
+):
+    """By trying shares: of those within the limits the largest after which braking
+    needs 80 % of them or, where it needs more now, less of the surplus by c; or else
+    the smallest within the limits."""
+    surplus = np.maximum(np.abs(tau_brake) - 0.8 * limits, 0.0)
+    room = 0.8 * limits + (1.0 - c) * surplus
+
+    def allowed(theta: np.ndarray, slack: float) -> np.ndarray:
+        now = tau_brake + theta[:, None] * (tau - tau_brake)
+        return (np.abs(now) <= limits * (1.0 + slack)).all(axis=1)
+
+    def kept(theta: np.ndarray, slack: float) -> np.ndarray:
+        now = tau_brake + theta[:, None] * (tau - tau_brake)
+        after = tau_brake - c * (now - tau_still)
+        return (np.abs(after) <= room * (1.0 + slack)).all(axis=1)
+
+    # Shares that are right, or that may be, whatever rounding does.
+    right = allowed(THETA, -1e-9)
+    assume(right.any())
+    found = scale(tau, tau_brake, tau_still, limits, c)
+    at = np.array([found.theta])
+    assert found.excess == 0.0
+    assert 0.0 <= found.theta <= 1.0 and allowed(at, 1e-9)[0]
+    if (right & kept(THETA, -1e-9)).any():
+        assert kept(at, 1e-9)[0]
+        assert found.theta >= THETA[right & kept(THETA, -1e-9)].max() - 1e-9
+    elif not kept(at, 1e-9)[0]:
+        assert found.theta <= THETA[right].min() + 1e-9
+
+
+class Arm(NamedTuple):
+    """A robot of three joints with affine torque; the last joint is prescribed."""
+
+    H: np.ndarray
+    bias: np.ndarray
+    v: np.ndarray
+    wish: np.ndarray
+    horizon: float = 0.05
+    period: float = 1e-3
+
+    def torque(self, vdot: np.ndarray) -> np.ndarray:
+        return self.H @ vdot + self.bias
+
+    def limited(self, limits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return limit_torque(
+            self.wish,
+            self.torque(self.wish),
+            self.H,
+            self.v,
+            np.array([0, 1]),
+            np.asarray(limits, float),
+            self.horizon,
+            self.period,
+        )
+
+    def slowed(self, theta: float) -> np.ndarray:
+        """Accelerations (theta s - v) / T of the controlled joints, s = v + T vdot."""
+        s = self.v + self.horizon * self.wish
+        vdot = (theta * s - self.v) / self.horizon
+        vdot[2] = self.wish[2]
+        return vdot
+
+
+@pytest.fixture
+def arm() -> Arm:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 3))
+    return Arm(
+        H=root @ root.T + np.eye(3),
+        bias=rng.normal(size=3),
+        v=0.05 * rng.normal(size=3),
+        wish=np.array([30.0, -20.0, 5.0]),
+    )
+
+
+def test_torque_within_the_limits_is_left_alone(arm):
+    vdot, tau, (theta, excess) = arm.limited([1e4, np.inf, 1e4])
+    assert theta == 1.0 and excess == 0.0
+    np.testing.assert_array_equal(vdot, arm.wish)
+    np.testing.assert_array_equal(tau, arm.torque(arm.wish))
+
+
+def test_limited_torque_is_that_of_the_slower_resting_point(arm):
+    """The prescribed joint keeps its acceleration; the largest share is taken."""
+    limits = np.abs(arm.torque(arm.slowed(0.6))) * [1.0, 1.5, 1.5]
+    assert np.abs(arm.torque(arm.slowed(0.61)))[0] > limits[0]
+    # Braking in the next step must need less than 80 % of these limits.
+    after = arm.torque(arm.slowed(0.0)) - arm.period / arm.horizon * (
+        arm.torque(arm.slowed(0.6)) - arm.torque(np.array([0.0, 0.0, arm.wish[2]]))
+    )
+    assert (np.abs(after) < 0.8 * limits).all()
+    vdot, tau, (theta, excess) = arm.limited(limits)
+    assert theta == pytest.approx(0.6, abs=1e-9) and excess == 0.0
+    np.testing.assert_allclose(vdot, arm.slowed(theta), rtol=1e-9)
+    np.testing.assert_allclose(tau, arm.torque(vdot), rtol=1e-9)
+
+
+def test_limited_torque_leaves_room_to_brake(arm):
+    """By trying shares; what no acceleration costs is that of the controlled joints,
+    while the prescribed joint goes on."""
+    arm = arm._replace(period=0.03)
+    c = arm.period / arm.horizon
+    brake = arm.torque(arm.slowed(0.0))
+    limits = np.maximum(np.abs(brake), np.abs(arm.torque(arm.wish))) * 1.01
+
+    def largest(still: np.ndarray) -> float:
+        now = np.array([arm.torque(arm.slowed(theta)) for theta in THETA])
+        after = brake - c * (now - arm.torque(still))
+        room = 0.8 * limits + (1.0 - c) * np.maximum(np.abs(brake) - 0.8 * limits, 0.0)
+        kept = (np.abs(now) <= limits) & (np.abs(after) <= room)
+        return THETA[kept.all(axis=1)].max()
+
+    expected = largest(np.array([0.0, 0.0, arm.wish[2]]))
+    assert 0.05 < expected < 0.95
+    assert abs(largest(np.zeros(3)) - expected) > 0.01
+    vdot, tau, (theta, excess) = arm.limited(limits)
+    assert theta == pytest.approx(expected, abs=THETA[1]) and excess == 0.0
+    np.testing.assert_allclose(vdot, arm.slowed(theta), rtol=1e-9)
+    np.testing.assert_allclose(tau, arm.torque(vdot), rtol=1e-9)
+
+
+def test_torque_that_no_share_limits_is_clipped(arm):
+    limits = 0.2 * np.abs(arm.torque(arm.slowed(0.0)))
+    _, tau, (theta, excess) = arm.limited(limits)
+    assert excess > 0.0
+    free = arm.torque(arm.slowed(theta))
+    assert (np.abs(free) / limits).max() == pytest.approx(1.0 + excess)
+    np.testing.assert_allclose(tau, np.clip(free, -limits, limits), rtol=1e-9)

@@ -5,8 +5,11 @@ import pytest
 from scipy.optimize import minimize
 
 from crar_drake.equations.weighted_inverse import (
+    damped_inverse,
     damped_weighted_pseudo_inverse,
+    inverse_times,
     null_space_projector,
+    project_to_null_space,
     weighted_pseudo_inverse,
 )
 
@@ -31,6 +34,28 @@ def test_damped_inverse_is_the_printed_formula(m, n, damping):
     np.testing.assert_allclose(
         damped_weighted_pseudo_inverse(J, W, damping), printed, rtol=1e-8, atol=1e-14
     )
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["diagonal", "full"])
+@pytest.mark.parametrize("m, n", SHAPES)
+def test_products_with_the_damped_inverse_are_those_of_the_printed_matrices(m, n, full):
+    """J* x and N zeta = (I - J* J) zeta, which is what the controller uses of J*."""
+    J, diagonal = random_problem(m, n)
+    W = random_full_weight(n) if full else diagonal
+    inverse = np.linalg.inv(W if full else np.diag(W))
+    printed = inverse @ J.T @ np.linalg.inv(J @ inverse @ J.T + 0.01 * np.eye(m))
+    J_star = damped_inverse(J, W, 0.1)
+    vectors = np.random.default_rng(9).normal(size=(m, n))
+    for x, zeta in zip(np.eye(m), vectors, strict=True):
+        np.testing.assert_allclose(
+            inverse_times(J_star, x), printed @ x, rtol=1e-8, atol=1e-11
+        )
+        np.testing.assert_allclose(
+            project_to_null_space(J_star, J, zeta),
+            (np.eye(n) - printed @ J) @ zeta,
+            rtol=1e-8,
+            atol=1e-8,
+        )
 
 
 @pytest.mark.parametrize("m, n", SHAPES)
@@ -135,6 +160,8 @@ def test_an_enormous_weight_stops_its_joint_only(m, n):
     W[0] = 1e12
     J_star = damped_weighted_pseudo_inverse(J, W, 0.1)
     assert np.abs(J_star[0]).max() < 1e-9
+    if n == 1:
+        return  # no other joint is left
     rest = damped_weighted_pseudo_inverse(J[:, 1:], W[1:], 0.1)
     np.testing.assert_allclose(J_star[1:], rest, atol=1e-8)
 

@@ -1,0 +1,245 @@
+"""Both forms of every function on vectors: NumPy's, and the loops that are compiled.
+
+Each is compared with an expression of its own, so that neither is the other's judge.
+"""
+
+import ast
+import importlib.util
+from types import ModuleType
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from crar_drake.equations import compilation, vectors
+
+
+def plain_vectors() -> ModuleType:
+    """The module once more as it is without Numba: NumPy, nothing compiled."""
+    spec = importlib.util.spec_from_file_location("plain_vectors", vectors.__file__)
+    module = importlib.util.module_from_spec(spec)
+    with mock.patch.object(compilation, "IS_COMPILED", False):
+        spec.loader.exec_module(module)
+    return module
+
+
+PLAIN = plain_vectors()
+
+
+def functions_with_loops() -> dict[str, str]:
+    """From the source: the functions to the names of their loops."""
+    with open(vectors.__file__, encoding="utf-8") as file:
+        tree = ast.parse(file.read())
+    found = {}
+    for node in tree.body:
+        for decorator in getattr(node, "decorator_list", []):
+            for keyword in getattr(decorator, "keywords", []):
+                assert keyword.arg == "loops"
+                found[node.name] = keyword.value.id
+    return found
+
+
+LOOPS = functions_with_loops()
+FORMS = ("numpy", "loops", "in use")
+
+
+def form(name: str, which: str):
+    """A function's NumPy form, its loops in Python, or what the equations call."""
+    if which == "in use":
+        return getattr(vectors, name)
+    return getattr(PLAIN, LOOPS[name] if which == "loops" else name)
+
+
+RNG = np.random.default_rng(1)
+
+
+def normal(*shape: int) -> np.ndarray:
+    return RNG.normal(size=shape)
+
+
+def definite(n: int) -> np.ndarray:
+    root = normal(n, n)
+    return root @ root.T + 0.1 * np.eye(n)
+
+
+def lower_factor(n: int) -> np.ndarray:
+    """With something above the diagonal, which means nothing."""
+    return np.linalg.cholesky(definite(n)) + np.triu(normal(n, n), 1)
+
+
+def of_factor(L: np.ndarray) -> np.ndarray:
+    return np.tril(L) @ np.tril(L).T
+
+
+def four_per_row(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    A, first = np.zeros((rows, columns)), 4 * RNG.integers(columns // 4, size=rows)
+    for i, j in enumerate(first):
+        A[i, j : j + 4] = normal(4)
+    return A, first
+
+
+def sparse_case(K: int, rows: int, columns: int) -> tuple:
+    return *four_per_row(rows, columns), normal(K, columns, 3)
+
+
+# Per function: its arguments, and what it must give by another way.
+CASES = {
+    "cross_rows": (
+        [(normal(N, 3), normal(N, 3)) for N in (0, 1, 7)],
+        lambda a, b: np.cross(a, b),
+    ),
+    "dot_rows": (
+        [(normal(N, 3), normal(N, 3)) for N in (0, 1, 7)],
+        lambda a, b: (a * b).sum(axis=1),
+    ),
+    "gram": (
+        [(normal(k, n),) for k, n in ((0, 3), (1, 1), (3, 7), (9, 4))],
+        lambda A: np.einsum("ki,kj->ij", A, A),
+    ),
+    "times": (
+        [
+            (normal(5, 3), normal(3)),
+            (normal(0, 3), normal(3)),
+            (normal(5, 0), normal(0)),
+            (normal(3, 5).T, normal(3)),
+            (normal(5, 7)[:, 4:], normal(3)),
+        ],
+        lambda A, x: np.einsum("ij,j->i", A, x),
+    ),
+    "transposed_times": (
+        [
+            (normal(5, 3), normal(5)),
+            (normal(0, 3), normal(0)),
+            (normal(5, 0), normal(5)),
+            (normal(3, 5).T, normal(5)),
+            (normal(5, 7)[:, 4:], normal(5)),
+        ],
+        lambda A, x: np.einsum("ij,i->j", A, x),
+    ),
+    "cholesky_solve": (
+        [(lower_factor(n), normal(n)) for n in (1, 2, 6, 13)],
+        lambda L, b: np.linalg.solve(of_factor(L), b),
+    ),
+    "cholesky_solve_matrix": (
+        [(lower_factor(n), normal(n, m)) for n, m in ((1, 1), (2, 5), (6, 3))],
+        lambda L, B: np.linalg.solve(of_factor(L), B),
+    ),
+    "product": (
+        [
+            (normal(4, 3), normal(3, 5)),
+            (normal(3, 3).T, normal(3, 3)),
+            (normal(0, 3), normal(3, 2)),
+            (normal(2, 6), normal(4, 6).T),
+            (normal(2, 6)[:, 1:3], normal(2, 2)),
+        ],
+        lambda A, B: np.einsum("ij,jk->ik", A, B),
+    ),
+    "batched_product": (
+        [
+            (normal(K * N, a), normal(K, a, n))
+            for K, N, a, n in ((1, 5, 6, 3), (2, 4, 6, 7), (3, 1, 2, 2))
+        ],
+        lambda A, B: np.einsum(
+            "kia,kan->kin", A.reshape(len(B), len(A) // len(B), -1), B
+        ),
+    ),
+    "sparse_product": (
+        [sparse_case(1, 3, 4), sparse_case(2, 9, 20), sparse_case(2, 0, 8)],
+        lambda A, _, X: np.einsum("ij,kjc->kic", A, X),
+    ),
+    "smallest": (
+        [
+            (normal(9), np.array([[0, 1, 2], [8, 7, 8], [3, 3, 3], [6, 4, 5]])),
+            # Of equal ones, the first.
+            (np.array([2.0, 1.0, 1.0]), np.array([[0, 2, 1], [1, 2, 0], [0, 0, 0]])),
+            (normal(3), np.array([[2], [0]])),
+        ],
+        lambda x, members: [min(row, key=lambda i: x[i]) for row in members.tolist()],
+    ),
+}
+# These are tested apart: one is no function of equal results, the other has none.
+APART = {"cholesky", "add_to_diagonal"}
+
+
+def test_every_function_with_loops_is_tested():
+    assert set(CASES) | APART == set(LOOPS)
+
+
+def test_the_forms_are_what_they_are_called():
+    for name, loops in LOOPS.items():
+        numpy_form, loop_form = form(name, "numpy"), form(name, "loops")
+        assert numpy_form.__code__.co_name == name
+        assert (
+            loop_form.__code__.co_name
+            == loops
+            == f"_{name.removesuffix('_rows')}_loops"
+        )
+        in_use = getattr(vectors, name)
+        chosen = loop_form if compilation.IS_COMPILED else numpy_form
+        assert getattr(in_use, "py_func", in_use).__code__.co_name == (
+            chosen.__code__.co_name
+        )
+
+
+@pytest.mark.parametrize("which", FORMS)
+@pytest.mark.parametrize("name", CASES)
+def test_both_forms_give_what_an_expression_of_its_own_gives(name, which):
+    arguments, expected = CASES[name]
+    for given in arguments:
+        before = [np.array(x) for x in given]
+        result = form(name, which)(*given)
+        np.testing.assert_allclose(result, expected(*given), rtol=1e-9, atol=1e-12)
+        assert np.shape(result) == np.shape(expected(*given))
+        for x, x_before in zip(given, before, strict=True):
+            np.testing.assert_array_equal(x, x_before)
+
+
+@pytest.mark.parametrize("which", FORMS)
+def test_gram_is_symmetric_to_the_last_bit(which):
+    for _ in range(20):
+        M = form("gram", which)(normal(5, 9))
+        np.testing.assert_array_equal(M, M.T)
+
+
+@pytest.mark.parametrize("which", FORMS)
+def test_cholesky_gives_the_lower_factor(which):
+    for n in (1, 2, 6, 13):
+        A = definite(n)
+        before = A.copy()
+        L = form("cholesky", which)(A)
+        np.testing.assert_allclose(
+            np.tril(L), np.linalg.cholesky(A), rtol=1e-9, atol=1e-12
+        )
+        np.testing.assert_array_equal(A, before)
+
+
+@pytest.mark.parametrize("which", FORMS)
+@pytest.mark.parametrize("case", ["indefinite", "zero", "nan"])
+def test_cholesky_of_what_has_no_factor_is_nan(which, case):
+    """Whatever is solved with it is NaN as well, in every entry."""
+    A = definite(4)
+    if case == "indefinite":
+        A[2, 2] = -1.0
+    elif case == "zero":
+        A = np.zeros((4, 4))
+    else:
+        A[1, 1] = np.nan
+    L = form("cholesky", which)(A)
+    assert np.isnan(np.tril(L)).any()
+    assert np.isnan(form("cholesky_solve", which)(L, np.ones(4))).all()
+
+
+@pytest.mark.parametrize("which", FORMS)
+def test_add_to_diagonal_works_in_place_on_the_diagonal_only(which):
+    A, x = normal(5, 5), normal(5)
+    expected = A + np.diag(x)
+    assert form("add_to_diagonal", which)(A, x) is None
+    np.testing.assert_array_equal(A, expected)
+
+
+def test_vectors_of_one_and_unit_clipping_are_numpys():
+    a, b = normal(3), normal(3)
+    np.testing.assert_allclose(vectors.cross(a, b), np.cross(a, b), rtol=1e-12)
+    assert vectors.dot(a, b) == pytest.approx(np.inner(a, b), rel=1e-12)
+    x = np.array([-0.5, 0.0, 0.3, 1.0, 7.0])
+    np.testing.assert_array_equal(vectors.clip_to_unit(x), np.clip(x, 0.0, 1.0))

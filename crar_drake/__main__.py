@@ -2,7 +2,7 @@
 
 import sys
 
-from crar_drake.cli import main
+from crar_drake.commands import main
 
 if __name__ == "__main__":
     sys.exit(main())

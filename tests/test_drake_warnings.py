@@ -8,7 +8,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.drake_warnings import (
     collected_warnings,
     recorded_warnings,
@@ -167,7 +167,7 @@ def test_a_command_tells_them_once(
         "keyframes: {tool: [{time: 0}, {time: 1}]}\nduration: 0.01\n"
     )
     options = ["--verbose"] if verbose else []
-    status = cli.main(["run", str(scenario), "--no-recording", *options])
+    status = main(["run", str(scenario), "--no-recording", *options])
     text = capfd.readouterr().err
     assert status == 0, text
     if verbose:

@@ -17,7 +17,7 @@ import pytest
 
 import crar_drake.results.plots
 import crar_drake.run
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.results.log import SimulationLog
@@ -117,7 +117,7 @@ def test_what_came_before_an_error_is_kept(it, monkeypatch, capsys, whole, error
         raise error
 
     in_the_middle(monkeypatch, fail)
-    assert cli.main(RUN) == 2
+    assert main(RUN) == 2
     until = check_part(it, whole, told)
     output = capsys.readouterr()
     end = re.escape(f"{told} (at {until:.3f} s of 0.2 s); it holds what was simulated")
@@ -134,7 +134,7 @@ def test_a_defect_is_not_hidden_and_the_part_is_kept(it, monkeypatch, whole):
 
     in_the_middle(monkeypatch, fail)
     with pytest.raises(ZeroDivisionError, match="a defect of ours") as caught:
-        cli.main(RUN)
+        main(RUN)
     assert any("it holds what was simulated" in n for n in caught.value.__notes__)
     check_part(it, whole, "ZeroDivisionError: a defect of ours")
 
@@ -145,7 +145,7 @@ def test_an_error_in_the_first_sample_leaves_all_as_it_was(any_it, monkeypatch, 
 
     in_the_middle(monkeypatch, fail, call=1)
     before = contents(any_it)
-    assert cli.main(RUN) == 2
+    assert main(RUN) == 2
     assert "crar-drake: error: desired_tasks is NaN\n" in capsys.readouterr().err
     assert contents(any_it) == before
 
@@ -178,7 +178,7 @@ def interrupt() -> None:
 
 def test_an_interrupted_run_is_kept(it, monkeypatch, capsys, whole, interruptible):
     in_the_middle(monkeypatch, interrupt)
-    assert cli.main(RUN) == 130
+    assert main(RUN) == 130
     until = check_part(it, whole, "interrupted")
     output = capsys.readouterr()
     told = f"crar-drake: interrupted at {until:.3f} s of 0.2 s; it holds what was"
@@ -194,7 +194,7 @@ def test_a_second_interrupt_does_not_wait_for_the_step(
         interrupt()
 
     in_the_middle(monkeypatch, twice)
-    assert cli.main(RUN) == 130
+    assert main(RUN) == 130
     assert check_part(it, whole, "interrupted") < 0.101
 
 
@@ -221,7 +221,7 @@ def test_an_interrupt_while_writing_ends_cleanly(
         return figure
 
     monkeypatch.setattr(crar_drake.results.plots, "draw_run", draw_and_interrupt)
-    assert cli.main(RUN) == 130
+    assert main(RUN) == 130
     # Nothing of an earlier run, no plot, no temporary file.
     assert names(it) == ["log.npz", "summary.json"]
     stopped = json.loads((it / "summary.json").read_text())["stopped"]
@@ -266,13 +266,14 @@ def test_the_callers_of_a_library_get_the_part(tmp_path, monkeypatch, interrupti
 
 SLOW = """
 import sys
-from crar_drake import cli, run
+from crar_drake import run
+from crar_drake.commands import main
 simulate = run._simulate
 def tell_and_simulate(*arguments):
     print("simulating", flush=True)
     simulate(*arguments)
 run._simulate = tell_and_simulate
-sys.exit(cli.main(sys.argv[1:]))
+sys.exit(main(sys.argv[1:]))
 """
 
 
@@ -314,7 +315,7 @@ def largest_file():
 
 def test_the_log_stays_if_the_page_does_not_fit(it, capsys, largest_file):
     largest_file(2_000_000)  # a page has more than 2.5 MB
-    assert cli.main(RUN) == 2
+    assert main(RUN) == 2
     output = capsys.readouterr()
     # An earlier page beside this log would mislead.
     assert names(it) == ["log.npz", "plot.png", "summary.json"]
@@ -330,7 +331,7 @@ def test_the_log_stays_if_the_page_does_not_fit(it, capsys, largest_file):
 def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys, largest_file):
     before = contents(any_it)
     largest_file(20_000)
-    assert cli.main(RUN) == 2
+    assert main(RUN) == 2
     assert contents(any_it) == before
     assert any_it.exists() == bool(before), "the folder goes if it was made for this"
     output = capsys.readouterr()
@@ -359,7 +360,7 @@ def test_a_defect_of_a_writer_leaves_no_older_file(it, monkeypatch):
 
     monkeypatch.setattr(crar_drake.results.plots, "plot_run", fail)
     with pytest.raises(ZeroDivisionError):
-        cli.main(RUN)
+        main(RUN)
     assert names(it) == ["log.npz", "summary.json"]
 
 

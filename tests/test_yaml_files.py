@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot_import.choices import ImportChoices, load_choices
@@ -254,7 +254,7 @@ def test_a_complete_import_file_is_read(tmp_path):
 def test_the_command_says_it_in_one_line(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("s.yaml").write_text(VALID + "controller:\n  lookahead: {rho: big}\n")
-    assert cli.main(["run", "s.yaml"]) == 2
+    assert main(["run", "s.yaml"]) == 2
     assert capsys.readouterr().err == (
         "crar-drake: error: s.yaml: controller.lookahead.rho (line 4): expected a "
         "number, found the text 'big'\n"

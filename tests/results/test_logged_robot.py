@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.resources import data_folder
 from crar_drake.results.log import SimulationLog
@@ -19,7 +19,7 @@ SHIPPED = (data_folder("diagrams") / "obstacle_arm.yaml").read_text()
 
 
 def refused(capsys, *argv: str) -> str:
-    assert cli.main(argv) == 2
+    assert main(argv) == 2
     output = capsys.readouterr()
     assert output.err.count("\n") == 1, "one line, no traceback"
     return output.err
@@ -40,7 +40,7 @@ def project(tmp_path: Path) -> Path:
 def run(scenario: str) -> None:
     """From the working directory; leaves log/log.npz there."""
     argv = ["run", scenario, "--duration", "0.05", "--no-recording", "--out", "log"]
-    assert cli.main(argv) == 0
+    assert main(argv) == 0
 
 
 @pytest.mark.parametrize("scenario", ["folder", "file"])
@@ -56,9 +56,9 @@ def test_playback_and_judge_from_another_folder(
     monkeypatch.chdir(elsewhere)
     log = "../project/runs/log/log.npz"
     assert capsys.readouterr().out.startswith("arm following keyframes")
-    assert cli.main(["judge", log]) == 0
+    assert main(["judge", log]) == 0
     assert "0 in penetration" in capsys.readouterr().out
-    assert cli.main(["playback", log, "--out", "page.html"]) == 0
+    assert main(["playback", log, "--out", "page.html"]) == 0
     assert (elsewhere / "page.html").stat().st_size > 100_000
 
 
@@ -75,7 +75,7 @@ def test_a_robot_that_moved_is_named_and_can_be_given(
         assert str(project / "robots" / "arm" / "robot.yaml") in message
         assert "--robot" in message
     argv = ["judge", "project/log/log.npz", "--robot", str(moved / "arm")]
-    assert cli.main(argv) == 0
+    assert main(argv) == 0
     assert "0 in penetration" in capsys.readouterr().out
     # Another robot than that of the run is told from it.
     assert "no frame 'tool'" in refused(capsys, *argv[:-1], "upper_body")

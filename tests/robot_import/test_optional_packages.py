@@ -31,7 +31,7 @@ def distribution(name):
     return found(name)
 
 importlib.metadata.distribution = distribution
-from crar_drake.cli import main
+from crar_drake.commands import main
 sys.exit(main(sys.argv[1:]))
 """
 

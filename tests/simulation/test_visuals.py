@@ -8,7 +8,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import chain_urdf
 
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.results.snapshots import SnapshotRenderer
 from crar_drake.robot.description import RobotDescription
 from crar_drake.simulation.diagram import MakeCrarDiagram
@@ -78,12 +78,12 @@ def test_a_plane_without_end_is_not_drawn():
 
 
 def test_the_recording_draws_them_and_the_command_says_so(robot, capsys):
-    assert cli.main(["run", "s.yaml", "--out", "it"]) == 0
+    assert main(["run", "s.yaml", "--out", "it"]) == 0
     told = "warning: model chain has no visual geometry: the recording draws its"
     assert told in capsys.readouterr().out
-    assert cli.main(["run", "s.yaml", "--out", "else", "--no-recording"]) == 0
+    assert main(["run", "s.yaml", "--out", "else", "--no-recording"]) == 0
     assert "visual geometry" not in capsys.readouterr().out
-    assert cli.main(["playback", "it/log.npz"]) == 0
+    assert main(["playback", "it/log.npz"]) == 0
     assert "no visual geometry: its collision shapes are drawn" in (
         capsys.readouterr().out
     )

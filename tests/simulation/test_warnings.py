@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_robots import chain_urdf
 
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.motion import MotionReport
 from crar_drake.motion.report import Flip, Jump, inspect
 from crar_drake.run import run_scenario
@@ -148,7 +148,7 @@ def test_where_the_run_starts_then_is_said_as_it_is(folder):
 def test_the_command_prints_and_keeps_them(folder, capsys):
     arm(folder, "rest_posture: {j0: 1.7, j1: 0.5}\n")
     argv = ["run", "s.yaml", "--duration", "0.31", "--out", "it"]
-    assert cli.main(argv) == 0
+    assert main(argv) == 0
     printed = capsys.readouterr().out
     summary = json.loads((folder / "it/summary.json").read_text())
     assert len(summary["warnings"]) == 3

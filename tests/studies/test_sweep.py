@@ -15,7 +15,7 @@ import matplotlib.image
 import pytest
 
 import crar_drake.studies.sweep as sweep
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.errors import CrarError, WriteError
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.resources import builtin_motions_folder
@@ -326,7 +326,7 @@ def test_two_sweeps_into_one_file_lose_nothing(tmp_path, other_sweep, pool, caps
     named = rf"results.csv: process {other_sweep.pid} on .* is writing to it; wait"
     with pytest.raises(CrarError, match=named):
         run_sweep(CASES, out, executor=Counting())
-    assert cli.main(["sweep", "dance", "--out", "results.csv"]) == 2
+    assert main(["sweep", "dance", "--out", "results.csv"]) == 2
     assert re.search(named, capsys.readouterr().err)
     assert pool.cases == []
     assert out.read_text() == before
@@ -471,12 +471,12 @@ def test_a_frame_rate_is_that_of_all_motions(tmp_path, monkeypatch, capsys):
     """A dance of 7.8 s at 60 Hz lasts half a tenth of a second at 9600 Hz."""
     monkeypatch.chdir(tmp_path)
     argv = "sweep dance --experiment wrists --jobs 1 --period 0.005 --out it/all.csv"
-    assert cli.main([*argv.split(), "--frame-rate", "9600"]) == 0
+    assert main([*argv.split(), "--frame-rate", "9600"]) == 0
     (result,) = read_results("it/all.csv")
     expected = load_clip("dance").num_frames / 9600.0
     assert result.duration == pytest.approx(expected, abs=2e-3)
     capsys.readouterr()
-    assert cli.main(argv.split()) == 2
+    assert main(argv.split()) == 2
     assert "--frame-rate (see it/all.yaml)" in capsys.readouterr().err
 
 
@@ -485,7 +485,7 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
     bad, _ = tiny_cases(tmp_path)
     argv = ["sweep", "dance", bad.motion, "--experiment", "wrists", "--jobs", "1"]
     argv += ["--duration", "0.1", "--period", "0.005", "--out", "it/all.csv"]
-    assert cli.main([*argv, "--constraints", "paper,lookahead"]) == 0
+    assert main([*argv, "--constraints", "paper,lookahead"]) == 0
     printed = capsys.readouterr()
     assert "wrists, control period 5 ms" in printed.out
     assert "4/4" in printed.err
@@ -500,7 +500,7 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
     before = Path("it/all.csv").read_text()
     # What differs between the results' scenarios is not in the results.
     argv[argv.index("0.1")] = "0.2"
-    assert cli.main(argv) == 2
+    assert main(argv) == 2
     assert "another --scenario, --duration or --frame-rate" in capsys.readouterr().err
     assert Path("it/all.csv").read_text() == before
 
@@ -508,13 +508,13 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
 def test_the_command_runs_every_combination_once(pool, capsys):
     argv = "sweep dance boxing --constraints none,paper --constraints lookahead "
     argv += "--period 0.001,0.005 --level acceleration,velocity --jobs 3"
-    assert cli.main(argv.split()) == 0
+    assert main(argv.split()) == 0
     assert len(pool.cases) == len(set(pool.cases)) == 2 * 2 * 2 * (2 + 2 + 1)
     assert {c.experiment for c in pool.cases} == {"wrists", "upper-body"}
     assert pool.jobs == 3
     assert "out/sweep/results.csv" in capsys.readouterr().out
     pool.cases.clear()
-    assert cli.main([*argv.split(), "--experiment", "wrists"]) == 0
+    assert main([*argv.split(), "--experiment", "wrists"]) == 0
     assert pool.cases == []
 
 
@@ -532,7 +532,7 @@ def test_the_scenario_says_everything_else(pool, tmp_path, monkeypatch):
 
     monkeypatch.setattr(pool, "submit", keep)
     argv = "sweep reaching --scenario mine.yaml --duration 0.5 --out r.csv"
-    assert cli.main(argv.split()) == 0
+    assert main(argv.split()) == 0
     modes = {(c.constraints, c.level, c.period) for c in pool.cases}
     assert modes == {("paper", "velocity", 0.002)}
     for text in scenarios:
@@ -545,7 +545,7 @@ def test_interrupting_the_command_says_how_to_go_on(pool, monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pool, "submit", interrupt)
-    assert cli.main(["sweep", "dance", "--out", "r.csv"]) == 130
+    assert main(["sweep", "dance", "--out", "r.csv"]) == 130
     message = capsys.readouterr().err
     assert "what is finished is in r.csv; the same command continues" in message
     assert "crar-drake: interrupted" in message
@@ -572,7 +572,7 @@ def test_interrupting_the_command_says_how_to_go_on(pool, monkeypatch, capsys):
 )
 def test_the_command_refuses_mistakes(command, expected, pool, tmp_path, capsys):
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
-    assert cli.main(command.split()) == 2
+    assert main(command.split()) == 2
     output = capsys.readouterr()
     assert output.out == "" and output.err.count("\n") == 1
     assert expected in output.err

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake import cli
+from crar_drake.commands import main
 from crar_drake.errors import CrarError
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.referee import Referee
@@ -293,7 +293,7 @@ def test_the_same_command_again_changes_no_data_and_prints_the_findings(
     monkeypatch.setattr(
         "crar_drake.studies.section_iv.plan.make_plan", lambda *_, **__: plan
     )
-    assert cli.main(["reproduce", "--out", str(out), "--jobs", "1"]) == 0
+    assert main(["reproduce", "--out", str(out), "--jobs", "1"]) == 0
     printed = capsys.readouterr().out
     assert "holds" in printed and "does not hold" in printed
     assert printed.splitlines()[-1] == str(out / "report.html")
@@ -311,7 +311,7 @@ def test_mistakes_are_refused(tmp_path, capsys, monkeypatch):
         ("--duration 0", "'0' is not a positive number"),
         ("--jobs none", "'none' is not a positive whole number"),
     ):
-        assert cli.main(["reproduce", *command.split()]) == 2
+        assert main(["reproduce", *command.split()]) == 2
         assert message in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 

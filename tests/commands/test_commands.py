@@ -13,7 +13,7 @@ import pytest
 from small_logs import small_log
 
 import crar_drake.run
-from crar_drake import cli
+from crar_drake.commands import main, options, parse
 from crar_drake.control.parameters import CONSTRAINTS, LEVELS
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import MotionFiles, load_clip
@@ -40,7 +40,7 @@ def names(folder) -> list[str]:
 
 def refused(capsys, *argv: str) -> str:
     """The message of a command line that must be refused, with nothing written."""
-    assert cli.main(argv) == 2
+    assert main(argv) == 2
     output = capsys.readouterr()
     assert output.out == ""
     assert output.err.startswith("crar-drake: error: ")
@@ -54,7 +54,7 @@ def refused(capsys, *argv: str) -> str:
 
 def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
     argv = ["run", "dance_wrists", "--duration", "0.3", "--out", "here/it is"]
-    assert cli.main([*argv, "--no-recording"]) == 0
+    assert main([*argv, "--no-recording"]) == 0
     out = empty_folder / "here/it is"
     assert names(out) == FILES
 
@@ -107,7 +107,7 @@ def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
 def test_options_override_the_scenario(empty_folder, capsys):
     argv = "run diagrams/dance_upper-body.yaml --experiment wrists --level velocity "
     argv += "--constraints none --duration 0.01 --motion reaching --no-recording"
-    assert cli.main(argv.split()) == 0
+    assert main(argv.split()) == 0
     # Without --out the folder says what was run.
     out = empty_folder / "out" / "reaching_wrists_velocity_none"
     assert names(out) == FILES
@@ -123,7 +123,7 @@ def test_run_follows_a_motion_and_a_skeleton_by_path(cmu, empty_folder, capsys):
     amc.write_bytes((cmu / "subjects/02/02_01.amc").read_bytes())
     skeleton = cmu / "subjects/02/02.asf"
     argv = ["run", "--motion", "./walk.amc", "--skeleton", str(skeleton)]
-    assert cli.main([*argv, "--duration", "0.01", "--no-recording"]) == 0
+    assert main([*argv, "--duration", "0.01", "--no-recording"]) == 0
     out = empty_folder / "out" / "walk_upper-body"
     assert json.loads((out / "summary.json").read_text())["motion"] == "./walk.amc"
 
@@ -132,14 +132,14 @@ def test_a_scenario_of_ones_own(empty_folder, capsys):
     (empty_folder / "mine.yaml").write_text(
         "motion: dance\nexperiment: wrists\nduration: 0.01\nlog_period: 0.005\n"
     )
-    assert cli.main(["run", "mine.yaml", "--no-recording"]) == 0
+    assert main(["run", "mine.yaml", "--no-recording"]) == 0
     log = SimulationLog.load(empty_folder / "out/mine/log.npz")
     np.testing.assert_allclose(log.time, [0.0, 0.005, 0.01])
 
 
 def test_the_arm_runs_with_tasks_of_its_own(empty_folder, capsys):
     argv = "run obstacle_arm --duration 0.02 --no-recording"
-    assert cli.main(argv.split()) == 0
+    assert main(argv.split()) == 0
     summary = json.loads((empty_folder / "out/obstacle_arm/summary.json").read_text())
     assert summary["tasks"]["tool"]["kind"] == "pose"
     assert summary["rms_orientation_error"] is not None
@@ -148,17 +148,17 @@ def test_the_arm_runs_with_tasks_of_its_own(empty_folder, capsys):
 
 def test_a_recorded_run_and_its_playback(empty_folder, capsys):
     argv = ["run", "dance_wrists", "--duration", "0.1", "--out", "it"]
-    assert cli.main(argv) == 0
+    assert main(argv) == 0
     assert names(empty_folder / "it") == sorted([*FILES, "recording.html"])
     page = (empty_folder / "it/recording.html").read_text()
     assert page.lstrip().lower().startswith("<!doctype html>")
 
-    assert cli.main(["playback", "it/log.npz"]) == 0
+    assert main(["playback", "it/log.npz"]) == 0
     assert "it/playback.html" in capsys.readouterr().out
     assert (empty_folder / "it/playback.html").stat().st_size > 1_000_000
 
     # The folder shows one run: a page of an earlier one would mislead.
-    assert cli.main([*argv, "--no-recording"]) == 0
+    assert main([*argv, "--no-recording"]) == 0
     assert "recording.html" not in names(empty_folder / "it")
 
 
@@ -176,7 +176,7 @@ def where(monkeypatch):
 
         folders: list[str] = []
         monkeypatch.setattr(crar_drake.run, "run_scenario", keep)
-        assert cli.main(command.split()) == 2
+        assert main(command.split()) == 2
         return folders[0]
 
     return tell
@@ -236,7 +236,6 @@ def test_motions_of_one_name_have_folders_of_their_own(
         "motion dance --plot {}/x.png",
         "sweep dance --out {}/x.csv",
         "reproduce --out {}",
-        "bench --out {}",
     ],
 )
 @pytest.mark.parametrize("place", ["file/below", "locked"])
@@ -253,7 +252,6 @@ def test_impossible_places_are_refused_before_the_work(
         "crar_drake.simulation.visualization.record_log",
         "crar_drake.motion.report.inspect",
         "crar_drake.studies.sweep.run_case",
-        "benchmarks.step.run_bench",
         "crar_drake.studies.section_iv.simulate.run_plan",
     ):
         if name.endswith("run_scenario") and command.startswith("run "):
@@ -399,7 +397,7 @@ def test_an_unknown_key_in_a_scenario_is_named(empty_folder, capsys):
     (empty_folder / "mine.yaml").write_text(
         "motion: dance\nexperiment: wrists\ncontroler: {level: velocity}\n"
     )
-    assert cli.main(["run", "mine.yaml"]) == 2
+    assert main(["run", "mine.yaml"]) == 2
     message = capsys.readouterr().err
     assert "mine.yaml" in message and "did you mean 'controller'" in message
     assert names(empty_folder) == ["mine.yaml"]
@@ -410,7 +408,7 @@ def test_an_unknown_key_in_a_scenario_is_named(empty_folder, capsys):
 
 def test_list_names_everything(capsys, monkeypatch):
     monkeypatch.delenv("CRAR_MOCAP_PATH", raising=False)
-    assert cli.main(["list"]) == 0
+    assert main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     titles = [line for line in lines if not line.startswith(" ")]
     assert [re.match(r"\w+", title)[0] for title in titles] == [
@@ -430,7 +428,7 @@ def test_list_names_everything(capsys, monkeypatch):
 
 
 def test_list_names_trials_that_are_at_hand(cmu, capsys):
-    assert cli.main(["list"]) == 0
+    assert main(["list"]) == 0
     assert "  cmu:05_02" in capsys.readouterr().out
 
 
@@ -449,13 +447,13 @@ ARM = """<robot name="arm">
 
 def test_import_robot_lists_its_guesses_and_files(empty_folder, capsys):
     Path("arm.urdf").write_text(ARM)
-    assert cli.main(["import-robot", "arm.urdf", "--out", "arm"]) == 0
+    assert main(["import-robot", "arm.urdf", "--out", "arm"]) == 0
     out = capsys.readouterr().out
     assert "tip: 1, 100.0 %" in out and "guessed; correct it in import.yaml" in out
     for line in out.splitlines()[-5:]:
         assert Path(line).is_file()
     # The same again, of its folder: nothing is guessed any more.
-    assert cli.main(["import-robot", "arm"]) == 0
+    assert main(["import-robot", "arm"]) == 0
     assert "guessed" not in capsys.readouterr().out
 
 
@@ -489,12 +487,12 @@ def test_running_without_the_import_names_the_command(
 
 
 def test_motion_tells_and_plots(empty_folder, capsys):
-    assert cli.main(["motion", "dance"]) == 0
+    assert main(["motion", "dance"]) == 0
     output = capsys.readouterr().out
     assert output.startswith("dance: ") and "largest speeds: waist" in output
     assert output.splitlines()[-1] == "out/dance.png"
     assert matplotlib.image.imread("out/dance.png").shape[0] > 500
-    assert cli.main(["motion", "dance", "--plot", "a/b.pdf"]) == 0
+    assert main(["motion", "dance", "--plot", "a/b.pdf"]) == 0
     assert (empty_folder / "a/b.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -514,7 +512,7 @@ def test_motion_says_assumed_and_asks_about_the_rate(cmu, empty_folder, capsys):
     motion = str(trial_of_another_name(empty_folder, cmu))
 
     def lines(*more: str) -> list[str]:
-        assert cli.main(["motion", motion, "--plot", "p.png", *more]) == 0
+        assert main(["motion", motion, "--plot", "p.png", *more]) == 0
         return capsys.readouterr().out.splitlines()
 
     assumed = lines()
@@ -531,7 +529,7 @@ def test_run_says_assumed_and_repeats_what_the_report_finds(cmu, empty_folder, c
     argv = ["run", "--motion", motion, "--duration", "0.01", "--no-recording"]
 
     def run(*more: str) -> tuple[str, dict]:
-        assert cli.main([*argv, "--out", "it", *more]) == 0
+        assert main([*argv, "--out", "it", *more]) == 0
         summary = json.loads((empty_folder / "it/summary.json").read_text())
         return capsys.readouterr().out, summary
 
@@ -557,7 +555,7 @@ def test_another_motion_does_not_take_the_scenarios_rate(empty_folder, capsys):
     )
     for more, rate in (([], 50.0), (["--motion", "reaching"], 60.0)):
         argv = ["run", "mine.yaml", "--no-recording", "--out", "it", *more]
-        assert cli.main(argv) == 0
+        assert main(argv) == 0
         summary = json.loads((empty_folder / "it/summary.json").read_text())
         assert summary["frame_rate"] == rate
 
@@ -572,7 +570,7 @@ def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
 
     # crar_drake.motion has a function of the same name.
     monkeypatch.setattr(sys.modules["crar_drake.motion.fetch"], "fetch", fetch)
-    assert cli.main(["fetch", "05_02", "05_07", "--force"]) == 0
+    assert main(["fetch", "05_02", "05_07", "--force"]) == 0
     assert asked == [("05_02", True), ("05_07", True)]
     output = capsys.readouterr().out
     assert "may not be resold" in output
@@ -581,7 +579,7 @@ def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
 
 def test_version(capsys):
     with pytest.raises(SystemExit) as exit:
-        cli.main(["--version"])
+        main(["--version"])
     assert exit.value.code == 0
     assert capsys.readouterr().out == f"crar-drake {crar_drake.__version__}\n"
 
@@ -600,7 +598,6 @@ def test_the_package_runs_as_a_module():
 COMMANDS = {
     "run": [],
     "sweep": ["dance"],
-    "bench": [],
     "reproduce": [],
     "motion": ["dance"],
     "list": [],
@@ -612,20 +609,36 @@ COMMANDS = {
 
 
 def test_help_offers_what_there_is():
-    assert cli.LEVELS == LEVELS
-    assert cli.CONSTRAINTS == CONSTRAINTS
-    assert cli.EXPERIMENTS == tuple(EXPERIMENTS)
-    assert cli.DEFAULT_SCENARIO in scenario_names()
+    assert options.LEVELS == LEVELS
+    assert options.CONSTRAINTS == CONSTRAINTS
+    assert options.EXPERIMENTS == tuple(EXPERIMENTS)
+    assert options.DEFAULT_SCENARIO in scenario_names()
+
+
+def test_help_waits_for_nothing_that_takes_long():
+    script = (
+        "import sys\n"
+        "from crar_drake.commands import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "slow = {'pydrake', 'scipy', 'numpy', 'matplotlib', 'rich'}\n"
+        "print(slow & set(sys.modules), file=sys.stderr)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+    )
+    assert result.stdout.startswith("usage: crar-drake")
+    assert result.stderr == "set()\n"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_says_what_it_does(command, capsys):
     """No option and no argument is left without words, or with a default only."""
     with pytest.raises(SystemExit) as exit:
-        cli.main([command, "--help"])
+        main([command, "--help"])
     assert exit.value.code == 0
     usage = capsys.readouterr().out
-    parser = cli._parse([command, *COMMANDS[command]]).parser
+    parser = parse([command, *COMMANDS[command]]).parser
     for action in parser._actions:
         assert re.match(r"[a-z]\w* ", action.help), action.dest
         assert (action.option_strings or [action.metavar or action.dest])[-1] in usage
@@ -633,13 +646,15 @@ def test_every_option_says_what_it_does(command, capsys):
 
 def test_the_commands_above_are_all_there_are(capsys):
     with pytest.raises(SystemExit):
-        cli.main(["--help"])
+        main(["--help"])
     offered = re.findall(r"^    ([a-z][a-z-]+)\b", capsys.readouterr().out, re.M)
     assert offered == list(COMMANDS)
 
 
 def test_a_reader_that_has_enough_is_no_error():
-    script = "import sys; from crar_drake.cli import main; sys.exit(main(['list']))"
+    script = (
+        "import sys; from crar_drake.commands import main; sys.exit(main(['list']))"
+    )
     command = f'"{sys.executable}" -c "{script}" | true; echo ${{PIPESTATUS[0]}}'
     result = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, timeout=60

@@ -1,0 +1,128 @@
+"""The command `crar-drake`: a file for each of its commands.
+
+Each file has `add`, which adds the command and its options, and `run`, which does it.
+What takes long to import is imported by the command that needs it, so that help and
+mistyped options answer at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from crar_drake import __version__
+from crar_drake.commands import (
+    fetch,
+    import_robot,
+    judge,
+    listing,
+    motion,
+    playback,
+    reproduce,
+    run,
+    sweep,
+)
+from crar_drake.commands.options import Parser, nearest
+from crar_drake.drake_warnings import collected_warnings
+from crar_drake.errors import CrarError
+
+# In the order of the help.
+COMMANDS = (
+    run,
+    sweep,
+    reproduce,
+    motion,
+    listing,
+    fetch,
+    import_robot,
+    judge,
+    playback,
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    Args:
+        argv: the arguments; by default those of the process.
+
+    Returns:
+        0; 2 if something the user gave is wrong, which is then on stderr; 130 if
+        interrupted.
+    """
+    # Nothing here opens a window. A backend that is not there would fail importing.
+    os.environ["MPLBACKEND"] = "agg"
+    try:
+        arguments = parse(argv)
+        with collected_warnings(verbose=arguments.verbose):
+            arguments.command(arguments)
+        sys.stdout.flush()
+    except CrarError as error:
+        print(f"crar-drake: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as stopped:
+        about = f" {stopped}" if str(stopped) else ""
+        print(f"crar-drake: interrupted{about}", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # of `crar-drake list | head`
+        _drop_output()
+    except OSError as error:  # a full disk, a file that may not be read
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"crar-drake: error: {where}{error.strerror or error}", file=sys.stderr)
+        _drop_output()
+        return 2
+    return 0
+
+
+def _drop_output() -> None:
+    """Python flushes stdout once more when it exits, where a failure is not caught."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """What the arguments say.
+
+    Returns:
+        the options; `command`, to be called with them; `parser`, the command's.
+
+    Raises:
+        UsageError: there is no such command or option, or a value is wrong.
+    """
+    parser = _make_parser()
+    arguments, unknown = parser.parse_known_args(argv)
+    if unknown:
+        chosen: Parser = arguments.parser
+        first = unknown[0]
+        if first.startswith("-"):
+            option = first.partition("=")[0]
+            chosen.error(
+                f"unknown option {option}"
+                f"{nearest(option, chosen._option_string_actions)}"
+            )
+        chosen.error(f"unexpected argument {first!r}")
+    return arguments
+
+
+def _make_parser() -> Parser:
+    parser = Parser(
+        prog="crar-drake",
+        description="Make simulated robots follow motion-capture data without running "
+        "into themselves or beyond their joint limits, by Constrained Resolved "
+        "Acceleration Control.",
+        epilog="Start with `crar-drake run`, which simulates a built-in dance, and "
+        "`crar-drake list`. `crar-drake COMMAND --help` tells a command's options.",
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"crar-drake {__version__}"
+    )
+    subparsers = parser.add_subparsers(
+        title="commands", metavar="COMMAND", required=True, parser_class=Parser
+    )
+    for command in COMMANDS:
+        command.add(subparsers)
+    return parser

@@ -1,0 +1,105 @@
+"""`crar-drake import-robot`: a robot that scenarios can name, from its URDF."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from crar_drake.commands.options import add_command
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "import-robot",
+        run,
+        "Make a robot that scenarios can name, from its URDF (docs/your-robot.md). "
+        "Needs crar-drake[robots].",
+    )
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="a URDF file, g1, talos, the name of another robot of the package "
+        "example-robot-data, or a folder that was imported before",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder to write (default: one in the user's cache, so that scenarios "
+        "find the robot by its name)",
+    )
+    parser.add_argument(
+        "--package-path",
+        action="append",
+        metavar="DIR",
+        help="folder in which the packages of package:// addresses lie",
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.files import whole_file
+    from crar_drake.resources import imported_robots_folder
+    from crar_drake.robot.description import IMPORT_FILE, import_file
+    from crar_drake.robot_import import check_installed, import_robot, load_choices
+    from crar_drake.robot_import.source_urdf import find_urdf
+
+    # What is missing is told before a file is written.
+    check_installed()
+    given = arguments.robot
+    robot, out = given, arguments.out
+    shipped = import_file(given)
+    if shipped is not None:
+        robot = ""
+        find_urdf(load_choices(shipped).source)
+        out = out or imported_robots_folder() / given
+        kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
+        if not kept:
+            with whole_file(out / IMPORT_FILE) as temporary:
+                temporary.write_bytes(shipped.read_bytes())
+    elif (Path(given) / IMPORT_FILE).is_file():
+        robot, out = "", out or Path(given)
+    elif out is None:
+        out = imported_robots_folder() / Path(given).stem
+    with _import_bar() as progress:
+        report = import_robot(
+            robot,
+            out,
+            package_paths=tuple(arguments.package_path or ()),
+            progress=progress,
+        )
+    for line in report.lines():
+        print(line)
+    print()
+    for name in (IMPORT_FILE, "robot.yaml", "robot.urdf", "picture.png", "report.txt"):
+        print(out / name)
+
+
+@contextmanager
+def _import_bar() -> Iterator[Callable[[str, float], None]]:
+    """Yields a callback that draws how far an import is, on stderr."""
+    from rich import progress
+    from rich.console import Console
+
+    columns = (
+        progress.BarColumn(bar_width=20),
+        progress.TextColumn("{task.description}"),
+    )
+    bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+
+    def show(what: str, share: float) -> None:
+        if not bar.tasks:
+            bar.add_task(what, total=1.0)
+        if share > 0.0:  # a robot that is refused shows no bar
+            bar.start()
+        bar.update(bar.task_ids[0], completed=share, description=what)
+
+    try:
+        yield show
+    finally:
+        if bar.live.is_started:
+            bar.stop()

@@ -1,0 +1,55 @@
+"""`crar-drake list`: the robots, motions and scenarios that are at hand."""
+
+from __future__ import annotations
+
+import argparse
+
+from crar_drake.commands.options import add_command
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    add_command(
+        subparsers,
+        "list",
+        run,
+        "List the robots, motions and scenarios that are at hand.",
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.motion.catalogue import available_trials, builtin_names, load_clip
+    from crar_drake.resources import data_folder
+    from crar_drake.robot.description import import_file, imported_names, robot_names
+    from crar_drake.simulation.scenario import load_scenario, scenario_names
+
+    def duration(motion: str) -> str:
+        clip = load_clip(motion)
+        return f"{clip.duration:.1f} s at {clip.frame_rate:g} Hz"
+
+    def about(robot: str) -> str:
+        """What follows the name in the first line of the robot's README."""
+        readme = data_folder("models") / robot / "README.md"
+        if not readme.is_file():
+            return ""
+        with readme.open(encoding="utf-8") as lines:
+            return lines.readline().partition(":")[2].strip()
+
+    imported = imported_names()
+    robots = {name: "imported" for name in imported}
+    robots |= {name: about(name) for name in robot_names()}
+    for name in robot_names():
+        if import_file(name) is not None and name not in imported:
+            robots[name] += f"; first: crar-drake import-robot {name}"
+    motions = {name: duration(name) for name in builtin_names()}
+    motions |= {files.name: str(files.amc) for files in available_trials()}
+    scenarios = {name: load_scenario(name).description for name in scenario_names()}
+    for title, entries in (
+        ("Robots, which a scenario names (crar-drake import-robot adds more)", robots),
+        ("Motions, for run --motion (crar-drake fetch adds more)", motions),
+        ("Scenarios, for crar-drake run", scenarios),
+    ):
+        print(title)
+        for name, text in entries.items():
+            print(f"  {name:<22}{text}".rstrip())

@@ -1,0 +1,165 @@
+"""What the options of several commands have in common: parser, types, texts."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import NoReturn
+
+from crar_drake.errors import CrarError
+
+DEFAULT_SCENARIO = "dance"
+
+# The same as in crar_drake.robot.task and crar_drake.control.parameters, which take
+# long to import; a test compares them.
+EXPERIMENTS = ("wrists", "upper-body")
+LEVELS = ("velocity", "acceleration")
+CONSTRAINTS = ("none", "paper", "lookahead")
+
+# What several commands say of the same options.
+MOTION_HELP = (
+    "a built-in one (dance), a CMU recording (cmu:05_02), or a path (some/path.amc)"
+)
+EXPERIMENT_HELP = (
+    "which points follow the motion: two wrists, or seven of the upper body"
+)
+LEVEL_HELP = (
+    "how accelerations are computed: velocity (as the change of wanted velocities) or "
+    "acceleration (directly)"
+)
+CONSTRAINTS_HELP = (
+    "what keeps the robot from collisions and joint limits: none (nothing), paper (as "
+    "in the paper), lookahead (acts where the robot would come to rest)"
+)
+
+
+class UsageError(CrarError):
+    """The command line itself is wrong."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises instead of exiting, and knows what a mistyped word may have meant."""
+
+    def __init__(self, **options) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+    def _check_value(self, action: argparse.Action, value: object) -> None:
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(
+                action, f"{value!r} is unknown{nearest(str(value), action.choices)}"
+            )
+
+
+# --- options that several commands have ------------------------------------------
+
+
+def add_command(
+    subparsers: argparse._SubParsersAction,
+    name: str,
+    run: Callable[[argparse.Namespace], None],
+    text: str,
+) -> Parser:
+    """Adds a command that says what it does, and returns the parser of its options.
+
+    Args:
+        subparsers: the commands.
+        name: of the command.
+        run: is called with what was parsed.
+        text: what the command does.
+    """
+    parser = subparsers.add_parser(name, help=text, description=text)
+    parser.set_defaults(command=run, parser=parser)
+    parser.add_argument(
+        "--verbose",
+        action="store_true",
+        help="print all that Drake says, not one line for warnings of a kind",
+    )
+    return parser
+
+
+def add_skeleton(parser: Parser) -> None:
+    """Adds --skeleton, of a motion."""
+    parser.add_argument(
+        "--skeleton",
+        metavar="FILE",
+        help="the motion's skeleton (.asf), if it is not beside the motion",
+    )
+
+
+def add_frame_rate(parser: Parser) -> None:
+    """Adds --frame-rate, of a motion."""
+    parser.add_argument(
+        "--frame-rate",
+        type=positive,
+        metavar="HZ",
+        help="frames per second of the motion (default: what its file states, else "
+        "that of the CMU database)",
+    )
+
+
+def add_jobs(parser: Parser) -> None:
+    """Adds --jobs, of what simulates much."""
+    parser.add_argument(
+        "--jobs", type=count, metavar="N", help="processes (default: one per core)"
+    )
+
+
+def add_robot(parser: Parser) -> None:
+    """Adds --robot, of a saved log."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="name or folder of the log's robot, if it is not where it was when "
+        "the log was made",
+    )
+
+
+# --- types of options -------------------------------------------------------------
+
+
+def positive(text: str) -> float:
+    """Converts a positive, finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def count(text: str) -> int:
+    """Converts a positive whole number."""
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive whole number")
+    return int(text)
+
+
+def list_of(convert: Callable[[str], object]) -> Callable[[str], list]:
+    """Converts what stands between commas."""
+    return lambda text: [convert(part.strip()) for part in text.split(",")]
+
+
+def one_of(known: Sequence[str]) -> Callable[[str], str]:
+    """Takes a known word only."""
+
+    def convert(text: str) -> str:
+        if text not in known:
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is unknown{nearest(text, known)}"
+            )
+        return text
+
+    return convert
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The end of a message: the nearest word, or else all there are."""
+    known = list(known)
+    close = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"

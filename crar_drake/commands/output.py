@@ -1,0 +1,74 @@
+"""Where commands write by default, and the bar of those that simulate much."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from crar_drake.studies.sweep import Result
+
+OUT = Path("out")
+
+
+def label(path: str | Path) -> Path:
+    """A relative path without suffix that tells files of one name apart.
+
+    Names that are no paths, and files in the working directory, are themselves;
+    files below it keep their folders. Of others the folder's name is kept, with
+    some digits that stand for the whole of its path.
+    """
+    path = Path(str(path).removeprefix("cmu:"))
+    folder = path.absolute().parent.resolve()
+    try:
+        folder = folder.relative_to(Path.cwd().resolve())
+    except ValueError:
+        digits = hashlib.sha256(os.fsencode(folder)).hexdigest()[:6]
+        folder = Path(f"{folder.name or 'root'}-{digits}")
+    return folder / path.stem
+
+
+def motion_label(motion: str) -> str:
+    """`label` of a motion, as text."""
+    return str(label(motion))
+
+
+@contextmanager
+def sweep_bar(
+    finished: int, total: int
+) -> Iterator[Callable[[int, int, Result], None]]:
+    """Yields a callback that draws how far the sweep is, on stderr."""
+    from rich import progress
+    from rich.console import Console
+    from rich.table import Column
+
+    from crar_drake.studies.sweep_report import headline
+
+    columns = (
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("ETA"),
+        progress.TimeRemainingColumn(table_column=Column(min_width=7)),
+        progress.TextColumn(
+            "{task.fields[newest]}",
+            markup=False,
+            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+        ),
+    )
+    # A case takes up to minutes, so that a short average would know no speed.
+    with progress.Progress(
+        *columns,
+        console=Console(stderr=True),
+        speed_estimate_period=3600.0,
+        expand=True,
+    ) as bar:
+        task = bar.add_task("", total=total, completed=finished, newest="")
+
+        def show(done: int, total: int, newest: Result) -> None:
+            bar.update(task, completed=done, newest=headline(newest))
+
+        yield show

@@ -1,0 +1,43 @@
+"""`crar-drake playback`: a saved log as a page to look at."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from crar_drake.commands.options import add_command, add_robot
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "playback",
+        run,
+        "Make a page to look at from a saved log, without simulating again.",
+    )
+    parser.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="page to write (default: playback.html beside the log)",
+    )
+    add_robot(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.files import check_file
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.simulation.visualization import record_log
+
+    log = SimulationLog.load(arguments.log)
+    out = arguments.out or arguments.log.with_name("playback.html")
+    check_file(out)
+    for model in record_log(log, out, robot=arguments.robot or ""):
+        print(
+            f"warning: model {model} has no visual geometry: its collision shapes are "
+            "drawn"
+        )
+    print(out)

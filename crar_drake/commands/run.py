@@ -1,0 +1,198 @@
+"""`crar-drake run`: a scenario, simulated and kept."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crar_drake.commands.options import (
+    CONSTRAINTS,
+    CONSTRAINTS_HELP,
+    DEFAULT_SCENARIO,
+    EXPERIMENT_HELP,
+    EXPERIMENTS,
+    LEVEL_HELP,
+    LEVELS,
+    MOTION_HELP,
+    add_command,
+    add_frame_rate,
+    add_skeleton,
+    positive,
+)
+from crar_drake.commands.output import OUT, label
+from crar_drake.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from crar_drake.run import Progress, RunResult
+    from crar_drake.simulation.scenario import Scenario
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "run",
+        run,
+        "Simulate a scenario; write a recording, a log, a summary and a plot.",
+    )
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default=DEFAULT_SCENARIO,
+        help="a YAML file that says what to simulate, or the name of a shipped one, "
+        "see `crar-drake list` (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--motion",
+        metavar="MOTION",
+        help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
+    )
+    add_skeleton(parser)
+    add_frame_rate(parser)
+    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument("--level", choices=LEVELS, help=LEVEL_HELP)
+    parser.add_argument("--constraints", choices=CONSTRAINTS, help=CONSTRAINTS_HELP)
+    parser.add_argument(
+        "--duration",
+        type=positive,
+        metavar="S",
+        help="simulate S seconds (default: the whole motion)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for recording.html, log.npz, summary.json and plot.png "
+        "(default: out/NAME, where NAME says what was run)",
+    )
+    parser.add_argument(
+        "--no-recording", action="store_true", help="do not make recording.html"
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.simulation.scenario import load_scenario
+
+    scenario = load_scenario(arguments.scenario)
+    _override(scenario, arguments)
+    out = arguments.out or OUT / _out_name(scenario, arguments)
+
+    from rich.console import Console
+
+    from crar_drake.results.summary import summary_table
+    from crar_drake.run import RunFailed, RunInterrupted, run_scenario
+
+    def show(result: RunResult) -> None:
+        Console().print(summary_table(result.summary))
+        for line in result.summary.warnings:
+            print(f"warning: {line}")
+        for path in result.files:
+            print(path)
+
+    try:
+        with _progress_bar() as progress:
+            result = run_scenario(
+                scenario,
+                out,
+                record=not arguments.no_recording,
+                progress=progress,
+                tell=print,
+            )
+    except (RunFailed, RunInterrupted) as stopped:
+        show(stopped.result)
+        raise
+    show(result)
+
+
+def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    """Puts the options in the place of what the scenario says."""
+    if arguments.motion is not None:
+        if scenario.keyframes:
+            raise ScenarioError(
+                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
+                "scenario with a motion, or change the file"
+            )
+        # The scenario's skeleton and rate belong to the scenario's motion.
+        scenario.motion, scenario.skeleton = arguments.motion, ""
+        scenario.frame_rate = None
+    if arguments.skeleton is not None:
+        if scenario.keyframes:
+            raise ScenarioError(
+                f"--skeleton: {arguments.scenario} follows keyframes, not a motion"
+            )
+        scenario.skeleton = arguments.skeleton
+    if arguments.frame_rate is not None:
+        scenario.frame_rate = arguments.frame_rate
+    if arguments.experiment is not None:
+        if scenario.tasks:
+            raise ScenarioError(
+                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
+                "scenario with an experiment, or change the file"
+            )
+        scenario.experiment = arguments.experiment
+    if arguments.level is not None:
+        scenario.controller.level = arguments.level
+    if arguments.constraints is not None:
+        scenario.controller.constraints = arguments.constraints
+    if arguments.duration is not None:
+        scenario.duration = arguments.duration
+    scenario.validate()
+
+
+def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
+    """The folder says what was run, so that variants do not replace each other.
+
+    It is known before: shipped scenarios and motions, trials, and files in the
+    working directory have their names; other files also that of their folder, see
+    `label`. A file of one's own, and a robot that is not the default, are named
+    with the motion and the experiment that are put into them.
+    """
+    from crar_drake.simulation.scenario import scenario_names
+
+    path = Path(arguments.scenario)
+    shipped = path.parent.name in ("", "diagrams") and path.stem in scenario_names()
+    name = Path(path.stem) if shipped else label(path)
+    parts = [name.name, arguments.level, arguments.constraints]
+    if arguments.motion or (scenario.experiment and arguments.experiment):
+        motion = label(scenario.motion)
+        parts[:1] = [motion.name, scenario.experiment]
+        if not shipped or not scenario.experiment:
+            parts[:0] = [name.name]
+        elif scenario.robot != type(scenario)().robot:
+            robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
+            parts[:0] = [robot.parent.name if robot.suffix else robot.name]
+        name = motion if shipped else name.parent / motion
+    return name.with_name("_".join(filter(None, parts)))
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Progress]:
+    """Yields a callback that draws how far the simulation is, on stderr."""
+    from rich import progress
+    from rich.console import Console
+
+    columns = (
+        progress.TextColumn("simulating"),
+        progress.BarColumn(),
+        progress.TextColumn("{task.completed:.1f} s of {task.fields[of]:.1f} s"),
+        progress.TextColumn("{task.fields[factor]:.2f} x real time"),
+        progress.TimeRemainingColumn(),
+    )
+    bar = progress.Progress(*columns, console=Console(stderr=True))
+
+    def show(time: float, duration: float, factor: float) -> None:
+        if not bar.tasks:  # a run that cannot begin shows no bar
+            bar.start()
+            bar.add_task("", of=duration, factor=factor)
+        task = bar.task_ids[0]
+        bar.update(task, completed=time, total=duration, factor=factor)
+
+    try:
+        yield show
+    finally:
+        if bar.tasks:
+            bar.stop()

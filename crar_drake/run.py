@@ -385,7 +385,7 @@ def _write(
             temporary.write_text(summary.to_json())
 
     def write_recording(path: Path) -> None:
-        from crar_drake.simulation.visualization import save_recording
+        from crar_drake.results.playback import save_recording
 
         save_recording(meshcat, path)
 

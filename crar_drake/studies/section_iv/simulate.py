@@ -137,8 +137,8 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         simulation: what to run.
         out: folder of the reproduction.
     """
+    from crar_drake.results.playback import record_log
     from crar_drake.run import run_scenario
-    from crar_drake.simulation.visualization import record_log
 
     # Drake announces the address of every page, where nothing is to be seen.
     logging.getLogger("drake").setLevel(logging.WARNING)

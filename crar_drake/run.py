@@ -190,15 +190,19 @@ def run_scenario(
                 raise
             stopped = error
         wall_time = time.perf_counter() - start
-        log = make_log(scenario, setup, diagram, simulator.get_context())
+        # Its robot named as in the log, for the figures to say the same.
+        logged = _logged(scenario)
+        log = make_log(logged, setup, diagram, simulator.get_context())
         if stopped is not None and not len(log.time):
             raise stopped
-        summary = summarize(log, wall_time, motion=report, warnings=warnings)
+        summary = summarize(
+            log, wall_time, scenario=logged, motion=report, warnings=warnings
+        )
         summary = replace(summary, stopped=_reason(stopped))
         result = RunResult(log, summary, setup)
         if out is None:
             return result
-        missing = _write(out, result, meshcat, interrupts)
+        missing = _write(out, result, logged, meshcat, interrupts)
     _tell(result, out, duration, stopped, missing)
     return result
 
@@ -293,9 +297,13 @@ def make_log(
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
         lower=lower,
         upper=upper,
-        # The run may be looked at from another working directory.
-        scenario=replace(scenario, robot=lasting_name(scenario.robot)).to_yaml(),
+        scenario=_logged(scenario).to_yaml(),
     )
+
+
+def _logged(scenario: Scenario) -> Scenario:
+    """As a log keeps it: the run may be looked at from another working directory."""
+    return replace(scenario, robot=lasting_name(scenario.robot))
 
 
 class _Interrupts:
@@ -369,7 +377,11 @@ def _simulate(
 
 
 def _write(
-    out: Path, result: RunResult, meshcat: Meshcat | None, interrupts: _Interrupts
+    out: Path,
+    result: RunResult,
+    scenario: Scenario,
+    meshcat: Meshcat | None,
+    interrupts: _Interrupts,
 ) -> list[BaseException]:
     """Writes a run's files, and adds to `result.files` what is there.
 
@@ -392,7 +404,7 @@ def _write(
     # The page is the largest, and comes last.
     others: dict[str, Callable[[Path], None]] = {
         SUMMARY: write_summary,
-        PLOT: lambda path: plot_run(log, path),
+        PLOT: lambda path: plot_run(log, path, scenario),
     }
     if meshcat is not None:
         others[RECORDING] = write_recording

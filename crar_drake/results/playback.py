@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 
 import numpy as np
@@ -17,9 +18,13 @@ from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
+from crar_drake.results.logged_robot import (
+    check_logged_robot,
+    load_logged_robot,
+    load_logged_scenario,
+)
 from crar_drake.robot.description import add_robot
-from crar_drake.simulation.scenario import parse_scenario
+from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visualization import AddVisualization, start_recording
 from crar_drake.simulation.visuals import models_without_visuals
 
@@ -68,6 +73,7 @@ def record_log(
     frames_per_second: float = 32.0,
     meshcat: Meshcat | None = None,
     robot: str = "",
+    scenario: Scenario | None = None,
 ) -> list[str]:
     """Writes the page of a run from its log, without simulating again.
 
@@ -77,6 +83,7 @@ def record_log(
         frames_per_second: of the recording; the log is interpolated to them.
         meshcat: to draw into; by default one of its own.
         robot: where the robot is now, or its name; by default what the log says.
+        scenario: of the log, if it is at hand; by default the log's text is parsed.
 
     Returns:
         The models whose collision shapes were drawn, for want of anything else.
@@ -90,8 +97,8 @@ def record_log(
         raise CrarError("the log is empty: there is nothing to play back")
     if not 0.0 < frames_per_second < np.inf:
         raise CrarError(f"frames_per_second: {frames_per_second} must be positive")
-    scenario = parse_scenario(log.scenario, "scenario of the log")
-    description = load_logged_robot(log, robot)
+    scenario = scenario or load_logged_scenario(log)
+    description = load_logged_robot(log, robot, scenario)
     layout = TaskLayout(tuple(log.task_names), tuple(log.task_kinds))
     period = 1.0 / frames_per_second
 
@@ -103,10 +110,11 @@ def record_log(
     check_logged_robot(log, plant, description)
     meshcat = meshcat or Meshcat()
     unseen = models_without_visuals(plant, scene_graph.model_inspector())
-    scenario.visualization.publish_period = period
+    visualization = copy.deepcopy(scenario.visualization)  # the caller keeps its own
+    visualization.publish_period = period
     overlay = AddVisualization(
         builder,
-        scenario.visualization,
+        visualization,
         meshcat,
         plant,
         scene_graph,

@@ -161,7 +161,7 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         if simulation.keep_log:
             run.log.save(log_path(simulation, out))
         if simulation.page:
-            record_log(run.log, page_path(simulation, out))
+            record_log(run.log, page_path(simulation, out), scenario=scenario)
     path = _result_path(simulation, out)
     with whole_file(path) as temporary:
         temporary.write_text(_to_json(outcome))

@@ -21,6 +21,7 @@ from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.motion.report import inspect
+from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
@@ -28,9 +29,6 @@ from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setu
 from crar_drake.simulation.disturbances import ScaleMasses
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.warnings import run_warnings
-
-# What a run writes into its folder.
-RECORDING, LOG, SUMMARY, PLOT = "recording.html", "log.npz", "summary.json", "plot.png"
 
 # The controller's outputs that a log keeps.
 _LOGGED = (

@@ -19,7 +19,7 @@ from crar_drake.results.summary import (
     summarize,
     task_layout,
 )
-from crar_drake.robot.model import LIMIT_TOLERANCE
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 
 # Pairs farther apart than this are of no interest [m].

@@ -19,7 +19,7 @@ from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport, rate_text
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.robot.model import LIMIT_TOLERANCE
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 
 

@@ -23,7 +23,7 @@ from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import controlled_joints, task_layout
-from crar_drake.robot.model import LIMIT_TOLERANCE
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.section_iv.plan import REDUNDANCY, Plan, Simulation

@@ -21,10 +21,10 @@ from crar_drake.results.summary import controlled_joints
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import make_log
-from crar_drake.simulation.desired_motion import DesiredMotion
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.studies.tables import markdown_table, write_report
+from crar_drake.targets.desired_motion import DesiredMotion
 
 PENETRATION = 0.015  # [m]
 EXCESS = np.deg2rad(5.0)  # [rad]

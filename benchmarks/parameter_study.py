@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.sweep import (
@@ -25,7 +26,6 @@ from crar_drake.studies.sweep import (
 from crar_drake.studies.tables import markdown_table, write_report
 
 PERIOD = 5e-3  # [s]
-EXPERIMENTS = ("wrists", "upper-body")
 
 
 def variations() -> dict[str, CrarParameters]:

@@ -18,12 +18,13 @@ from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import controlled_joints
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import make_log
-from crar_drake.simulation.desired_motion import DesiredMotion
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.studies.tables import markdown_table, write_report
+from crar_drake.targets.desired_motion import DesiredMotion
 
 PENETRATION = 0.015  # [m]
 EXCESS = np.deg2rad(5.0)  # [rad]
@@ -169,7 +170,7 @@ def judge(start: Start, log: SimulationLog, model: ControlModel) -> Recovery:
     joints = controlled_joints(log)
     excess = joints.excess.max(axis=1)
     smallest = log.signed_distances.min(axis=1)
-    violated = np.flatnonzero((smallest < 0.0) | (excess > 1e-6))
+    violated = np.flatnonzero((smallest < 0.0) | (excess > LIMIT_TOLERANCE))
     after = 0 if not len(violated) else violated[-1] + 1
     clear = after < len(log.time)
     efforts = model.effort_limits[model.controlled]

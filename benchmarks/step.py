@@ -39,11 +39,13 @@ from benchmarks.step_timing import (
 )
 from crar_drake import __version__
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.results import RECORDING
+from crar_drake.results.playback import save_recording
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import run_scenario
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.simulation.visualization import save_recording, start_recording
+from crar_drake.simulation.visualization import start_recording
 from crar_drake.studies.machine import describe_machine
 
 MODES = ("paper", "lookahead")
@@ -272,7 +274,7 @@ def time_simulation(
     end, cpu_end = time.perf_counter(), time.process_time()
     if meshcat is not None:
         with tempfile.TemporaryDirectory() as folder:
-            save_recording(meshcat, Path(folder) / "recording.html")
+            save_recording(meshcat, Path(folder) / RECORDING)
     return SimulationTime(end - start, cpu_end - cpu_start, time.perf_counter() - end)
 
 

@@ -21,6 +21,7 @@ from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.motion.report import inspect
+from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
@@ -28,9 +29,6 @@ from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setu
 from crar_drake.simulation.disturbances import ScaleMasses
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.warnings import run_warnings
-
-# What a run writes into its folder.
-RECORDING, LOG, SUMMARY, PLOT = "recording.html", "log.npz", "summary.json", "plot.png"
 
 # The controller's outputs that a log keeps.
 _LOGGED = (
@@ -190,15 +188,19 @@ def run_scenario(
                 raise
             stopped = error
         wall_time = time.perf_counter() - start
-        log = make_log(scenario, setup, diagram, simulator.get_context())
+        # Its robot named as in the log, for the figures to say the same.
+        logged = _logged(scenario)
+        log = make_log(logged, setup, diagram, simulator.get_context())
         if stopped is not None and not len(log.time):
             raise stopped
-        summary = summarize(log, wall_time, motion=report, warnings=warnings)
+        summary = summarize(
+            log, wall_time, scenario=logged, motion=report, warnings=warnings
+        )
         summary = replace(summary, stopped=_reason(stopped))
         result = RunResult(log, summary, setup)
         if out is None:
             return result
-        missing = _write(out, result, meshcat, interrupts)
+        missing = _write(out, result, logged, meshcat, interrupts)
     _tell(result, out, duration, stopped, missing)
     return result
 
@@ -293,9 +295,13 @@ def make_log(
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
         lower=lower,
         upper=upper,
-        # The run may be looked at from another working directory.
-        scenario=replace(scenario, robot=lasting_name(scenario.robot)).to_yaml(),
+        scenario=_logged(scenario).to_yaml(),
     )
+
+
+def _logged(scenario: Scenario) -> Scenario:
+    """As a log keeps it: the run may be looked at from another working directory."""
+    return replace(scenario, robot=lasting_name(scenario.robot))
 
 
 class _Interrupts:
@@ -369,7 +375,11 @@ def _simulate(
 
 
 def _write(
-    out: Path, result: RunResult, meshcat: Meshcat | None, interrupts: _Interrupts
+    out: Path,
+    result: RunResult,
+    scenario: Scenario,
+    meshcat: Meshcat | None,
+    interrupts: _Interrupts,
 ) -> list[BaseException]:
     """Writes a run's files, and adds to `result.files` what is there.
 
@@ -385,14 +395,14 @@ def _write(
             temporary.write_text(summary.to_json())
 
     def write_recording(path: Path) -> None:
-        from crar_drake.simulation.visualization import save_recording
+        from crar_drake.results.playback import save_recording
 
         save_recording(meshcat, path)
 
     # The page is the largest, and comes last.
     others: dict[str, Callable[[Path], None]] = {
         SUMMARY: write_summary,
-        PLOT: lambda path: plot_run(log, path),
+        PLOT: lambda path: plot_run(log, path, scenario),
     }
     if meshcat is not None:
         others[RECORDING] = write_recording

@@ -7,7 +7,7 @@ python examples/playback_from_log.py out/dance/log.npz dance.html
 import sys
 
 from crar_drake import SimulationLog
-from crar_drake.simulation.visualization import record_log
+from crar_drake.results.playback import record_log
 
 log_path, page = sys.argv[1], sys.argv[2]
 log = SimulationLog.load(log_path)

@@ -13,6 +13,7 @@ import numpy as np
 
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
+from crar_drake.results import LOG
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class SimulationLog:
         """
         path = Path(path)
         if path.is_dir():
-            raise CrarError(f"{path}: this is a folder; name {path / 'log.npz'}")
+            raise CrarError(f"{path}: this is a folder; name {path / LOG}")
         if not path.is_file():
             raise CrarError(f"{path}: there is no such log")
         try:

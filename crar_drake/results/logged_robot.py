@@ -1,4 +1,4 @@
-"""The robot of a saved log, which may have moved or changed since the run."""
+"""Scenario and robot of a saved log; the robot may have moved or changed since."""
 
 from __future__ import annotations
 
@@ -8,21 +8,33 @@ from crar_drake.errors import CrarError, ModelError
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import names_by_joint
-from crar_drake.simulation.scenario import parse_scenario
+from crar_drake.simulation.scenario import Scenario, parse_scenario
 
 
-def load_logged_robot(log: SimulationLog, robot: str = "") -> RobotDescription:
+def load_logged_scenario(log: SimulationLog) -> Scenario:
+    """The scenario that a log was made with, from the log's text.
+
+    Raises:
+        ScenarioError: it is not one of this version.
+    """
+    return parse_scenario(log.scenario, "the log's scenario")
+
+
+def load_logged_robot(
+    log: SimulationLog, robot: str = "", scenario: Scenario | None = None
+) -> RobotDescription:
     """Loads the robot that a log was made with.
 
     Args:
         log: that names it: by its name, or by where it lay at the run.
         robot: where it is now, or its name; by default what the log says.
+        scenario: of the log, if it is at hand; by default the log's text is parsed.
 
     Raises:
         ModelError: it is not there (any more), not imported, or not a description.
         ScenarioError: the log's scenario is not one of this version.
     """
-    scenario = parse_scenario(log.scenario, "the log's scenario")
+    scenario = scenario or load_logged_scenario(log)
     try:
         return load_robot_description(robot or scenario.robot)
     except ModelError as error:

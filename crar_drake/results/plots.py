@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from crar_drake.figures import save_figure
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.summary import (
     ControlledJoints,
     Summary,
@@ -18,8 +19,8 @@ from crar_drake.results.summary import (
     summarize,
     task_layout,
 )
-from crar_drake.robot.model import LIMIT_TOLERANCE
-from crar_drake.simulation.scenario import parse_scenario
+from crar_drake.robot.description import LIMIT_TOLERANCE
+from crar_drake.simulation.scenario import Scenario
 
 # Pairs farther apart than this are of no interest [m].
 _FAR = 0.3
@@ -34,20 +35,26 @@ _COLOURS = matplotlib.colormaps["tab10"].colors
 _VIOLATION = "tab:red"
 
 
-def plot_run(log: SimulationLog, path: str | os.PathLike[str]) -> None:
+def plot_run(
+    log: SimulationLog,
+    path: str | os.PathLike[str],
+    scenario: Scenario | None = None,
+) -> None:
     """Draws a run on one page, see `draw_run`.
 
     Args:
         log: of the run.
         path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
+        scenario: of the log, if it is at hand; by default the log's text is parsed.
 
     Raises:
+        ScenarioError: the scenario in the log is not one of this version.
         CrarError: there is no such format, or the file cannot be written.
     """
-    save_figure(draw_run(log), path, dpi=150)
+    save_figure(draw_run(log, scenario), path, dpi=150)
 
 
-def draw_run(log: SimulationLog) -> Figure:
+def draw_run(log: SimulationLog, scenario: Scenario | None = None) -> Figure:
     """Task error, distances, joint angles against their limits, and power over time.
 
     Axes, from the top: the length of each task's error [mm] (and, if there are such
@@ -55,7 +62,8 @@ def draw_run(log: SimulationLog) -> Figure:
     [mm]; a lane per controlled joint, whose shaded band lies between its limits;
     the power of the controlled joints [W].
     """
-    summary = summarize(log)
+    scenario = scenario or load_logged_scenario(log)
+    summary = summarize(log, scenario=scenario)
     joints = controlled_joints(log)
     layout = task_layout(log)
     has = {
@@ -96,7 +104,7 @@ def draw_run(log: SimulationLog) -> Figure:
             f"{_times(np.degrees(1.0), summary.rms_orientation_error):.2f}°",
         )
     if has["distance"]:
-        _draw_distances(next(remaining), log, summary)
+        _draw_distances(next(remaining), log, summary, scenario.warning_distance)
     _draw_joints(next(remaining), log.time, joints, summary)
     _draw_power(next(remaining), log.time, joints, summary)
     axes[-1].set_xlabel("time [s]")
@@ -151,7 +159,9 @@ def _draw_errors(
     _headline(ax, headline)
 
 
-def _draw_distances(ax: Axes, log: SimulationLog, summary: Summary) -> None:
+def _draw_distances(
+    ax: Axes, log: SimulationLog, summary: Summary, warning_distance: float
+) -> None:
     millimetres = 1e3 * log.signed_distances
     nearest = np.argsort(millimetres.min(axis=0), kind="stable")
     for i in nearest[_NAMED_PAIRS:]:
@@ -171,8 +181,7 @@ def _draw_distances(ax: Axes, log: SimulationLog, summary: Summary) -> None:
     ax.set_ylim(floor, min(1e3 * _FAR, 1.05 * millimetres.max()))
     ax.axhspan(floor, 0.0, color=_VIOLATION, alpha=0.12, linewidth=0.0)
     ax.axhline(0.0, color=_VIOLATION, linewidth=0.8)
-    warning = 1e3 * parse_scenario(log.scenario).warning_distance
-    ax.axhline(warning, color="tab:orange", linewidth=0.7, linestyle=":")
+    ax.axhline(1e3 * warning_distance, color="tab:orange", linewidth=0.7, linestyle=":")
     ax.set_ylabel("distance [mm]")
     _legend(ax)
     _headline(

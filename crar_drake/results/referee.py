@@ -17,10 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.description import find_body
-
-# A joint is in violation beyond this much (design of the project's figures).
-LIMIT_TOLERANCE = 1e-6  # [rad or m]
+from crar_drake.robot.description import LIMIT_TOLERANCE, find_body
 
 
 def capsule_distance(

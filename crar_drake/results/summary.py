@@ -18,8 +18,9 @@ from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport, rate_text
 from crar_drake.results.log import SimulationLog
-from crar_drake.robot.model import LIMIT_TOLERANCE
-from crar_drake.simulation.scenario import parse_scenario
+from crar_drake.results.logged_robot import load_logged_scenario
+from crar_drake.robot.description import LIMIT_TOLERANCE
+from crar_drake.simulation.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -230,6 +231,7 @@ def summarize(
     log: SimulationLog,
     wall_time: float | None = None,
     *,
+    scenario: Scenario | None = None,
     motion: MotionReport | None = None,
     warnings: Sequence[str] = (),
 ) -> Summary:
@@ -238,13 +240,14 @@ def summarize(
     Args:
         log: of at least one sample.
         wall_time: that the simulation took [s], if it is known.
+        scenario: of the log, if it is at hand; by default the log's text is parsed.
         motion: the report of the motion, if there is one at hand.
         warnings: lines to keep with the figures.
 
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
     """
-    scenario = parse_scenario(log.scenario, "the log's scenario")
+    scenario = scenario or load_logged_scenario(log)
     layout = task_layout(log)
     joints = controlled_joints(log)
     duration = float(log.time[-1] - log.time[0])

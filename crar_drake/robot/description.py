@@ -26,6 +26,10 @@ IMPORT_FILE = "import.yaml"
 # What a motion can drive a prescribed joint with.
 PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 
+# Farther beyond its limit than this, a joint violates it [rad or m]. One number for
+# all figures: it says what counts, not how that is computed.
+LIMIT_TOLERANCE = 1e-6
+
 
 @dataclass
 class RobotDescription:

@@ -43,9 +43,6 @@ from crar_drake.robot.description import (
 from crar_drake.robot.kinematics import LinkKinematics
 from crar_drake.robot.task import Task
 
-# Farther beyond its limit than this, a joint violates it [rad or m].
-LIMIT_TOLERANCE = 1e-6
-
 _ORIGIN = np.zeros(3)
 _NOTHING_ASKED = np.zeros((0, 7))
 

@@ -28,10 +28,11 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
-from crar_drake.simulation.desired_motion import DesiredMotion, load_desired_motion
+from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.simulation.scenario import Scenario, SimulatedRobot, check_multiple
 from crar_drake.simulation.visualization import AddVisualization
+from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
 
 

@@ -1,13 +1,12 @@
-"""The recorded page: robot, targets and warnings as one HTML file to play back.
+"""What is drawn of a diagram while it runs: the robot, its targets and its warnings.
 
-`AddVisualization` draws the robot, its targets and its warnings; `start_recording` and
-`save_recording` bracket a simulation; `record_log` makes the same page from a log.
+`AddVisualization` draws them into Meshcat, and `start_recording` keeps what is drawn;
+`results.playback` makes a page of that.
 """
 
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,7 +18,6 @@ from pydrake.geometry import (
     Cylinder,
     Ellipsoid,
     Meshcat,
-    MeshcatAnimation,
     Rgba,
     Role,
     SceneGraph,
@@ -28,7 +26,7 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import (
     Context,
@@ -40,17 +38,9 @@ from pydrake.systems.framework import (
 from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
-from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
-from crar_drake.results.log import SimulationLog
-from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
-from crar_drake.robot.description import (
-    add_robot,
-    find_body,
-)
-from crar_drake.simulation.scenario import parse_scenario
-from crar_drake.simulation.visuals import draw_collision_shapes, models_without_visuals
+from crar_drake.robot.description import find_body
+from crar_drake.simulation.visuals import draw_collision_shapes
 
 TARGET_COLOR = Rgba(0.55, 0.27, 1.0, 1.0)  # violet: neither robot nor warning
 WARNING_COLOR = Rgba(1.0, 0.24, 0.05, 0.6)
@@ -75,23 +65,6 @@ _ASPECT = 1.3  # width over height that the scene is fitted into; windows are wi
 _FLOOR, _CELL = 6.0, 0.5  # half the floor's width, and a cell of its grid [m]
 # Links are known by their origins: this much of them may lie beyond [m].
 _FRAME_MARGIN = 0.15
-
-# Opens the panel with the play, pause and time controls, whose folder of the scene
-# tree is long; and gives every track the length of the longest. A track ends with
-# its last key, so a warning shell's would repeat sooner than the robot's.
-_PAGE_SCRIPT = """
-  <script>
-    (function arrange() {
-      const animator = viewer.animator;
-      if (animator.actions.length == 0) { requestAnimationFrame(arrange); return; }
-      for (const action of animator.actions)
-        action.getClip().duration = animator.duration;
-      animator.reset();
-      viewer.gui.__folders["Scene"].close();
-      viewer.gui.open();
-    })();
-  </script>
-"""
 
 
 @dataclass(frozen=True)
@@ -390,105 +363,6 @@ def start_recording(meshcat: Meshcat, publish_period: float) -> None:
     )
 
 
-def save_recording(meshcat: Meshcat, path: str | os.PathLike[str]) -> None:
-    """Ends the recording and writes it as one page that needs no network.
-
-    The page plays in a loop, with its controls open: play, pause, time, time scale.
-
-    Args:
-        meshcat: that was recorded.
-        path: of the .html file; appears whole or not at all.
-    """
-    meshcat.StopRecording()
-    animation = meshcat.get_mutable_recording()
-    animation.set_loop_mode(MeshcatAnimation.LoopMode.kLoopRepeat)
-    animation.set_repetitions(1_000_000)
-    meshcat.PublishRecording()
-    page = meshcat.StaticHtml()
-    body, end, rest = page.rpartition("</body>")
-    with whole_file(path) as temporary:
-        temporary.write_text(body + _PAGE_SCRIPT + end + rest, encoding="utf-8")
-
-
-def record_log(
-    log: SimulationLog,
-    path: str | os.PathLike[str],
-    *,
-    frames_per_second: float = 32.0,
-    meshcat: Meshcat | None = None,
-    robot: str = "",
-) -> list[str]:
-    """Writes the page of a run from its log, without simulating again.
-
-    Args:
-        log: from `SimulationLog.load`, or of a run just made.
-        path: of the .html file.
-        frames_per_second: of the recording; the log is interpolated to them.
-        meshcat: to draw into; by default one of its own.
-        robot: where the robot is now, or its name; by default what the log says.
-
-    Returns:
-        The models whose collision shapes were drawn, for want of anything else.
-
-    Raises:
-        CrarError: the log is empty, does not fit its robot any more, or
-            `frames_per_second` is not positive.
-        ModelError, ScenarioError: its robot or its scenario is not there any more.
-    """
-    if not len(log.time):
-        raise CrarError("the log is empty: there is nothing to play back")
-    if not 0.0 < frames_per_second < np.inf:
-        raise CrarError(f"frames_per_second: {frames_per_second} must be positive")
-    scenario = parse_scenario(log.scenario, "scenario of the log")
-    description = load_logged_robot(log, robot)
-    layout = TaskLayout(tuple(log.task_names), tuple(log.task_kinds))
-    period = 1.0 / frames_per_second
-
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    add_robot(plant, description)
-    plant.Finalize()
-    pairs = [(a, b) for a, b in description.pairs]
-    check_logged_robot(log, plant, description)
-    meshcat = meshcat or Meshcat()
-    unseen = models_without_visuals(plant, scene_graph.model_inspector())
-    scenario.visualization.publish_period = period
-    overlay = AddVisualization(
-        builder,
-        scenario.visualization,
-        meshcat,
-        plant,
-        scene_graph,
-        pairs,
-        [layout.names[i] for i in layout.linear_tasks],
-        scenario.warning_distance,
-    )
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    plant_context = plant.GetMyMutableContextFromRoot(context)
-    overlay_context = overlay.GetMyMutableContextFromRoot(context)
-
-    time = log.time - log.time[0]
-    frames = np.arange(np.floor(time[-1] / period + 1e-6) + 1.0) * period
-    q = _resample(frames, time, log.q)
-    targets = _resample(
-        frames, time, log.desired_tasks[:, layout.position_entries.ravel()]
-    )
-    distances = _resample(frames, time, log.signed_distances)
-    start_recording(meshcat, period)
-    diagram.ExecuteInitializationEvents(context)
-    for i, now in enumerate(frames):
-        context.SetTime(now)
-        plant.SetPositions(plant_context, q[i])
-        overlay.get_input_port_target_positions().FixValue(overlay_context, targets[i])
-        overlay.get_input_port_signed_distances().FixValue(
-            overlay_context, distances[i]
-        )
-        diagram.ForcedPublish(context)
-    save_recording(meshcat, path)
-    return unseen
-
-
 def inflated(shape: Shape, by: float) -> Shape | None:
     """The shape with its surface moved outwards by `by` [m]; None for shapes that
     have no simple one."""
@@ -541,7 +415,10 @@ def _is_drawn(inspector: SceneGraphInspector, frame) -> bool:
     return inspector.NumGeometriesForFrameWithRole(frame, Role.kIllustration) > 0
 
 
-def _resample(frames: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolates the columns of `values` (T, k), sampled at `time` (T,)."""
-    columns = [np.interp(frames, time, column) for column in values.T]
-    return np.column_stack(columns) if columns else np.empty((len(frames), 0))
+def __getattr__(name: str):
+    # The command line still asks here for what moved to `results.playback`.
+    if name == "record_log":
+        from crar_drake.results.playback import record_log
+
+        return record_log
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

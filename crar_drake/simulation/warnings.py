@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Iterator
 
 from crar_drake.motion.report import MotionReport
-from crar_drake.robot.description import find_joint
-from crar_drake.robot.model import LIMIT_TOLERANCE, ControlModel
+from crar_drake.robot.description import LIMIT_TOLERANCE, find_joint
+from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visuals import models_without_visuals

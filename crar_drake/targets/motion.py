@@ -1,10 +1,12 @@
-"""From a motion's name to the trajectories that a robot is to follow."""
+"""From a motion's name to what a robot is to follow."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import BsplineTrajectory
 
 from crar_drake.errors import ScenarioError
@@ -17,6 +19,8 @@ from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
+from crar_drake.targets.desired_motion import DesiredMotion
+from crar_drake.targets.sources import PoseTrajectorySource
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
 
@@ -73,24 +77,6 @@ class HandTrajectory:
         return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
 
 
-@dataclass(frozen=True)
-class MotionTargets:
-    """Trajectories of one motion for one robot, over [0, duration].
-
-    Attributes:
-        tasks: positions p_WT of the tasks, three rows each, in their order [m]; with
-            tasks of hands, which may have orientations, the way of each by its name.
-        prescribed: positions of the prescribed joints; None if there are none.
-        duration: [s].
-        clip: the motion itself.
-    """
-
-    tasks: BsplineTrajectory | dict[str, PointTrajectory | HandTrajectory]
-    prescribed: BsplineTrajectory | None
-    duration: float  # [s]
-    clip: Clip
-
-
 def segment_lengths(model: ControlModel) -> SegmentLengths:
     """The robot's own lengths, read off its task frames at zero joint angles.
 
@@ -141,7 +127,7 @@ def load_motion_targets(
     skeleton: str = "",
     frame_rate: float | None = None,
     cutoff: float = 6.0,
-) -> MotionTargets:
+) -> DesiredMotion:
     """Loads, filters and scales a motion to the robot's tasks.
 
     Args:
@@ -161,15 +147,25 @@ def load_motion_targets(
     clip = load_clip(motion, skeleton or None, frame_rate=frame_rate)
     centres = joint_centres(clip)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
-    prescribed = None
-    if model.n_p:
-        prescribed = _prescribed_trajectory(model, retargeted)
-    frames = [task.frame for task in model.tasks]
-    if any(frame in HANDS for frame in frames):
-        tasks = _task_ways(model, clip, retargeted, cutoff)
-    else:
-        tasks = retargeted.trajectory(frames)
-    return MotionTargets(tasks, prescribed, retargeted.duration, clip)
+    tasks_at, MakeTaskSource = _tasks(model, clip, retargeted, cutoff)
+    if not model.n_p:
+        return DesiredMotion(
+            retargeted.duration,
+            tasks_at,
+            lambda time: np.zeros(0),
+            MakeTaskSource,
+            None,
+            clip,
+        )
+    prescribed = _prescribed_trajectory(model, retargeted)
+    return DesiredMotion(
+        retargeted.duration,
+        tasks_at,
+        lambda time: prescribed.value(time).ravel(),
+        MakeTaskSource,
+        lambda: TrajectorySource(prescribed, 2),
+        clip,
+    )
 
 
 def _check_tasks(model: ControlModel) -> None:
@@ -195,6 +191,26 @@ def _check_tasks(model: ControlModel) -> None:
                 f"of {', '.join(HANDS)}; track one of these, take kind position, or "
                 f"use keyframes"
             )
+
+
+def _tasks(
+    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
+    """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
+    frames = [task.frame for task in model.tasks]
+    if any(frame in HANDS for frame in frames):
+        ways = _task_ways(model, clip, retargeted, cutoff)
+        return (
+            PoseTrajectorySource(model.layout, ways).at,
+            lambda: PoseTrajectorySource(model.layout, ways),
+        )
+    positions = retargeted.trajectory(frames)
+
+    def tasks_at(time: float) -> np.ndarray:
+        derivatives = [positions.EvalDerivative(time, k) for k in range(3)]
+        return np.concatenate(derivatives).ravel()
+
+    return tasks_at, lambda: TrajectorySource(positions, 2)
 
 
 def _task_ways(

@@ -249,7 +249,7 @@ def test_impossible_places_are_refused_before_the_work(
         place = "/proc/self"
     for name in (
         "crar_drake.run.run_scenario",
-        "crar_drake.simulation.visualization.record_log",
+        "crar_drake.results.playback.record_log",
         "crar_drake.motion.report.inspect",
         "crar_drake.studies.sweep.run_case",
         "crar_drake.studies.section_iv.simulate.run_plan",

@@ -19,13 +19,13 @@ from crar_drake.results.summary import summarize
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task
 from crar_drake.run import make_log
-from crar_drake.simulation.desired_motion import DesiredMotion
 from crar_drake.simulation.diagram import (
     AddCrarController,
     MakeCrarDiagram,
     PrepareScenario,
 )
 from crar_drake.simulation.scenario import Scenario, load_scenario
+from crar_drake.targets.desired_motion import DesiredMotion
 
 STEP = 1e-3
 BLENDING = 0.2  # [s]

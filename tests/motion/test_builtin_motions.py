@@ -106,17 +106,19 @@ def _violations(name: str, tasks: list[str]) -> tuple[np.ndarray, np.ndarray]:
     targets = load_motion_targets(name, model)
     parameters = CrarParameters(constraints="none", period=STEP)
     law = ControlLaw(model, parameters)
+    source = targets.MakePrescribedSource()
+    context = source.CreateDefaultContext()
 
-    def at(trajectory, time):
-        rates = [trajectory.EvalDerivative(time, order).ravel() for order in (0, 1, 2)]
-        return np.concatenate(rates)
+    def prescribed(time):
+        context.SetTime(time)
+        return source.get_output_port().Eval(context)
 
     q = model.rest_positions()
-    q[model.prescribed] = targets.prescribed.value(0.0).ravel()
+    q[model.prescribed] = targets.prescribed_at(0.0)
     v = np.zeros(len(q))
     limits, pairs = [], []
     for time in np.arange(0.0, targets.duration, STEP):
-        solution = law.step(q, v, at(targets.tasks, time), at(targets.prescribed, time))
+        solution = law.step(q, v, targets.tasks_at(time), prescribed(time))
         joints = q[model.controlled]
         beyond = (joints < model.lower - 1e-6) | (joints > model.upper + 1e-6)
         limits.append(beyond.sum())

@@ -1,5 +1,6 @@
 """A log finds its robot again, or says what it looked for and where."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,11 @@ import pytest
 from crar_drake.commands import main
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.resources import data_folder
+from crar_drake.results import logged_robot
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot
+from crar_drake.results.playback import record_log
+from crar_drake.results.summary import summarize
 from crar_drake.robot import description as robot_description
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import load_scenario, parse_scenario
@@ -140,3 +144,30 @@ def test_a_robot_that_changed_is_refused(project, monkeypatch, capsys):
         assert "14 watched pairs but robot obstacle_arm 13" in message
     with pytest.raises(ModelError, match="no robot 'gone'"):
         load_logged_robot(log, robot="gone")
+
+
+def test_a_run_does_not_parse_its_own_scenario(project, monkeypatch):
+    """Yet its figures are those that come from the text in its log."""
+
+    def fail(*arguments):
+        raise AssertionError("a scenario was parsed that was at hand")
+
+    monkeypatch.chdir(project)
+    scenario = replace(load_scenario("folder.yaml"), duration=0.05)
+    before = scenario.to_yaml()
+    with monkeypatch.context() as patch:
+        patch.setattr(logged_robot, "parse_scenario", fail)
+        result = run_scenario(scenario, "it", record=False)
+        record_log(result.log, "page.html", frames_per_second=64.0, scenario=scenario)
+        with pytest.raises(AssertionError, match="at hand"):
+            summarize(result.log)
+    assert scenario.to_yaml() == before
+    again = summarize(
+        SimulationLog.load("it/log.npz"),
+        result.summary.wall_time,
+        warnings=result.summary.warnings,
+    )
+    written = json.loads(Path("it/summary.json").read_text())
+    assert written == json.loads(again.to_json())
+    assert Path(written["robot"]).is_absolute()
+    assert Path("page.html").stat().st_size > 100_000

@@ -103,7 +103,7 @@ def test_waist_and_heading_are_the_performers(model):
         time = frame / centres.frame_rate
         if time > motion.duration:
             break
-        q = motion.prescribed.value(time).ravel()
+        q = motion.prescribed_at(time)
         whole = np.zeros(model.plant.num_positions())
         for name, value in zip(names, q, strict=True):
             whole[model.plant.GetJointByName(name).position_start()] = value
@@ -121,7 +121,7 @@ def test_waist_and_heading_are_the_performers(model):
 def test_the_heading_is_followed_beyond_a_full_turn(model):
     motion = load_motion_targets("dance", model)
     times = np.linspace(0.0, motion.duration, 500)
-    heading = np.array([motion.prescribed.value(t)[0, 0] for t in times])
+    heading = np.array([motion.prescribed_at(t)[0] for t in times])
     assert np.abs(np.diff(heading)).max() < 1.0  # no jump by a whole turn
 
 
@@ -137,7 +137,7 @@ def test_hands_are_turned_as_the_performers(with_hands):
     motion = load_desired_motion(scenario, with_hands)
     clip = load_clip("dance")
     R_WH = hand_orientations(clip).rotations["left_hand"]
-    wrist = load_motion_targets("dance", trunk(position_tasks(["left_wrist"]))).tasks
+    wrist = load_motion_targets("dance", trunk(position_tasks(["left_wrist"])))
     source = motion.MakeTaskSource()
     context = source.CreateDefaultContext()
     for frame in range(0, clip.num_frames, 53):
@@ -151,7 +151,7 @@ def test_hands_are_turned_as_the_performers(with_hands):
         # The low-pass turns a fast dancer's hand by a few degrees.
         assert Rotation.from_matrix(turned @ R_WH[frame].T).magnitude() < 0.1
         p_wrist, p_grip, p_reach = desired.p
-        np.testing.assert_allclose(p_wrist, wrist.value(time).ravel(), atol=1e-12)
+        np.testing.assert_allclose(p_wrist, wrist.tasks_at(time)[:3], atol=1e-12)
         np.testing.assert_allclose(p_grip, p_wrist + 0.08 * turned[:, 0], atol=1e-12)
         np.testing.assert_array_equal(p_grip, p_reach)
 

@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 
 from crar_drake.control.parameters import LEVELS
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import load_logged_robot
 from crar_drake.results.snapshots import SnapshotRenderer
 from crar_drake.results.summary import controlled_joints
-from crar_drake.robot.description import load_robot_description
-from crar_drake.robot.model import LIMIT_TOLERANCE
-from crar_drake.simulation.scenario import parse_scenario
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.studies.section_iv.plan import (
     EXPERIMENT_1,
     EXPERIMENT_2,
@@ -175,8 +174,7 @@ def draw_distances(
     figure = Figure(figsize=(8.6, 5.2), layout="constrained")
     above, ax = figure.subplots(2, 1, height_ratios=(1.0, 2.4), sharex=True)
     frames = log.time * frame_rate
-    description = load_robot_description(parse_scenario(log.scenario).robot)
-    renderer = SnapshotRenderer(description)
+    renderer = SnapshotRenderer(load_logged_robot(log))
     snapshots = choose_snapshots(raw)
     width = frames[-1] / len(snapshots)
     for i, snapshot in enumerate(snapshots):

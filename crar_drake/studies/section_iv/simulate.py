@@ -23,7 +23,7 @@ from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import controlled_joints, task_layout
-from crar_drake.robot.model import LIMIT_TOLERANCE
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.section_iv.plan import REDUNDANCY, Plan, Simulation
@@ -137,8 +137,8 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         simulation: what to run.
         out: folder of the reproduction.
     """
+    from crar_drake.results.playback import record_log
     from crar_drake.run import run_scenario
-    from crar_drake.simulation.visualization import record_log
 
     # Drake announces the address of every page, where nothing is to be seen.
     logging.getLogger("drake").setLevel(logging.WARNING)
@@ -161,7 +161,7 @@ def simulate(simulation: Simulation, out: str) -> Outcome:
         if simulation.keep_log:
             run.log.save(log_path(simulation, out))
         if simulation.page:
-            record_log(run.log, page_path(simulation, out))
+            record_log(run.log, page_path(simulation, out), scenario=scenario)
     path = _result_path(simulation, out)
     with whole_file(path) as temporary:
         temporary.write_text(_to_json(outcome))

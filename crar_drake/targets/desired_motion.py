@@ -1,0 +1,33 @@
+"""What a robot is to follow, wherever it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from crar_drake.motion.formats.asf_amc import Clip
+
+
+@dataclass(frozen=True)
+class DesiredMotion:
+    """The desired motion of one robot, as functions of time and as systems.
+
+    Attributes:
+        duration: of the motion [s].
+        tasks_at: time [s] to [x_d; v_d; a_d] (layout.size,).
+        prescribed_at: time [s] to the prescribed joints' positions (n_p,).
+        MakeTaskSource: makes the system that emits `desired_tasks`.
+        MakePrescribedSource: makes that of `desired_prescribed`; None without
+            prescribed joints.
+        clip: the motion file's contents; None with keyframes.
+    """
+
+    duration: float  # [s]
+    tasks_at: Callable[[float], np.ndarray]
+    prescribed_at: Callable[[float], np.ndarray]
+    MakeTaskSource: Callable[[], LeafSystem]
+    MakePrescribedSource: Callable[[], LeafSystem] | None
+    clip: Clip | None = None

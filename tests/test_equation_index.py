@@ -22,8 +22,8 @@ import pytest
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.robot.model import ControlModel
 from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
 ROOT = Path(__file__).resolve().parent.parent

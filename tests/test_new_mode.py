@@ -10,8 +10,8 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
-from crar_drake.robot.model import ControlModel
 from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
 PAGE = Path(__file__).parent.parent / "docs" / "modes.md"

@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from crar_drake.files import check_file
     from crar_drake.results.log import SimulationLog
-    from crar_drake.simulation.visualization import record_log
+    from crar_drake.results.playback import record_log
 
     log = SimulationLog.load(arguments.log)
     out = arguments.out or arguments.log.with_name("playback.html")

@@ -413,12 +413,3 @@ def _shells(
 
 def _is_drawn(inspector: SceneGraphInspector, frame) -> bool:
     return inspector.NumGeometriesForFrameWithRole(frame, Role.kIllustration) > 0
-
-
-def __getattr__(name: str):
-    # The command line still asks here for what moved to `results.playback`.
-    if name == "record_log":
-        from crar_drake.results.playback import record_log
-
-        return record_log
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

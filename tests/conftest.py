@@ -4,10 +4,16 @@ import os
 from pathlib import Path
 
 import matplotlib
+import platformdirs
 import pytest
 from small_urdfs import humanoid, write
 
 matplotlib.use("Agg")
+
+# Tests give commands caches of their own; what is compiled is kept all the same.
+os.environ.setdefault(
+    "NUMBA_CACHE_DIR", str(platformdirs.user_cache_path("crar-drake") / "compiled")
+)
 
 
 @pytest.fixture(scope="session")

@@ -117,10 +117,13 @@ def _least_excess(start, slope, bound):
         best, least = 1.0, (a + b).max()
     for i in range(len(a)):
         for j in range(i):
-            if b[i] == b[j]:
+            rise, gap = b[i] - b[j], a[j] - a[i]
+            if rise < 0.0:
+                rise, gap = -rise, -gap
+            if not 0.0 < gap < rise:  # they cross elsewhere; no division overflows
                 continue
-            theta = (a[j] - a[i]) / (b[i] - b[j])
-            if 0.0 < theta < 1.0 and (a + b * theta).max() < least:
+            theta = gap / rise
+            if (a + b * theta).max() < least:
                 best, least = theta, (a + b * theta).max()
     return TorqueScale(best, max(0.0, least - 1.0))
 

@@ -206,8 +206,8 @@ def test_an_interrupt_while_writing_ends_cleanly(
         in_the_middle(monkeypatch, interrupt)
     draw = crar_drake.results.plots.draw_run
 
-    def draw_and_interrupt(log):
-        figure = draw(log)
+    def draw_and_interrupt(log, scenario):
+        figure = draw(log, scenario)
         save = figure.savefig
 
         def savefig(path, **options):

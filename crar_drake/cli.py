@@ -35,7 +35,6 @@ OUT = Path("out")
 EXPERIMENTS = ("wrists", "upper-body")
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
-MEASUREMENTS = ("step", "simulation", "scaling")  # of benchmarks.step
 
 
 # What several commands say of the same options.
@@ -399,51 +398,6 @@ def _sweep(arguments: argparse.Namespace) -> None:
     plot_sweep(results, plot)
     print(out)
     print(plot)
-
-
-def _bench(arguments: argparse.Namespace) -> None:
-    # NumPy's library reads them when it is loaded, which is below.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
-
-    from rich.console import Console
-
-    from benchmarks.step import BenchSettings, run_bench, write_json
-    from benchmarks.step_report import (
-        machine_line,
-        plot_bench,
-        rich_tables,
-        text_of_page,
-        write_page,
-    )
-    from crar_drake.files import check_file, check_folder
-
-    if arguments.markdown is not None:
-        text_of_page(arguments.markdown)  # before minutes of measuring
-        check_file(arguments.markdown)
-    check_folder(arguments.out)
-    settings = BenchSettings(
-        motion=arguments.motion,
-        duration=arguments.duration or (1.0 if arguments.quick else 3.0),
-        measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
-    )
-    if arguments.quick:
-        settings = replace(settings, repeats=1, scaling_steps=20)
-    result = run_bench(
-        settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
-    )
-    console = Console()
-    for table in rich_tables(result):
-        console.print(table)
-    print(machine_line(result))
-    data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
-    write_json(result, data)
-    plot_bench(result, plot)
-    print(data)
-    print(plot)
-    if arguments.markdown is not None:
-        write_page(result, arguments.markdown)
-        print(arguments.markdown)
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
@@ -822,47 +776,6 @@ def _make_parser() -> _Parser:
         default=OUT / "sweep" / "results.csv",
         help="table of the results; a .png (plot) and a .yaml (what they have in "
         "common) go beside it (default: %(default)s)",
-    )
-
-    bench = add(
-        "bench",
-        _bench,
-        "Measure how long a control step and a whole simulation take "
-        "(docs/speed.md explains it).",
-    )
-    bench.add_argument(
-        "--motion",
-        default="dance",
-        help=f"take the steps of this motion: {_MOTION} (default: %(default)s)",
-    )
-    bench.add_argument(
-        "--duration",
-        type=_positive,
-        metavar="S",
-        help="take the first S seconds of the motion (default: 3)",
-    )
-    bench.add_argument(
-        "--only",
-        type=_list_of(_one_of(MEASUREMENTS)),
-        action="extend",
-        metavar="M[,M...]",
-        help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
-    )
-    bench.add_argument(
-        "--quick", action="store_true", help="few samples, for a first look"
-    )
-    bench.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        default=OUT / "bench",
-        help="folder for bench.json and bench.png (default: %(default)s)",
-    )
-    bench.add_argument(
-        "--markdown",
-        type=Path,
-        metavar="FILE",
-        help="also renew the tables of this page, such as docs/speed.md",
     )
 
     reproduce = add(

@@ -236,7 +236,6 @@ def test_motions_of_one_name_have_folders_of_their_own(
         "motion dance --plot {}/x.png",
         "sweep dance --out {}/x.csv",
         "reproduce --out {}",
-        "bench --out {}",
     ],
 )
 @pytest.mark.parametrize("place", ["file/below", "locked"])
@@ -253,7 +252,6 @@ def test_impossible_places_are_refused_before_the_work(
         "crar_drake.simulation.visualization.record_log",
         "crar_drake.motion.report.inspect",
         "crar_drake.studies.sweep.run_case",
-        "benchmarks.step.run_bench",
         "crar_drake.studies.section_iv.simulate.run_plan",
     ):
         if name.endswith("run_scenario") and command.startswith("run "):
@@ -600,7 +598,6 @@ def test_the_package_runs_as_a_module():
 COMMANDS = {
     "run": [],
     "sweep": ["dance"],
-    "bench": [],
     "reproduce": [],
     "motion": ["dance"],
     "list": [],

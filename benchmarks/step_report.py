@@ -35,19 +35,10 @@ def sections(result: dict) -> list[tuple[str, list[str], list[list[str]]]]:
     found = [("What is to be reached", *_targets(result))]
     if result["step"]:
         found += [
-            (
-                "One control step, in a row, processor time [µs]",
-                *_steps(result, "in_a_row"),
-            ),
-            (
-                "One control step, by turns, processor time [µs]",
-                *_steps(result, "by_turns"),
-            ),
-            ("Its parts, medians in a row by the wall clock [µs]", *_parts(result)),
-            (
-                "For comparison, medians in a row by the wall clock [µs]",
-                *_comparison(result),
-            ),
+            ("One control step, in a row [µs]", *_steps(result, "in_a_row")),
+            ("One control step, by turns [µs]", *_steps(result, "by_turns")),
+            ("Its parts, wall clock, in a row [µs]", *_parts(result)),
+            ("For comparison, wall clock, in a row [µs]", *_comparison(result)),
         ]
     if result["compiling"]:
         found.append(

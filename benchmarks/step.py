@@ -1,4 +1,6 @@
-"""The command `crar-drake bench`: how long a control step takes, and of what.
+"""How long a control step takes, and of what; compiled where Numba is installed.
+
+    python -m benchmarks.step [--quick] [--markdown docs/speed.md]
 
 `docs/speed.md` says what is measured and what is to be reached. Everything is timed
 in one process and one thread, by turns, so that figures of one run can be compared.
@@ -6,50 +8,71 @@ in one process and one thread, by turns, so that figures of one run can be compa
 
 from __future__ import annotations
 
+import argparse
 import json
+import math
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from rich.console import Console
 
+from benchmarks.plain import as_it_is, plain
+from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_subjects import (
     OVERHEAD,
     PARTS,
     Bound,
     ModelAlone,
+    Samples,
     SceneGraphDistances,
     Step,
     StepInParts,
+    distances_as_they_are,
     samples_of_run,
+    samples_with_poses,
 )
 from benchmarks.step_timing import (
     BY_TURNS,
     IN_A_ROW,
     Subject,
+    Timing,
     median,
     time_side_by_side,
 )
 from crar_drake import __version__
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.compilation import IS_COMPILED, arithmetic
+from crar_drake.errors import CrarError
+from crar_drake.files import check_file, check_folder
+from crar_drake.nearest import nearest
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import save_recording
-from crar_drake.robot.task import EXPERIMENTS
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import EXPERIMENTS, Task
 from crar_drake.run import run_scenario
-from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
+from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visualization import start_recording
 from crar_drake.studies.machine import describe_machine
 
 MODES = ("paper", "lookahead")
-MEASUREMENTS = ("step", "simulation", "scaling")
+MEASUREMENTS = ("step", "simulation", "scaling", "compiling")
+
+# Whose control steps are measured; the first two are the paper's task sets.
+HANDS = "hands' poses"  # of which states and ways are those of the wrists
+LIMITED = "upper-body, effort limits"
+CASES = (*EXPERIMENTS, HANDS, LIMITED)
 
 # What grows: joints, tasks, near pairs and far pairs of each robot.
 SCALING = {
@@ -81,7 +104,7 @@ class BenchSettings:
         repeats: how often each simulation is timed.
         scaling_steps: control steps per robot that is made up.
         measurements: which of MEASUREMENTS.
-        experiments: the task sets.
+        cases: of CASES; whole simulations are those of the task sets among them.
     """
 
     motion: str = "dance"
@@ -89,7 +112,7 @@ class BenchSettings:
     repeats: int = 3
     scaling_steps: int = 200
     measurements: tuple[str, ...] = MEASUREMENTS
-    experiments: tuple[str, ...] = tuple(EXPERIMENTS)
+    cases: tuple[str, ...] = CASES
     scaling: dict[str, list[tuple[int, int, int, int]]] = field(
         default_factory=lambda: dict(SCALING)
     )
@@ -101,11 +124,12 @@ def run_bench(
     """Measures, and returns what `bench.json` holds; durations are in seconds.
 
     NumPy's library must not use threads of its own: set OMP_NUM_THREADS=1 before
-    NumPy is imported, as the command does.
+    NumPy is imported, as the command does for itself.
 
     Returns:
-        "version", "machine", "settings"; lists "step", "simulation" and "scaling"
-        with an entry per case; "targets", see `find_targets`.
+        "version", "machine", "settings"; "arithmetic", as the control law is; lists
+        "step", "simulation" and "scaling" with an entry per case; "compiling", see
+        `measure_compiling`, or None; "targets", see `find_targets`.
 
     Raises:
         CrarError: the motion cannot be found, read or scaled.
@@ -116,17 +140,22 @@ def run_bench(
         "version": __version__,
         "machine": describe_machine(),
         "settings": asdict(settings),
+        "arithmetic": arithmetic(),
         "step": [],
         "simulation": [],
         "scaling": [],
+        "compiling": None,
     }
     measurements = settings.measurements
+    if "compiling" in measurements and IS_COMPILED:
+        tell("compiling")
+        result["compiling"] = measure_compiling()
     if "step" in measurements:
-        for experiment in settings.experiments:
-            tell(f"one control step, {experiment}")
-            result["step"] += measure_step(settings, experiment)
+        for case in settings.cases:
+            tell(f"one control step, {case}")
+            result["step"] += measure_step(settings, case)
     if "simulation" in measurements:
-        for experiment in settings.experiments:
+        for experiment in filter(EXPERIMENTS.get, settings.cases):
             tell(f"whole simulation, {experiment}")
             result["simulation"] += measure_simulation(settings, experiment)
     if "scaling" in measurements:
@@ -150,13 +179,9 @@ def write_json(result: dict, path: str | os.PathLike[str]) -> None:
 # --- one control step -------------------------------------------------------------
 
 
-def measure_step(settings: BenchSettings, experiment: str) -> list[dict]:
+def measure_step(settings: BenchSettings, case: str) -> list[dict]:
     """Control steps of both modes, their bounds and their parts, along the motion."""
-    runs = {}
-    for mode in MODES:
-        scenario = _scenario(settings, experiment, mode)
-        run = run_scenario(scenario, record=False)
-        runs[mode] = (run.setup.model, scenario.controller, samples_of_run(run))
+    runs = {mode: _steps_of(settings, case, mode) for mode in MODES}
     num_steps = min(len(samples) for _, _, samples in runs.values())
 
     steps = {mode: Step(*run) for mode, run in runs.items()}
@@ -171,34 +196,33 @@ def measure_step(settings: BenchSettings, experiment: str) -> list[dict]:
             ("scene graph", mode): SceneGraphDistances(*run),
             ("parts", mode): in_parts[mode],
         }
+        if IS_COMPILED:
+            subjects["plain step", mode] = _plain_step(*run)
+            compiled = Bound(*run, distances=distances_as_they_are)
+            subjects["bound, distances compiled", mode] = compiled
+        _warm_up(subjects, mode)
     in_a_row = time_side_by_side(subjects, num_steps, IN_A_ROW)
-    for step in steps.values():
-        step.restart()
-    by_turns = time_side_by_side(
-        {key: s for key, s in subjects.items() if key[0] in ("step", "bound")},
-        num_steps,
-        BY_TURNS,
-    )
+    compared = {key: s for key, s in subjects.items() if key[0] in _COMPARED}
+    for subject in compared.values():
+        subject.restart()
+    by_turns = time_side_by_side(compared, num_steps, BY_TURNS)
     entries = []
     for mode, (model, _, _) in runs.items():
-        step = in_a_row["step", mode].figures()
         kept = in_a_row["parts", mode].kept
         parts = {p: median(in_parts[mode].own[p][:num_steps][kept]) for p in PARTS}
-        parts[OVERHEAD] = step["median"] - sum(parts.values())
+        whole = _figures(in_a_row, mode)
+        parts[OVERHEAD] = whole["step"]["median"] - sum(parts.values())
         entries.append(
             {
-                "experiment": experiment,
+                "case": case,
                 "constraints": mode,
                 "joints": model.n,
                 "task_rows": model.m,
                 "pairs": len(model.pairs),
                 "links": bounds[mode].num_links,
                 "steps": num_steps,
-                "in_a_row": _with_ratio(step, in_a_row["bound", mode].figures()),
-                "by_turns": _with_ratio(
-                    by_turns["step", mode].figures(),
-                    by_turns["bound", mode].figures(),
-                ),
+                "in_a_row": whole,
+                "by_turns": _figures(by_turns, mode),
                 "parts": parts,
                 "model_alone": in_a_row["model", mode].figures(),
                 "scene_graph_distances": in_a_row["scene graph", mode].figures(),
@@ -207,37 +231,103 @@ def measure_step(settings: BenchSettings, experiment: str) -> list[dict]:
     return entries
 
 
-def _with_ratio(step: dict[str, float], bound: dict[str, float]) -> dict:
-    return {"step": step, "bound": bound, "ratio": step["median"] / bound["median"]}
+# What is timed by turns, too; those of the bound and the compiled step as needed.
+_COMPARED = ("step", "plain step", "bound", "bound, distances compiled")
+
+
+def _figures(timings: dict[tuple[str, str], Timing], mode: str) -> dict:
+    """Figures of each subject of _COMPARED, None without Numba, and their ratios."""
+    found: dict = {name: None for name in _COMPARED}
+    for name in _COMPARED:
+        if (name, mode) in timings:
+            found[name] = timings[name, mode].figures()
+    step, bound = found["step"], found["bound"]
+    found["ratio"] = step["median"] / bound["median"]
+    found["cpu_ratio"] = step["cpu_median"] / bound["cpu_median"]
+    return found
+
+
+def _steps_of(
+    settings: BenchSettings, case: str, mode: str
+) -> tuple[ControlModel, CrarParameters, Samples]:
+    """Model, parameters and samples of a case of CASES."""
+    experiment = {HANDS: "wrists", LIMITED: "upper-body"}.get(case, case)
+    scenario = _scenario(settings, experiment, mode)
+    scenario.controller.respect_effort_limits = case == LIMITED
+    run = run_scenario(scenario, record=False)
+    model, samples = run.setup.model, samples_of_run(run)
+    if case == HANDS:
+        wrists = model.description.task_frames
+        tasks = [
+            Task(frame=wrists[name], kind="pose", orientation_weight=0.2)
+            for name in EXPERIMENTS["wrists"]
+        ]
+        time_step = scenario.plant_config.time_step
+        model = ControlModel.FromDescription(
+            model.description, tasks, time_step=time_step
+        )
+        samples = samples_with_poses(samples, model, scenario.controller)
+    return model, scenario.controller, samples
+
+
+def _plain_step(
+    model: ControlModel, parameters: CrarParameters, samples: Samples
+) -> Step:
+    """The same step without Numba."""
+    package = plain()
+    other = package.ControlModel.FromDescription(
+        package.load_robot_description(model.description.name),
+        [package.Task(**vars(task)) for task in model.tasks],
+        time_step=model.plant.time_step(),
+    )
+    values = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
+    return Step(other, package.CrarParameters(**values), samples, package)
+
+
+def _warm_up(subjects: dict[tuple[str, str], Subject], mode: str) -> None:
+    """Everything once, so that nothing compiles while it is timed."""
+    for (_, its_mode), subject in subjects.items():
+        if its_mode == mode:
+            subject.begin()
+            subject.prepare(0)
+            subject()
+            subject.end()
+            subject.restart()
 
 
 # --- the whole simulation ---------------------------------------------------------
 
 
 def measure_simulation(settings: BenchSettings, experiment: str) -> list[dict]:
-    """Real-time factors of the scenario, with and without recording, by turns."""
+    """Real-time factors of the scenario, with and without recording and Numba, by
+    turns."""
+    packages = {"as it is": as_it_is()}
+    if IS_COMPILED:
+        packages["plain"] = plain()
     prepared = {}
     for mode in MODES:
-        scenario = _scenario(settings, experiment, mode)
-        setup = PrepareScenario(scenario)
-        scenario.duration = min(settings.duration, setup.motion.duration)
-        prepared[mode] = (scenario, setup)
-    timings: dict[tuple[str, bool], list[SimulationTime]] = {}
+        for name, package in packages.items():
+            scenario = _scenario(settings, experiment, mode, package)
+            setup = package.PrepareScenario(scenario)
+            scenario.duration = min(settings.duration, setup.motion.duration)
+            prepared[mode, name] = (scenario, setup, package)
+    timings: dict[tuple[str, str, bool], list[SimulationTime]] = {}
     for _ in range(settings.repeats):
-        for mode, (scenario, setup) in prepared.items():
+        for (mode, name), simulated in prepared.items():
             for recording in (False, True):
-                timing = time_simulation(scenario, setup, recording)
-                timings.setdefault((mode, recording), []).append(timing)
+                timing = time_simulation(*simulated, recording)
+                timings.setdefault((mode, name, recording), []).append(timing)
     entries = []
-    for (mode, recording), repeats in timings.items():
-        duration = prepared[mode][0].duration
+    for (mode, name, recording), repeats in timings.items():
+        duration = prepared[mode, name][0].duration
         wall, cpu, page = (
             median(np.array(times)) for times in zip(*repeats, strict=True)
         )
         entries.append(
             {
-                "experiment": experiment,
+                "case": experiment,
                 "constraints": mode,
+                "plain": name == "plain",
                 "recording": recording,
                 "duration": duration,
                 "wall": [timing.wall for timing in repeats],
@@ -259,11 +349,17 @@ class SimulationTime(NamedTuple):
 
 
 def time_simulation(
-    scenario: Scenario, setup: Setup, recording: bool
+    scenario: Scenario, setup: Setup, package: SimpleNamespace, recording: bool
 ) -> SimulationTime:
-    """Times a simulation from its start to its end; building it does not count."""
+    """Times a simulation from its start to its end; building it does not count.
+
+    Args:
+        scenario, setup: of the package.
+        package: of `benchmarks.plain`.
+        recording: whether Meshcat records it.
+    """
     meshcat = Meshcat() if recording else None
-    diagram = MakeCrarDiagram(scenario, meshcat, setup)
+    diagram = package.MakeCrarDiagram(scenario, meshcat, setup)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     if meshcat is not None:
@@ -284,7 +380,7 @@ def time_simulation(
 def measure_scaling(
     quantity: str, robots: Sequence[tuple[int, int, int, int]], num_steps: int
 ) -> list[dict]:
-    """Median control step of robots of growing size, see `bench_robots`.
+    """Median control step of robots of growing size, see `step_robots`.
 
     Args:
         quantity: which grows, a key of SCALING.
@@ -298,6 +394,7 @@ def measure_scaling(
             parameters = CrarParameters(constraints=mode, period=PERIOD, blend_time=0.0)
             samples = make_samples(model, parameters, num_steps)
             subjects[mode, i] = Step(model, parameters, samples)
+            _warm_up({(mode, mode): subjects[mode, i]}, mode)
     timings = time_side_by_side(subjects, num_steps)
     sizes = [robot[_GROWING[quantity]] for robot in robots]
     entries = []
@@ -378,8 +475,8 @@ def find_targets(result: dict) -> list[dict]:
         of_mode = [e for e in steps if e["constraints"] == mode]
         for order, words in (("in_a_row", "in a row"), ("by_turns", "by turns")):
             add(
-                f"{mode}: step over bound, {words}",
-                [e[order]["ratio"] for e in of_mode],
+                f"{mode}: step over bound, {words}, processor time",
+                [e[order]["cpu_ratio"] for e in of_mode],
                 limit,
             )
     for clock, words in (("", "wall clock"), ("cpu_", "processor time")):
@@ -398,7 +495,11 @@ def find_targets(result: dict) -> list[dict]:
     ):
         add(
             f"simulation: real-time factor with recording, {words}",
-            [e[factor] for e in result["simulation"] if e["recording"]],
+            [
+                e[factor]
+                for e in result["simulation"]
+                if e["recording"] and not e["plain"]
+            ],
             REAL_TIME_FACTOR,
             at_least=True,
         )
@@ -427,10 +528,124 @@ def find_targets(result: dict) -> list[dict]:
 # --- the circumstances ------------------------------------------------------------
 
 
-def _scenario(settings: BenchSettings, experiment: str, mode: str) -> Scenario:
-    return Scenario(
+def _scenario(
+    settings: BenchSettings,
+    experiment: str,
+    mode: str,
+    package: SimpleNamespace | None = None,
+) -> Scenario:
+    package = package or as_it_is()
+    return package.Scenario(
         motion=settings.motion,
         experiment=experiment,
-        controller=CrarParameters(constraints=mode),
+        controller=package.CrarParameters(constraints=mode),
         duration=settings.duration,
     )
+
+
+# --- the command ------------------------------------------------------------------
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measures, prints and writes; 0, or 2 with a message if something is wrong."""
+    from benchmarks.step_report import (
+        machine_line,
+        plot_bench,
+        rich_tables,
+        text_of_page,
+        write_page,
+    )
+
+    arguments = _parse(argv)
+    try:
+        if arguments.markdown is not None:
+            text_of_page(arguments.markdown)  # before minutes of measuring
+            check_file(arguments.markdown)
+        check_folder(arguments.out)
+        settings = BenchSettings(
+            motion=arguments.motion,
+            duration=arguments.duration or (1.0 if arguments.quick else 3.0),
+            measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
+        )
+        if arguments.quick:
+            settings = replace(settings, repeats=1, scaling_steps=20)
+        result = run_bench(
+            settings, lambda text: print(f"measuring: {text}", file=sys.stderr)
+        )
+        console = Console()
+        for table in rich_tables(result):
+            console.print(table)
+        print(machine_line(result))
+        data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
+        write_json(result, data)
+        plot_bench(result, plot)
+        print(data)
+        print(plot)
+        if arguments.markdown is not None:
+            write_page(result, arguments.markdown)
+            print(arguments.markdown)
+    except CrarError as error:
+        print(f"step: error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--motion", default="dance", help="(default: %(default)s)")
+    parser.add_argument(
+        "--duration", type=_positive, metavar="S", help="of it [s] (default: 3)"
+    )
+    parser.add_argument(
+        "--only",
+        type=_measurements,
+        action="extend",
+        metavar="M[,M...]",
+        help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
+    )
+    parser.add_argument("--quick", action="store_true", help="few samples")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/bench"),
+        metavar="DIR",
+        help="for bench.json and bench.png (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="a page whose tables to renew"
+    )
+    return parser.parse_args(argv)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def _measurements(text: str) -> list[str]:
+    chosen = [part.strip() for part in text.split(",")]
+    for name in chosen:
+        if name not in MEASUREMENTS:
+            raise argparse.ArgumentTypeError(
+                f"{name!r} is unknown{nearest(name, MEASUREMENTS)}"
+            )
+    return chosen
+
+
+def _take_one_thread() -> None:
+    """Starts this command again unless NumPy's library has one thread only.
+
+    The library reads its settings when it is loaded, which has happened.
+    """
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    if any(os.environ.get(name) != "1" for name in names):
+        os.environ.update(dict.fromkeys(names, "1"))
+        command = [sys.executable, "-m", "benchmarks.step", *sys.argv[1:]]
+        os.execv(sys.executable, command)
+
+
+if __name__ == "__main__":
+    _take_one_thread()
+    sys.exit(main())

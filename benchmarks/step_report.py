@@ -1,4 +1,4 @@
-"""Tables, a page and a plot of what `crar-drake bench` measured."""
+"""Tables, a page and a plot of what `benchmarks.step` measured."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ HEADING = "## One run"
 def machine_line(result: dict) -> str:
     """The circumstances of the run in one sentence."""
     m = result["machine"]
+    settings = result["settings"]
     load = "" if m["load"] is None else f", load average {m['load']:.1f} at the start"
     return (
         f"{m['cpu']}, {m['cores']} cores{load}; Python {m['python']}, NumPy "
         f"{m['numpy']}, Drake {m['drake']}; {m['threads']} thread; motion "
-        f"{result['settings']['motion']}, {result['settings']['duration']:g} s."
+        f"{settings['motion']}, {settings['duration']:g} s. "
+        f"The step is {result['arithmetic']}."
     )
 
 
@@ -35,9 +37,13 @@ def sections(result: dict) -> list[tuple[str, list[str], list[list[str]]]]:
         found += [
             ("One control step, in a row [µs]", *_steps(result, "in_a_row")),
             ("One control step, by turns [µs]", *_steps(result, "by_turns")),
-            ("Its parts, medians in a row [µs]", *_parts(result)),
-            ("For comparison, medians in a row [µs]", *_comparison(result)),
+            ("Its parts, wall clock, in a row [µs]", *_parts(result)),
+            ("For comparison, wall clock, in a row [µs]", *_comparison(result)),
         ]
+    if result["compiling"]:
+        found.append(
+            ("Making model and law ready for the first step", *_compiling(result))
+        )
     if result["simulation"]:
         found.append(("Whole simulation, 1 kHz", *_simulations(result)))
     if result["scaling"]:
@@ -113,20 +119,59 @@ def _targets(result: dict) -> tuple[list[str], list[list[str]]]:
 def _steps(result: dict, order: str) -> tuple[list[str], list[list[str]]]:
     header = [
         "tasks, constraints",
+        "plain step",
         "step",
         "p99",
-        "processor time",
-        "p99",
         "bound",
-        "ratio",
+        "step over bound",
+        "by the wall clock",
+        "plain step over bound",
+        "bound, distances compiled",
+        "step over it",
     ]
     rows = []
     for e in result["step"]:
-        step, bound = e[order]["step"], e[order]["bound"]
-        times = [step[name] for name in ("median", "p99", "cpu_median", "cpu_p99")]
-        ratio = f"{e[order]['ratio']:.2f}"
-        rows.append([_case(e), *map(_us, times), _us(bound["median"]), ratio])
+        figures = e[order]
+        step, plain = figures["step"], figures["plain step"]
+        bound, other = figures["bound"], figures["bound, distances compiled"]
+        rows.append(
+            [
+                _case(e),
+                _us_of(plain),
+                _us_of(step),
+                _us(step["cpu_p99"]),
+                _us_of(bound),
+                _ratio(step, bound),
+                f"{figures['ratio']:.2f}",
+                _ratio(plain, bound),
+                _us_of(other),
+                _ratio(step, other),
+            ]
+        )
     return header, rows
+
+
+def _us_of(figures: dict | None) -> str:
+    """The median by processor time; a dash where nothing was measured."""
+    return "–" if figures is None else _us(figures["cpu_median"])
+
+
+def _ratio(first: dict | None, second: dict | None) -> str:
+    if first is None or second is None:
+        return "–"
+    return f"{first['cpu_median'] / second['cpu_median']:.2f}"
+
+
+def _compiling(result: dict) -> tuple[list[str], list[list[str]]]:
+    times = result["compiling"]
+    rows = [
+        [text, f"{times[name]['wall']:.1f}", f"{times[name]['cpu']:.1f}"]
+        for name, text in (
+            ("first", "the first one, which compiles"),
+            ("later", "a later one, which finds what was kept"),
+        )
+    ]
+    return ["process", "wall clock [s]", "processor time [s]"], rows
 
 
 def _comparison(result: dict) -> tuple[list[str], list[list[str]]]:
@@ -163,6 +208,7 @@ def _parts(result: dict) -> tuple[list[str], list[list[str]]]:
 def _simulations(result: dict) -> tuple[list[str], list[list[str]]]:
     header = [
         "tasks, constraints",
+        "step",
         "recording",
         "real-time factor",
         "by processor time",
@@ -174,6 +220,7 @@ def _simulations(result: dict) -> tuple[list[str], list[list[str]]]:
         rows.append(
             [
                 _case(e),
+                "plain" if e["plain"] else "as it is",
                 "yes" if recording else "no",
                 f"{e['real_time_factor']:.2f}",
                 f"{e['cpu_factor']:.2f}",
@@ -209,7 +256,7 @@ def _scaling(result: dict) -> tuple[list[str], list[list[str]]]:
 
 
 def _case(entry: dict) -> str:
-    return f"{entry['experiment']}, {entry['constraints']}"
+    return f"{entry['case']}, {entry['constraints']}"
 
 
 def _us(seconds: float) -> str:

@@ -6,23 +6,33 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPort
 
-import crar_drake.robot.model
+from benchmarks.plain import as_it_is, plain
 from benchmarks.step_timing import Stopwatch, Subject, replaced
-from crar_drake.control.controller import CrarController
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
+from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.kinematics import (
+    FromDrake,
+    evaluate_state,
+    joint_motion,
+    place_points,
+)
 from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import RunResult
 
 # The parts of a step that are timed, by what they do; the rest of it is OVERHEAD.
-PARTS = ("kinematics", "distances", "gradients", "solve", "inverse dynamics")
+PARTS = ("Drake's calls", "law", "inverse dynamics")
 OVERHEAD = "system overhead"
 
 _ORIGIN = np.zeros(3)
@@ -66,6 +76,37 @@ def samples_of_run(run: RunResult) -> Samples:
     )
 
 
+def samples_with_poses(
+    samples: Samples, model: ControlModel, parameters: CrarParameters
+) -> Samples:
+    """The same states, where the tasks of another model are asked what they do there.
+
+    Args:
+        samples: of a run.
+        model: the same robot with other tasks.
+        parameters: of the controller, whose answers the samples then hold.
+    """
+    workspace = model.MakeWorkspace()
+    states = [
+        model.evaluate(workspace, q, v)
+        for q, v in zip(samples.q, samples.v, strict=True)
+    ]
+    velocities = np.array([state.v for state in states])
+    accelerations = np.gradient(velocities, parameters.period, axis=0)
+    tasks = np.array(
+        [
+            model.layout.pack(state.R, state.p, v, a)
+            for state, v, a in zip(states, velocities, accelerations, strict=True)
+        ]
+    )
+    law = ControlLaw(model, parameters)
+    vdot = [
+        law.step(*given).acceleration
+        for given in zip(samples.q, samples.v, tasks, samples.prescribed, strict=True)
+    ]
+    return Samples(samples.q, samples.v, tasks, samples.prescribed, np.array(vdot))
+
+
 class Step(Subject):
     """A control step as a simulator does it: the torque, then the controller's update.
 
@@ -74,9 +115,19 @@ class Step(Subject):
     """
 
     def __init__(
-        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+        self,
+        model: ControlModel,
+        parameters: CrarParameters,
+        samples: Samples,
+        package: SimpleNamespace | None = None,
     ) -> None:
-        self.controller = CrarController(model, parameters)
+        """
+        Args:
+            model, parameters: of the controller.
+            samples: its inputs.
+            package: of `benchmarks.plain`, that model and parameters are of.
+        """
+        self.controller = (package or as_it_is()).CrarController(model, parameters)
         self._samples = samples
         self._period = parameters.period
         self.restart()
@@ -157,10 +208,9 @@ class StepInParts(Step):
                 [
                     (owner, name, partial(timed, part))
                     for owner, name, part in (
-                        (self.controller.law, "solve", "solve"),
-                        (model, "evaluate", "kinematics"),
-                        (model, "evaluate_with_ahead", "kinematics"),
-                        *_distance_functions(model),
+                        (self.controller.law, "solve", "law"),
+                        (model, "ask", "Drake's calls"),
+                        (model, "effort_per_acceleration", "Drake's calls"),
                         (model, "inverse_dynamics", "inverse dynamics"),
                     )
                 ]
@@ -182,27 +232,72 @@ class StepInParts(Step):
             self.calls[part][self._k] = self._watch.calls.get(part, 0)
 
 
+@compiled
+def what_distances_are_of(
+    drake: FromDrake, robot: Held
+) -> tuple[np.ndarray, np.ndarray, ShapePairs]:
+    """Points, S and pairs, as `evaluate_state` has them; holds a `Robot`."""
+    r = robot.value
+    points = place_points(drake.X, r.selection, r.first)
+    return points, joint_motion(drake.ends, r.signs, r.order), r.pairs
+
+
+def plain_distances(
+    points: np.ndarray, asked: np.ndarray, S: np.ndarray, pairs: ShapePairs
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. (20) and the distances before it, as plain NumPy computes them.
+
+    Args:
+        points, asked, pairs: of `nearest_of_pairs`.
+        S: of `distance_gradient_about_origin`.
+    """
+    package = plain()
+    d, normal, p_WA = package.nearest_of_pairs(points, asked, pairs)
+    return d, package.distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
+
+
+@compiled
+def distances_as_they_are(
+    points: np.ndarray, asked: np.ndarray, S: np.ndarray, robot: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same, compiled where Numba is installed; holds a `Robot`."""
+    pairs = robot.value.pairs
+    d, normal, p_WA = nearest_of_pairs(points, asked, pairs)
+    return d, distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
+
+
 class Bound(Subject):
     """What a control step cannot do without: Drake's calls, and the distances.
 
     One call per quantity, each result an array: set the state; positions and
     spatial Jacobian of every link that carries a task or a watched shape (bodies
     that are welded together are one link, what is fixed to the world is none); a
-    bias acceleration per task; force elements and inverse dynamics. Then the
-    evaluation of distances and gradients as the step itself does it, with the very
-    arguments that it gives. In the lookahead mode positions, Jacobians and
+    bias acceleration per task; force elements and inverse dynamics; within effort
+    limits the mass matrix. Then distances and gradients, by the step's own functions
+    with the step's own arguments. In the lookahead mode positions, Jacobians and
     distances also where the robot would come to rest.
     """
 
     def __init__(
-        self, model: ControlModel, parameters: CrarParameters, samples: Samples
+        self,
+        model: ControlModel,
+        parameters: CrarParameters,
+        samples: Samples,
+        distances: Callable = plain_distances,
     ) -> None:
+        """
+        Args:
+            model, parameters, samples: of the step.
+            distances: `plain_distances`, or `distances_as_they_are`.
+        """
         self._model, self._samples = model, samples
+        self._distances = distances
         self._horizon = (
             parameters.braking_horizon
             if parameters.constraints == "lookahead"
             else None
         )
+        self._with_mass_matrix = parameters.respect_effort_limits
         workspace = model.MakeWorkspace()
         self._workspace = workspace
         self._here, self._ahead = workspace.plant_context, workspace.plant_context_ahead
@@ -218,15 +313,28 @@ class Bound(Subject):
         ]
         self._links = self._find_links()
         self.num_links = len(self._links)
-        self._distance_calls = record_distance_calls(model, parameters, samples)
+        self.d = np.zeros(0)
+        self.dd_dv = np.zeros(0)
 
     def prepare(self, k: int) -> None:
-        samples = self._samples
-        self._x = np.concatenate([samples.q[k], samples.v[k]])
+        samples, model, workspace = self._samples, self._model, self._workspace
+        q, v = samples.q[k], samples.v[k]
+        self._x = np.concatenate([q, v])
         self._vdot = samples.vdot[k]
-        self._calls = self._distance_calls[k]
+        self._q_s = None
         if self._horizon is not None:
-            self._q_s = resting_configuration(samples.q[k], samples.v[k], self._horizon)
+            self._q_s = resting_configuration(q, v, self._horizon)
+        # What the step hands to the distances, from the step's own functions.
+        drake = model.ask(workspace, q, v, self._q_s)
+        held = model.numbers(drake)
+        points, S, pairs = what_distances_are_of(drake, held)
+        if self._distances is distances_as_they_are:
+            pairs = held
+        self._given = (points, drake.asked, S, pairs)
+        # Setting the state that is there already would cost nothing.
+        model.plant.SetPositionsAndVelocities(self._here, 0.0 * self._x)
+        if self._q_s is not None:
+            model.plant.SetPositions(self._ahead, 0.0 * q)
 
     def __call__(self) -> None:
         plant, here, forces = self._model.plant, self._here, self._forces
@@ -240,13 +348,14 @@ class Bound(Subject):
                 plant.CalcBiasSpatialAcceleration(
                     here, kV, frame, p_FT, W, W
                 ).get_coeffs()
-        if self._horizon is not None:
+        if self._q_s is not None:
             plant.SetPositions(self._ahead, self._q_s)
             self._links_at(self._ahead)
-        for function, args, options in self._calls:
-            function(*args, **options)
+        self.d, self.dd_dv = self._distances(*self._given)
         plant.CalcForceElementsContribution(here, forces)
         plant.CalcInverseDynamics(here, self._vdot, forces)
+        if self._with_mass_matrix:
+            plant.CalcMassMatrix(here)
 
     def _links_at(self, context) -> None:
         plant = self._model.plant
@@ -290,14 +399,14 @@ class ModelAlone(Subject):
     def prepare(self, k: int) -> None:
         samples = self._samples
         self._q, self._v, self._vdot = samples.q[k], samples.v[k], samples.vdot[k]
-        self._q_s = resting_configuration(self._q, self._v, self._horizon)
+        self._q_s = None
+        if self._ahead:
+            self._q_s = resting_configuration(self._q, self._v, self._horizon)
 
     def __call__(self) -> None:
         model, workspace = self._model, self._workspace
-        if self._ahead:
-            model.evaluate_with_ahead(workspace, self._q, self._v, self._q_s)
-        else:
-            model.evaluate(workspace, self._q, self._v)
+        drake = model.ask(workspace, self._q, self._v, self._q_s)
+        evaluate_state(drake, model.numbers(drake))
         model.inverse_dynamics(workspace, self._vdot)
 
 
@@ -336,41 +445,3 @@ class SceneGraphDistances(Subject):
         for id_a, id_b in self._ids:
             answer = query.ComputeSignedDistancePairClosestPoints(id_a, id_b)
             _ = answer.distance, answer.nhat_BA_W, answer.p_ACa
-
-
-def record_distance_calls(
-    model: ControlModel, parameters: CrarParameters, samples: Samples
-) -> list[list[tuple[Callable, tuple, dict]]]:
-    """Per step the calls that evaluate distances and gradients, with arguments."""
-    step = Step(model, parameters, samples)
-    calls: list[tuple[Callable, tuple, dict]] = []
-
-    def recorded(function: Callable) -> Callable:
-        def call(*args, **options):
-            # Copies: the arrays may be the model's own, which it uses again.
-            kept = tuple(
-                a.copy(order="K") if isinstance(a, np.ndarray) else a for a in args
-            )
-            calls.append((function, kept, options))
-            return function(*args, **options)
-
-        return call
-
-    recording = []
-    with replaced(
-        [(owner, name, recorded) for owner, name, _ in _distance_functions(model)]
-    ):
-        for k in range(len(samples)):
-            step.prepare(k)
-            calls = []
-            step()
-            recording.append(calls)
-    return recording
-
-
-def _distance_functions(model: ControlModel) -> tuple[tuple[object, str, str], ...]:
-    """Owner and name of what evaluates distances, with the part that it is."""
-    return (
-        (model.pairs, "proximity", "distances"),
-        (crar_drake.robot.model, "distance_gradient_about_origin", "gradients"),
-    )

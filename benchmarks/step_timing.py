@@ -17,6 +17,9 @@ BY_TURNS = 1
 class Subject:
     """Something that is timed once per sample."""
 
+    def restart(self) -> None:
+        """Called before sample 0, if there were samples already."""
+
     def begin(self) -> None:
         """Called before a block of samples."""
 

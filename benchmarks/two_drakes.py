@@ -4,8 +4,8 @@
         [--motion dance] [--duration 1] [--rounds 5] [--out FILE]
 
 Each interpreter has its own Drake, NumPy and Python, so that the ratio is that of all
-three. Both run this copy of crar_drake; a round is `crar-drake bench --only step` in
-the one and then in the other.
+three. Both run this checkout; a round is `benchmarks.step --only step` in the one and
+then in the other.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-import crar_drake
 from crar_drake.errors import CrarError
 from crar_drake.studies.tables import markdown_table, write_report
+
+ROOT = Path(__file__).resolve().parents[1]  # of the checkout
 
 # What is compared: its name in the table, and where bench.json has its median [s].
 _COMPARED = {
@@ -34,20 +35,20 @@ _COMPARED = {
 
 
 def measure_once(python: str, motion: str, duration: float) -> dict:
-    """What `crar-drake bench` finds with an interpreter, as `bench.json` has it.
+    """What `benchmarks.step` finds with an interpreter, as `bench.json` has it.
 
     Args:
         python: the interpreter.
-        motion: as of `crar-drake bench`.
+        motion: as of `benchmarks.step`.
         duration: of the motion [s].
 
     Raises:
         CrarError: the interpreter does not run, or the measurement fails in it.
     """
-    path = [str(Path(crar_drake.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    path = [str(ROOT), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, path))}
     with tempfile.TemporaryDirectory() as folder:
-        command = [python, "-m", "crar_drake", "bench", "--only", "step"]
+        command = [python, "-m", "benchmarks.step", "--only", "step"]
         command += ["--motion", motion, "--duration", str(duration), "--out", folder]
         try:
             done = subprocess.run(
@@ -113,7 +114,7 @@ def report(found: Sequence[Sequence[dict]], motion: str, duration: float) -> str
             ratio = b / a
             rows.append(
                 [
-                    f"{entry['experiment']}, {entry['constraints']}",
+                    f"{entry['case']}, {entry['constraints']}",
                     what,
                     f"{1e6 * np.median(a):.0f}",
                     f"{1e6 * np.median(b):.0f}",
@@ -128,7 +129,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measures and prints the table; 0, or 2 with a message if something is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pythons", nargs=2, metavar="PYTHON", help="an interpreter")
-    parser.add_argument("--motion", default="dance", help="as of crar-drake bench")
+    parser.add_argument("--motion", default="dance", help="as of benchmarks.step")
     parser.add_argument("--duration", type=float, default=1.0, help="of it [s]")
     parser.add_argument("--rounds", type=int, default=5, help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="to write to, besides")

@@ -25,7 +25,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_wheel_carries_data(wheel: Path) -> None:
-    names = set(zipfile.ZipFile(wheel).namelist())
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
     for needed in (
         "crar_drake/py.typed",
         "crar_drake/models/upper_body/robot.yaml",
@@ -37,7 +38,25 @@ def test_wheel_carries_data(wheel: Path) -> None:
         "crar_drake/motion/known_trials.csv",
     ):
         assert needed in names
-    assert not [name for name in names if name.startswith(("tests/", "docs/"))]
+
+
+@pytest.mark.slow
+def test_wheel_leaves_the_projects_own_tools_in_the_checkout(wheel: Path) -> None:
+    """Benchmarks, tests, and the scripts that wrote models and motions."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    metadata = {name for name in names if ".dist-info/" in name}
+    assert {name.partition("/")[0] for name in names - metadata} == {"crar_drake"}
+    folders = ("models", "diagrams", "motion/builtin")
+    data = tuple(f"crar_drake/{folder}/" for folder in folders)
+    scripts = {name for name in names if name.startswith(data) and name[-3:] == ".py"}
+    assert scripts == {"crar_drake/motion/builtin/__init__.py"}
+    # And nothing else of the package.
+    modules = {
+        str(path.relative_to(ROOT)) for path in (ROOT / "crar_drake").rglob("*.py")
+    }
+    left = {name for name in modules if name not in names}
+    assert left == {"crar_drake/motion/builtin/author_motions.py"}
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from crar_drake.files import whole_file
 
 ROOT = Path(__file__).resolve().parents[2]  # of the checkout
 PERIOD = 0.005  # [s] of all controllers
-COMPILED = {"arithmetic": "compiled"}  # needs crar-drake[compiled]
+COMPILED = {"compiled": True}  # needs crar-drake[compiled]; else plain NumPy
 WARM_UP = 20  # first steps of a run, not timed
 
 
@@ -252,11 +252,16 @@ def job(case: str, settings: dict, out: Path) -> dict:
 def drive(peer: Peer, pythons: dict[str, str], folder: Path, jobs: list[dict]) -> None:
     """Runs jobs in the peer's own environment, with one thread.
 
+    Jobs of ours are compiled or not all alike, as the first one's settings say.
+
     Raises:
         PeerError: the driver ended with an error.
     """
     Path(jobs[0]["out"]).parent.mkdir(parents=True, exist_ok=True)
-    one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    changes = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    if peer is OURS:
+        compiled = jobs[0]["settings"].get("compiled", False)
+        changes["NUMBA_DISABLE_JIT"] = "0" if compiled else "1"
     finished = subprocess.run(
         [
             pythons[peer.environment],
@@ -269,7 +274,7 @@ def drive(peer: Peer, pythons: dict[str, str], folder: Path, jobs: list[dict]) -
         text=True,
         # Its folder comes first on the path of modules.
         cwd=ROOT,
-        env=os.environ | one_thread,
+        env=os.environ | changes,
     )
     if finished.returncode:
         raise PeerError(f"{peer.driver} failed:\n{finished.stderr[-2000:]}")

@@ -65,7 +65,7 @@ NOTES = {
     "period, so that gains as small as the period are in the grid besides those that "
     "its documentation names",
     "lookahead, defaults": "what `CrarParameters()` has",
-    "lookahead, tuned, compiled": "the same law with `arithmetic: compiled`",
+    "lookahead, tuned, compiled": "the same law where Numba is installed",
     "lookahead, defaults, compiled": "likewise",
     "Drake, differential IK": "`DifferentialInverseKinematicsSystem` with "
     "`CollisionConstraint` and `JointVelocityLimitConstraint`, its port evaluated from "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from crar_drake import (
     make_control_law,
     position_tasks,
 )
+from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.robot.description import add_robot
 
 PLANT_STEP = 1e-3  # [s] of the simulated robot
@@ -28,7 +30,8 @@ PLANT_STEP = 1e-3  # [s] of the simulated robot
 
 class Crar(Controller):
     """Settings: fields of `CrarParameters`, with those of `LookaheadParameters`
-    under "lookahead"; "torque" true simulates the robot's dynamics."""
+    under "lookahead"; "torque" true simulates the robot's dynamics, "compiled" true
+    says that Numba is there."""
 
     packages = ("crar-drake", "drake", "numpy", "scipy")
     commands = "acceleration"
@@ -36,7 +39,9 @@ class Crar(Controller):
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
         settings = dict(settings)
         self.torque = settings.pop("torque", False)
-        if settings.get("arithmetic") == "compiled":
+        if settings.pop("compiled", False):  # which `compare.drive` sees to
+            if not IS_COMPILED:
+                sys.exit("the settings ask for Numba, and it is not installed or off")
             self.packages = (*self.packages, "numba")
         lookahead = LookaheadParameters(**settings.pop("lookahead", {}))
         self.description = describe(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,7 +101,7 @@ def run(arguments: argparse.Namespace) -> None:
                 out,
                 record=not arguments.no_recording,
                 progress=progress,
-                tell=print,
+                tell=_tell,
             )
     except (RunFailed, RunInterrupted) as stopped:
         show(stopped.result)
@@ -196,3 +197,8 @@ def _progress_bar() -> Iterator[Progress]:
     finally:
         if bar.tasks:
             bar.stop()
+
+
+def _tell(line: str) -> None:
+    """Beside the results, which go to the standard output."""
+    print(line, file=sys.stderr)

@@ -1,20 +1,30 @@
-"""The bench measures what it says; how fast that is, no test asks."""
+"""The benchmark measures what it says; how fast that is, no test asks."""
 
 import json
+import os
+import subprocess
+import sys
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
 
+from benchmarks import step as command
+from benchmarks.plain import as_it_is, plain
 from benchmarks.step import (
-    MEASUREMENTS,
+    HANDS,
+    LIMITED,
     MODES,
     BenchSettings,
     find_targets,
     fit_growth,
+    main,
     run_bench,
 )
+from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_report import (
     HEADING,
     markdown,
@@ -29,8 +39,10 @@ from benchmarks.step_subjects import (
     Bound,
     Step,
     StepInParts,
-    record_distance_calls,
+    distances_as_they_are,
+    plain_distances,
     samples_of_run,
+    samples_with_poses,
 )
 from benchmarks.step_timing import (
     Stopwatch,
@@ -38,8 +50,8 @@ from benchmarks.step_timing import (
     replaced,
     time_side_by_side,
 )
-from crar_drake import cli
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations import capsule_distances, compilation
 from crar_drake.results.referee import Referee
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
@@ -48,7 +60,8 @@ SHORT = BenchSettings(
     duration=0.06,
     repeats=1,
     scaling_steps=3,
-    experiments=("wrists",),
+    measurements=("step", "simulation", "scaling"),
+    cases=("wrists", HANDS, LIMITED),
     scaling={
         "pairs": [(7, 1, 5, 0), (7, 1, 9, 0)],
         "joints": [(7, 1, 5, 0), (8, 1, 5, 0)],
@@ -109,26 +122,103 @@ def test_a_step_in_parts_computes_the_same_and_calls_every_part(short_run):
         assert (step.own[part] > 0.0).mean() > 0.9, part
     # All is as it was: nothing of the model is wrapped any more.
     assert (
-        not {"evaluate", "evaluate_with_ahead", "inverse_dynamics"} & vars(model).keys()
+        not {"ask", "effort_per_acceleration", "inverse_dynamics"} & vars(model).keys()
     )
-    assert "proximity" not in vars(model.pairs)
+    assert "solve" not in vars(step.controller.law)
 
 
-def test_the_bound_evaluates_the_distances_of_the_step(short_run):
-    """The replayed calls give the distances that the simulation logged, and as many
-    configurations as the mode looks at."""
+@pytest.mark.parametrize("distances", [plain_distances, distances_as_they_are])
+def test_the_bound_evaluates_the_distances_of_the_step(short_run, distances):
+    """They are those that the simulation logged, in as many configurations as the
+    mode looks at; the other one is where the robot would come to rest."""
     parameters, run, samples = short_run
     model = run.setup.model
-    recorded = record_distance_calls(model, parameters, samples)
+    bound = Bound(model, parameters, samples, distances)
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     configurations = 2 if parameters.constraints == "lookahead" else 1
-    for k, calls in enumerate(recorded):
-        answers = [function(*args, **options) for function, args, options in calls]
-        near, gradient = answers
-        assert len(near.d) == len(gradient) == configurations
+    for k in range(len(samples)):
+        bound.prepare(k)
+        bound()
+        d = bound.d.reshape(configurations, -1)
         np.testing.assert_allclose(
-            near.d[0], run.log.signed_distances[k], rtol=1e-12, atol=1e-12
+            d[0], run.log.signed_distances[k], rtol=1e-12, atol=1e-12
         )
-        assert gradient.shape[1:] == (len(model.pairs), model.n + model.n_p)
+        if configurations == 2:
+            resting = samples.q[k] + parameters.braking_horizon * samples.v[k]
+            np.testing.assert_allclose(d[1], referee.distances(resting), atol=1e-9)
+        shape = (configurations, len(model.pairs), model.n + model.n_p)
+        assert bound.dd_dv.shape == shape
+
+
+@pytest.mark.skipif(not compilation.IS_COMPILED, reason="needs Numba, not disabled")
+def test_the_plain_package_is_another_and_compiles_nothing():
+    package, ours = plain(), as_it_is()
+    assert hasattr(ours.nearest_of_pairs, "signatures")  # Numba's
+    assert not hasattr(package.nearest_of_pairs, "signatures")
+    assert package.CrarController is not ours.CrarController
+    # Whoever imports now gets the first copy, and Numba compiles again.
+    assert ours.nearest_of_pairs is capsule_distances.nearest_of_pairs
+    assert not compilation.numba.config.DISABLE_JIT
+
+
+@pytest.mark.parametrize("effort_limits", [False, True])
+def test_the_plain_step_computes_the_same(short_run, effort_limits):
+    parameters, run, samples = short_run
+    parameters = replace(parameters, respect_effort_limits=effort_limits)
+    model = run.setup.model
+    step = Step(model, parameters, samples)
+    other = command._plain_step(model, parameters, samples)
+    for k in range(len(samples)):
+        step.prepare(k)
+        step()
+        other.prepare(k)
+        other()
+        scale = np.abs(step.torque).max()
+        np.testing.assert_allclose(other.torque, step.torque, atol=1e-9 * scale)
+
+
+def test_poses_are_those_that_the_states_have(short_run):
+    """So a robot that follows them from state to state has no error."""
+    parameters, run, samples = short_run
+    model = command._steps_of(SHORT, HANDS, parameters.constraints)[0]
+    assert [task.kind for task in model.tasks] == ["pose", "pose"]
+    found = samples_with_poses(samples, model, parameters)
+    workspace = model.MakeWorkspace()
+    for k in (0, 7, len(samples) - 1):
+        state = model.evaluate(workspace, samples.q[k], samples.v[k])
+        asked = model.layout.pack(state.R, state.p, state.v)[: -model.m]
+        np.testing.assert_allclose(found.tasks[k, : -model.m], asked)
+    # The desired acceleration is the change of the desired velocity.
+    v = found.tasks[:, model.layout.size_x :][:, : model.m]
+    a = found.tasks[:, -model.m :]
+    moved = (v[11] - v[9]) / (2.0 * parameters.period)
+    np.testing.assert_allclose(a[10], moved, rtol=1e-9, atol=1e-9)
+    assert np.abs(found.vdot).max() > 0.0
+
+
+def test_the_mass_matrix_counts_within_effort_limits(short_run, monkeypatch):
+    parameters, run, samples = short_run
+    model = run.setup.model
+    for respected in (False, True):
+        limited = replace(parameters, respect_effort_limits=respected)
+        bound = Bound(model, limited, samples)
+        bound.prepare(1)
+        plant = Counting(model.plant)
+        with replaced([(model, "plant", lambda _, plant=plant: plant)]):
+            bound()
+        assert plant.calls.count("CalcMassMatrix") == respected
+        assert plant.calls.count("CalcInverseDynamics") == 1
+
+
+class Counting:
+    """A plant that knows which of its methods were called."""
+
+    def __init__(self, plant) -> None:
+        self.plant, self.calls = plant, []
+
+    def __getattr__(self, name: str):
+        self.calls.append(name)
+        return getattr(self.plant, name)
 
 
 def test_the_bound_visits_every_moving_link_once(short_run):
@@ -262,20 +352,35 @@ def test_growth_of_a_power_law():
 
 
 def test_the_result_has_every_case(result):
-    assert {(e["experiment"], e["constraints"]) for e in result["step"]} == {
-        ("wrists", mode) for mode in MODES
-    }
+    rows = {"wrists": 6, HANDS: 12, LIMITED: 21}
+    assert [(e["case"], e["constraints"]) for e in result["step"]] == [
+        (case, mode) for case in rows for mode in MODES
+    ]
+    compiled = ("plain step", "bound, distances compiled")
     for e in result["step"]:
-        assert (e["joints"], e["task_rows"], e["pairs"]) == (11, 6, 30)
+        found = (e["joints"], e["task_rows"], e["pairs"])
+        assert found == (11, rows[e["case"]], 30)
         assert e["steps"] == 61
         for order in ("in_a_row", "by_turns"):
-            step, bound = e[order]["step"], e[order]["bound"]
-            for figures in (step, bound):
+            timed = e[order]
+            for name in ("step", "bound", *compiled * compilation.IS_COMPILED):
+                figures = timed[name]
                 assert 0.0 < figures["median"] <= figures["p99"]
                 assert 0.0 < figures["cpu_median"] <= figures["cpu_p99"]
-            assert e[order]["ratio"] == step["median"] / bound["median"]
-    cases = [(e["constraints"], e["recording"]) for e in result["simulation"]]
-    assert sorted(cases) == [(m, r) for m in sorted(MODES) for r in (False, True)]
+            step, bound = timed["step"], timed["bound"]
+            assert timed["ratio"] == step["median"] / bound["median"]
+            assert timed["cpu_ratio"] == step["cpu_median"] / bound["cpu_median"]
+            if not compilation.IS_COMPILED:
+                assert [timed[name] for name in compiled] == [None, None]
+    cases = [
+        (e["constraints"], e["plain"], e["recording"]) for e in result["simulation"]
+    ]
+    assert sorted(cases) == [
+        (mode, is_plain, recording)
+        for mode in sorted(MODES)
+        for is_plain in (False, True)[: 1 + compilation.IS_COMPILED]
+        for recording in (False, True)
+    ]
     for e in result["simulation"]:
         assert len(e["wall"]) == 1
         assert e["real_time_factor"] == pytest.approx(0.06 / e["wall"][0])
@@ -295,24 +400,37 @@ def test_the_parts_are_the_whole_step(result):
         assert all(e["parts"][part] > 0.0 for part in PARTS)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not compilation.IS_COMPILED, reason="needs Numba, not disabled")
+def test_the_first_process_compiles_and_a_later_one_does_not():
+    times = measure_compiling()
+    assert times["first"]["cpu"] > 3.0 * times["later"]["cpu"] > 0.0
+    assert times["first"]["wall"] > times["later"]["wall"]
+
+
 def test_the_worst_case_decides_on_a_target():
-    case = {"experiment": "wrists", "constraints": "paper"}
+    case = {"case": "wrists", "constraints": "paper"}
     figures = {"median": 1.0, "p99": 1.5, "cpu_median": 1.0, "cpu_p99": 3.0}
 
     def step(ratio: float) -> dict:
-        timed = {"step": figures, "bound": figures, "ratio": ratio}
-        return case | {"in_a_row": timed, "by_turns": timed | {"ratio": 1.0}}
+        timed = {"step": figures, "bound": figures, "cpu_ratio": ratio}
+        return case | {"in_a_row": timed, "by_turns": timed | {"cpu_ratio": 1.0}}
 
     simulated = [
-        case | {"recording": r, "real_time_factor": f, "cpu_factor": f}
-        for r, f in ((False, 1.0), (True, 2.5), (True, 2.1))
+        case | {"plain": p, "recording": r, "real_time_factor": f, "cpu_factor": f}
+        for p, r, f in (
+            (False, False, 1.0),
+            (False, True, 2.5),
+            (False, True, 2.1),
+            (True, True, 1.1),
+        )
     ]
     targets = find_targets(
         {"step": [step(1.7), step(1.2)], "simulation": simulated, "scaling": []}
     )
     assert [(t["target"], t["value"], t["reached"]) for t in targets] == [
-        ("paper: step over bound, in a row", 1.7, False),
-        ("paper: step over bound, by turns", 1.0, True),
+        ("paper: step over bound, in a row, processor time", 1.7, False),
+        ("paper: step over bound, by turns, processor time", 1.0, True),
         ("step: 99th percentile over median, wall clock", 1.5, True),
         ("step: 99th percentile over median, processor time", 3.0, False),
         ("simulation: real-time factor with recording, wall clock", 2.1, True),
@@ -343,13 +461,19 @@ def test_a_page_keeps_its_text_and_gets_new_tables(result, tmp_path):
 def test_a_page_without_a_place_for_tables_is_refused_at_once(tmp_path, capsys):
     page = tmp_path / "speed.md"
     page.write_text("# Speed\n")
-    argv = ["bench", "--markdown", str(page), "--out", str(tmp_path / "out")]
-    assert cli.main(argv) == 2
+    assert main(["--markdown", str(page), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert "measuring" not in error
     assert "speed.md: it has no line '## One run'" in error
     assert page.read_text() == "# Speed\n"
     assert not (tmp_path / "out").exists()
+
+
+def test_a_place_that_cannot_be_written_to_is_refused_at_once(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["--out", str(tmp_path / "file/below")]) == 2
+    error = capsys.readouterr().err
+    assert "measuring" not in error and "name another folder" in error
 
 
 def test_command(tmp_path, monkeypatch, capsys):
@@ -361,27 +485,40 @@ def test_command(tmp_path, monkeypatch, capsys):
         progress("something")
         return run_bench(BenchSettings(measurements=()))
 
-    monkeypatch.setattr("benchmarks.step.run_bench", short)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.setenv(name, "2")
-    argv = ["bench", "--quick", "--only", "scaling,step", "--motion", "boxing"]
+    monkeypatch.setattr(command, "run_bench", short)
+    argv = ["--quick", "--only", "scaling,step", "--motion", "boxing"]
     argv += ["--out", str(tmp_path / "b"), "--markdown", str(tmp_path / "page.md")]
-    assert cli.main(argv) == 0
+    assert main(argv) == 0
     assert seen[0].measurements == ("scaling", "step")
     assert (seen[0].motion, seen[0].repeats) == ("boxing", 1)
-    out = capsys.readouterr()
-    assert out.err == "measuring: something\n"
+    assert capsys.readouterr().err == "measuring: something\n"
     written = json.loads((tmp_path / "b/bench.json").read_text())
-    assert written["machine"]["threads"] == "1"
+    assert written["arithmetic"] == compilation.arithmetic()
     assert (tmp_path / "b/bench.png").is_file()
     assert (tmp_path / "page.md").is_file()
-    assert cli.MEASUREMENTS == MEASUREMENTS
+
+
+def test_the_command_takes_one_thread(tmp_path):
+    """Whatever the environment says: it starts itself again."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.step", "--only", "step", "--quick"]
+        + ["--duration", "0.01", "--out", str(tmp_path)],
+        cwd=Path(__file__).parents[2],
+        env=os.environ | dict.fromkeys(names, "2"),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    written = json.loads((tmp_path / "bench.json").read_text())
+    assert written["machine"]["threads"] == "1"
 
 
 def test_a_mistyped_measurement_or_motion(tmp_path, capsys):
-    assert cli.main(["bench", "--only", "steps", "--out", str(tmp_path)]) == 2
-    assert "did you mean step?" in capsys.readouterr().err
-    argv = ["bench", "--only", "step", "--motion", "danse", "--out", str(tmp_path)]
-    assert cli.main(argv) == 2
+    with pytest.raises(SystemExit):
+        main(["--only", "steps", "--out", str(tmp_path)])
+    assert "did you mean 'step'?" in capsys.readouterr().err
+    argv = ["--only", "step", "--motion", "danse", "--out", str(tmp_path)]
+    assert main(argv) == 2
     assert "dance" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ def test_one_measurement_is_of_this_copy(tmp_path, monkeypatch):
     result = measure_once(sys.executable, "dance", 0.05)
     assert result["machine"]["python"] == sys.version.split()[0]
     assert result["machine"]["threads"] == "1"
-    assert len(result["step"]) == 4 and result["step"][0]["steps"] == 51
+    assert len(result["step"]) == 8 and result["step"][0]["steps"] == 51
     assert not list(tmp_path.iterdir())
 
 
@@ -35,7 +35,7 @@ def made_up(python: str, step: float) -> dict:
         },
         "step": [
             {
-                "experiment": "wrists",
+                "case": "wrists",
                 "constraints": "paper",
                 "in_a_row": orders,
                 "by_turns": copy.deepcopy(orders),

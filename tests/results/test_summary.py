@@ -146,7 +146,7 @@ def test_the_keys_of_the_json_are_stable():
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
         "resting_distance resting_margin torque_limited_samples "
         "torque_clipped_samples braking_samples frame_rate frame_rate_source "
-        "motion_findings warnings wall_time real_time_factor "
+        "motion_findings warnings wall_time real_time_factor arithmetic "
         "stopped"
     )
     assert list(json.loads(summarize(small_log()).to_json())) == keys.split()

@@ -43,7 +43,7 @@ _LOGGED = (
 )
 
 COMPILING = (
-    "compiling the control law for this computer, once: this takes up to a minute"
+    "compiling the control law for this computer, once: this takes a minute or two"
 )
 
 # The progress is told this often [s of simulated time].

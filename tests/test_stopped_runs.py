@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib.image
@@ -301,21 +302,23 @@ def test_ctrl_c_of_the_real_command(tmp_path):
 # --- a full disk ------------------------------------------------------------------
 
 
-@pytest.fixture
-def largest_file():
-    """Limits how large files may become; the error comes from the system."""
+@contextmanager
+def largest_file(size: int):
+    """Limits how large files may become; the error comes from the system.
+
+    Only while the block lasts: pytest itself may be writing into a longer file.
+    """
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
-    def limit(size: int) -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
 
-    yield limit
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_the_log_stays_if_the_page_does_not_fit(it, capsys, largest_file):
-    largest_file(2_000_000)  # a page has more than 2.5 MB
-    assert main(RUN) == 2
+def test_the_log_stays_if_the_page_does_not_fit(it, capsys):
+    with largest_file(2_000_000):  # a page has more than 2.5 MB
+        assert main(RUN) == 2
     output = capsys.readouterr()
     # An earlier page beside this log would mislead.
     assert names(it) == ["log.npz", "plot.png", "summary.json"]
@@ -328,10 +331,10 @@ def test_the_log_stays_if_the_page_does_not_fit(it, capsys, largest_file):
     assert "recording.html" not in output.out
 
 
-def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys, largest_file):
+def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys):
     before = contents(any_it)
-    largest_file(20_000)
-    assert main(RUN) == 2
+    with largest_file(20_000):
+        assert main(RUN) == 2
     assert contents(any_it) == before
     assert any_it.exists() == bool(before), "the folder goes if it was made for this"
     output = capsys.readouterr()
@@ -340,9 +343,8 @@ def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys, largest_fil
     assert "rms task error" in output.out, "the figures are known all the same"
 
 
-def test_errors_of_the_library_hold_the_result(it, largest_file):
-    largest_file(2_000_000)
-    with pytest.raises(RunFailed) as caught:
+def test_errors_of_the_library_hold_the_result(it):
+    with largest_file(2_000_000), pytest.raises(RunFailed) as caught:
         run_scenario(scenario(), "it")
     result = caught.value.result
     assert isinstance(caught.value.__cause__, WriteError)

@@ -19,7 +19,7 @@ from crar_drake.control.modes import MODES
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.blending import smooth_step
-from crar_drake.equations.kinematics import FromDrake, evaluate_state
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
 from crar_drake.equations.torque_limit import limit_torque
@@ -278,14 +278,14 @@ class ControlLaw:
         q_s = None
         if mode.horizon is not None:
             q_s = resting_configuration(q, v, mode.horizon)
-        drake = model.ask(workspace, q, v, q_s)
+        measured = model.measure(workspace, q, v, q_s)
         if not targets.finite():
             if mode.brakes_without_targets:
-                return self._brake(workspace, tick, drake)
+                return self._brake(workspace, tick, measured)
             targets.check(time)
         start_time, start = memory.start_time, memory.start
         if start is None:
-            state = evaluate_state(drake, model.numbers(drake))
+            state = model.state_here(measured)
             start_time = time
             start = BlendStart(state.R, state.p, q[model.prescribed])
         blend = smooth_step(time - start_time, self._blend_time)
@@ -296,7 +296,7 @@ class ControlLaw:
         if memory.qdot is not None:
             follows = tick == memory.tick + 1
             before = Before(follows, memory.qdot, memory.qddot, memory.kept)
-        resolved = mode.resolve(workspace, drake, wanted, before)
+        resolved = mode.resolve(workspace, measured, wanted, before)
         if not is_finite(resolved.answer.vdot):
             # A quaternion of zero length is a number, but no orientation.
             if is_finite(resolved.answer.error):
@@ -305,13 +305,13 @@ class ControlLaw:
                     "solver; are positions, velocities or targets beyond all sense?"
                 )
             if mode.brakes_without_targets:
-                return self._brake(workspace, tick, drake)
+                return self._brake(workspace, tick, measured)
             raise InputError(
                 f"desired_tasks has a quaternion of zero length at t = {time:g} s; "
                 "give unit quaternions (w, x, y, z), see TaskLayout"
             )
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        solution = self._solution(workspace, drake, resolved, status)
+        solution = self._solution(workspace, measured, resolved, status)
         return ControlStep(
             solution,
             Memory(
@@ -329,21 +329,27 @@ class ControlLaw:
         """Whether a NaN in the targets makes the robot brake, not raise."""
         return self.mode.brakes_without_targets
 
-    def _brake(self, workspace: Workspace, tick: int, drake: FromDrake) -> ControlStep:
+    def _brake(
+        self, workspace: Workspace, tick: int, measured: Measured
+    ) -> ControlStep:
         """Without targets: q_ddot = -q_dot / T, and blend in when they are back."""
         model = self.model
         answer = Answer(
-            vdot=-drake.v / self.parameters.braking_horizon,
+            vdot=-measured.v / self.parameters.braking_horizon,
             error=np.full(model.m, np.nan),
-            d=evaluate_state(drake, model.numbers(drake)).d[0],
+            d=model.state_here(measured).d[0],
             W=np.ones(model.n),
             qdot_c=np.zeros(model.n),
         )
-        solution = self._solution(workspace, drake, Resolved(answer), STATUS_BRAKING)
+        solution = self._solution(workspace, measured, Resolved(answer), STATUS_BRAKING)
         return ControlStep(solution, Memory(tick=tick))
 
     def _solution(
-        self, workspace: Workspace, drake: FromDrake, resolved: Resolved, status: float
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        resolved: Resolved,
+        status: float,
     ) -> Solution:
         model, answer, period = self.model, resolved.answer, self._period
         vdot, torque_limit = answer.vdot, UNLIMITED
@@ -353,20 +359,20 @@ class ControlLaw:
                 vdot,
                 actuation,
                 model.effort_per_acceleration(workspace),
-                drake.v,
+                measured.v,
                 model.controlled,
                 model.actuator_limits,
                 self._braking_horizon,
                 period,
             )
-        v_next = drake.v + period * vdot
+        v_next = measured.v + period * vdot
         return Solution(
             actuation=actuation,
             acceleration=vdot,
             task_error=answer.error,
             signed_distances=answer.d,
             constraint_weights=answer.W,
-            position_command=np.concatenate((drake.q + period * v_next, v_next)),
+            position_command=np.concatenate((measured.q[0] + period * v_next, v_next)),
             constrained_velocity=answer.qdot_c,
             status=np.array([status]),
             torque_limit=torque_limit,

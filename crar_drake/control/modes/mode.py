@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from crar_drake.control.diagnostics import Diagnostic
-from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -88,7 +88,7 @@ class Mode(ABC):
     def resolve(
         self,
         workspace: Workspace,
-        drake: FromDrake,
+        measured: Measured,
         wanted: Wanted,
         before: Before | None,
     ) -> Resolved:

@@ -213,6 +213,19 @@ def test_table_shows_the_figures():
         assert all(part in line for part in row), line
 
 
+def test_table_tells_who_is_too_fast():
+    def lines(log) -> list[str]:
+        console = Console(width=100, record=True, file=open("/dev/null", "w"))
+        console.print(summary_table(summarize(log)))
+        text = console.export_text()
+        return [line for line in text.splitlines() if "beyond speed limits" in line]
+
+    assert lines(small_log()) == []
+    (line,) = lines(small_log(velocity_limits=np.array([1.0, 1.5, 1.0])))
+    for part in ("3", "turn and 1 more; most turn, by 3 rad/s"):
+        assert part in line
+
+
 def test_torque_limited_samples():
     summary = summarize(small_log())
     assert (summary.torque_limited_samples, summary.torque_clipped_samples) == (2, 1)

@@ -158,6 +158,7 @@ class ControlLaw:
         model: kinematics, distances, dynamics.
         parameters: gains and modes.
         mode: of the constraints.
+        effort_limits: (nu,) see `CrarParameters.effort_limits` [Nm or N].
         speed_limits: (nv,) see `CrarParameters.speed_limits` [rad/s or m/s].
     """
 
@@ -178,10 +179,9 @@ class ControlLaw:
         self._period = float(gains.period)
         self._with_posture = gains.nominal_posture_gain > 0.0
         self.speed_limits = gains.speed_limits(model)
+        self.effort_limits = gains.effort_limits(model)
         # Without limits the inertias would be computed for nothing.
-        self._limits_efforts = gains.limits_efforts and bool(
-            np.isfinite(model.actuator_limits).any()
-        )
+        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         task_gains = TaskGains(
             float(gains.K),
             float(gains.Kp),
@@ -361,7 +361,7 @@ class ControlLaw:
                 model.effort_per_acceleration(workspace),
                 drake.v,
                 model.controlled,
-                model.actuator_limits,
+                self.effort_limits,
                 self._braking_horizon,
                 period,
             )

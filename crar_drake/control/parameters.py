@@ -52,10 +52,10 @@ class CrarParameters:
         nominal_posture_gain: stiffness towards the input port "nominal_posture"
             in the null space [1/s^2], with damping of its own besides GvN's; 0 leaves
             the port out.
-        respect_effort_limits: whether the commanded torque stays within the
-            actuators' effort limits, see `equations.torque_limit`; by default with
-            constraints "lookahead" alone, for the others are the paper to the letter.
-            Without finite limits in the robot's file it changes nothing.
+        respect_effort_limits: whether the commanded torque stays within the effort
+            limits of the controlled joints, see `equations.torque_limit`; by default
+            with constraints "lookahead" alone, for the others are the paper to the
+            letter. Without finite limits in the robot's file it changes nothing.
         velocity_scale: share of the robot's velocity limits that may be used; infinite
             lifts them. Constraints "lookahead" respects them; by the others' runs
             they are only judged.
@@ -134,6 +134,26 @@ class CrarParameters:
         if self.respect_effort_limits is None:
             return self.constraints == "lookahead"
         return self.respect_effort_limits
+
+    def effort_limits(self, model: "ControlModel") -> np.ndarray:
+        """The largest effort of each actuator of a robot's plant that is commanded.
+
+        Args:
+            model: of the robot.
+
+        Returns:
+            (nu,) [Nm or N], infinite where there is none or it is not respected, and
+            for the prescribed joints, whose acceleration is the motion's.
+        """
+        if not self.limits_efforts:
+            return np.full_like(model.actuator_limits, np.inf)
+        limits = model.actuator_limits.copy()
+        for index in model.plant.GetJointActuatorIndices():
+            actuator = model.plant.get_joint_actuator(index)
+            if actuator.joint().velocity_start() in model.prescribed:
+                start = actuator.input_start()
+                limits[start : start + actuator.num_inputs()] = np.inf
+        return limits
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest speed of each joint of a robot's plant.

@@ -799,6 +799,25 @@ def test_effort_limits_are_respected_by_default_with_the_lookahead_alone(constra
     np.testing.assert_array_equal(step().torque_limit, expected.torque_limit)
 
 
+def test_what_the_motion_asks_of_a_prescribed_joint_is_no_limit():
+    """The law cannot do anything about it but ruin the motion of the others."""
+    text = chain_urdf("zyzy", rail="y").replace("<limit ", '<limit effort="1e4" ')
+    text = text.replace('effort="1e4" lower="-3"', 'effort="5" lower="-3"')
+    model = make_model(text, prescribed_joints={"rail": "hold"})
+    assert sorted(model.effort_limits) == [5.0, 1e4, 1e4, 1e4, 1e4]
+    targets = hold(model, at(model, np.r_[0.0, BENT]).p)
+    prescribed = np.array([0.0, 0.0, 20.0])  # 20 m/s^2 of more than 5 kg
+    limited, free = (
+        ControlLaw(
+            model, CrarParameters(respect_effort_limits=value, blend_time=0.0)
+        ).step(np.r_[0.0, BENT], np.zeros(5), targets, prescribed)
+        for value in (True, False)
+    )
+    assert np.abs(free.actuation[model.prescribed]) > 50.0
+    np.testing.assert_array_equal(limited.actuation, free.actuation)
+    np.testing.assert_array_equal(limited.torque_limit, [1.0, 0.0])
+
+
 def test_without_effort_limits_no_inertia_is_computed(spatial, monkeypatch):
     """Drake's mass matrix takes some microseconds of every step."""
     q, v = random_state(spatial, 3)

@@ -297,7 +297,7 @@ class Bound(Subject):
             if parameters.constraints == "lookahead"
             else None
         )
-        self._with_mass_matrix = parameters.respect_effort_limits
+        self._with_mass_matrix = parameters.limits_efforts
         workspace = model.MakeWorkspace()
         self._workspace = workspace
         self._here, self._ahead = workspace.plant_context, workspace.plant_context_ahead

@@ -51,6 +51,7 @@ def small_log(**changes) -> SimulationLog:
         pair_names=np.array(["left - right", "hand - torso"]),
         lower=np.array([-np.inf, -1.0, -np.inf]),
         upper=np.array([np.inf, 1.0, np.inf]),
+        velocity_limits=np.array([np.inf, 2.0, np.inf]),
         scenario=SCENARIO,
     )
     return replace(log, **changes)

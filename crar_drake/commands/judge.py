@@ -1,9 +1,11 @@
-"""`crar-drake judge`: a saved log's collisions and passed joint limits."""
+"""`crar-drake judge`: a saved log's collisions, passed joint and speed limits."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+
+import numpy as np
 
 from crar_drake.commands.options import add_command, add_robot, positive
 from crar_drake.errors import CrarError
@@ -15,8 +17,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "judge",
         run,
-        "Count the collisions and passed joint limits of a saved log, independently "
-        "of the controller; of imported robots also by the hulls of their meshes.",
+        "Count the collisions and passed joint and speed limits of a saved log, "
+        "independently of the controller; of imported robots also by the hulls of "
+        "their meshes.",
     )
     parser.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
     add_robot(parser)
@@ -44,15 +47,22 @@ def run(arguments: argparse.Namespace) -> None:
     model = ControlModel.FromDescription(description, scenario.task_list())
     check_logged_robot(log, model.plant, description)
     try:
+        speeds = scenario.controller.speed_limits(model)
         capsules = Referee(
-            model.plant, model.scene_graph, description.pairs
-        ).violations(log.q)
+            model.plant, model.scene_graph, description.pairs, speeds
+        ).violations(log.q, log.v)
     except ValueError as error:
         raise CrarError(f"{arguments.log}: {error}") from error
     print(
         f"referee, collision shapes, {capsules.num_samples} samples: "
         f"{capsules.num_penetrating} in penetration, {capsules.num_beyond_limit} "
-        f"beyond a joint limit, smallest distance "
+        f"beyond a joint limit, "
+        + (
+            f"{capsules.num_beyond_speed} beyond a speed limit, "
+            if np.isfinite(speeds).any()
+            else ""
+        )
+        + f"smallest distance "
         f"{1e3 * capsules.smallest_distance:.1f} mm"
         + _of_pair(capsules.smallest_distance_pair)
     )

@@ -158,6 +158,8 @@ class ControlLaw:
         model: kinematics, distances, dynamics.
         parameters: gains and modes.
         mode: of the constraints.
+        effort_limits: (nu,) see `CrarParameters.effort_limits` [Nm or N].
+        speed_limits: (nv,) see `CrarParameters.speed_limits` [rad/s or m/s].
     """
 
     def __init__(
@@ -165,7 +167,7 @@ class ControlLaw:
     ) -> None:
         """
         Raises:
-            ScenarioError: a parameter is out of range.
+            ScenarioError: a parameter is out of range, or names no joint of the robot.
         """
         self.model = model
         self.parameters = parameters or CrarParameters()
@@ -176,6 +178,10 @@ class ControlLaw:
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
         self._with_posture = gains.nominal_posture_gain > 0.0
+        self.speed_limits = gains.speed_limits(model)
+        self.effort_limits = gains.effort_limits(model)
+        # Without limits the inertias would be computed for nothing.
+        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         task_gains = TaskGains(
             float(gains.K),
             float(gains.Kp),
@@ -354,14 +360,14 @@ class ControlLaw:
         model, answer, period = self.model, resolved.answer, self._period
         vdot, torque_limit = answer.vdot, UNLIMITED
         actuation = model.inverse_dynamics(workspace, vdot)
-        if self.parameters.respect_effort_limits:
+        if self._limits_efforts:
             vdot, actuation, torque_limit = limit_torque(
                 vdot,
                 actuation,
                 model.effort_per_acceleration(workspace),
                 measured.v,
                 model.controlled,
-                model.actuator_limits,
+                self.effort_limits,
                 self._braking_horizon,
                 period,
             )

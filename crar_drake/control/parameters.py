@@ -3,12 +3,19 @@
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
+from crar_drake.robot.description import find_joint, is_speed_limit
+
+if TYPE_CHECKING:
+    from crar_drake.robot.model import ControlModel
 
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = tuple(MODES)
@@ -45,8 +52,15 @@ class CrarParameters:
         nominal_posture_gain: stiffness towards the input port "nominal_posture"
             in the null space [1/s^2], with damping of its own besides GvN's; 0 leaves
             the port out.
-        respect_effort_limits: whether the commanded torque stays within the
-            actuators' effort limits, see `equations.torque_limit`.
+        respect_effort_limits: whether the commanded torque stays within the effort
+            limits of the controlled joints, see `equations.torque_limit`; by default
+            with constraints "lookahead" alone, for the others are the paper to the
+            letter. Without finite limits in the robot's file it changes nothing.
+        velocity_scale: share of the robot's velocity limits that may be used; infinite
+            lifts them. Constraints "lookahead" respects them; by the others' runs
+            they are only judged.
+        velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
+            robot's times `velocity_scale`; infinite for none.
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
@@ -69,7 +83,9 @@ class CrarParameters:
     limit_share: float | None = None
     blend_time: float = 0.5  # [s]
     nominal_posture_gain: float = 0.0  # [1/s^2]
-    respect_effort_limits: bool = False
+    respect_effort_limits: bool | None = None
+    velocity_scale: float = 1.0
+    velocity_limits: dict[str, float] = field(default_factory=dict)
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
 
@@ -87,7 +103,14 @@ class CrarParameters:
             "controller",
             self,
             may_be_zero={"nominal_posture_gain", "blend_time", "limit_share"},
+            may_be_infinite={"velocity_scale"},
         )
+        for joint, limit in self.velocity_limits.items():
+            if not is_speed_limit(limit):
+                raise ScenarioError(
+                    f"controller.velocity_limits.{joint}: {limit} must be positive "
+                    "(.inf for no limit)"
+                )
         if self.limit_share is not None and self.limit_share > 1.0:
             raise ScenarioError(
                 f"controller.limit_share: {self.limit_share} must be at most 1"
@@ -104,6 +127,63 @@ class CrarParameters:
     def null_space_gain(self) -> float:
         """GvN of Eq. (33) [1/s]."""
         return self.Gv if self.GvN is None else self.GvN
+
+    @property
+    def limits_efforts(self) -> bool:
+        """Whether commanded torques stay within the effort limits that there are."""
+        if self.respect_effort_limits is None:
+            return self.constraints == "lookahead"
+        return self.respect_effort_limits
+
+    def effort_limits(self, model: "ControlModel") -> np.ndarray:
+        """The largest effort of each actuator of a robot's plant that is commanded.
+
+        Args:
+            model: of the robot.
+
+        Returns:
+            (nu,) [Nm or N], infinite where there is none or it is not respected, and
+            for the prescribed joints, whose acceleration is the motion's.
+        """
+        if not self.limits_efforts:
+            return np.full_like(model.actuator_limits, np.inf)
+        limits = model.actuator_limits.copy()
+        for index in model.plant.GetJointActuatorIndices():
+            actuator = model.plant.get_joint_actuator(index)
+            if actuator.joint().velocity_start() in model.prescribed:
+                start = actuator.input_start()
+                limits[start : start + actuator.num_inputs()] = np.inf
+        return limits
+
+    def speed_limits(self, model: "ControlModel") -> np.ndarray:
+        """The largest speed of each joint of a robot's plant.
+
+        Args:
+            model: of the robot.
+
+        Returns:
+            (nv,) [rad/s or m/s], infinite where there is none and for the prescribed
+            joints, whose speed is the motion's.
+
+        Raises:
+            ScenarioError: `velocity_limits` names a joint that the robot does not have,
+                or that is not controlled.
+        """
+        limits = self.velocity_scale * model.velocity_limits
+        for name, limit in self.velocity_limits.items():
+            where = f"controller.velocity_limits.{name}"
+            try:
+                joint = find_joint(model.plant, name)
+            except ModelError as error:
+                raise ScenarioError(f"{where}: {error}") from error
+            start = joint.velocity_start()
+            columns = range(start, start + joint.num_velocities())
+            if not set(columns) & set(model.controlled.tolist()):
+                why = "prescribed: the motion moves it" if columns else "fixed"
+                raise ScenarioError(f"{where}: the joint is {why}; leave it out")
+            limits[columns] = limit
+        limits[model.prescribed] = np.inf
+        return limits
 
     @property
     def braking_horizon(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import BinaryIO
@@ -42,6 +43,8 @@ class SimulationLog:
         pair_names: (Nc,) "link a - link b".
         lower, upper: (nq,) position limits; infinite where there is none, and for
             the prescribed joints.
+        velocity_limits: (nv,) the largest speeds that the run allowed [rad/s or m/s];
+            infinite likewise, and in logs of versions that did not keep them.
         scenario: the scenario that was run, as YAML text; a robot that was named by
             a path has its absolute path there.
     """
@@ -66,6 +69,7 @@ class SimulationLog:
     pair_names: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    velocity_limits: np.ndarray
     scenario: str
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -150,6 +154,12 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "pair_names": ("Nc",),
     "lower": ("nq",),
     "upper": ("nq",),
+    "velocity_limits": ("nv",),
+}
+
+# What logs of earlier versions do not have, and what stands for it.
+_LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
+    "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
 }
 
 
@@ -168,9 +178,11 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             for name in sorted(known.symmetric_difference(archive.files)):
+                if name in _LATER:
+                    continue
                 word = "misses" if name in known else "has"
                 raise _Unfit(f"it {word} an array {name!r}")
-            return {name: archive[name] for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
     except ValueError as error:
         # What NumPy says of arrays that are objects is how to run their code.
         why = "an array holds Python objects" if "pickle" in str(error) else error
@@ -184,3 +196,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
         zlib.error,
     ) as error:
         raise _Unfit(f"it is damaged: {error}") from error
+    for name, usual in _LATER.items():
+        if name not in arrays:
+            arrays[name] = usual(arrays)
+    return arrays

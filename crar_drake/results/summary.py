@@ -19,7 +19,7 @@ from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport, rate_text
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.robot.description import LIMIT_TOLERANCE
+from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 
 
@@ -78,6 +78,13 @@ class Summary:
         largest_excess: the farthest that a controlled joint is beyond a limit, 0 if
             none is [rad].
         largest_excess_joint: that joint; "" if none.
+        beyond_speed_samples: samples with any controlled joint faster than its limit
+            by more than 1e-6 rad/s. They are no part of `violated_samples`, which is
+            comparable with summaries from before speeds were limited.
+        joints_beyond_speed: each such joint to its number of samples.
+        largest_speed_excess: by how much a controlled joint is too fast at most, 0 if
+            none is [rad/s].
+        largest_speed_excess_joint: that joint; "" if none.
         mean_power: mean over time of the sum of |tau_i qdot_i| over the controlled
             joints, gravity included in tau [W].
         peak_torque: largest |tau_i| over time and controlled joints [Nm].
@@ -128,6 +135,10 @@ class Summary:
     joints_beyond_limits: dict[str, int]
     largest_excess: float  # [rad]
     largest_excess_joint: str
+    beyond_speed_samples: int
+    joints_beyond_speed: dict[str, int]
+    largest_speed_excess: float  # [rad/s]
+    largest_speed_excess_joint: str
     mean_power: float  # [W]
     peak_torque: float  # [Nm]
     peak_torque_joint: str
@@ -177,6 +188,8 @@ class ControlledJoints:
         lower, upper: (n,) limits, infinite where there is none [rad].
         excess: (T, n) how far beyond the nearer limit, negative inside, -inf for
             an unlimited joint [rad].
+        velocity_limits: (n,) largest speeds, infinite where there is none [rad/s].
+        speed_excess: (T, n) how much faster than that, negative where slower [rad/s].
     """
 
     names: tuple[str, ...]
@@ -187,6 +200,8 @@ class ControlledJoints:
     lower: np.ndarray
     upper: np.ndarray
     excess: np.ndarray
+    velocity_limits: np.ndarray
+    speed_excess: np.ndarray
 
     @property
     def power(self) -> np.ndarray:
@@ -204,15 +219,18 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         log.actuation[:, log.actuator_names == name].sum(axis=1)
         for name in log.controlled_names
     ]
+    v, fastest = log.v[:, columns], log.velocity_limits[columns]
     return ControlledJoints(
         names=tuple(log.controlled_names.tolist()),
         q=q,
-        v=log.v[:, columns],
+        v=v,
         torque=np.stack(torque, axis=1),
         acceleration=log.desired_acceleration[:, columns],
         lower=lower,
         upper=upper,
         excess=np.maximum(q - upper, lower - q),
+        velocity_limits=fastest,
+        speed_excess=np.abs(v) - fastest,
     )
 
 
@@ -265,6 +283,10 @@ def summarize(
     sample, joint = _argmax(joints.excess)
     excess = max(float(joints.excess[sample, joint]), 0.0)
     excess_joint = joints.names[joint] if excess > 0.0 else ""
+    too_fast = joints.speed_excess > SPEED_TOLERANCE
+    sample, joint = _argmax(joints.speed_excess)
+    speed_excess = max(float(joints.speed_excess[sample, joint]), 0.0)
+    speed_joint = joints.names[joint] if speed_excess > 0.0 else ""
     torque_sample, torque_joint = _argmax(np.abs(joints.torque))
 
     return Summary(
@@ -291,6 +313,10 @@ def summarize(
         joints_beyond_limits=_counts(joints.names, beyond),
         largest_excess=excess,
         largest_excess_joint=excess_joint,
+        beyond_speed_samples=int(too_fast.any(axis=1).sum()),
+        joints_beyond_speed=_counts(joints.names, too_fast),
+        largest_speed_excess=speed_excess,
+        largest_speed_excess_joint=speed_joint,
         mean_power=float(joints.power.mean()),
         peak_torque=float(np.abs(joints.torque[torque_sample, torque_joint])),
         peak_torque_joint=joints.names[torque_joint],
@@ -366,6 +392,16 @@ def summary_table(summary: Summary) -> Table:
             f"{summary.beyond_limit_samples}",
             f"{_most(summary.joints_beyond_limits)}; farthest "
             f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} rad",
+        )
+    if summary.beyond_speed_samples:
+        # Apart from the violations, as in `Summary`.
+        table.add_row(
+            "beyond speed limits",
+            f"{summary.beyond_speed_samples}",
+            f"{_most(summary.joints_beyond_speed)}; most "
+            f"{summary.largest_speed_excess_joint}, by "
+            f"{summary.largest_speed_excess:.3g} rad/s",
+            style="bold red",
         )
     table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
     table.add_row(

@@ -175,6 +175,10 @@ class ControlModel:
         lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
+        velocity_limits: (nv,) largest speed per joint, inf where there is none: the
+            plant's (the smaller magnitude, where they differ by the direction; 0 says
+            that none is stated) or, where it names the joint, the description's
+            [rad/s or m/s].
     """
 
     def __init__(
@@ -493,6 +497,7 @@ class ControlModel:
                 actuator.input_start(), actuator.input_start() + actuator.num_inputs()
             )
             self.actuator_limits[inputs] = actuator.effort_limit()
+        self.velocity_limits = self._speed_limits()
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:
             for index in plant.GetJointIndices():
@@ -502,6 +507,29 @@ class ControlModel:
                     plant.time_step() * joint.default_damping_vector()
                 )
         self._is_damped = bool(self._implicit_damping.any())
+
+    def _speed_limits(self) -> np.ndarray:
+        plant, description = self.plant, self.description
+        limits = np.minimum(
+            np.abs(plant.GetVelocityLowerLimits()),
+            np.abs(plant.GetVelocityUpperLimits()),
+        )
+        limits[limits == 0.0] = np.inf  # what many exporters write for "unknown"
+        for name, limit in description.velocity_limits.items():
+            try:
+                joint = find_joint(plant, name)
+            except ModelError as error:
+                raise ModelError(
+                    f"robot {description.name}: velocity_limits: {error}"
+                ) from error
+            if not joint.num_velocities():
+                raise ModelError(
+                    f"robot {description.name}: velocity_limits: {name!r} is fixed; "
+                    "leave it out"
+                )
+            start = joint.velocity_start()
+            limits[start : start + joint.num_velocities()] = limit
+        return limits
 
     def _check_described_joints(self) -> None:
         """Welds have no position to prescribe or to rest in, others not just one."""

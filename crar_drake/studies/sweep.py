@@ -61,6 +61,9 @@ class Result:
             more than 1e-6 rad outside.
         smallest_distance: over pairs and samples [m], of smallest_pair.
         largest_excess: of a joint beyond its limit [rad].
+        beyond_speed: samples with a joint more than 1e-6 rad/s faster than its limit,
+            which are not among the violations.
+        largest_speed_excess: of a joint [rad/s].
         rms_task_error: of positions [m].
         mean_power: of the controlled joints [W].
         peak_torque: of a controlled joint [Nm].
@@ -83,6 +86,8 @@ class Result:
     smallest_distance: float = float("nan")
     smallest_pair: str = ""
     largest_excess: float = float("nan")
+    beyond_speed: int = 0
+    largest_speed_excess: float = float("nan")
     rms_task_error: float = float("nan")
     mean_power: float = float("nan")
     peak_torque: float = float("nan")
@@ -99,7 +104,7 @@ class Result:
 
     @property
     def violated(self) -> bool:
-        """Whether any sample violates a constraint."""
+        """Whether any sample penetrates or is beyond a joint limit."""
         return self.penetrating > 0 or self.beyond_limit > 0
 
 
@@ -182,8 +187,10 @@ def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
     from crar_drake.results.referee import Referee
 
     log, summary, model = run.log, run.summary, run.setup.model
-    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    verdict = referee.violations(log.q)
+    referee = Referee(
+        model.plant, model.scene_graph, model.description.pairs, log.velocity_limits
+    )
+    verdict = referee.violations(log.q, log.v)
     result = Result(
         **asdict(case),
         duration=float(log.time[-1]),
@@ -193,6 +200,8 @@ def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
         smallest_distance=verdict.smallest_distance,
         smallest_pair=" - ".join(verdict.smallest_distance_pair or ()),
         largest_excess=verdict.largest_limit_excess,
+        beyond_speed=verdict.num_beyond_speed,
+        largest_speed_excess=verdict.largest_speed_excess,
         rms_task_error=_number(summary.rms_task_error),
         mean_power=summary.mean_power,
         peak_torque=summary.peak_torque,

@@ -213,6 +213,7 @@ def headline(result: Result) -> str:
         f"{place}: {_number(1e3 * result.smallest_distance, 'mm', 1)} near, error "
         f"{_number(1e3 * result.rms_task_error, 'mm', 1)}"
         + (", in violation" if violated else "")
+        + (", beyond a speed limit" if result.beyond_speed else "")
     )
 
 
@@ -231,7 +232,9 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
     nearest = figures.extreme("smallest_distance", min)
     farthest = figures.extreme("largest_excess", max)
     worst = figures.extreme("rms_task_error", max)
+    fastest = figures.extreme("largest_speed_excess", max)
     beyond = farthest is not None and farthest.largest_excess > 0.0
+    too_fast = fastest is not None and fastest.largest_speed_excess > 0.0
     return [
         ("clips", f"{len(figures.ran)}"),
         ("clips in violation", f"{figures.violated_clips}"),
@@ -244,6 +247,13 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
             "farthest beyond a limit",
             _at(farthest, "largest_excess", 180.0 / math.pi, "°", 2)
             if beyond
+            else _MISSING,
+        ),
+        ("samples beyond a speed limit", f"{figures.total('beyond_speed')}"),
+        (
+            "most beyond a speed limit",
+            _at(fastest, "largest_speed_excess", 1.0, "rad/s", 2)
+            if too_fast
             else _MISSING,
         ),
         ("mean task error", _number(1e3 * figures.mean("rms_task_error"), "mm", 1)),
@@ -278,7 +288,9 @@ def markdown_report(
         "# Sweep over motion clips\n\n"
         f"{len(clips)} clips, {len(ran)} simulations, {simulated:.0f} s of "
         "simulated time.\nDistances and limits are judged by the referee at every "
-        "logged sample; a joint counts as beyond its limit from 1e-6 rad on. Task "
+        "logged sample; a joint counts as beyond its limit from 1e-6 rad on. "
+        "Clips in violation are those that penetrate or pass a joint limit; speed "
+        "limits are counted apart. Task "
         "error, power, peak torque and rms acceleration are computed per clip; the "
         "tables then give their mean or median over the clips.\n\n"
         "This page is written by `python -m crar_drake.studies.sweep_report`, "

@@ -333,6 +333,26 @@ def test_judging_a_log_of_another_model_is_refused(empty_folder, capsys):
     assert "was made with another model" in refused(capsys, "judge", "log.npz")
 
 
+def test_judging_counts_who_is_too_fast(empty_folder, capsys):
+    """In a motion from rest every sample but the first ones; none without limits."""
+    told = {}
+    for scale in ("1e-9", ".inf"):
+        Path("mine.yaml").write_text(
+            "motion: dance\nexperiment: wrists\nduration: 0.05\n"
+            f"controller: {{constraints: paper, velocity_scale: {scale}}}\n"
+        )
+        assert main(["run", "mine.yaml", "--no-recording", "--out", "it"]) == 0
+        capsys.readouterr()
+        assert main(["judge", "it/log.npz"]) == 0
+        told[scale] = " ".join(capsys.readouterr().out.split())
+    log = SimulationLog.load("it/log.npz")
+    columns = [log.position_names.tolist().index(name) for name in log.controlled_names]
+    fast = (np.abs(log.v[:, columns]) > 1e-6).any(axis=1).sum()
+    assert 0 < fast < len(log.time)
+    assert f"{fast} beyond a speed limit, smallest distance" in told["1e-9"]
+    assert "beyond a joint limit, smallest distance" in told[".inf"]
+
+
 def test_a_simulation_that_would_take_years_is_refused(empty_folder, capsys):
     for command in ("run", "sweep dance"):
         message = refused(capsys, *command.split(), "--duration", "1e9")

@@ -22,6 +22,19 @@ def test_round_trip(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["log.npz"]
 
 
+def test_a_log_of_an_earlier_version_knows_no_speed_limits(tmp_path):
+    arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
+    del arrays["velocity_limits"]
+    np.savez(tmp_path / "log.npz", **arrays)
+    log = SimulationLog.load(tmp_path / "log.npz")
+    np.testing.assert_array_equal(log.velocity_limits, [np.inf] * 3)
+    np.testing.assert_array_equal(log.v, small_log().v)
+    # One of a wrong size is no log nevertheless.
+    np.savez(tmp_path / "log.npz", **arrays, velocity_limits=np.ones(2))
+    with pytest.raises(CrarError, match=r"'velocity_limits' is of shape \(2,\)"):
+        SimulationLog.load(tmp_path / "log.npz")
+
+
 def test_plain_numpy_reads_it(tmp_path):
     small_log().save(tmp_path / "log.npz")
     with np.load(tmp_path / "log.npz") as archive:

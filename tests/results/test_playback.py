@@ -70,6 +70,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names]),
         lower=np.full(nv, -np.inf),
         upper=np.full(nv, np.inf),
+        velocity_limits=np.full(nv, np.inf),
         scenario=scenario.to_yaml(),
     )
 

@@ -59,6 +59,31 @@ def test_a_limit_may_be_exceeded_by_rounding_only(side, beyond, samples):
     assert summary.largest_excess == pytest.approx(max(beyond, 0.0), abs=1e-15)
 
 
+def test_speeds_are_judged_apart_from_the_violations():
+    """Swing moves at 1, -2, 0 rad/s, turn at 2, 0, 4; the rail is not controlled."""
+    before = summarize(small_log())
+    assert before.beyond_speed_samples == 0  # a limit of 2 is reached, not passed
+    assert (before.joints_beyond_speed, before.largest_speed_excess) == ({}, 0.0)
+    assert before.largest_speed_excess_joint == ""
+    found = summarize(small_log(velocity_limits=np.array([1.0, 1.5, 1.0])))
+    assert found.beyond_speed_samples == 3
+    assert found.joints_beyond_speed == {"swing": 1, "turn": 2}
+    assert found.largest_speed_excess == 3.0
+    assert found.largest_speed_excess_joint == "turn"
+    assert found.violated_samples == before.violated_samples
+    assert found.mean_violations == before.mean_violations
+
+
+@pytest.mark.parametrize("beyond, samples", [(0.9e-6, 0), (1.1e-6, 1)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_speed_limit_may_be_exceeded_by_rounding_only(side, beyond, samples):
+    v = np.zeros((3, 3))
+    v[1, 1] = side * (2.0 + beyond)
+    found = summarize(small_log(v=v))
+    assert found.beyond_speed_samples == samples
+    assert found.largest_speed_excess == pytest.approx(beyond, abs=1e-15)
+
+
 def test_power_and_torque_of_the_controlled_joints():
     summary = summarize(small_log())
     # |10 * 1| + |3 * 2|; |-30 * -2| + 0; 0 + |-8 * 4|: the rail's 4500 W do not count.
@@ -142,7 +167,9 @@ def test_the_keys_of_the_json_are_stable():
         "rms_task_error rms_orientation_error tasks smallest_distance "
         "smallest_distance_pair smallest_distance_time violated_samples "
         "mean_violations penetrating_samples penetrating_pairs beyond_limit_samples "
-        "joints_beyond_limits largest_excess largest_excess_joint mean_power "
+        "joints_beyond_limits largest_excess largest_excess_joint "
+        "beyond_speed_samples joints_beyond_speed largest_speed_excess "
+        "largest_speed_excess_joint mean_power "
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
         "resting_distance resting_margin torque_limited_samples "
         "torque_clipped_samples braking_samples frame_rate frame_rate_source "
@@ -184,6 +211,19 @@ def test_table_shows_the_figures():
     ):
         line = next(line for line in text.splitlines() if row[0] in line)
         assert all(part in line for part in row), line
+
+
+def test_table_tells_who_is_too_fast():
+    def lines(log) -> list[str]:
+        console = Console(width=100, record=True, file=open("/dev/null", "w"))
+        console.print(summary_table(summarize(log)))
+        text = console.export_text()
+        return [line for line in text.splitlines() if "beyond speed limits" in line]
+
+    assert lines(small_log()) == []
+    (line,) = lines(small_log(velocity_limits=np.array([1.0, 1.5, 1.0])))
+    for part in ("3", "turn and 1 more; most turn, by 3 rad/s"):
+        assert part in line
 
 
 def test_torque_limited_samples():

@@ -128,6 +128,7 @@ def test_a_case_is_judged_at_every_step_of_the_plant():
     case = Case("reaching", "wrists", "none", "acceleration", 5e-3)
     # The case replaces the scenario's tasks and modes, and nothing else of it.
     base = Scenario(motion="dance", experiment="upper-body", duration=2.0)
+    base.controller.velocity_scale = 0.02  # for the motion to be too fast
     result = run_case(case, base.to_yaml())
     assert result.case == case and not result.error
     assert result.samples == 2001 and result.duration == pytest.approx(2.0)
@@ -141,6 +142,8 @@ def test_a_case_is_judged_at_every_step_of_the_plant():
     assert result.beyond_limit == run.summary.beyond_limit_samples
     distances = run.log.signed_distances
     assert result.smallest_distance == pytest.approx(distances.min(), abs=1e-9)
+    assert result.beyond_speed == run.summary.beyond_speed_samples > 0
+    assert result.largest_speed_excess == run.summary.largest_speed_excess > 0.0
     assert result.smallest_pair == run.summary.smallest_distance_pair
     assert result.largest_excess == pytest.approx(run.summary.largest_excess)
     for name in ("rms_task_error", "mean_power", "peak_torque", "rms_acceleration"):

@@ -194,12 +194,26 @@ def test_the_table_has_a_column_per_mode():
     assert row(text, "smallest distance", "│") == ["-15.0 mm (13_29)", "4.0 mm (02_01)"]
     assert row(text, "of the pair", "│") == ["left_hand - torso", "head - left_hand"]
     assert row(text, "farthest beyond a limit", "│") == ["2.00° (13_29)", "–"]
+    assert row(text, "samples beyond a speed limit", "│") == ["0", "0"]
+    assert row(text, "most beyond a speed limit", "│") == ["–", "–"]
     assert row(text, "mean task error", "│") == ["45.0 mm", "80.0 mm"]
     assert row(text, "worst task error", "│")[1] == "110.0 mm (127_23)"
     assert row(text, "mean power", "│") == ["100.0 W", "100.0 W"]
     assert row(text, "median peak torque", "│") == ["250 Nm", "300 Nm"]
     assert row(text, "median rms acceleration", "│")[0] == "15.5 rad/s²"
     assert row(text, "failed", "│") == ["0", "1"]
+
+
+def test_speeds_are_told_apart_from_the_violations():
+    fast = result("13_29", beyond_speed=7, largest_speed_excess=1.25)
+    text = printed([fast, result("02_01", largest_speed_excess=0.0)])
+    assert row(text, "clips in violation", "│") == ["0"]
+    assert row(text, "samples beyond a speed limit", "│") == ["7"]
+    assert row(text, "most beyond a speed limit", "│") == ["1.25 rad/s (13_29)"]
+    assert headline(fast).endswith("error 50.0 mm, beyond a speed limit")
+    page = markdown_report([fast])
+    assert "| samples beyond a speed limit | 7 |" in page
+    assert "speed limits are counted apart" in page
 
 
 def test_experiments_and_periods_have_tables_of_their_own():

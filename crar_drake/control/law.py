@@ -3,14 +3,15 @@
 This is the order of the paper: error, references, weights, inverse, velocity level,
 acceleration level, resolved acceleration, inverse dynamics. There is no Drake system
 here: `CrarController` wraps it for diagrams, and `ControlLaw.step` serves a user's
-own loop.
+own loop. Between control steps the accelerations are held, and the inverse dynamics
+goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,9 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
+from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
-from crar_drake.equations.torque_limit import limit_torque
+from crar_drake.equations.torque_limit import clip_torque, limit_torque
 from crar_drake.errors import CrarError
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -98,21 +100,24 @@ class Solution:
     """The results of one control step.
 
     Attributes:
-        actuation: (nu,) efforts, in the order of the plant's actuators [Nm or N].
+        actuation: (nu,) efforts of the accelerations at the state that they were last
+            computed for, in the order of the plant's actuators [Nm or N].
         acceleration: (nv,) commanded accelerations of all joints: alpha_c of
-            Eq. (30) for the controlled, the desired motion's for the prescribed.
+            Eq. (30) for the controlled, the desired motion's for the prescribed. They
+            are held for a control period.
         task_error: (m,) Eq. (11) against the targets as given, before blending
             and task weights [rad, m].
         signed_distances: (Nc,) per watched pair [m].
         constraint_weights: (n,) diagonal of W.
         position_command: (nq + nv,) the q and v that the accelerations lead to
-            in one control period.
+            in one control period, see `equations.prediction`.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
         torque_limit: (2,) share theta of the wish that the effort limits allowed,
             1 where they are not active or not respected, and by which share of its
             limit the worst actuator was beyond it before clipping, see
-            `equations.torque_limit`.
+            `equations.torque_limit`. The share is decided in the control step; the
+            excess is that of `actuation`.
         of_mode: the constraint mode's own diagnostics, by name.
     """
 
@@ -142,10 +147,13 @@ class ControlStep:
     Attributes:
         solution: the results; None before the first step.
         memory: for the next step.
+        torque_tick: which torque tick of the control period its torque is of; 0 is
+            the control step itself.
     """
 
     solution: Solution | None
     memory: Memory
+    torque_tick: int = 0
 
     def __deepcopy__(self, memo: dict) -> ControlStep:
         return self  # Drake copies states often; nothing here is ever changed.
@@ -177,6 +185,7 @@ class ControlLaw:
         self._blend_time = float(gains.blend_time)
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
+        self._plant_step = float(model.plant.time_step())
         self._with_posture = gains.nominal_posture_gain > 0.0
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.effort_limits(model)
@@ -200,12 +209,14 @@ class ControlLaw:
         posture = q[model.controlled] if self._with_posture else _NOTHING
         prescribed = np.concatenate((q[model.prescribed], np.zeros(2 * model.n_p)))
         targets = Targets(model.tasks_at(q), prescribed, posture)
-        self.solve(model.MakeWorkspace(), Memory(), 0, 0.0, q, v, targets)
+        workspace = model.MakeWorkspace()
+        step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
+        self.hold(workspace, step, 1, q, v)
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
         self._workspace = self.model.MakeWorkspace()
-        self._memory = Memory()
+        self._step = ControlStep(None, Memory())
 
     def step(
         self,
@@ -230,30 +241,50 @@ class ControlLaw:
         Raises:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
-        nq, nv = self.model.plant.num_positions(), self.model.plant.num_velocities()
-        given = []
-        for name, value, size in (
-            ("q", q, nq),
-            ("v", v, nv),
-            ("tasks", tasks, self.model.layout.size),
-            ("prescribed", prescribed, 3 * self.model.n_p),
-            ("nominal_posture", nominal_posture, self.model.n * self._with_posture),
-        ):
-            value = _NOTHING if value is None or not size else value
-            if np.shape(value) != (size,):
-                raise InputError(
-                    f"{name} has shape {np.shape(value)}; it must be ({size},)"
-                )
-            given.append(np.ascontiguousarray(value, dtype=float))
-        tick = self._memory.tick + 1
-        time = tick * self.parameters.period
-        check_finite("q", given[0], time)
-        check_finite("v", given[1], time)
-        step = self.solve(
-            self._workspace, self._memory, tick, time, *given[:2], Targets(*given[2:])
+        model, memory = self.model, self._step.memory
+        q, v, *targets = _of_sizes(
+            ("q", q, model.plant.num_positions()),
+            ("v", v, model.plant.num_velocities()),
+            ("tasks", tasks, model.layout.size),
+            ("prescribed", prescribed, 3 * model.n_p),
+            ("nominal_posture", nominal_posture, model.n * self._with_posture),
         )
-        self._memory = step.memory
-        return step.solution
+        tick = memory.tick + 1
+        time = tick * self.parameters.period
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        self._step = self.solve(
+            self._workspace, memory, tick, time, q, v, Targets(*targets)
+        )
+        return self._step.solution
+
+    def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The torque of the last step's accelerations at a new state.
+
+        For a loop that sends torques more often than it calls `step`: an acceleration
+        takes another torque where the robot has moved.
+
+        Args:
+            q: (nq,) positions measured now.
+            v: (nv,) velocities measured now.
+
+        Returns:
+            (nu,) efforts, within the effort limits if these are respected [Nm or N].
+
+        Raises:
+            InputError: there was no step yet, or an argument has a NaN or the wrong
+                size; it is named.
+        """
+        if self._step.solution is None:
+            raise InputError("there is no acceleration to hold yet: call step first")
+        q, v = _of_sizes(
+            ("q", q, self.model.plant.num_positions()),
+            ("v", v, self.model.plant.num_velocities()),
+        )
+        time = self._step.memory.tick * self.parameters.period
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        return self.hold(self._workspace, self._step, 1, q, v).solution.actuation
 
     def solve(
         self,
@@ -330,6 +361,37 @@ class ControlLaw:
             ),
         )
 
+    def hold(
+        self,
+        workspace: Workspace,
+        step: ControlStep,
+        torque_tick: int,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> ControlStep:
+        """The step with the torque that its accelerations take at a later state.
+
+        Where effort limits are respected, the torque is clipped: what the limits allow
+        was decided in the control step.
+
+        Args:
+            workspace: of the model; left at the state (q, v).
+            step: that is held.
+            torque_tick: for the result.
+            q, v: (nq,), (nv,) state of the whole plant.
+        """
+        model, held = self.model, step.solution
+        model.plant.SetPositionsAndVelocities(
+            workspace.plant_context, np.concatenate((q, v))
+        )
+        actuation = model.inverse_dynamics(workspace, held.acceleration)
+        torque_limit = held.torque_limit
+        if self._limits_efforts:
+            actuation, excess = clip_torque(actuation, self.effort_limits)
+            torque_limit = np.array([torque_limit[0], excess])
+        solution = replace(held, actuation=actuation, torque_limit=torque_limit)
+        return ControlStep(solution, step.memory, torque_tick)
+
     @property
     def brakes_without_targets(self) -> bool:
         """Whether a NaN in the targets makes the robot brake, not raise."""
@@ -359,6 +421,7 @@ class ControlLaw:
     ) -> Solution:
         model, answer, period = self.model, resolved.answer, self._period
         vdot, torque_limit = answer.vdot, UNLIMITED
+        diagnostics = resolved.diagnostics
         actuation = model.inverse_dynamics(workspace, vdot)
         if self._limits_efforts:
             vdot, actuation, torque_limit = limit_torque(
@@ -371,19 +434,39 @@ class ControlLaw:
                 self._braking_horizon,
                 period,
             )
-        v_next = measured.v + period * vdot
+            if torque_limit[0] < 1.0 and status != STATUS_BRAKING:
+                vdot, told = self.mode.admit_again(measured, vdot)
+                if told:
+                    diagnostics = {**diagnostics, **told}
+                    actuation = model.inverse_dynamics(workspace, vdot)
+                    actuation, excess = clip_torque(actuation, self.effort_limits)
+                    torque_limit = np.array([torque_limit[0], excess])
+        after = next_state(measured.q[0], measured.v, vdot, period, self._plant_step)
         return Solution(
             actuation=actuation,
             acceleration=vdot,
             task_error=answer.error,
             signed_distances=answer.d,
             constraint_weights=answer.W,
-            position_command=np.concatenate((measured.q[0] + period * v_next, v_next)),
+            position_command=np.concatenate(after),
             constrained_velocity=answer.qdot_c,
             status=np.array([status]),
             torque_limit=torque_limit,
-            of_mode=resolved.diagnostics,
+            of_mode=diagnostics,
         )
+
+
+def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
+    """The values of (name, value, size), as arrays; raises InputError with the name."""
+    arrays = []
+    for name, value, size in given:
+        value = _NOTHING if value is None or not size else value
+        if np.shape(value) != (size,):
+            raise InputError(
+                f"{name} has shape {np.shape(value)}; it must be ({size},)"
+            )
+        arrays.append(np.ascontiguousarray(value, dtype=float))
+    return arrays
 
 
 def is_finite(value: np.ndarray) -> bool:

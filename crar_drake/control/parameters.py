@@ -21,6 +21,9 @@ LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = tuple(MODES)
 METRICS = ("identity", "inertia")
 
+# A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
+_TORQUE_PERIOD = 1e-3
+
 
 @dataclass
 class CrarParameters:
@@ -31,7 +34,12 @@ class CrarParameters:
             (Eq. 35).
         constraints: "lookahead" (hold where the robot would come to rest),
             "paper" (W of Eq. 27) or "none" (W = I).
-        period: control period [s]; the torque is held in between.
+        period: control period [s]; the accelerations are held in between.
+        torque_period: between two computations of the torque of the held
+            accelerations [s]; it divides the control period, and is a multiple of a
+            discrete plant's time step. By default the longest such that is not longer
+            than 1 ms, or than the plant's step if that is longer. As long as the
+            control period, it is the torque that is held.
         K: velocity-level task gain, Eq. (15) [1/s].
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
@@ -69,6 +77,7 @@ class CrarParameters:
     level: str = "acceleration"
     constraints: str = "lookahead"
     period: float = 1e-3  # [s]
+    torque_period: float | None = None  # [s]
     K: float = 30.0  # [1/s]
     Kp: float = 300.0  # [1/s^2]
     Kv: float | None = None  # [1/s]
@@ -115,8 +124,50 @@ class CrarParameters:
             raise ScenarioError(
                 f"controller.limit_share: {self.limit_share} must be at most 1"
             )
+        self._check_torque_period()
         self.lookahead.validate()
         MODES[self.constraints].check(self)
+
+    def _check_torque_period(self) -> None:
+        if self.torque_period is None:
+            return
+        ticks = self.period / self.torque_period
+        if abs(ticks - round(ticks)) > 1e-6 * ticks or round(ticks) < 1:
+            raise ScenarioError(
+                f"controller.torque_period: {self.torque_period:g} s does not divide "
+                f"controller.period, {self.period:g} s; choose e.g. "
+                f"{self.period / max(round(ticks), 1):g}, or leave it out"
+            )
+
+    def torque_ticks(self, plant_step: float) -> int:
+        """How often the torque is computed in a control period.
+
+        Args:
+            plant_step: time step of the discrete plant [s]; 0 for a continuous one.
+        """
+        if self.torque_period is not None:
+            return round(self.period / self.torque_period)
+        longest = max(plant_step, _TORQUE_PERIOD) * (1.0 + 1e-6)
+        if not plant_step:
+            return math.ceil(self.period / longest)
+        steps = max(1, round(self.period / plant_step))
+        return next(
+            ticks
+            for ticks in range(1, steps + 1)
+            if steps % ticks == 0 and steps // ticks * plant_step <= longest
+        )
+
+    def torque_period_for(self, plant_step: float) -> float:
+        """The time between two computations of the torque [s].
+
+        Args:
+            plant_step: as of `torque_ticks`.
+        """
+        ticks = self.torque_ticks(plant_step)
+        period = self.period / ticks
+        # With the plant's own number the events of both come at the same instants.
+        rounding = ticks > 1 and abs(period - plant_step) <= 1e-12 * plant_step
+        return plant_step if rounding else period
 
     @property
     def velocity_gain(self) -> float:

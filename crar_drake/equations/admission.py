@@ -27,6 +27,7 @@ from crar_drake.equations.kinematics import (
     link_poses,
     place_points,
 )
+from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import cross_rows, dot_rows, product, times
 
 # How a step was admitted.
@@ -90,8 +91,8 @@ def next_rest(
         period: of the controller [s].
         step: of the plant [s], at most the period.
     """
-    e = 0.5 * period * (period + step) / T
-    return q + (period - e) * v + e * s, q + (T - e) * v + (period + e) * s
+    q_next, v_next = next_state(q, v, (s - v) / T, period, step)
+    return q_next, q_next + T * v_next
 
 
 @compiled

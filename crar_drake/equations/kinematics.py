@@ -267,6 +267,14 @@ def find_state(measured: Measured, r: Robot) -> State:
 
 
 @compiled
+def row_distances(measured: Measured, r: Robot) -> np.ndarray:
+    """The signed distances of a state alone, (K, Nr) [m]."""
+    points = place_points(link_poses(measured.q, r.tree), r.selection, r.first)
+    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs)
+    return d.reshape(len(points), -1)
+
+
+@compiled
 def evaluate_state(measured: Measured, robot: Held) -> State:
     """`find_state`, of a held `Robot`."""
     return find_state(measured, robot.value)

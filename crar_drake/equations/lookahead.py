@@ -41,7 +41,13 @@ from crar_drake.equations.joint_limits import (
     limit_gradient,
     limit_potential,
 )
-from crar_drake.equations.kinematics import Measured, Robot, find_state, join_joints
+from crar_drake.equations.kinematics import (
+    Measured,
+    Robot,
+    find_state,
+    join_joints,
+    row_distances,
+)
 from crar_drake.equations.references import (
     Answer,
     TaskGains,
@@ -686,3 +692,38 @@ def lookahead_step(
         join_joints((s - qdot) / T, qddot_p, r.order), references.error, d, W, qdot_c
     )
     return answer, slip, margins, admission
+
+
+@compiled
+def scale_acceleration(
+    measured: Measured, vdot: np.ndarray, robot: Held, mode: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations whose step is clear, between the given ones and braking.
+
+    For what the effort limits have changed after `admit`; speed and joint limits hold
+    for whatever lies between an admitted step and braking.
+
+    Args:
+        measured: the state, and q_s.
+        vdot: (nv,) accelerations in the plant's order.
+        robot, mode: as in `lookahead_step`.
+
+    Returns:
+        (nv,) accelerations; (4,) of `admit`.
+    """
+    r, numbers = robot.value, mode.value
+    admission, reaches = numbers.admission, numbers.reaches
+    T, v = admission.T, measured.v[r.order]
+    q, s = measured.q[0][r.order], resting_velocity(v, vdot[r.order], admission.T)
+    d = row_distances(measured, r)
+    present = examine_present(q, v, s, d, r, reaches, admission)
+    checked = check_step(q, v, s, present, r, reaches, admission)
+    how, share, clearance = AS_WISHED, 1.0, checked.clearance
+    if not checked.clear:
+        how = SCALED
+        share, clearance = scale_step(q, v, s, present, r, reaches, admission)
+        s = share * s
+        qddot = (s - v) / T
+        vdot = join_joints(qddot[: r.n], qddot[r.n :], r.order)
+    clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
+    return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])

@@ -25,7 +25,8 @@ class SimulationLog:
         time: (T,) [s].
         q: (T, nq) positions of the simulated plant [rad or m].
         v: (T, nv) its velocities.
-        actuation: (T, nu) efforts, in the plant's actuator order [Nm or N].
+        actuation: (T, nu) efforts at that instant, in the plant's actuator order
+            [Nm or N]; they change in between where the log is coarser than the torque.
         desired_acceleration: (T, nv) commanded accelerations.
         desired_tasks: (T, layout.size) [x_d; v_d; a_d], see `TaskLayout`.
         task_error: (T, m) Eq. (11) against them [rad, m].

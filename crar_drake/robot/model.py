@@ -236,7 +236,8 @@ class ControlModel:
             tasks: what is tracked.
             distances: "closed_form" or "scene_graph".
             time_step: of the plant that will be controlled [s], 0 if continuous;
-                used only to make up for its implicit joint damping.
+                it tells the joint damping to make up for, the torque's instants, and
+                the state that a period leads to.
 
         Raises:
             ModelError: as the constructor, and if the file cannot be parsed.

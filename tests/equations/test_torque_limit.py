@@ -8,7 +8,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from crar_drake.equations.torque_limit import limit_torque, torque_scale
+from crar_drake.equations.torque_limit import (
+    clip_torque,
+    limit_torque,
+    torque_scale,
+)
 
 vectors = arrays(float, 4, elements=st.floats(-50.0, 50.0))
 THETA = np.linspace(0.0, 1.0, 2001)
@@ -243,3 +247,17 @@ def test_torque_that_no_share_limits_is_clipped(arm):
     free = arm.torque(arm.slowed(theta))
     assert (np.abs(free) / limits).max() == pytest.approx(1.0 + excess)
     np.testing.assert_allclose(tau, np.clip(free, -limits, limits), rtol=1e-9)
+
+
+def test_a_clipped_torque_and_its_excess():
+    limits = np.array([10.0, 4.0, np.inf])
+    torque, excess = clip_torque(np.array([-11.0, 3.0, 1e4]), limits)
+    np.testing.assert_array_equal(torque, [-10.0, 3.0, 1e4])
+    assert excess == pytest.approx(0.1)
+    torque, excess = clip_torque(np.array([2.0, 9.0, 0.0]), limits)
+    np.testing.assert_array_equal(torque, [2.0, 4.0, 0.0])
+    assert excess == pytest.approx(1.25)
+    for within in ([9.0, -4.0, 1e9], [10.0 * (1 + 1e-15), 0.0, 0.0]):
+        torque, excess = clip_torque(np.array(within), limits)
+        np.testing.assert_allclose(torque, within, rtol=1e-14)
+        assert excess == 0.0

@@ -1,6 +1,7 @@
 """Constraints that hold where the robot would come to rest: `docs/lookahead.md`."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from crar_drake.equations.lookahead import (
     LookaheadNumbers,
     find_limits,
     lookahead_step,
+    scale_acceleration,
 )
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
@@ -123,7 +125,7 @@ class LookaheadMode(Mode):
             period=float(parameters.period),
             slip_share=float(share),
         )
-        fastest = np.full(model.n, np.inf)
+        fastest = parameters.speed_limits(model)[model.controlled]
         limits = find_limits(model.lower, model.upper, fastest)
         plant = model.plant
         reaches = find_reaches(
@@ -178,3 +180,11 @@ class LookaheadMode(Mode):
         )
         told = {"resting_margins": margins, "admission": admission}
         return Resolved(answer, slip, told)
+
+    def admit_again(
+        self, measured: Measured, vdot: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        vdot, told = scale_acceleration(
+            measured, vdot, self._model.robot_ahead, self._numbers
+        )
+        return vdot, {"admission": told}

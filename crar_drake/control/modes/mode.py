@@ -84,6 +84,21 @@ class Mode(ABC):
     def check(parameters: CrarParameters) -> None:
         """Raises ScenarioError where a parameter does not go with this mode."""
 
+    def admit_again(
+        self, measured: Measured, vdot: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        """Accelerations that the effort limits have changed, if the mode allows them.
+
+        Args:
+            measured: the state, as in `resolve`.
+            vdot: (nv,) accelerations within the effort limits [rad/s^2].
+
+        Returns:
+            (nv,) accelerations between these and braking; and the diagnostics that
+            change, none if the accelerations stay.
+        """
+        return vdot, {}
+
     @abstractmethod
     def resolve(
         self,

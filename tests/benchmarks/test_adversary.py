@@ -18,6 +18,7 @@ from benchmarks.adversary.targets import approach, chirp, waves
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.results.referee import Referee
+from crar_drake.robot.description import find_body
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw")  # those that need no import
 
@@ -31,10 +32,10 @@ def anywhere(model, rng, count):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_judge_agrees_with_scene_graph(robot):
-    """Positive distances by Drake's geometry engine, shape by shape."""
+    """Distances by Drake's geometry engine and kinematics, shape by shape."""
     subject = load_subject(robot)
     model = subject.model(subject.task_set(0))
-    q = anywhere(model, np.random.default_rng(3), 40)
+    q = anywhere(model, np.random.default_rng(3), 80)
     ours = subject.judge.distances(q)
     workspace = model.MakeWorkspace()
     port = model.scene_graph.get_query_output_port()
@@ -44,26 +45,23 @@ def test_judge_agrees_with_scene_graph(robot):
         for a in shapes(model, first)
         for b in shapes(model, second)
     ]
-    compared = 0
-    for q_k, ours_k in zip(q, ours, strict=True):
+    theirs = np.empty_like(ours)
+    for k, q_k in enumerate(q):
         model.plant.SetPositions(workspace.plant_context, q_k)
         query = port.Eval(workspace.scene_graph_context)
-        theirs = np.array(
-            [
-                query.ComputeSignedDistancePairClosestPoints(*pair).distance
-                for pair in ids
-            ]
-        )
-        apart = theirs > 1e-4  # inside, the engine iterates and is less exact
-        np.testing.assert_allclose(ours_k[apart], theirs[apart], atol=5e-5)
-        assert (ours_k[theirs < -1e-4] < 0.0).all()
-        compared += apart.sum()
-    assert compared > 200
+        theirs[k] = [
+            query.ComputeSignedDistancePairClosestPoints(*pair).distance for pair in ids
+        ]
+    # The engine's nearest points are points of the shapes, so that its distance is
+    # never too small; where its iterations end early it is somewhat too large.
+    beyond = theirs - ours
+    assert beyond.min() > -1e-9
+    assert np.quantile(beyond, 0.9) < 1e-5
+    assert beyond[theirs < 2e-3].max() < 3e-5
+    assert (theirs < 0.0).sum() > 3 and (theirs > 0.0).sum() > 200
 
 
 def shapes(model, name):
-    from crar_drake.robot.description import find_body
-
     body = find_body(model.plant, name)
     return model.plant.GetCollisionGeometriesForBody(body)
 

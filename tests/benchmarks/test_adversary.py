@@ -298,6 +298,34 @@ def test_a_law_that_stands_still_is_not_accused(monkeypatch):
         assert result.steps >= 300 and result.paths > 0
 
 
+@pytest.mark.parametrize("attack", ["moving", "fast_start", "wild"])
+def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
+    """The wish of today's law, scaled towards braking until the next path is clear."""
+    from crar_drake.control.law import ControlLaw
+
+    judge, step = load_subject("jaw").judge, ControlLaw.step
+    scaled = []
+
+    def shielded(self, q, v, *targets):
+        solution = step(self, q, v, *targets)
+        T, period = self.parameters.braking_horizon, self.parameters.period
+        wish = np.nan_to_num(solution.acceleration)
+        for share in (1.0, 0.7, 0.4, 0.2, 0.1, 0.05, 0.0):
+            v_next = v + period * (share * wish - (1.0 - share) * v / T)
+            q_next = q + period * v_next
+            there = judge.path_is_clear(q_next, v_next, T, 1e-4)
+            if there and judge.path_is_clear(q, v_next, period, 1e-4):
+                break
+        scaled.append(share)
+        return replace(solution, position_command=np.concatenate([q_next, v_next]))
+
+    monkeypatch.setattr(ControlLaw, "step", shielded)
+    result = run_case(Case("jaw", attack, 0.02, steps=150))
+    assert not result.error and not result.unsafe, result
+    assert result.steps >= 150 and result.paths > 10
+    assert min(scaled) < 1.0  # the attack was one
+
+
 def test_what_the_law_tells_of_its_admission_is_counted(monkeypatch):
     from crar_drake.control.law import ControlLaw
 

@@ -5,8 +5,8 @@
     python -m benchmarks.adversary --replay out/adversary/found/FILE.json
 
 Finished cases stand in `cases.jsonl`, so that a stopped run goes on; a case is run
-again when the controller's source has changed. The exit code is 1 if anything is
-violated with the exact model, 2 if a case could not be run.
+again when the source of the controller or of the attacks has changed. The exit code
+is 1 if anything is violated with the exact model, 2 if a case could not be run.
 """
 
 from __future__ import annotations

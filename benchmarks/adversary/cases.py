@@ -45,7 +45,7 @@ class Result:
 
     Attributes:
         case: it.
-        law: digest of the package that was attacked.
+        law: digest of what was attacked, and by what; see `law_digest`.
         steps, episodes: that were run; refused: whose gains the law refused;
             diverged: ended before time by numbers that are not finite or too large.
         violated: episodes with a violation of distance or position limit.
@@ -131,12 +131,14 @@ def finite(value):
 
 
 def law_digest() -> str:
-    """Twelve digits that change with the controller's source or a robot's model."""
-    folder = Path(crar_drake.__file__).parent
+    """Twelve digits that change with the source of the controller or of the attacks."""
+    package, here = Path(crar_drake.__file__).parent, Path(__file__).parent
+    folders = [package / part for part in ("control", "equations", "robot")]
     digest = hashlib.sha256()
-    for part in ("control", "equations", "robot"):
-        for path in sorted((folder / part).rglob("*.py")):
-            digest.update(path.read_bytes())
+    for folder in [*folders, here]:
+        for path in sorted(folder.rglob("*.py")):
+            if path != here / "report.py":
+                digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 

@@ -15,8 +15,9 @@ from benchmarks.adversary.robots import Subject, load_subject
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 
-DURATION = 1.5  # of an episode [s], but
+DURATION = 1.0  # of an episode [s], but
 FEWEST_STEPS = 60  # at least
+SEARCHES = 4  # times as many steps for the search, whose episodes build on each other
 FRESH = 0.3  # share of the search's episodes that are drawn anew
 KEPT = 4  # lineages that the search goes on with
 
@@ -41,7 +42,8 @@ def _attack(case: Case, result: Result) -> None:
     nasty: list[tuple[float, list[int]]] = []
     worst = 0.0
     total = 0  # refused ones count here, or a case of refused gains would not end
-    while total < case.steps:
+    wanted = case.steps * (SEARCHES if case.attack == "search" else 1)
+    while total < wanted:
         lineage = _next_lineage(case, nasty, rng)
         # A mutation needs the tasks that the seed was drawn for.
         task_set = subject.task_set(lineage[0])

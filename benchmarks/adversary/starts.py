@@ -60,27 +60,29 @@ def fast(
 
     Along a random direction the velocity grows until the path comes within
     PATH_CLEARANCE of a contact, or a speed or position limit; of several, the one
-    whose joints are fastest.
+    whose joints are fastest, or the one whose path comes nearest to a contact.
     """
     c = judge.controlled
     fastest = np.minimum(judge.fastest, FASTEST)
     shares = np.linspace(0.0, 1.0, 81)
     best_q, best_v = at_rest(model, judge, rng)
+    best, nearest_counts = -np.inf, rng.random() < 0.5
     for q in random_poses(model, judge, rng, 8):
         v = np.zeros(len(q))
         v[c] = fastest * rng.uniform(-1.0, 1.0, len(c))
         v[c] *= rng.choice([1.0, 0.2], size=len(c))
         path = q + horizon * shares[:, None] * v
         x = path[:, c]
-        clear = judge.nearest(path)[0] >= PATH_CLEARANCE
+        d, _ = judge.nearest(path)
+        clear = d >= PATH_CLEARANCE
         clear &= np.all(x >= judge.lower + 0.5 * LIMIT_GAP, axis=1)
         clear &= np.all(x <= judge.upper - 0.5 * LIMIT_GAP, axis=1)
         reached = len(shares) if clear.all() else int(np.argmin(clear))
-        v *= shares[max(reached - 1, 0)]
-        if np.abs(v).sum() > np.abs(best_v).sum() and judge.path_is_clear(
-            q, v, horizon, 0.9 * PATH_CLEARANCE
-        ):
-            best_q, best_v = q, v
+        last = max(reached - 1, 0)
+        v *= shares[last]
+        value = -d[: last + 1].min() if nearest_counts else np.abs(v[c]).sum()
+        if value > best and judge.path_is_clear(q, v, horizon, 0.9 * PATH_CLEARANCE):
+            best, best_q, best_v = value, q, v
     return best_q, best_v
 
 
@@ -105,7 +107,7 @@ def singular(
     value = smallest(q)
     lower = np.maximum(judge.lower + LIMIT_GAP, -np.pi)
     upper = np.minimum(judge.upper - LIMIT_GAP, np.pi)
-    for i in rng.permutation(len(c)):
+    for i in np.concatenate([rng.permutation(len(c)) for _ in range(3)]):
         for x in (0.0, rng.uniform(lower[i], upper[i])):
             other = q.copy()
             other[c[i]] = np.clip(x, lower[i], upper[i])

@@ -216,18 +216,24 @@ def test_pose_targets_turn_as_their_velocities_say():
     np.testing.assert_allclose(found, middle, atol=0.02 * np.abs(omega).max())
 
 
-def test_starts_are_what_they_are_called():
+def test_fast_starts_are_fast_and_clear():
     subject = load_subject("upper_body")
     model, judge = subject.model("wrists"), subject.judge
     rng = np.random.default_rng(2)
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     speeds = []
-    for _ in range(4):
+    for _ in range(6):
         q, v = fast(model, judge, rng, 1 / 30)
         speeds.append(np.abs(v).max())
         path = q + np.linspace(0.0, 1 / 30, 50)[:, None] * v
         assert referee.violations(path).num_violated == 0
     assert max(speeds) > 3.0
+
+
+def test_singular_poses_are_singular():
+    subject = load_subject("obstacle_arm")
+    model, judge = subject.model("position"), subject.judge
+    rng = np.random.default_rng(2)
     workspace = model.MakeWorkspace()
 
     def smallest(q):
@@ -235,8 +241,8 @@ def test_starts_are_what_they_are_called():
         return np.linalg.svd(J, compute_uv=False)[-1]
 
     usual = np.median([smallest(q) for q in random_poses(model, judge, rng, 40)])
-    q, _ = singular(model, judge, rng)
-    assert smallest(q) < 0.2 * usual
+    q, v = singular(model, judge, rng)
+    assert smallest(q) < 0.2 * usual and not v.any()
     assert judge.nearest(q[None])[0][0] >= POSE_CLEARANCE
 
 
@@ -371,9 +377,9 @@ def test_the_same_seed_gives_the_same_bits(robot, attack):
 
 
 def test_a_case_gives_the_same_figures_alone_and_again():
-    case = Case("jaw", "search", 0.02, steps=180)
+    case = Case("jaw", "search", 0.02, steps=60)
     first, second = run_case(case), run_case(case)
-    assert first.episodes == 2 or first.episodes == 3
+    assert first.episodes == 4
     first.wall = second.wall = 0.0
     assert first == second
 

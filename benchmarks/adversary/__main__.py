@@ -48,6 +48,7 @@ LINES = "cases.jsonl"
 WHOLE = "adversary.json"
 TABLES = "adversary.md"
 FOUND = "found"
+WIDTH = 180  # of the table where it goes into a file
 QUICK_STEPS, EXACT_STEPS, TORQUE_STEPS = 200, 5000, 600
 
 
@@ -240,6 +241,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs it, prints the tables, and returns the exit code."""
     options = parse(argv)
     console = Console()
+    if not console.is_terminal:
+        console = Console(width=WIDTH)
     try:
         if options.replay is not None:
             return int(replay(options.replay, console))

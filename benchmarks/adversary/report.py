@@ -26,12 +26,32 @@ HEADER = (
     "wished / corrected / scaled",
 )
 
+SHORT = (
+    "attack",
+    "robot",
+    "period",
+    "plant",
+    "steps",
+    "bad",
+    "div.",
+    "ref.",
+    "inside",
+    "limit",
+    "path",
+    "fast",
+    "nearest",
+    "excess",
+    "wish/corr./scaled",
+)
+
 
 def rich_table(results: Sequence[Result]) -> Table:
     """A line per case."""
-    table = Table(title="attack by robot by period")
-    for name in HEADER:
-        table.add_column(name, justify="left" if name in HEADER[:2] else "right")
+    table = Table(title="attack by robot by period; distances in mm, excess in rad")
+    for name in SHORT:
+        table.add_column(
+            name, justify="left" if name in SHORT[:2] else "right", no_wrap=True
+        )
     for result in results:
         style = "red" if result.error or result.violated or result.diverged else None
         table.add_row(*_row(result), style=style)
@@ -42,8 +62,22 @@ def _row(r: Result) -> list[str]:
     case = r.case
     head = [case.attack, case.robot, f"{1e3 * case.period:g} ms", case.plant]
     if r.error:
-        return [*head, r.error, *[""] * (len(HEADER) - 5)]
-    return [*head, *_figures([r])]
+        return [*head, *[""] * (len(SHORT) - 5), r.error[:60]]
+    nearest = min(r.clearance, r.path_clearance)
+    return [
+        *head,
+        f"{r.steps}",
+        f"{r.violated}/{r.episodes}",
+        f"{r.diverged}",
+        f"{r.refused}",
+        f"{r.penetrating}",
+        f"{r.beyond_limit}",
+        f"{r.ahead}+{r.blocked}",
+        f"{r.too_fast}",
+        f"{1e3 * nearest:.1f}",
+        f"{r.excess:.2g}",
+        "/".join(map(str, r.admitted)) if any(r.admitted) else "-",
+    ]
 
 
 def _figures(results: Sequence[Result]) -> list[str]:

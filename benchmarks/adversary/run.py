@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import zlib
+from dataclasses import replace
 
 import numpy as np
 
@@ -160,7 +161,7 @@ def _add(result: Result, verdict: Verdict, done: Drive) -> None:
 
 def _explain(case, subject, task_set, lineage, num_steps, done, result) -> None:
     """Whether the exact plant violates under the same targets: then it is the law."""
-    exact = Case(**{**case.__dict__, "plant": "exact"})
+    exact = replace(case, plant="exact")
     episode, ideal = play(exact, subject, task_set, lineage, num_steps)
     verdict = judge_episode(subject, episode, ideal, lineage)
     if verdict.unsafe or ideal.diverged:

@@ -18,7 +18,7 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 from rich.console import Console
@@ -96,6 +96,9 @@ def _results(cases: Sequence[Case], processes: int):
             for future in as_completed([pool.submit(run_case, c) for c in cases]):
                 yield future.result()
         except BaseException:
+            # A case may take minutes, and the pool would wait for those under way.
+            for process in active_children():
+                process.terminate()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

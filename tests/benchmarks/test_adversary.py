@@ -1,7 +1,12 @@
 """The adversary: its judge is right, its attacks are sound, a bad law is caught."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -444,6 +449,27 @@ def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
     told = " ".join(capsys.readouterr().out.split())
     if saved["step"] is not None:
         assert f"at state {saved['step']}" in told
+
+
+def test_a_stopped_command_ends_at_once(tmp_path):
+    """Cases of minutes are under way in two processes when Ctrl-C comes."""
+    command_line = [sys.executable, "-m", "benchmarks.adversary", "--robots", "jaw"]
+    options = ["--steps", "100000", "--processes", "2", "--out", str(tmp_path)]
+    process = subprocess.Popen(
+        [*command_line, *options],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        process_group=0,
+        cwd=Path(__file__).parents[2],
+    )
+    while not (tmp_path / ".cases.jsonl.lock").exists():
+        assert process.poll() is None
+        time.sleep(0.1)
+    time.sleep(5.0)  # the processes are there and at work, or about to be
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130 and "the same command goes on" in told
 
 
 def test_exit_code_without_a_violation(tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ import numpy as np
 
 from crar_drake.equations.capsule_distances import CapsuleSizes, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
-from crar_drake.equations.compilation import compiled
+from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import (
     Robot,
     joint_motion,
@@ -54,6 +54,7 @@ class Reaches(NamedTuple):
     b_alone: np.ndarray  # (Np, nv) and its second
     a: np.ndarray  # (Np, nv) farthest that a's axis can be from the joint's [m/rad, 1]
     b: np.ndarray  # (Np, nv) both 0 where the joint does not move the shape alone
+    farthest: np.ndarray  # (Np, nv) a + b
     above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
     rows: np.ndarray  # (Np,) the row of each pair among those of `State.d`
 
@@ -203,7 +204,7 @@ def place_all(q: np.ndarray, r: Robot) -> tuple[np.ndarray, np.ndarray]:
     in_plant = np.empty((1, len(q)))
     for i in range(len(q)):
         in_plant[0, r.order[i]] = q[i]
-    points = place_points(link_poses(in_plant, r.tree), r.selection, r.first)
+    points = place_points(link_poses(in_plant, r.tree.value), r.selection, r.first)
     return points[0], joint_motion(points[:, : 3 * len(q)])[0]
 
 
@@ -227,7 +228,7 @@ def path_bounds(
     level: np.ndarray,
     asked: np.ndarray,
     r: Robot,
-    reaches: Reaches,
+    reaches: Held,
 ) -> Bounds:
     """(A5): whether pairs keep a level on the whole path from `start` to `start` + x.
 
@@ -240,12 +241,12 @@ def path_bounds(
         level: (Np,) distances to be kept [m].
         asked: (Np,) bool, of which pairs.
         r: with the pairs of shapes in the first half of its `pairs`.
-        reaches: of the pairs.
+        reaches: holds `Reaches` of the pairs.
     """
-    pairs, count = r.pairs, len(level)
+    pairs, of, count = r.pairs.value, reaches.value, len(level)
     low, seen = np.full(count, _FAR), np.full(count, _FAR)
     at = np.full(count, -1.0)
-    curvature = path_curvature(x, reaches)
+    curvature = path_curvature(x, of)
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
         parts, half = len(open_), 0.5 / len(open_)
@@ -260,8 +261,8 @@ def path_bounds(
             p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
             d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
             own = np.ascontiguousarray((S * x).T)
-            a = product(reaches.a_alone[some], own)
-            b = product(reaches.b_alone[some], own)
+            a = product(of.a_alone[some], own)
+            b = product(of.b_alone[some], own)
             bound = shadow_gap(n, p_a, u, a, p_b, v, b, half)
             bound -= pairs.sizes.radii[some] + 0.5 * half * half * curvature[some]
             for k in range(len(some)):
@@ -291,7 +292,7 @@ def path_bounds(
 
 @compiled
 def gradients_at(
-    start: np.ndarray, x: np.ndarray, bounds: Bounds, r: Robot, reaches: Reaches
+    start: np.ndarray, x: np.ndarray, bounds: Bounds, r: Robot, reaches: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eq. (20) of the pairs that are not clear, where they are not: (k,), (k, nv).
 
@@ -303,7 +304,7 @@ def gradients_at(
     Returns:
         The pairs, and their gradients [m/rad or 1].
     """
-    pairs = r.pairs
+    pairs, of = r.pairs.value, reaches.value
     failed = np.flatnonzero(bounds.at >= 0.0)
     g = np.zeros((len(failed), len(start)))
     for k in range(len(failed)):
@@ -316,7 +317,7 @@ def gradients_at(
             points[pairs.vector_b[some]],
             sizes_of(pairs.sizes, some),
         )
-        moves = pairs.moves[reaches.rows[some]]
+        moves = pairs.moves[of.rows[some]]
         found = distance_gradient_about_origin(
             n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves
         )
@@ -325,9 +326,9 @@ def gradients_at(
 
 
 @compiled
-def travel(x: np.ndarray, reaches: Reaches) -> np.ndarray:
+def travel(x: np.ndarray, reaches: Held) -> np.ndarray:
     """(A6): how much joints that move by |x_j| can change the distances, (Np,) [m]."""
-    return times(reaches.a + reaches.b, np.abs(x))
+    return times(reaches.value.farthest, np.abs(x))
 
 
 class AdmissionGains(NamedTuple):
@@ -360,7 +361,7 @@ def examine_present(
     s: np.ndarray,
     d: np.ndarray,
     r: Robot,
-    reaches: Reaches,
+    reaches: Held,
     gains: AdmissionGains,
 ) -> Present:
     """The present braking path, as closely as a step of the velocity s needs it.
@@ -373,7 +374,7 @@ def examine_present(
         gains: of the admission.
     """
     x = gains.T * v
-    ends = d[:, reaches.rows]
+    ends = d[:, reaches.value.rows]
     low = 0.5 * (ends[0] + ends[1] - travel(x, reaches))
     level = np.full(len(low), gains.floor)
     needed = gains.floor + travel(farther(s, gains) * s, reaches)
@@ -417,7 +418,7 @@ def check_step(
     s: np.ndarray,
     present: Present,
     r: Robot,
-    reaches: Reaches,
+    reaches: Held,
     gains: AdmissionGains,
 ) -> Checked:
     """Whether s leads to a state that is clear, on a way that is.
@@ -463,7 +464,7 @@ def scale_step(
     s: np.ndarray,
     present: Present,
     r: Robot,
-    reaches: Reaches,
+    reaches: Held,
     gains: AdmissionGains,
 ) -> tuple[float, float]:
     """The largest share of s, of 2^-6 multiples, that bisection finds to be clear.

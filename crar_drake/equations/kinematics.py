@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
+from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, stack_rows
@@ -227,27 +227,31 @@ class Measured(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """What the equations need to know of a robot and its tasks."""
+    """What the equations need to know of a robot and its tasks.
+
+    Its parts are held: handing them on is quick to compile, and to do.
+    """
 
     order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
     n: int  # number of controlled joints
-    tree: Tree
     selection: np.ndarray  # (P, 4 N) of `place_points`: the joints' axes, as in
     # `joint_motion`; the tasks' points; the axes of the tasks with an orientation;
     # and those of the watched shapes
     first: np.ndarray  # (P,) likewise
-    tasks: TaskPoints
-    rows: TaskRows
-    pairs: ShapePairs  # in as many configurations as `Measured` has
+    tree: Held  # of a `Tree`
+    tasks: Held  # of `TaskPoints`
+    rows: Held  # of `TaskRows`
+    pairs: Held  # of `ShapePairs`, in as many configurations as `Measured` has
 
 
 @compiled
 def find_state(measured: Measured, r: Robot) -> State:
     """Eqs. (5), (6), (20): the numbers of a state."""
-    tasks, rows, nv = r.tasks, r.rows, len(r.order)
-    points = place_points(link_poses(measured.q, r.tree), r.selection, r.first)
+    tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
+    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
     S = joint_motion(points[:, : 3 * nv])
-    d, normal, p_WA = nearest_of_pairs(points, measured.asked, r.pairs)
+    pairs = r.pairs.value
+    d, normal, p_WA = nearest_of_pairs(points, measured.asked, pairs)
     T, Na = len(tasks.carries), len(rows.angular_tasks)
     first = 3 * nv
     p = points[0, first : first + T]
@@ -262,15 +266,15 @@ def find_state(measured: Measured, r: Robot) -> State:
         task_jacobian(p, S[0], tasks),
         task_bias(p, S[0], v, tasks, rows),
         d.reshape(len(S), -1),
-        distance_gradient_about_origin(normal, p_WA, S, r.pairs.moves),
+        distance_gradient_about_origin(normal, p_WA, S, pairs.moves),
     )
 
 
 @compiled
 def row_distances(measured: Measured, r: Robot) -> np.ndarray:
     """The signed distances of a state alone, (K, Nr) [m]."""
-    points = place_points(link_poses(measured.q, r.tree), r.selection, r.first)
-    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs)
+    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
     return d.reshape(len(points), -1)
 
 

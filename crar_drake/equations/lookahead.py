@@ -28,7 +28,6 @@ from crar_drake.equations.admission import (
     AdmissionGains,
     Checked,
     Present,
-    Reaches,
     check_step,
     examine_present,
     gradients_at,
@@ -341,10 +340,10 @@ class LookaheadNumbers(NamedTuple):
     """What the mode is made with."""
 
     tasks: TaskGains
-    limits: Limits
+    limits: Held  # of `Limits`
     gains: LookaheadGains
     admission: AdmissionGains
-    reaches: Reaches
+    reaches: Held  # of `Reaches`
     members: np.ndarray  # (Nc, most) the rows of each watched pair; the first fills up
 
 
@@ -500,7 +499,7 @@ def correction(
     n: int,
     present: Present,
     r: Robot,
-    reaches: Reaches,
+    reaches: Held,
     gains: LookaheadGains,
     admission: AdmissionGains,
 ) -> Constraints:
@@ -570,7 +569,8 @@ def admit(
         next braking path [m], and 1 if the present one was clear, else 0.
     """
     n = len(s_0)
-    limits, reaches, admission = numbers.limits, numbers.reaches, numbers.admission
+    limits, reaches = numbers.limits.value, numbers.reaches
+    admission = numbers.admission
     lowest, highest = velocity_bounds(
         q[:n],
         v[:n],
@@ -643,10 +643,10 @@ def lookahead_step(
         (4,) of `admit`.
     """
     r, numbers = robot.value, mode.value
-    limits, gains = numbers.limits, numbers.gains
+    limits, gains = numbers.limits.value, numbers.gains
     n, T = r.n, gains.T
     state = find_state(measured, r)
-    references = find_references(state, wanted, r.rows, numbers.tasks)
+    references = find_references(state, wanted, r.rows.value, numbers.tasks)
     v, qdot = state.v, state.v[:n]
     slip = slip_velocity(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share

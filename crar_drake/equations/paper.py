@@ -184,7 +184,7 @@ def paper_step(
     """One control step of the paper's law; see the functions above.
 
     Args:
-        drake: its numbers of the state.
+        measured: the state.
         wanted: the targets.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         robot: holds a `Robot`.
@@ -194,7 +194,7 @@ def paper_step(
     r, numbers = robot.value, mode.value
     n, gains = r.n, numbers.gains
     state = find_state(measured, r)
-    references = find_references(state, wanted, r.rows, numbers.tasks)
+    references = find_references(state, wanted, r.rows.value, numbers.tasks)
     if numbers.constrained:
         weights = constraint_weights(
             state.q[:n],

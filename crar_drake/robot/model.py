@@ -622,6 +622,7 @@ class ControlModel:
 
         fixed, by_point = task_wrenches(self.layout)
         carries = moved(tasks)
+        tree, rows = hold(joints.tree), hold(self.layout.rows)
         task_points = TaskPoints(
             fixed=fixed,
             by_point=by_point,
@@ -629,6 +630,7 @@ class ControlModel:
             carries=carries,
             above=joints.moved_by[frames][:, order].astype(float),
         )
+        task_points = hold(task_points)
         carried = moved(pairs.bodies)
         moves = carried[pairs.body_a] - carried[pairs.body_b]
         self.pair_moves = np.ascontiguousarray(moves)
@@ -641,13 +643,15 @@ class ControlModel:
                 Robot(
                     order,
                     self.n,
-                    joints.tree,
                     selection,
                     first,
+                    tree,
                     task_points,
-                    self.layout.rows,
-                    pairs.for_equations(
-                        K, len(placed), first_axis, self.pair_moves, by_shape
+                    rows,
+                    hold(
+                        pairs.for_equations(
+                            K, len(placed), first_axis, self.pair_moves, by_shape
+                        )
                     ),
                 )
             )

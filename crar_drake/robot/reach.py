@@ -84,6 +84,7 @@ def find_reaches(
         b_alone.astype(float),
         reach_a,
         reach_b,
+        reach_a + reach_b,
         np.ascontiguousarray(above),
         pairs.closed_rows,
     )

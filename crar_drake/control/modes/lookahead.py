@@ -143,7 +143,12 @@ class LookaheadMode(Mode):
         )
         self._numbers = hold(
             LookaheadNumbers(
-                gains, limits, numbers, admission, reaches, model.pairs.shape_pairs
+                gains,
+                hold(limits),
+                numbers,
+                admission,
+                hold(reaches),
+                model.pairs.shape_pairs,
             )
         )
 

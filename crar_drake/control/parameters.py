@@ -126,7 +126,34 @@ class CrarParameters:
             )
         self._check_torque_period()
         self.lookahead.validate()
+        self._check_gains()
         MODES[self.constraints].check(self)
+
+    def _check_gains(self) -> None:
+        """Raises ScenarioError where the feedback diverges in discrete time.
+
+        A task's error obeys x'' = -P x - D x', with D = Kv + Gv and P = Kp + Gv K
+        (Eqs. 14, 30 at the acceleration level). The acceleration is held for a period
+        h, by a plant whose steps d are at most that long; then the two eigenvalues of
+        (x, h x') are inside the unit circle (Jury's criterion) if and only if
+
+            D h + P h d / 2 < 2    and    D > P (h - d) / 2.
+
+        The worst of d between 0 and h counts.
+        """
+        if self.level == "velocity":
+            return
+        h = self.period
+        D = self.velocity_gain + self.Gv
+        P = self.Kp + self.Gv * self.K
+        if D * h + 0.5 * P * h * h < 2.0 and D > 0.5 * P * h:
+            return
+        longest = min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
+        raise ScenarioError(
+            f"controller: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
+            f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of {h:g} "
+            f"s; lower the gains, or choose a period below {longest:.2g} s"
+        )
 
     def _check_torque_period(self) -> None:
         if self.torque_period is None:

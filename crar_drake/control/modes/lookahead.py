@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 LOST_TARGET = ("brake", "error")
 
+# A pair's weight is then up to 1e12, and a double has 16 digits.
+LARGEST_RHO = 1.0
+
 
 @dataclass
 class LookaheadParameters:
@@ -73,6 +76,16 @@ class LookaheadParameters:
         """Raises ScenarioError, naming the field and what it may be."""
         check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
         check_numbers("controller.lookahead", self, may_be_zero=set())
+        if self.rho > LARGEST_RHO:
+            raise ScenarioError(
+                f"controller.lookahead.rho: {self.rho:g} must be at most "
+                f"{LARGEST_RHO:g}: larger weights drown all else in rounding"
+            )
+        if self.admission_slack >= self.distance_margin:
+            raise ScenarioError(
+                f"controller.lookahead.admission_slack: {self.admission_slack} must be "
+                f"less than distance_margin, {self.distance_margin}"
+            )
         if self.influence_distance <= self.distance_margin:
             raise ScenarioError(
                 f"controller.lookahead.influence_distance: {self.influence_distance} "
@@ -159,6 +172,12 @@ class LookaheadMode(Mode):
             raise ScenarioError(
                 "controller.level: the lookahead constraints choose accelerations; "
                 "use level acceleration, or constraints paper"
+            )
+        T = parameters.braking_horizon
+        if parameters.period > T:
+            raise ScenarioError(
+                f"controller.period: {parameters.period:g} s must be at most the "
+                f"braking horizon, {T:g} s (controller.lookahead.horizon)"
             )
         if parameters.metric != "identity":
             raise ScenarioError(

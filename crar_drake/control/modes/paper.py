@@ -57,13 +57,17 @@ class PaperMode(Mode):
         before: Before | None,
     ) -> Resolved:
         model = self._model
+        kept = self._first if before is None else before.kept
+        if before is not None and not before.follows:
+            # Eq. (10) is a difference over one period: here there is none.
+            kept = kept._replace(qdot_c=self._first.qdot_c)
         answer, kept = paper_step(
             measured,
             wanted,
             model.inertia_matrix(workspace) if self._with_inertia else _NO_MATRIX,
             model.robot_by_pair,
             self._numbers,
-            self._first if before is None else before.kept,
+            kept,
         )
         return Resolved(answer, kept)
 

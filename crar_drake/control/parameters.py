@@ -266,8 +266,5 @@ class CrarParameters:
     @property
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
-        return (
-            1.0 / self.Gv
-            if self.lookahead.horizon is None
-            else (self.lookahead.horizon)
-        )
+        horizon = self.lookahead.horizon
+        return 1.5 / self.Gv if horizon is None else horizon

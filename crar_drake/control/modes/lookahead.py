@@ -41,7 +41,7 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; by default 1 / Gv.
+        horizon: T, over which the robot could brake [s]; by default 1.5 / Gv.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.

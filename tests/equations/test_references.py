@@ -87,7 +87,10 @@ VARIANTS = [*itertools.product((False, True), repeat=3)]
 
 @pytest.mark.parametrize("blending, weighted, posture", VARIANTS)
 def test_references_are_put_together_row_by_row(blending, weighted, posture):
-    """A pose and a position; four controlled joints and two prescribed ones."""
+    """A pose and a position; four controlled joints and two prescribed ones.
+
+    Once blending is over, nothing is asked of where it began: here NaN.
+    """
     rng = np.random.default_rng(11)
     layout = TaskLayout(("hand", "elbow"), ("pose", "position"))
     m, n, n_p = layout.m, 4, 2
@@ -105,8 +108,8 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
     # The references need nothing else of a state.
     state = State(**({name: np.full((1, 1), np.nan) for name in State._fields} | seen))
     q_p, v_p, a_p, q_p_start = rng.normal(size=(4, n_p))
-    nominal = rng.normal(size=n)
-    s, s_dot, s_ddot = step = (0.4, 1.2, -3.0) if blending else (1.0, 0.0, 0.0)
+    nominal, start = rng.normal(size=n), (R_start[None], p_start, q_p_start)
+    s, s_dot, s_ddot = step = (0.4, 1.2, 3.0) if blending else (1.0, 0.0, 0.0)
     K, Kp, Kv, stiffness = 11.0, 130.0, 17.0, 4.0
     found = find_references(
         state,
@@ -114,7 +117,7 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
             layout.pack(R_d[None], p_d, v_d, a_d),
             np.concatenate([q_p, v_p, a_p]),
             nominal if posture else np.zeros(0),
-            BlendStart(R_start[None], p_start, q_p_start),
+            BlendStart(*(x if blending else np.nan * x for x in start)),
             step,
         ),
         layout.rows,

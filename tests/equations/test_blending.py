@@ -215,12 +215,13 @@ def turning_series(phi: np.ndarray, phi_dot: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("angle", [0.0, 1e-3, 0.00999, 0.01001, 0.3, 2.0, 3.1, 4.5])
 def test_left_jacobian_and_its_inverse_are_those_of_the_series(angle):
     rng = np.random.default_rng(8)
+    atol = 2e-15 if angle < 0.02 else 2e-14
     for _ in range(5):
         phi, x = angle * axis_of(rng), axis_of(rng)
         turned = turning_series(phi, x)
-        np.testing.assert_allclose(_left_jacobian(phi, x), turned, rtol=0, atol=2e-14)
+        np.testing.assert_allclose(_left_jacobian(phi, x), turned, rtol=0, atol=atol)
         back = _inverse_left_jacobian(phi, turned)
-        np.testing.assert_allclose(back, x, rtol=0, atol=2e-14)
+        np.testing.assert_allclose(back, x, rtol=0, atol=atol)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-3, 0.00999, 0.01001, 0.3, 2.0, 3.1])

@@ -58,6 +58,11 @@ def test_unlimited_actuators_do_not_count():
     assert scale([1e6], [0], [0], [np.inf]).theta == 1.0
 
 
+def test_an_idle_actuator_with_a_limit_of_zero_does_not_count():
+    found = scale([0.0, 3.0], [0.0, -1.0], [0.0, 0.0], [0.0, 5.0], 0.5)
+    assert found.theta == 1.0 and found.excess == 0.0
+
+
 def test_not_even_braking_is_within_the_limits():
     found = scale([20.0], [8.0], [8.0], [5.0])
     assert found.theta == 0.0 and found.excess == pytest.approx(0.6)

@@ -175,6 +175,36 @@ def test_parallel_capsules_meet_in_the_middle_of_their_overlap():
     np.testing.assert_allclose(p_b, [3, 0, 0])
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "start, end, at_a, at_b",
+    [
+        (1.0, 2.0, 1.5, 1.5),  # within
+        (-3.0, 9.0, 2.0, 2.0),  # all along
+        (-3.0, 1.0, 0.5, 0.5),  # over one end
+        (3.0, 9.0, 3.5, 3.5),  # over the other
+        (-5.0, -1.0, 0.0, -1.0),  # before
+        (6.0, 9.0, 4.0, 6.0),  # after
+    ],
+)
+def test_where_parallel_capsules_meet_by_hand(start, end, at_a, at_b, sign):
+    """a from 0 to 4, b from `start` to `end` or back, a metre beside it."""
+    b = [[start, 0, 0], [end, 0, 0]][:: int(sign)]
+    d, _, p_a, p_b = one([0, 1, 0], [4, 1, 0], 0.1, *b, 0.1)
+    np.testing.assert_allclose(p_a, [at_a, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(p_b, [at_b, 0, 0], atol=1e-15)
+    assert d == pytest.approx(np.hypot(1.0, at_a - at_b) - 0.2)
+
+
+def test_long_axes_that_cross_at_a_tiny_angle():
+    """The plain formula for the nearest points has no digits left here."""
+    for angle in (5e-8, 2e-7, 1e-6):
+        v = np.array([np.cos(angle), np.sin(angle), 0.0])
+        d, _, p_a, p_b = one([-3, 0, 0], [7, 0, 0], 0.1, -6 * v, 4 * v, 0.1)
+        assert d == pytest.approx(-0.2, abs=1e-12)
+        np.testing.assert_allclose([p_a, p_b], 0.0, atol=1e-6)
+
+
 def test_parallel_capsules_at_exact_touch():
     """FCL answers -1 with a zero normal here."""
     d, n, *_ = one([0, 0, 0.5], [1, 0, 0.5], 0.25, [0, 0, 0], [1, 0, 0], 0.25)
@@ -192,6 +222,33 @@ def test_crossing_axes_have_a_normal_perpendicular_to_both():
     d, n, *_ = one([-1, 0, 0], [1, 0, 0], 0.1, [0, -1, 0], [0, 1, 0], 0.2)
     assert d == pytest.approx(-0.3)
     np.testing.assert_allclose(np.abs(n), [0, 0, 1])
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-2, 1e2])
+@pytest.mark.parametrize(
+    "u, v",
+    [
+        ([1, 0, 0], [0, 0, 1]),  # crossing
+        ([0, 1, 0], [0, 0, 1]),
+        ([0.6, 0.8, 0], [0, 0, 0]),  # a sphere on an axis
+        ([0, 0, 0], [0.6, 0, -0.8]),
+        ([-1, 0, 0], [0, 0, 0]),
+        ([0, 0, -1], [0, 0, 0]),
+        ([0.48, 0.64, 0.6], [0.48, 0.64, 0.6]),  # collinear
+        ([-1, 0, 0], [1, 0, 0]),
+        ([0, 0, 0], [0, 0, 0]),  # concentric spheres
+    ],
+)
+def test_normals_where_axes_meet_are_perpendicular_to_what_has_a_direction(
+    u, v, length
+):
+    half_a, half_b = 0.5 * length * np.array(u), 0.5 * np.array(v)
+    d, n, p_a, p_b = one(-half_a, half_a, 0.1, -half_b, half_b, 0.2)
+    assert d == pytest.approx(-0.3)
+    np.testing.assert_allclose([p_a, p_b], 0.0, atol=1e-15)
+    assert n @ n == pytest.approx(1.0)
+    assert n @ u == pytest.approx(0.0, abs=1e-15)
+    assert n @ v == pytest.approx(0.0, abs=1e-15)
 
 
 def test_no_pairs():

@@ -73,7 +73,9 @@ ONE_SIDED_RANGE = 2.0 * np.pi
 LONGEST_MOVE = 0.15
 
 # The one-sided problems are solved exactly, usually in two or three passes.
-_PASSES = 50
+_PASSES = 100
+# A way as short as this, relative to where it leads, is rounding.
+_NO_WAY = 1e-13
 
 # A step is corrected so often before it is scaled.
 _CORRECTIONS = 4
@@ -355,8 +357,9 @@ def one_sided_minimum(
 
     Convex with a continuous gradient, so there is one minimum, and it is continuous in
     all that is given. Newton's method: each pass solves for the rows that are violated
-    where the last one led, and ends where these are the same, which is exact. A pass
-    that would lead upwards is shortened.
+    where the last one led, and ends where these are the same, which is exact. Until
+    then it goes as far towards its solution as it leads downwards, by which it always
+    comes to an end.
 
     Args:
         M: (n, n) symmetric positive definite.
@@ -371,7 +374,6 @@ def one_sided_minimum(
     passes = 0
     if not active.any():
         return x, active, passes
-    value = _one_sided_value(M, right, rows, wish, x)
     while passes < _PASSES:
         passes += 1
         A = np.flatnonzero(active)
@@ -382,23 +384,39 @@ def one_sided_minimum(
         violated = times(rows, y) < wish
         if (violated == active).all():
             return y, active, passes
-        step, reached = 1.0, _one_sided_value(M, right, rows, wish, y)
-        while reached > value and step > 1e-6:
-            step *= 0.5
-            reached = _one_sided_value(M, right, rows, wish, x + step * (y - x))
-        if step < 1.0:
-            y = x + step * (y - x)
-            violated = times(rows, y) < wish
-        if not reached < value:  # rounding is all that is left to gain, or NaN
-            return y, active, passes
-        x, value, active = y, reached, violated
+        way = y - x
+        if not np.abs(way).max() > _NO_WAY * np.abs(y).max():
+            return y, active, passes  # rows that just hold, to rounding, or NaN
+        x = x + _lowest_on_way(M, right, rows, wish, x, way) * way
+        active = times(rows, x) < wish
     return x, active, passes
 
 
 @compiled
-def _one_sided_value(M, right, rows, wish, x):
-    missing = np.maximum(wish - times(rows, x), 0.0)
-    return (x * (times(M, x) - 2.0 * right)).sum() + (missing * missing).sum()
+def _lowest_on_way(M, right, rows, wish, x, way):
+    """The share of the way to where the function of `one_sided_minimum` is lowest.
+
+    Half its derivative by the share is continuous, grows, and is linear between the
+    shares at which a row's violation begins or ends.
+    """
+    gap, rate = wish - times(rows, x), times(rows, way)
+    active = gap > 0.0
+    force = np.where(active, rate * gap, 0.0)
+    slope = (way * (times(M, x) - right)).sum() - force.sum()
+    curvature = (way * times(M, way)).sum()
+    curvature += np.where(active, rate * rate, 0.0).sum()
+    at = np.full(len(rate), np.inf)
+    for j in range(len(rate)):
+        if active[j] == (rate[j] > 0.0) and rate[j] != 0.0:
+            at[j] = max(gap[j] / rate[j], 0.0)
+    share = 0.0
+    for j in np.argsort(at):
+        next_slope = slope + (at[j] - share) * curvature
+        if not next_slope < 0.0:
+            break
+        slope, share = next_slope, at[j]
+        curvature += -rate[j] * rate[j] if active[j] else rate[j] * rate[j]
+    return share - slope / curvature
 
 
 @compiled

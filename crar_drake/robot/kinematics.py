@@ -59,7 +59,7 @@ class JointTree:
                     f"joint {joints[0].name()!r} is on a body that hangs on nothing"
                 )
             for joint in ready:
-                self._add(joint)
+                self._add(joint, plant)
             joints = [joint for joint in joints if joint not in ready]
         self.turns, self.slides = (
             np.array(
@@ -89,13 +89,13 @@ class JointTree:
             row[4 * frame : 4 * frame + 4] = coordinates
         return selection
 
-    def _add(self, joint: Joint) -> None:
+    def _add(self, joint: Joint, plant: MultibodyPlant) -> None:
         """The frames of a joint, and where its child then is."""
         parent = int(joint.parent_body().index())
         frame, X = self._at[parent]
         X = X.multiply(joint.frame_on_parent().GetFixedPoseInBodyFrame())
         start = joint.velocity_start()
-        for i, (turn, slide) in enumerate(_motions(joint)):
+        for i, (turn, slide) in enumerate(_motions(joint, plant)):
             self._parents.append(frame)
             self._positions.append(start + i)
             self._poses.append(X)
@@ -135,7 +135,21 @@ class JointTree:
         )
 
 
-def _motions(joint: Joint) -> list[tuple[np.ndarray, np.ndarray]]:
+def _screw_axis(joint: ScrewJoint, plant: MultibodyPlant) -> np.ndarray:
+    """The axis that it was made with, which Drake's Python has no name for."""
+    context = plant.CreateDefaultContext()
+    q = plant.GetPositions(context)
+    q[joint.position_start()] = 1.0
+    plant.SetPositions(context, q)
+    X_FM = plant.CalcRelativeTransform(
+        context, joint.frame_on_parent(), joint.frame_on_child()
+    )
+    return X_FM.rotation().ToAngleAxis().axis()
+
+
+def _motions(
+    joint: Joint, plant: MultibodyPlant
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """The turn and the slide of each of a joint's velocities, one after the other.
 
     Raises:
@@ -146,7 +160,7 @@ def _motions(joint: Joint) -> list[tuple[np.ndarray, np.ndarray]]:
     if isinstance(joint, PrismaticJoint):
         return [(_NONE, joint.translation_axis())]
     if isinstance(joint, ScrewJoint):
-        axis = joint.screw_axis()
+        axis = _screw_axis(joint, plant)
         return [(axis, axis * joint.screw_pitch() / (2.0 * math.pi))]
     if isinstance(joint, UniversalJoint):
         return [(_X, _NONE), (_Y, _NONE)]

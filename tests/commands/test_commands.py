@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
@@ -368,7 +369,7 @@ def test_judging_a_certificate_that_is_true(lookahead_log, empty_folder, capsys)
 def test_judging_a_certificate_that_claims_too_much(
     lookahead_log, empty_folder, capsys
 ):
-    """Even if the first step only does, and says so at a distance of all others."""
+    """Though one step alone does, and nothing is near there."""
     admission = lookahead_log.admission.copy()
     admission[50:55, 2] = 5.0
     code, told = judged(replace(lookahead_log, admission=admission), capsys)
@@ -380,8 +381,8 @@ def test_judging_a_certificate_that_claims_too_much(
 def test_judging_what_a_certificate_says_of_another_motion(
     lookahead_log, empty_folder, capsys
 ):
-    """Ten times as fast, braking paths lead anywhere, though no state is touched."""
-    fast = replace(lookahead_log, v=60.0 * lookahead_log.v)
+    """Much faster, braking paths lead anywhere, though no position is touched."""
+    fast = replace(lookahead_log, v=2e4 * lookahead_log.v)
     code, told = judged(fast, capsys)
     assert code == 1 and "NOT TRUE" in told
     assert "said to be clear, but not: worst -" in told

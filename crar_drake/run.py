@@ -39,6 +39,7 @@ _LOGGED = (
     "constraint_weights",
     "status",
     "resting_margins",
+    "admission",
     "torque_limit",
 )
 

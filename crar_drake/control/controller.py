@@ -56,6 +56,7 @@ class CrarController(LeafSystem):
                               │                ├──► position_command
                               │                ├──► status
                               │                ├──► resting_margins
+                              │                ├──► admission
                               │                ├──► torque_limit
                               └────────────────┴──► diagnostics
 
@@ -84,10 +85,15 @@ class CrarController(LeafSystem):
         resting_margins: (2,) where the robot would come to rest, the smallest
             distance [m] and the smallest margin to a joint limit [rad]; NaN unless
             constraints are "lookahead".
+        admission: (4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled
+            towards braking), the share of the wish, a bound from below for all
+            distances on the braking path one period on [m], and whether the present
+            one is clear (1) or not (0), see `docs/lookahead.md`; NaN unless
+            constraints are "lookahead", and while it brakes without targets.
         torque_limit: (2,) share of the wish that the effort limits allowed, and the
             excess before clipping of the present torque tick, see `Solution`.
         diagnostics: all of the above one after the other, for loggers: one port is
-            cheaper than eight. `diagnostics_slices` tells what is where.
+            cheaper than nine. `diagnostics_slices` tells what is where.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -262,6 +268,10 @@ class CrarController(LeafSystem):
     def get_output_port_resting_margins(self) -> OutputPort:
         """Port (2,): smallest distance [m] and limit margin [rad] at rest."""
         return self._outputs["resting_margins"]
+
+    def get_output_port_admission(self) -> OutputPort:
+        """Port (4,): how the step was admitted, share, clearance [m], clear or not."""
+        return self._outputs["admission"]
 
     def get_output_port_torque_limit(self) -> OutputPort:
         """Port (2,): share of the wish that the effort limits allowed, and the excess

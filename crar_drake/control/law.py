@@ -139,6 +139,14 @@ class Solution:
         "lookahead"."""
         return self.of_mode.get("resting_margins", np.full(2, np.nan))
 
+    @property
+    def admission(self) -> np.ndarray:
+        """(4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled towards
+        braking), the share of the wish, a bound from below for all distances on the
+        next braking path [m], and 1 if the present one is clear, else 0; NaN unless
+        constraints are "lookahead"."""
+        return self.of_mode.get("admission", np.full(4, np.nan))
+
 
 @dataclass(slots=True)
 class ControlStep:

@@ -35,6 +35,11 @@ class SimulationLog:
         status: (T, 1) tracking, blending or braking, see `control_law`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
+        admission: (T, 4) how the control step was admitted (0 as wished, 1 corrected,
+            2 scaled towards braking), the share of the wish, a bound from below for
+            all distances on the next braking path [m], and 1 if the present one is
+            clear, else 0; NaN unless "lookahead", while the robot brakes without
+            targets, and in logs of versions that did not keep it.
         torque_limit: (T, 2) share of the wish that the effort limits allowed, and
             the excess before clipping, see `control_law.Solution`.
         position_names: (nq,) joint of each column of q and v.
@@ -61,6 +66,7 @@ class SimulationLog:
     constraint_weights: np.ndarray
     status: np.ndarray
     resting_margins: np.ndarray
+    admission: np.ndarray
     torque_limit: np.ndarray
     position_names: np.ndarray
     actuator_names: np.ndarray
@@ -72,6 +78,20 @@ class SimulationLog:
     upper: np.ndarray
     velocity_limits: np.ndarray
     scenario: str
+
+    def control_steps(self, period: float) -> np.ndarray:
+        """The samples that are the first of their control step.
+
+        Args:
+            period: of the controller [s].
+
+        Returns:
+            (N,) indices: where the log is finer than the control period, one of
+            several samples; else all.
+        """
+        # Ticks and the log's times may differ by rounding.
+        ticks = np.floor(self.time / period + _ROUNDING)
+        return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1.0) > 0.0)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a compressed NumPy archive with one array per attribute.
@@ -129,6 +149,10 @@ class SimulationLog:
             raise _Unfit("it holds no sample")
 
 
+# Of a control period, that a sample may be beside its tick.
+_ROUNDING = 1e-6
+
+
 class _Unfit(Exception):
     """A file holds no log."""
 
@@ -146,6 +170,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "constraint_weights": ("T", "n"),
     "status": ("T", "1"),
     "resting_margins": ("T", "2"),
+    "admission": ("T", "4"),
     "torque_limit": ("T", "2"),
     "position_names": ("nq",),
     "actuator_names": ("nu",),
@@ -161,6 +186,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
 # What logs of earlier versions do not have, and what stands for it.
 _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
+    "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
 }
 
 

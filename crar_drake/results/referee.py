@@ -196,6 +196,7 @@ class Referee:
             if name not in self._bodies:
                 self._bodies[name] = find_body(plant, name)
                 self._axes[name] = _body_axes(plant, inspector, self._bodies[name])
+        self._set_balls()
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Signed distance of each watched pair: the smallest over its shape pairs.
@@ -221,6 +222,28 @@ class Referee:
                 for a, b in self.pairs
             ]
         )
+
+    def nearest(
+        self, q: np.ndarray, bound: float = math.inf
+    ) -> tuple[float, tuple[str, str] | None]:
+        """The smallest distance of all pairs, if it is below a bound.
+
+        Args:
+            q: (nq,) positions of the plant.
+            bound: what is farther apart than this is of no interest [m].
+
+        Returns:
+            The distance [m] and the pair, exact if the distance is below `bound`; else
+            a distance that is not below it, or infinite and None.
+
+        Raises:
+            ValueError: q has another size, or is not finite.
+        """
+        near = self._distances_below(q, bound)
+        if not near:
+            return math.inf, None
+        column = min(near, key=near.get)
+        return near[column], self.pairs[column]
 
     def limit_excess(self, q: np.ndarray) -> np.ndarray:
         """By how much each position is outside its limits.
@@ -356,6 +379,31 @@ class Referee:
             found["largest_speed_excess_index"] = index
         return found
 
+    def _set_balls(self) -> None:
+        """The balls about all shapes, for `_distances_below`."""
+        names = list(self._bodies)
+        of_body = {name: [] for name in names}
+        self._shapes: list[tuple[str, int]] = []
+        for name in names:
+            for i in range(len(self._axes[name])):
+                of_body[name].append(len(self._shapes))
+                self._shapes.append((name, i))
+        axes = [self._axes[name][i] for name, i in self._shapes]
+        self._centres_B = {
+            name: np.array([(a.p_B0 + a.p_B1) / 2.0 for a in self._axes[name]])
+            for name in names
+        }
+        balls = np.array([math.dist(a.p_B0, a.p_B1) / 2.0 + a.radius for a in axes])
+        together = [
+            (column, i, j)
+            for column, (a, b) in enumerate(self.pairs)
+            for i in of_body[a]
+            for j in of_body[b]
+        ]
+        self._together = np.array(together, dtype=int).reshape(-1, 3)
+        _, i, j = self._together.T
+        self._balls = balls[i] + balls[j] if together else np.zeros(0)
+
     def _distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
         """Distances of the pairs that may be nearer than `bound`, by pair number.
 
@@ -363,21 +411,28 @@ class Referee:
         is never more than the shapes'.
         """
         self._plant.SetPositions(self._context, self._checked(q))
-        axes_W = {name: self._axes_in_world(name) for name in self._bodies}
-        balls = {
-            name: [
-                ((p0 + p1) / 2.0, math.dist(p0, p1) / 2.0 + radius)
-                for p0, p1, radius in axes
-            ]
-            for name, axes in axes_W.items()
-        }
+        if not len(self._together):
+            return {}
+        columns, i, j = self._together.T
+        centres = []
+        for name, body in self._bodies.items():
+            X_WB = self._plant.EvalBodyPoseInWorld(self._context, body).GetAsMatrix34()
+            centres.append(self._centres_B[name] @ X_WB[:, :3].T + X_WB[:, 3])
+        apart = np.concatenate(centres)
+        apart = np.sqrt(np.square(apart[i] - apart[j]).sum(axis=1)) - self._balls
+        axes_W: dict[str, list] = {}
         near: dict[int, float] = {}
-        for column, (a, b) in enumerate(self.pairs):
-            for axis_a, (centre_a, ball_a) in zip(axes_W[a], balls[a], strict=True):
-                for axis_b, (centre_b, ball_b) in zip(axes_W[b], balls[b], strict=True):
-                    if math.dist(centre_a, centre_b) - ball_a - ball_b < bound:
-                        d = capsule_distance(*axis_a, *axis_b)[0]
-                        near[column] = min(d, near.get(column, math.inf))
+        # A hair of tolerance, for the rounding of the balls.
+        for row in np.flatnonzero(apart < bound + 1e-9):
+            axes = []
+            for shape in (i[row], j[row]):
+                name, k = self._shapes[shape]
+                if name not in axes_W:
+                    axes_W[name] = self._axes_in_world(name)
+                axes.append(axes_W[name][k])
+            d = capsule_distance(*axes[0], *axes[1])[0]
+            column = int(columns[row])
+            near[column] = min(d, near.get(column, math.inf))
         return near
 
     def _checked(self, q: np.ndarray) -> np.ndarray:

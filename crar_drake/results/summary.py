@@ -14,6 +14,7 @@ from rich.table import Table
 
 import crar_drake
 from crar_drake.control.law import STATUS_BRAKING
+from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport, rate_text
@@ -95,6 +96,15 @@ class Summary:
         resting_distance: smallest distance where the robot would have come to rest
             [m]; None unless constraints are "lookahead".
         resting_margin: smallest margin to a joint limit there [rad]; likewise.
+        admitted_steps: control steps in the log that tell how they were admitted; 0
+            unless constraints are "lookahead", and in logs of earlier versions.
+        corrected_steps: those among them that more constraints had to correct.
+        scaled_steps: those that were scaled towards braking.
+        unclear_steps: those that began with a braking path that was not known to be
+            clear: the invariant did not hold.
+        path_clearance: no distance on a braking path was smaller, as the controller
+            says, or saw where the path was not clear [m]; None without such steps.
+        longest_held_back: time spent in corrected or scaled steps in a row [s].
         torque_limited_samples: samples where the effort limits allowed less than what
             was wished for; 0 unless they are respected.
         torque_clipped_samples: those among them where not even braking was within
@@ -146,6 +156,12 @@ class Summary:
     rms_acceleration: float  # [rad/s^2]
     resting_distance: float | None  # [m]
     resting_margin: float | None  # [rad]
+    admitted_steps: int
+    corrected_steps: int
+    scaled_steps: int
+    unclear_steps: int
+    path_clearance: float | None  # [m]
+    longest_held_back: float  # [s]
     torque_limited_samples: int
     torque_clipped_samples: int
     braking_samples: int
@@ -324,6 +340,7 @@ def summarize(
         rms_acceleration=float(np.sqrt(np.mean(joints.acceleration**2))),
         resting_distance=_smallest(log.resting_margins[:, 0]),
         resting_margin=_smallest(log.resting_margins[:, 1]),
+        **_admission(log, scenario.controller.period),
         torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
         torque_clipped_samples=int(np.count_nonzero(log.torque_limit[:, 1] > 0.0)),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
@@ -403,6 +420,14 @@ def summary_table(summary: Summary) -> Table:
             f"{summary.largest_speed_excess:.3g} rad/s",
             style="bold red",
         )
+    if summary.admitted_steps:
+        clearance = summary.path_clearance
+        table.add_row(
+            "braking path",
+            "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm",
+            _admitted(summary),
+            style="bold red" if summary.unclear_steps else "",
+        )
     table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
     table.add_row(
         "peak torque",
@@ -436,6 +461,52 @@ def _smallest(values: np.ndarray) -> float | None:
     """The smallest of the finite values, None if there is none."""
     finite = values[np.isfinite(values)]
     return float(finite.min()) if finite.size else None
+
+
+def _admission(log: SimulationLog, period: float) -> dict[str, int | float | None]:
+    """What the summary says of how steps were admitted."""
+    steps = log.control_steps(period)
+    time, (how, _, clearance, clear) = log.time[steps], log.admission[steps].T
+    told = np.isfinite(how)
+    held_back = told & (how != AS_WISHED)
+    longest, since = 0.0, None
+    # A step lasts until the next; the last one is taken for as long as a period.
+    ends = np.append(time[1:], time[-1] + period)
+    for start, end, held in zip(time, ends, held_back, strict=True):
+        since = (start if since is None else since) if held else None
+        if since is not None:
+            longest = max(longest, float(end - since))
+    return dict(
+        admitted_steps=int(np.count_nonzero(told)),
+        corrected_steps=int(np.count_nonzero(how == CORRECTED)),
+        scaled_steps=int(np.count_nonzero(how == SCALED)),
+        unclear_steps=int(np.count_nonzero(clear == 0.0)),
+        path_clearance=_smallest(clearance),
+        longest_held_back=longest,
+    )
+
+
+def _admitted(summary: Summary) -> str:
+    """Whether braking paths were clear, and how steps were admitted, in words."""
+
+    def share(count: int) -> str:
+        percent = 100.0 * count / summary.admitted_steps
+        # Few are not none.
+        text = "< 0.1 %" if percent < 0.05 else f"{percent:.1f} %"
+        return text if count else "none"
+
+    corrected, scaled = summary.corrected_steps, summary.scaled_steps
+    unclear = summary.unclear_steps
+    clear = "at least, clear at every step"
+    if unclear:
+        clear = f"not clear at {unclear} step{'s' if unclear > 1 else ''}"
+    if not corrected + scaled:
+        return f"{clear}; all steps as wished"
+    of_steps = " of the steps" if corrected else ""
+    return (
+        f"{clear}; {share(corrected)}{of_steps} corrected, {share(scaled)} scaled, for "
+        f"up to {summary.longest_held_back:.3g} s in a row"
+    )
 
 
 def _errors_per_task(log: SimulationLog, layout: TaskLayout) -> dict[str, TaskErrors]:

@@ -25,6 +25,7 @@ from crar_drake.studies.fresh_processes import FreshProcesses
 
 if TYPE_CHECKING:
     from crar_drake.results.referee import Violations
+    from crar_drake.results.summary import Summary
     from crar_drake.run import RunResult
 
 
@@ -70,6 +71,11 @@ class Result:
         rms_acceleration: commanded, controlled joints [rad/s^2].
         resting_distance, resting_margin: smallest of the certificate [m], [rad];
             NaN unless constraints are "lookahead".
+        corrected, scaled: shares of the control steps that the admission corrected, or
+            scaled towards braking; NaN likewise.
+        unclear: control steps that began with a braking path not known to be clear.
+        path_clearance: smallest bound for distances on braking paths [m]; NaN likewise.
+        longest_held_back: in corrected or scaled steps in a row [s]; NaN likewise.
         wall_time: of the simulation [s].
         error: why the case could not be run.
     """
@@ -94,6 +100,11 @@ class Result:
     rms_acceleration: float = float("nan")
     resting_distance: float = float("nan")
     resting_margin: float = float("nan")
+    corrected: float = float("nan")
+    scaled: float = float("nan")
+    unclear: int = 0
+    path_clearance: float = float("nan")
+    longest_held_back: float = float("nan")
     wall_time: float = float("nan")
     error: str = ""
 
@@ -208,9 +219,23 @@ def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
         rms_acceleration=summary.rms_acceleration,
         resting_distance=_number(summary.resting_distance),
         resting_margin=_number(summary.resting_margin),
+        **_admission(summary),
         wall_time=_number(summary.wall_time),
     )
     return result, verdict
+
+
+def _admission(summary: Summary) -> dict[str, float]:
+    """The fields of a result that tell how its steps were admitted."""
+    if not (steps := summary.admitted_steps):
+        return {}
+    return dict(
+        corrected=summary.corrected_steps / steps,
+        scaled=summary.scaled_steps / steps,
+        unclear=summary.unclear_steps,
+        path_clearance=_number(summary.path_clearance),
+        longest_held_back=summary.longest_held_back,
+    )
 
 
 def failed(case: Case, error: Exception) -> Result:

@@ -214,6 +214,11 @@ def headline(result: Result) -> str:
         f"{_number(1e3 * result.rms_task_error, 'mm', 1)}"
         + (", in violation" if violated else "")
         + (", beyond a speed limit" if result.beyond_speed else "")
+        + (
+            f", braking path not clear at {result.unclear} steps"
+            if result.unclear
+            else ""
+        )
     )
 
 
@@ -256,6 +261,7 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
             if too_fast
             else _MISSING,
         ),
+        *_admission_rows(figures),
         ("mean task error", _number(1e3 * figures.mean("rms_task_error"), "mm", 1)),
         ("worst task error", _at(worst, "rms_task_error", 1e3, "mm", 1)),
         ("mean power", _number(figures.mean("mean_power"), "W", 1)),
@@ -265,6 +271,19 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
             _number(figures.median("rms_acceleration"), "rad/s²", 1),
         ),
         ("failed", f"{len(figures.failed)}"),
+    ]
+
+
+def _admission_rows(figures: ModeFigures) -> list[tuple[str, str]]:
+    """How control steps were admitted; clips whose steps do not tell do not count."""
+    nearest = figures.extreme("path_clearance", min)
+    slowest = figures.extreme("longest_held_back", max)
+    return [
+        ("steps corrected", _number(100.0 * figures.mean("corrected"), "%", 2)),
+        ("steps scaled", _number(100.0 * figures.mean("scaled"), "%", 2)),
+        ("steps with a path not clear", f"{figures.total('unclear')}"),
+        ("smallest path clearance", _at(nearest, "path_clearance", 1e3, "mm", 1)),
+        ("longest held back", _at(slowest, "longest_held_back", 1.0, "s", 2)),
     ]
 
 

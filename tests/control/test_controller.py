@@ -434,8 +434,9 @@ def test_ports(lone):
         "position_command": (lone.get_output_port_position_command(), 8),
         "status": (lone.get_output_port_status(), 1),
         "resting_margins": (lone.get_output_port_resting_margins(), 2),
+        "admission": (lone.get_output_port_admission(), 4),
         "torque_limit": (lone.get_output_port_torque_limit(), 2),
-        "diagnostics": (lone.get_output_port_diagnostics(), 31),
+        "diagnostics": (lone.get_output_port_diagnostics(), 35),
     }
     for name, (port, size) in sizes.items():
         assert (port.get_name(), port.size()) == (name, size)

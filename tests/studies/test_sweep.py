@@ -400,6 +400,9 @@ def test_any_executor_runs_the_same_sweep_and_a_bad_file_is_not_fatal(tmp_path):
     assert good.case == cases[1] and not good.error
     assert good.samples == 51
     assert good.resting_distance > 0.0
+    assert good.path_clearance > 0.0 and good.unclear == 0
+    assert 0.0 <= good.corrected + good.scaled <= 1.0
+    assert good.longest_held_back >= 0.0
 
     spawn = multiprocessing.get_context("spawn")
     for name, executor in {

@@ -216,6 +216,28 @@ def test_speeds_are_told_apart_from_the_violations():
     assert "speed limits are counted apart" in page
 
 
+def test_how_steps_were_admitted_is_told():
+    near = result("13_29", corrected=0.02, scaled=0.0, path_clearance=0.004)
+    far = result(
+        "02_01",
+        corrected=0.0,
+        scaled=0.005,
+        path_clearance=0.01,
+        unclear=3,
+        longest_held_back=0.125,
+    )
+    text = printed([near, far])
+    assert row(text, "steps corrected", "│") == ["1.00 %"]
+    assert row(text, "steps scaled", "│") == ["0.25 %"]
+    assert row(text, "steps with a path not clear", "│") == ["3"]
+    assert row(text, "smallest path clearance", "│") == ["4.0 mm (13_29)"]
+    assert row(text, "longest held back", "│") == ["0.12 s (02_01)"]
+    assert headline(far).endswith("mm, braking path not clear at 3 steps")
+    assert "braking path" not in headline(near)
+    # Modes that admit nothing have nothing to tell.
+    assert row(printed([result("13_29")]), "steps corrected", "│") == ["–"]
+
+
 def test_experiments_and_periods_have_tables_of_their_own():
     others = [
         result("02_01", experiment="upper-body"),

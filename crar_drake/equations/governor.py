@@ -41,7 +41,8 @@ Its only state is what it said one period h before, [p0; v0; a0].
    where it would be beyond A h.
 
 Where it chases, what it says is consistent: a step's position and velocity are the
-integral of what the step before said. Onto the target it says the mean acceleration.
+integral of what the step before said (if that was the target's and leads beyond V, of
+as much of it as does not). For the step onto the target it says the mean acceleration.
 On the sphere, G is a rotation vector, by the shorter way; from 180 degrees it takes one
 of the two ways, and keeps it.
 """
@@ -94,7 +95,6 @@ def govern_tasks(
     governed = desired.copy()
     m = len(rows.angular_rows) + len(rows.linear_rows)
     at_v = len(desired) - 2 * m
-    at_a = at_v + m
     V, A = bounds.speed, bounds.acceleration
     if np.isfinite(V) or np.isfinite(A):
         for i in range(len(rows.linear_rows) // 3):

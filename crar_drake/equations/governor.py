@@ -95,12 +95,12 @@ def govern_tasks(
     governed = desired.copy()
     m = len(rows.angular_rows) + len(rows.linear_rows)
     at_v = len(desired) - 2 * m
+    # The entries of a task are side by side.
     V, A = bounds.speed, bounds.acceleration
     if np.isfinite(V) or np.isfinite(A):
-        for i in range(len(rows.linear_rows) // 3):
-            x = rows.position_entries[3 * i : 3 * i + 3]
-            v = at_v + rows.linear_rows[3 * i : 3 * i + 3]
-            a = v + m
+        for i in range(0, len(rows.linear_rows), 3):
+            at_x, k = rows.position_entries[i], at_v + rows.linear_rows[i]
+            x, v, a = slice(at_x, at_x + 3), slice(k, k + 3), slice(k + m, k + m + 3)
             governed[x], governed[v], governed[a] = govern_position(
                 desired[x], desired[v], desired[a], before[x], before[v], before[a],
                 V, A, h,
@@ -108,9 +108,8 @@ def govern_tasks(
     V, A = bounds.angular_speed, bounds.angular_acceleration
     if np.isfinite(V) or np.isfinite(A):
         for i in range(len(rows.angular_rows) // 3):
-            x = rows.quaternion_entries[4 * i : 4 * i + 4]
-            v = at_v + rows.angular_rows[3 * i : 3 * i + 3]
-            a = v + m
+            at_x, k = rows.quaternion_entries[4 * i], at_v + rows.angular_rows[3 * i]
+            x, v, a = slice(at_x, at_x + 4), slice(k, k + 3), slice(k + m, k + m + 3)
             if not np.any(desired[x]):
                 continue
             governed[x], governed[v], governed[a] = govern_orientation(

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -186,6 +186,7 @@ MODES = [
         "constraints": "lookahead",
         "nominal_posture_gain": 20.0,
         "respect_effort_limits": True,
+        "governor": TargetGovernor(speed=1.0, angular_speed=1.0),
     },
 ]
 TASKS = [

@@ -340,7 +340,7 @@ class CrarController(LeafSystem):
         if torque_tick:
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
-            memory = replace(step.memory, qdot=None, qddot=None)
+            memory = replace(step.memory, qdot=None, qddot=None, governed=None)
             step = replace(step, memory=memory, torque_tick=torque_tick)
         value.set_value(step)
 

@@ -20,10 +20,12 @@ from crar_drake.control.modes import MODES
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.blending import smooth_step
+from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
+from crar_drake.equations.tasks import task_error, unpack_tasks
 from crar_drake.equations.torque_limit import clip_torque, limit_torque
 from crar_drake.errors import CrarError
 from crar_drake.robot.model import ControlModel, Workspace
@@ -85,6 +87,8 @@ class Memory:
         qdot, qddot: (n,) measured velocity and commanded acceleration of the
             controlled joints in that step; None where the targets were lost.
         kept: the constraint mode's own.
+        governed: (layout.size,) the targets as they were governed; None without a
+            governor, and where the targets were lost.
     """
 
     tick: int = -1
@@ -93,6 +97,7 @@ class Memory:
     qdot: np.ndarray | None = None
     qddot: np.ndarray | None = None
     kept: Any = None
+    governed: np.ndarray | None = None
 
 
 @dataclass(slots=True)
@@ -105,8 +110,8 @@ class Solution:
         acceleration: (nv,) commanded accelerations of all joints: alpha_c of
             Eq. (30) for the controlled, the desired motion's for the prescribed. They
             are held for a control period.
-        task_error: (m,) Eq. (11) against the targets as given, before blending
-            and task weights [rad, m].
+        task_error: (m,) Eq. (11) against the targets as given, before the governor,
+            blending and task weights [rad, m].
         signed_distances: (Nc,) per watched pair [m].
         constraint_weights: (n,) diagonal of W.
         position_command: (nq + nv,) the q and v that the accelerations lead to
@@ -195,6 +200,7 @@ class ControlLaw:
         self._period = float(gains.period)
         self._plant_step = float(model.plant.time_step())
         self._with_posture = gains.nominal_posture_gain > 0.0
+        self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.effort_limits(model)
         # Without limits the inertias would be computed for nothing.
@@ -334,14 +340,20 @@ class ControlLaw:
             start_time = time
             start = BlendStart(state.R, state.p, q[model.prescribed])
         blend = smooth_step(time - start_time, self._blend_time)
+        tasks, governed = targets.tasks, None
+        if self._target_bounds is not None:
+            tasks = governed = self._govern(memory, tick, measured, targets.tasks)
         wanted = Wanted(
-            targets.tasks, targets.prescribed, targets.nominal_posture, start, blend
+            tasks, targets.prescribed, targets.nominal_posture, start, blend
         )
         before = None
         if memory.qdot is not None:
             follows = tick == memory.tick + 1
             before = Before(follows, memory.qdot, memory.qddot, memory.kept)
         resolved = mode.resolve(workspace, measured, wanted, before)
+        if governed is not None and not np.array_equal(governed, targets.tasks):
+            error = self._error(measured, targets.tasks)
+            resolved = replace(resolved, answer=resolved.answer._replace(error=error))
         if not is_finite(resolved.answer.vdot):
             # A quaternion of zero length is a number, but no orientation.
             if is_finite(resolved.answer.error):
@@ -366,6 +378,7 @@ class ControlLaw:
                 qdot=v[model.controlled],
                 qddot=solution.acceleration[model.controlled],
                 kept=resolved.kept,
+                governed=governed,
             ),
         )
 
@@ -399,6 +412,30 @@ class ControlLaw:
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(held, actuation=actuation, torque_limit=torque_limit)
         return ControlStep(solution, step.memory, torque_tick)
+
+    def _govern(
+        self, memory: Memory, tick: int, measured: Measured, tasks: np.ndarray
+    ) -> np.ndarray:
+        """The governed targets, [x; v; a] (layout.size,).
+
+        They begin at the measured pose and velocity: in the first step, after a gap
+        in time, and when targets that were lost are back.
+        """
+        rows, bounds = self.model.layout.rows, self._target_bounds
+        before = memory.governed
+        if before is None or tick != memory.tick + 1:
+            state = self.model.state_here(measured)
+            pose = self.model.layout.pack(state.R, state.p)
+            before = start_governor(pose, state.J @ state.v, rows, bounds, self._period)
+        return govern_tasks(
+            np.ascontiguousarray(tasks), before, rows, bounds, self._period
+        )
+
+    def _error(self, measured: Measured, tasks: np.ndarray) -> np.ndarray:
+        """Eq. (11) against any targets, (m,)."""
+        rows = self.model.layout.rows
+        state, desired = self.model.state_here(measured), unpack_tasks(tasks, rows)
+        return task_error(rows, state.R, state.p, desired.R, desired.p)
 
     @property
     def brakes_without_targets(self) -> bool:

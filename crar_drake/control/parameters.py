@@ -10,6 +10,7 @@ import numpy as np
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.equations.governor import Bounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
 from crar_drake.robot.description import find_joint, is_speed_limit
@@ -23,6 +24,44 @@ METRICS = ("identity", "inertia")
 
 # A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
 _TORQUE_PERIOD = 1e-3
+
+
+@dataclass
+class TargetGovernor:
+    """Bounds on the targets before the law sees them, see `equations.governor`.
+
+    None leaves a bound out; with all of them left out there is no governor. They are
+    those of every task, and norms over three components; of a pose the orientation
+    and the position are bounded each for itself. Prescribed joints and the nominal
+    posture are not governed.
+
+    Attributes:
+        speed: of positions [m/s].
+        acceleration: of positions [m/s^2].
+        angular_speed: of orientations [rad/s].
+        angular_acceleration: of orientations [rad/s^2].
+    """
+
+    speed: float | None = None  # [m/s]
+    acceleration: float | None = None  # [m/s^2]
+    angular_speed: float | None = None  # [rad/s]
+    angular_acceleration: float | None = None  # [rad/s^2]
+
+    def validate(self) -> None:
+        """Raises ScenarioError, naming the field and what it may be."""
+        check_numbers("controller.governor", self, may_be_zero=set())
+
+    def bounds(self) -> Bounds | None:
+        """The bounds for the equations, infinite where left out; None if all are."""
+        given = (
+            self.speed,
+            self.acceleration,
+            self.angular_speed,
+            self.angular_acceleration,
+        )
+        if all(bound is None for bound in given):
+            return None
+        return Bounds(*(math.inf if bound is None else float(bound) for bound in given))
 
 
 @dataclass
@@ -72,6 +111,7 @@ class CrarParameters:
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
+        governor: bounds on the targets' speed and acceleration; by default none.
     """
 
     level: str = "acceleration"
@@ -97,6 +137,7 @@ class CrarParameters:
     velocity_limits: dict[str, float] = field(default_factory=dict)
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
+    governor: TargetGovernor = field(default_factory=TargetGovernor)
 
     def validate(self) -> None:
         """Checks every field; YAML loading does not.
@@ -126,6 +167,7 @@ class CrarParameters:
             )
         self._check_torque_period()
         self.lookahead.validate()
+        self.governor.validate()
         self._check_gains()
         MODES[self.constraints].check(self)
 

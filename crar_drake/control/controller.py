@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -31,9 +31,23 @@ from crar_drake.control.law import (
 )
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.robot.model import ControlModel
+from crar_drake.robot.model import ControlModel, Workspace
 
 _NOTHING = np.zeros(0)
+
+
+@dataclass(slots=True)
+class _Solve:
+    """What is cached of a torque tick; a copy has contexts of its own.
+
+    Attributes:
+        workspace: the control model's contexts. They are here because each further
+            cache entry costs every step as much as reading a port.
+        step: the results.
+    """
+
+    workspace: Workspace
+    step: ControlStep
 
 
 class CrarController(LeafSystem):
@@ -162,14 +176,6 @@ class CrarController(LeafSystem):
         nothing_yet = ControlStep(None, Memory())
         held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
         self._held_index = int(held)
-        self._workspace_cache = self.DeclareCacheEntry(
-            "control model's contexts",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(model.MakeWorkspace()),
-                calc=lambda context, value: None,
-            ),
-            {self.nothing_ticket()},
-        )
         sources = {
             self.time_ticket(),
             self.all_input_ports_ticket(),
@@ -178,7 +184,10 @@ class CrarController(LeafSystem):
         self._solve_cache = self.DeclareCacheEntry(
             "this torque tick",
             ValueProducer(
-                allocate=lambda: AbstractValue.Make(nothing_yet), calc=self._CalcStep
+                allocate=lambda: AbstractValue.Make(
+                    _Solve(model.MakeWorkspace(), nothing_yet)
+                ),
+                calc=self._CalcStep,
             ),
             sources,
         )
@@ -308,11 +317,11 @@ class CrarController(LeafSystem):
         newer = now > then and self._plant_is_discrete
         # An older tick: the user set the time back.
         if held.solution is None or newer or now < then:
-            return self._solve_cache.Eval(context).solution
+            return self._solve_cache.Eval(context).step.solution
         return held.solution
 
     def _Update(self, context: Context, state: State) -> None:
-        step = self._solve_cache.Eval(context)
+        step = self._solve_cache.Eval(context).step
         state.get_mutable_abstract_state(self._held_index).set_value(step)
 
     def _CalcStep(self, context: Context, value: AbstractValue) -> None:
@@ -321,11 +330,12 @@ class CrarController(LeafSystem):
         x = self._EvalPort(self._state_port, context)
         if not is_finite(x):
             check_finite(self._state_name, x, context.get_time())
-        workspace = self._workspace_cache.Eval(context)
+        solve = value.get_value()
+        workspace = solve.workspace
         q, v = x[: self._nq], x[self._nq :]
         same_period = held.solution is not None and tick == held.memory.tick
         if same_period and torque_tick > held.torque_tick:
-            value.set_value(self.law.hold(workspace, held, torque_tick, q, v))
+            solve.step = self.law.hold(workspace, held, torque_tick, q, v)
             return
         memory = held.memory if tick > held.memory.tick else Memory()
         targets = Targets(
@@ -342,7 +352,7 @@ class CrarController(LeafSystem):
             # tell what the plant does in a period.
             memory = replace(step.memory, qdot=None, qddot=None, governed=None)
             step = replace(step, memory=memory, torque_tick=torque_tick)
-        value.set_value(step)
+        solve.step = step
 
     def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
         if port is None:

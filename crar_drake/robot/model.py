@@ -391,7 +391,7 @@ class ControlModel:
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
         if self._is_damped:
             tau = tau + self._implicit_damping * vdot
-        return self._actuators_from_efforts @ tau
+        return self._by_actuator(tau)
 
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
@@ -424,7 +424,13 @@ class ControlModel:
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         if self._is_damped:
             H = H + np.diag(self._implicit_damping)
-        return np.ascontiguousarray(self._actuators_from_efforts @ H)
+        return np.ascontiguousarray(self._by_actuator(H))
+
+    def _by_actuator(self, efforts: np.ndarray) -> np.ndarray:
+        """(nu, ...) in the order of the actuators, from (nv, ...) by joint."""
+        if self._actuated is None:
+            return self._actuators_from_efforts @ efforts
+        return efforts[self._actuated]
 
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
@@ -471,9 +477,10 @@ class ControlModel:
                 f"{', '.join(names[i] for i in unactuated)}; add actuators "
                 "(transmissions in a URDF), or weld the joints"
             )
-        self._actuators_from_efforts = (
-            plant.MakeActuationMatrixPseudoinverse().toarray()
-        )
+        # The actuators of one joint share its effort; one alone is quicker to pick.
+        self._actuators_from_efforts = B.T / B.sum(axis=1)
+        alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
+        self._actuated = B.argmax(axis=0) if alone else None
         self.prescribed = np.array(prescribed, dtype=int)
         self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)

@@ -316,6 +316,33 @@ def test_actuators_in_another_order(time_step, gear_ratio):
         np.testing.assert_allclose(reached, vdot, rtol=1e-9, atol=1e-9)
 
 
+def test_two_actuators_of_one_joint_share_its_effort():
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zy"), finalize=False)
+    plant.AddJointActuator("second", plant.GetJointByName("j0"))
+    plant.Finalize()
+    model = ControlModel.FromPlant(
+        plant, scene_graph, RobotDescription(), [Task(frame="tip")]
+    )
+    workspace = model.MakeWorkspace()
+    q, v = random_state(model, 0)
+    model.evaluate(workspace, q, v)
+    still = model.inverse_dynamics(workspace, np.zeros(2))
+    assert still.shape == (3,) and still[0] == still[2]
+    # The efforts are those that the joints need, and change as the inertias say.
+    context = workspace.plant_context
+    vdot = np.array([3.0, -7.0])
+    tau = model.inverse_dynamics(workspace, vdot)
+    needed = (
+        model.plant.CalcMassMatrix(context) @ vdot
+        + model.plant.CalcBiasTerm(context)
+        - model.plant.CalcGravityGeneralizedForces(context)
+    )
+    np.testing.assert_allclose(model.plant.MakeActuationMatrix() @ tau, needed)
+    change = model.effort_per_acceleration(workspace) @ vdot
+    np.testing.assert_allclose(tau - still, change, atol=1e-12)
+
+
 def test_limits_by_joint():
     model = make_model(
         chain_urdf("zz", rail="y", limits=(-1.0, 2.0)),

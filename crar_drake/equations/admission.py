@@ -246,6 +246,8 @@ def path_bounds(
     pairs, of, count = r.pairs.value, reaches.value, len(level)
     low, seen = np.full(count, _FAR), np.full(count, _FAR)
     at = np.full(count, -1.0)
+    if not asked.any():
+        return Bounds(low, at, seen)
     curvature = path_curvature(x, of)
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
@@ -425,7 +427,9 @@ def check_step(
 
     The next path, and the way to it, are near the present path (A6), which is all that
     most pairs need. For the others both are examined. The way is a parabola: off its
-    chord by at most |q_ddot| period^2 / 8.
+    chord by at most |q_ddot| period^2 / 8 at its own pace, and by |q_dot| period / 4 at
+    that of the square of time. Of pairs that are not clear only the next path is asked:
+    else a robot that rests in a penetration could never leave it.
 
     Args:
         q, v, s: (nv,) state, and velocity of q_s.
@@ -450,9 +454,14 @@ def check_step(
     if clear:
         e = 0.5 * period * (period + gains.step) / T
         on_way = present.low - travel(e * s, reaches)
-        if (on_way < level).any():
-            off = travel((s - v) * (period * period / (8.0 * T)), reaches)
-            way = path_bounds(q, start - q, level + off, on_way < level, r, reaches)
+        # A pair that is not clear now may be nearest where the way begins.
+        asked = (on_way < level) & (level >= gains.floor)
+        if asked.any():
+            off = np.minimum(
+                travel((s - v) * (period * period / (8.0 * T)), reaches),
+                travel(v * (0.25 * period), reaches),
+            )
+            way = path_bounds(q, start - q, level + off, asked, r, reaches)
             clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)
 

@@ -131,7 +131,7 @@ def test_braking_leads_to_a_part_of_the_present_path(
     q, v = rng.normal(size=(2, 5))
     period = share * horizon
     q_next, rest = next_rest(q, v, np.zeros(5), horizon, period, step_share * period)
-    first, last = (((x - q) / (horizon * v)).mean() for x in (q_next, rest))
+    first, last = ((x - q) @ v / (horizon * v @ v) for x in (q_next, rest))
     assert -1e-9 <= first <= last + 1e-9 <= 1.0 + 2e-9
     # and all of it is one line: exactly, but for rounding.
     for x, share_of in ((q_next, first), (rest, last)):

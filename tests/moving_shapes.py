@@ -27,6 +27,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.equations.admission import Reaches
 from crar_drake.equations.capsule_distances import capsule_distances
+from crar_drake.equations.compilation import hold
 from crar_drake.equations.kinematics import Robot
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.kinematics import JointTree
@@ -38,7 +39,7 @@ class MovingShapes:
     """The pairs of shapes of a plant, row by row; configurations in some order.
 
     Attributes:
-        robot, reaches: what the admission works with.
+        robot, reaches, held: what the admission works with; `held` are the reaches.
         order: (nv,) places in the plant's v of the entries of q, v, x here.
         lower, upper: (nv,) limits in that order.
         rows: per pair of shapes (body a, ends in a, radius a, body b, ends, radius).
@@ -53,6 +54,7 @@ class MovingShapes:
         reaches: Reaches,
     ) -> None:
         self.plant, self.robot, self.reaches = plant, robot, reaches
+        self.held = hold(reaches)
         self.context = plant.CreateDefaultContext()
         self.order = np.array(robot.order)
         self.lower = plant.GetPositionLowerLimits()[self.order]
@@ -290,15 +292,17 @@ def shapes_of_every_joint(like: Robot) -> MovingShapes:
     robot = like._replace(
         order=order,
         n=nv,
-        tree=joints.tree,
+        tree=hold(joints.tree),
         selection=joints.select(placed),
         first=np.array([4 * frame for frame, _ in placed]),
-        pairs=watched.for_equations(
-            1,
-            len(placed),
-            first_axis,
-            carried[watched.body_a] - carried[watched.body_b],
-            by_shape=True,
+        pairs=hold(
+            watched.for_equations(
+                1,
+                len(placed),
+                first_axis,
+                carried[watched.body_a] - carried[watched.body_b],
+                by_shape=True,
+            )
         ),
     )
     return MovingShapes(plant, scene_graph, pairs, robot, reaches)

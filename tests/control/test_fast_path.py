@@ -112,9 +112,15 @@ FIELDS = (
 )
 
 
+def parameters_of(mode: str) -> CrarParameters:
+    """Without effort limits, which the plain law does not have."""
+    return CrarParameters(**MODES[mode], blend_time=0.0, respect_effort_limits=False)
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_the_fast_path_is_the_plain_one(kinematics, mode):
-    """To 1e-9; to 1e-8 where a weight is or was above 1e6.
+    """To 1e-9; to 1e-8 where a weight is or was above 1e6, and with the lookahead,
+    whose guard has weights that are not told.
 
     Weights are that large in deep penetration or at a limit: the slope of the
     potential, up to 2e9 per metre, multiplies the last bit of a distance's gradient,
@@ -124,11 +130,11 @@ def test_the_fast_path_is_the_plain_one(kinematics, mode):
     judged by `test_an_admitted_step_is_no_worse_on_dense_samples`.
     """
     model = kinematics.model
-    parameters = CrarParameters(**MODES[mode], blend_time=0.0)
+    parameters = parameters_of(mode)
     bounds, heaviest = [], 0.0
     for seed in range(STATES):
         fast = ControlLaw(model, parameters)
-        plain = PlainControlLaw(kinematics, parameters, speed_limits(fast))
+        plain = PlainControlLaw(kinematics, parameters, fast.speed_limits)
         posture = posture_of(fast, seed)
         largest = 0.0
         for given in random_states(model, parameters.period, seed):
@@ -138,20 +144,17 @@ def test_the_fast_path_is_the_plain_one(kinematics, mode):
             else:
                 fields = set(FIELDS) - {"actuation", "acceleration"}
             largest = max(largest, expected.constraint_weights.max())
-            bounds.append(1e-9 if largest < 1e6 else 1e-8)
+            bounds.append(1e-9 if largest < 1e6 and "lookahead" not in mode else 1e-8)
             for name in fields:
                 found = deviation(getattr(solution, name), getattr(expected, name))
                 assert found < bounds[-1], (name, seed, largest)
             if not as_wished(solution):
                 break  # the next step's slip would be another
         heaviest = max(heaviest, largest)
-    assert len(bounds) >= 0.8 * 2 * STATES and bounds.count(1e-9) >= 0.5 * STATES
+    assert len(bounds) >= 0.8 * 2 * STATES
+    assert bounds.count(1e-9) >= STATES or "lookahead" in mode
     # The constraints had their say, in the states they are for as well.
     assert heaviest == 1.0 if parameters.constraints == "none" else heaviest > 1e4
-
-
-def speed_limits(law: ControlLaw) -> np.ndarray | None:
-    return getattr(law, "speed_limits", None)
 
 
 def posture_of(law: ControlLaw, seed: int) -> np.ndarray | None:
@@ -170,13 +173,13 @@ def test_an_admitted_step_is_no_worse_on_dense_samples(kinematics, mode):
     what it has on the present one. So do the plain law's own steps, wherever the
     product admits them as wished."""
     model = kinematics.model
-    parameters = CrarParameters(**MODES[mode], blend_time=0.0)
+    parameters = parameters_of(mode)
     T, ahead = parameters.braking_horizon, parameters.lookahead
     floor = ahead.distance_margin - ahead.admission_slack
     wished = 0
     for seed in range(DENSELY):
         fast = ControlLaw(model, parameters)
-        plain = PlainControlLaw(kinematics, parameters, speed_limits(fast))
+        plain = PlainControlLaw(kinematics, parameters, fast.speed_limits)
         for q, v, *targets in random_states(model, parameters.period, seed):
             v = v * (1.0 + 3.0 * (seed % 2))  # and faster ones
             solution = fast.step(q, v, *targets)

@@ -480,9 +480,10 @@ class ControlLaw:
                 period,
             )
             if torque_limit[0] < 1.0 and status != STATUS_BRAKING:
-                vdot, told = self.mode.admit_again(measured, vdot)
-                if told:
-                    diagnostics = {**diagnostics, **told}
+                within = vdot
+                vdot, told = self.mode.admit_again(measured, within)
+                diagnostics = {**diagnostics, **told}
+                if not np.array_equal(vdot, within):
                     actuation = model.inverse_dynamics(workspace, vdot)
                     actuation, excess = clip_torque(actuation, self.effort_limits)
                     torque_limit = np.array([torque_limit[0], excess])

@@ -298,15 +298,15 @@ def test_targets_are_looked_at_in_control_ticks_only_and_the_state_in_all():
 def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told():
     """What the limits allow of the wish is decided at the control tick."""
     effort = 60.0
-    loop = Loop(effort=effort, respect_effort_limits=True, period=20 * STEP, Kp=2e3)
+    loop = Loop(effort=effort, respect_effort_limits=True, period=10 * STEP, Kp=2e3)
     simulator = loop.start()
     simulator.AdvanceTo(0.4)
     data = loop.logged(simulator)
     torque, (theta, excess) = data["actuation"], data["torque_limit"].T
     assert np.abs(torque).max() == effort
-    between = np.arange(len(theta)) % 20 != 0
-    for start in range(0, 400, 20):
-        assert len(set(theta[start : start + 20])) == 1
+    between = np.arange(len(theta)) % 10 != 0
+    for start in range(0, 400, 10):
+        assert len(set(theta[start : start + 10])) == 1
     model, workspace = loop.controller.model, loop.controller.model.MakeWorkspace()
     for x, a, told in zip(
         data["state"][between],

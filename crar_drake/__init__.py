@@ -9,11 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
     from crar_drake.control.law import ControlLaw, Solution, make_control_law
-    from crar_drake.control.parameters import (
-        CrarParameters,
-        LookaheadParameters,
-        TargetGovernor,
-    )
+    from crar_drake.control.parameters import CrarParameters, LookaheadParameters
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -50,7 +46,6 @@ _MODULES = {
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
     "Solution": "control.law",
-    "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
     "load_robot_description": "robot.description",
@@ -78,7 +73,6 @@ __all__ = [
     "ScenarioError",
     "SimulationLog",
     "Solution",
-    "TargetGovernor",
     "Task",
     "TaskLayout",
     "load_robot_description",

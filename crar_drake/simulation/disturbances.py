@@ -191,7 +191,7 @@ class Measurement(LeafSystem):
         """
         Args:
             deviations: (size,) standard deviations of the noise.
-            delay_periods: how late the output is, in these periods.
+            delay_periods: how late the output is.
             period: between measurements [s].
             seed: of the noise, which is a function of seed and time.
         """
@@ -235,7 +235,6 @@ def AddMeasurement(
     plant: MultibodyPlant,
     disturbances: Disturbances,
     period: float,
-    per_control_period: int = 1,
 ) -> OutputPort:
     """Adds what lies between the plant's state and the controller, if anything.
 
@@ -243,8 +242,7 @@ def AddMeasurement(
         builder: of the diagram that owns the plant.
         plant: finalized.
         disturbances: noise and delay.
-        period: between measurements [s].
-        per_control_period: measurements in a control period, the delay's unit.
+        period: of the controller, at which measurements are taken [s].
 
     Returns:
         The port of the measured state.
@@ -261,11 +259,12 @@ def AddMeasurement(
             np.full(plant.num_velocities(), disturbances.velocity_noise),
         ]
     )
-    delay = disturbances.delay_periods * per_control_period
-    if not deviations.any() and not delay:
+    if not deviations.any() and not disturbances.delay_periods:
         return port
     measurement = builder.AddSystem(
-        Measurement(deviations, delay, period, disturbances.noise_seed)
+        Measurement(
+            deviations, disturbances.delay_periods, period, disturbances.noise_seed
+        )
     )
     builder.Connect(port, measurement.get_input_port())
     return measurement.get_output_port()

@@ -22,7 +22,7 @@ run: $(RUNS)  ## the built-in dance, recorded: out/dance/
 	$(BIN)/crar-drake run
 
 test: $(TESTED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files
-	$(BIN)/python -m pytest $(TESTS)
+	$(BIN)/python -m pytest -n auto --dist loadfile $(TESTS)
 
 lint: $(TESTED)
 	$(BIN)/ruff check .

@@ -44,6 +44,8 @@ def variations() -> dict[str, CrarParameters]:
         "ρ_JL = 1": ahead(rho_limits=1.0),
         "d_min = 2 mm": ahead(distance_margin=2e-3),
         "d_min = 10 mm": ahead(distance_margin=1e-2),
+        "admission slack 0.1 mm": ahead(admission_slack=1e-4),
+        "admission slack 3 mm": ahead(admission_slack=3e-3),
         "limit margin 1e-3 rad": ahead(limit_margin=1e-3),
         "γ = 10/s": ahead(retreat_rate=10.0),
         "retreat at most 0.1 m/s, 0.4 rad/s": ahead(

@@ -1,4 +1,4 @@
-"""One control step, what it cannot do without, and its parts, ready to be timed."""
+"""One control step, the bound that it is compared with, and its parts, to be timed."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import (
-    FromDrake,
+    Measured,
     evaluate_state,
     joint_motion,
+    link_poses,
     place_points,
 )
 from crar_drake.equations.lookahead import resting_configuration
@@ -209,7 +210,7 @@ class StepInParts(Step):
                     (owner, name, partial(timed, part))
                     for owner, name, part in (
                         (self.controller.law, "solve", "law"),
-                        (model, "ask", "Drake's calls"),
+                        (model, "measure", "Drake's calls"),
                         (model, "effort_per_acceleration", "Drake's calls"),
                         (model, "inverse_dynamics", "inverse dynamics"),
                     )
@@ -234,12 +235,12 @@ class StepInParts(Step):
 
 @compiled
 def what_distances_are_of(
-    drake: FromDrake, robot: Held
+    measured: Measured, robot: Held
 ) -> tuple[np.ndarray, np.ndarray, ShapePairs]:
-    """Points, S and pairs, as `evaluate_state` has them; holds a `Robot`."""
+    """Points, S and pairs, as `find_state` has them; holds a `Robot`."""
     r = robot.value
-    points = place_points(drake.X, r.selection, r.first)
-    return points, joint_motion(drake.ends, r.signs, r.order), r.pairs
+    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    return points, joint_motion(points[:, : 3 * len(r.order)]), r.pairs.value
 
 
 def plain_distances(
@@ -261,13 +262,19 @@ def distances_as_they_are(
     points: np.ndarray, asked: np.ndarray, S: np.ndarray, robot: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same, compiled where Numba is installed; holds a `Robot`."""
-    pairs = robot.value.pairs
+    pairs = robot.value.pairs.value
     d, normal, p_WA = nearest_of_pairs(points, asked, pairs)
     return d, distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
 
 
+def robot_of(model: ControlModel, parameters: CrarParameters) -> Held:
+    """What the step's equations are given of the robot: rows by pair, or by shapes."""
+    ahead = parameters.constraints == "lookahead"
+    return model.robot_ahead if ahead else model.robot_by_pair
+
+
 class Bound(Subject):
-    """What a control step cannot do without: Drake's calls, and the distances.
+    """A step's quantities as far as Drake has them, asked of Drake, and the distances.
 
     One call per quantity, each result an array: set the state; positions and
     spatial Jacobian of every link that carries a task or a watched shape (bodies
@@ -276,6 +283,9 @@ class Bound(Subject):
     limits the mass matrix. Then distances and gradients, by the step's own functions
     with the step's own arguments. In the lookahead mode positions, Jacobians and
     distances also where the robot would come to rest.
+
+    It bounds what a step takes that asks for all of this. Ours has kinematics of its
+    own, so it may take less.
     """
 
     def __init__(
@@ -292,12 +302,13 @@ class Bound(Subject):
         """
         self._model, self._samples = model, samples
         self._distances = distances
+        self._robot = robot_of(model, parameters)
         self._horizon = (
             parameters.braking_horizon
             if parameters.constraints == "lookahead"
             else None
         )
-        self._with_mass_matrix = parameters.respect_effort_limits
+        self._with_mass_matrix = parameters.limits_efforts
         workspace = model.MakeWorkspace()
         self._workspace = workspace
         self._here, self._ahead = workspace.plant_context, workspace.plant_context_ahead
@@ -325,12 +336,11 @@ class Bound(Subject):
         if self._horizon is not None:
             self._q_s = resting_configuration(q, v, self._horizon)
         # What the step hands to the distances, from the step's own functions.
-        drake = model.ask(workspace, q, v, self._q_s)
-        held = model.numbers(drake)
-        points, S, pairs = what_distances_are_of(drake, held)
+        measured = model.measure(workspace, q, v, self._q_s)
+        points, S, pairs = what_distances_are_of(measured, self._robot)
         if self._distances is distances_as_they_are:
-            pairs = held
-        self._given = (points, drake.asked, S, pairs)
+            pairs = self._robot
+        self._given = (points, measured.asked, S, pairs)
         # Setting the state that is there already would cost nothing.
         model.plant.SetPositionsAndVelocities(self._here, 0.0 * self._x)
         if self._q_s is not None:
@@ -385,7 +395,8 @@ class Bound(Subject):
 class ModelAlone(Subject):
     """The control model's own evaluation and inverse dynamics, without the law.
 
-    For comparison: these are the calls that this implementation makes.
+    For comparison: this is what this implementation does in the place of the bound,
+    but for the mass matrix.
     """
 
     def __init__(
@@ -393,6 +404,7 @@ class ModelAlone(Subject):
     ) -> None:
         self._model, self._samples = model, samples
         self._workspace = model.MakeWorkspace()
+        self._robot = robot_of(model, parameters)
         self._ahead = parameters.constraints == "lookahead"
         self._horizon = parameters.braking_horizon
 
@@ -405,8 +417,8 @@ class ModelAlone(Subject):
 
     def __call__(self) -> None:
         model, workspace = self._model, self._workspace
-        drake = model.ask(workspace, self._q, self._v, self._q_s)
-        evaluate_state(drake, model.numbers(drake))
+        measured = model.measure(workspace, self._q, self._v, self._q_s)
+        evaluate_state(measured, self._robot)
         model.inverse_dynamics(workspace, self._vdot)
 
 

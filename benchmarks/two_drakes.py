@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]  # of the checkout
 # What is compared: its name in the table, and where bench.json has its median [s].
 _COMPARED = {
     "step": ("in_a_row", "step", "cpu_median"),
-    "of it Drake's calls (the bound)": ("in_a_row", "bound", "cpu_median"),
+    "Drake's calls and the distances (the bound)": ("in_a_row", "bound", "cpu_median"),
     "step, by turns": ("by_turns", "step", "cpu_median"),
 }
 

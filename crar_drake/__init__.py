@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
     from crar_drake.control.law import ControlLaw, Solution, make_control_law
-    from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+    from crar_drake.control.parameters import (
+        CrarParameters,
+        LookaheadParameters,
+        TargetGovernor,
+    )
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -46,6 +50,7 @@ _MODULES = {
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
     "Solution": "control.law",
+    "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
     "load_robot_description": "robot.description",
@@ -73,6 +78,7 @@ __all__ = [
     "ScenarioError",
     "SimulationLog",
     "Solution",
+    "TargetGovernor",
     "Task",
     "TaskLayout",
     "load_robot_description",

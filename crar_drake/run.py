@@ -39,6 +39,7 @@ _LOGGED = (
     "constraint_weights",
     "status",
     "resting_margins",
+    "admission",
     "torque_limit",
 )
 
@@ -270,7 +271,8 @@ def make_log(
         return sinks[port].data()[:, :num_samples].T.copy()
 
     diagnostics = samples("diagnostics")
-    slices = diagram.GetSubsystemByName("crar_controller").diagnostics_slices
+    controller = diagram.GetSubsystemByName("crar_controller")
+    slices = controller.diagnostics_slices
     model = setup.model
     plant = model.plant
     nq = plant.num_positions()
@@ -295,6 +297,7 @@ def make_log(
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
         lower=lower,
         upper=upper,
+        velocity_limits=controller.law.speed_limits,
         scenario=_logged(scenario).to_yaml(),
     )
 

@@ -251,9 +251,9 @@ def _trunk_joints() -> list[Joint]:
         slide("waist_x", "base", "carriage_x", (1, 0, 0), 2000),
         slide("waist_y", "carriage_x", "carriage_y", (0, 1, 0), 2000),
         slide("waist_z", "carriage_y", "waist", (0, 0, 1), 3000),
-        Joint("torso_yaw", "continuous", "waist", "pelvis", effort=200, velocity=12),
-        _joint("torso_pitch", "pelvis", "torso_gimbal", "y", (-20, 60), 300, 8),
-        _joint("torso_roll", "torso_gimbal", "torso", "x", (-30, 30), 300, 8),
+        Joint("torso_yaw", "continuous", "waist", "pelvis", effort=200, velocity=32),
+        _joint("torso_pitch", "pelvis", "torso_gimbal", "y", (-20, 60), 300, 30),
+        _joint("torso_roll", "torso_gimbal", "torso", "x", (-30, 30), 300, 30),
         Joint("head_mount", "fixed", "torso", "head", (0, 0, HEAD)),
         Joint("neck_mount", "fixed", "torso", "neck", (0, 0, NECK)),
     ]
@@ -275,9 +275,9 @@ def _side_joints(side: str) -> list[Joint]:
     return [
         Joint(link("thigh_mount"), "fixed", "pelvis", link("thigh"), hip),
         Joint(link("shoulder_mount"), "fixed", "torso", link("shoulder"), shoulder),
-        _joint(pitch, "torso", pitch, "y", (-180, 60), 80, 15, shoulder),
-        _joint(roll, pitch, roll, "x", mirror(-20, 150), 80, 15),
-        _joint(yaw, roll, link("upper_arm"), "z", mirror(-90, 90), 50, 15),
+        _joint(pitch, "torso", pitch, "y", (-180, 60), 80, 37, shoulder),
+        _joint(roll, pitch, roll, "x", mirror(-20, 150), 80, 37),
+        _joint(yaw, roll, link("upper_arm"), "z", mirror(-90, 90), 50, 37),
         _joint(
             link("elbow"),
             link("upper_arm"),
@@ -285,7 +285,7 @@ def _side_joints(side: str) -> list[Joint]:
             "y",
             (-145, 5),
             50,
-            15,
+            37,
             (0, 0, -UPPER_ARM),
         ),
         Joint(

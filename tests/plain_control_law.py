@@ -3,12 +3,15 @@
 It shares nothing with `crar_drake.equations`, `crar_drake.robot.kinematics` or
 `crar_drake.robot.collision_pairs`; of the model it takes names, indices and limits.
 Jacobians are those of the witness points, distances the referee's, inverse dynamics the
-printed sum. Without blending, nominal posture and lost targets.
+printed sum. The stages of the lookahead are least squares with slacks, its admission
+samples. Without blending and lost targets, and with a nominal posture in the lookahead
+alone.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from one_sided_least_squares import one_sided_least_squares
 from pydrake.geometry import Capsule
 from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.spatial.transform import Rotation
@@ -20,6 +23,8 @@ from crar_drake.robot.model import ControlModel
 
 KV = JacobianWrtVariable.kV
 LIMIT_CLAMP, DISTANCE_CLAMP, SMALLEST_MARGIN = 1e-4, 1e-3, 1e-4
+LONGEST_MOVE = 0.15
+FAR = 0.05  # [m] pairs whose balls are farther apart are not looked at
 
 
 @dataclass
@@ -43,30 +48,74 @@ class PlainKinematics:
         self.plant = model.plant
         self.context = model.plant.CreateDefaultContext()
         self.world = model.plant.world_frame()
-        self._distances: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self._shapes: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self.pair_of_shapes = np.array(
+            [
+                pair
+                for pair, (a, b) in enumerate(model.description.pairs)
+                for _ in self._axes(a)
+                for _ in self._axes(b)
+            ]
+        )
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(Nc,) distances and (Nc, nv) gradients, Eq. (20); kept per q."""
-        key = q.tobytes()
-        if key not in self._distances:
-            self.plant.SetPositions(self.context, q)
-            pairs = [self._distance(a, b) for a, b in self.model.description.pairs]
-            self._distances[key] = (
-                np.array([d for d, _ in pairs]),
-                np.array([gradient for _, gradient in pairs]),
-            )
-        return self._distances[key]
+        """(Nc,) distances and (Nc, nv) gradients, Eq. (20), of the nearest shapes."""
+        d, gradients = self.shape_distances(q)
+        nearest = []
+        for pair in range(len(self.model.description.pairs)):
+            rows = np.flatnonzero(self.pair_of_shapes == pair)
+            nearest.append(rows[np.argmin(d[rows])])
+        return d[nearest], gradients[nearest]
 
-    def _distance(self, a: str, b: str) -> tuple[float, np.ndarray]:
-        best = None
-        for axis_a in self._axes(a):
-            for axis_b in self._axes(b):
-                d, p_a, p_b = capsule_distance(*axis_a, *axis_b)
-                if best is None or d < best[0]:
-                    best = d, p_a, p_b
-        d, p_a, p_b = best
-        normal = (p_a - p_b) / np.linalg.norm(p_a - p_b)
-        return d, normal @ (self._jacobian(a, p_a) - self._jacobian(b, p_b))
+    def shape_distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(Ns,) distances and (Ns, nv) gradients of all pairs of shapes; kept per q."""
+        key = q.tobytes()
+        if key not in self._shapes:
+            self.plant.SetPositions(self.context, q)
+            d, gradients = [], []
+            for a, b in self.model.description.pairs:
+                for axis_a in self._axes(a):
+                    for axis_b in self._axes(b):
+                        distance, p_a, p_b = capsule_distance(*axis_a, *axis_b)
+                        n = (p_a - p_b) / np.linalg.norm(p_a - p_b)
+                        J = self._jacobian(a, p_a) - self._jacobian(b, p_b)
+                        d.append(distance)
+                        gradients.append(n @ J)
+            self._shapes[key] = np.array(d), np.array(gradients)
+        return self._shapes[key]
+
+    def smallest_on_path(
+        self, start: np.ndarray, end: np.ndarray, samples: int = 200
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(Ns,) the smallest sampled distance of each pair of shapes on the way from
+        `start` to `end`, and by how much it changes at most from sample to sample.
+
+        A pair that is farther apart than FAR counts as so far.
+        """
+        found = []
+        for t in np.linspace(0.0, 1.0, samples):
+            self.plant.SetPositions(self.context, start + t * (end - start))
+            row = []
+            known = {name: self._axes(name) for name in self._watched()}
+            for a, b in self.model.description.pairs:
+                for axis_a in known[a]:
+                    for axis_b in known[b]:
+                        row.append(self._near_distance(axis_a, axis_b))
+            found.append(row)
+        d = np.array(found)
+        return d.min(axis=0), np.abs(np.diff(d, axis=0)).max(axis=0)
+
+    def _watched(self) -> set[str]:
+        return {name for pair in self.model.description.pairs for name in pair}
+
+    @staticmethod
+    def _near_distance(axis_a: tuple, axis_b: tuple) -> float:
+        (a0, a1, radius_a), (b0, b1, radius_b) = axis_a, axis_b
+        balls = np.linalg.norm(a0 + a1 - b0 - b1) / 2.0
+        balls -= (np.linalg.norm(a1 - a0) + np.linalg.norm(b1 - b0)) / 2.0
+        if balls - radius_a - radius_b > FAR:
+            return FAR
+        return min(capsule_distance(*axis_a, *axis_b)[0], FAR)
 
     def _axes(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """Per capsule or sphere of a link the ends of its axis in W, and its radius."""
@@ -131,12 +180,32 @@ class PlainKinematics:
 class PlainControlLaw:
     """Like `ControlLaw`: call `step` once a control period."""
 
-    def __init__(self, kinematics: PlainKinematics, parameters: CrarParameters) -> None:
+    def __init__(
+        self,
+        kinematics: PlainKinematics,
+        parameters: CrarParameters,
+        fastest: np.ndarray | None = None,
+    ) -> None:
+        """With the speed limits (nv,) of all joints, if there are any."""
         self.kinematics, self.gains = kinematics, parameters
         self.model = kinematics.model
+        self.fastest = fastest
+        if fastest is None:
+            self.fastest = np.full(self.model.plant.num_velocities(), np.inf)
         self.memory: dict = {}
 
-    def step(self, q, v, desired, prescribed) -> PlainStep:
+    def next_state(self, q, v, vdot) -> tuple[np.ndarray, np.ndarray]:
+        """One control period on: the plant's own steps, or a parabola."""
+        period, step = self.gains.period, self.model.plant.time_step()
+        if not step:
+            return q + period * v + period**2 / 2.0 * vdot, v + period * vdot
+        steps = max(1, round(period / step))
+        for _ in range(steps):
+            v = v + period / steps * vdot
+            q = q + period / steps * v
+        return q, v
+
+    def step(self, q, v, desired, prescribed, nominal=None) -> PlainStep:
         model, gains = self.model, self.gains
         c, p = model.controlled, model.prescribed
         d, dd_dv = self.kinematics.distances(q)
@@ -154,8 +223,12 @@ class PlainControlLaw:
 
         margins = np.full(2, np.nan)
         if gains.constraints == "lookahead":
+            posture = np.zeros(model.n)
+            if nominal is not None:
+                k = gains.nominal_posture_gain
+                posture = k * (nominal - q[c]) - 2.0 * np.sqrt(k) * v[c]
             qddot, qdot_c, W, margins = self._lookahead(
-                q, v, J, v_r, a_r, d, dd_dv, vdot_p
+                q, v, J, v_r, a_r, vdot_p, posture
             )
         else:
             qddot, qdot_c, W = self._paper(q[c], v[c], J, v_r, a_r, d, dd_dv[:, c])
@@ -262,49 +335,107 @@ class PlainControlLaw:
 
     # --- constraints "lookahead", docs/lookahead.md -------------------------------
 
-    def _lookahead(self, q, v, J, v_r, a_r, d, dd_dv, vdot_p):
+    def _lookahead(self, q, v, J, v_r, a_r, vdot_p, posture):
         model, gains, ahead = self.model, self.gains, self.gains.lookahead
         c, p, T = model.controlled, model.prescribed, gains.braking_horizon
         qdot, s_p = v[c], v[p] + T * vdot_p
         slip = self._slip(qdot)
-        d_there, dd_dv_there = self.kinematics.distances(q + T * v)  # L1
+        here = self.kinematics.shape_distances(q)
+        there = self.kinematics.shape_distances(q + T * v)  # L1
 
-        constraints = []  # h, g, drift, weight, retreat
+        constraints = []  # g, drift, weight, retreat
         smallest = np.inf
-        for distances, gradients, step in (
-            (d, dd_dv, T),  # L4
-            (d_there, dd_dv_there, 0.0),  # L3
-        ):
-            for d_j, gradient in zip(distances, gradients, strict=True):
-                h, g = d_j + step * gradient @ v, gradient[c]
+        for d, gradient, d_there, gradient_there in zip(*here, *there, strict=True):
+            curvature = (gradient_there - gradient) @ v  # of L4's rate, by the secant
+            for h, by_joint, more in (
+                (d + T * gradient @ v, gradient, curvature),  # L4
+                (d_there, gradient_there, 0.0),  # L3
+            ):
                 smallest = min(smallest, h)
                 if h >= ahead.influence_distance:
                     continue
+                g = by_joint[c]
                 eta = max(h - ahead.distance_margin, SMALLEST_MARGIN)
                 weight = ahead.rho * np.exp(-gains.alpha * eta) * eta**-gains.beta
                 weight *= gains.beta / eta + gains.alpha  # L5
                 short = max(ahead.distance_margin - h, 0.0)
                 retreat = min(ahead.retreat_rate * short, ahead.retreat_speed)
-                drift = gradient[p] @ s_p + min(g @ slip, 0.0)
-                constraints.append((h, g, drift, weight, retreat))
+                drift = by_joint[p] @ s_p + more + min(g @ slip, 0.0)
+                constraints.append((g, drift, weight, retreat))
         nearest_limit = np.inf
         for i in range(model.n):
             lower, upper = model.lower[i], model.upper[i]
-            if not (np.isfinite(lower) and np.isfinite(upper)):
-                continue
             q_s = q[c][i] + T * qdot[i]
-            h = min(upper - q_s, q_s - lower)
-            g = np.zeros(model.n)
-            g[i] = 1.0 if q_s - lower < upper - q_s else -1.0
-            weight = ahead.rho_limits * abs(self._limit_gradient(i, q_s))
-            short = max(ahead.limit_margin - h, 0.0)
-            retreat = min(ahead.retreat_rate * short, ahead.joint_retreat_speed)
-            constraints.append((h, g, min(g @ slip, 0.0), weight, retreat))
-            nearest_limit = min(nearest_limit, h)
+            first = lower if np.isfinite(lower) else upper - 2.0 * np.pi
+            last = upper if np.isfinite(upper) else lower + 2.0 * np.pi
+            for limit, inward in ((lower, 1.0), (upper, -1.0)):
+                if not np.isfinite(limit):
+                    continue
+                h = inward * (q_s - limit)
+                g = np.zeros(model.n)
+                g[i] = inward
+                at = min(max(q_s, first + LIMIT_CLAMP), last - LIMIT_CLAMP)
+                slope = (last - first) ** 2 * (2.0 * at - last - first)
+                slope /= 4.0 * (last - at) ** 2 * (at - first) ** 2  # Eq. (17)
+                weight = ahead.rho_limits * max(-inward * slope, 0.0)
+                short = max(ahead.limit_margin - h, 0.0)
+                retreat = min(ahead.retreat_rate * short, ahead.joint_retreat_speed)
+                constraints.append((g, min(g @ slip, 0.0), weight, retreat))
+                nearest_limit = min(nearest_limit, h)
+        g, drift, weight, retreat = (
+            np.array(x) for x in zip(*constraints, strict=True)
+        )
+        root = np.sqrt(weight)
 
-        s_0, qdot_c, W = self._first_stage(J, v_r, a_r, qdot, constraints)
-        s = self._guard(s_0, constraints)
-        return (s - qdot) / T, qdot_c, W, np.array([smallest, nearest_limit])  # L8
+        # Stage 1, L6: residuals as printed.
+        m, n = J.shape
+        regular = np.vstack([J, gains.damping * np.eye(n)])
+        rows = gains.damping * root[:, None] * g
+        qdot_c, _ = one_sided_least_squares(
+            regular,
+            np.concatenate([v_r, np.zeros(n)]),
+            rows,
+            -gains.damping * root * drift,
+        )
+        z = gains.Gv * (qdot_c - qdot)
+        pull = z + posture if m < n else np.zeros(n)
+        rate = g @ (qdot + T * z) + drift  # of h, without alpha
+        alpha, active = one_sided_least_squares(
+            regular,
+            np.concatenate([a_r, gains.damping * pull]),
+            rows,
+            -gains.damping * root * rate / T,
+        )
+        W = 1.0 + (weight[active, None] * g[active] ** 2).sum(axis=0)
+        s = qdot + T * (alpha + z)
+        s = s / max(1.0, np.abs(s).max() * gains.period / LONGEST_MOVE)
+        # Stage 2, L7.
+        s, _ = one_sided_least_squares(
+            np.eye(n), s, root[:, None] * g, root * (retreat - drift)
+        )
+        s = self._within_limits(q[c], qdot, s)
+        return (s - qdot) / T, qdot_c, W, np.array([smallest, nearest_limit])
+
+    def _within_limits(self, q, v, s):
+        """A2: what a joint's s leads to is found by stepping, and is linear in s."""
+        T, period = self.gains.braking_horizon, self.gains.period
+        s = s.copy()
+        for i in range(len(q)):
+
+            def next_rest(s_i, i=i):
+                q_next, v_next = self.next_state(q[i], v[i], (s_i - v[i]) / T)
+                return np.array([q_next + T * v_next, v_next])
+
+            base = next_rest(0.0)
+            slope = next_rest(1.0) - base
+            ends = (q[i], q[i] + T * v[i])
+            fastest = self.fastest[self.model.controlled][i]
+            fastest = max(fastest, abs(v[i]) * (1.0 - period / T))
+            lowest = np.array([min(self.model.lower[i], *ends), -fastest])
+            highest = np.array([max(self.model.upper[i], *ends), fastest])
+            s[i] = max(s[i], min(((lowest - base) / slope).max(), 0.0))
+            s[i] = min(s[i], max(((highest - base) / slope).min(), 0.0))
+        return s
 
     def _slip(self, qdot):
         """L9, through a low-pass."""
@@ -317,50 +448,3 @@ class PlainControlLaw:
             slip = (1.0 - share) * self.memory["slip"] + share * seen
         self.memory["slip"] = slip
         return slip
-
-    def _first_stage(self, J, v_r, a_r, qdot, constraints):
-        """L6 and the paper's law with it."""
-        gains, T = self.gains, self.gains.braking_horizon
-        m, n = J.shape
-        damping2 = gains.damping**2
-        active: set[int] = set()
-        while True:
-            W, pull = np.eye(n), np.zeros(n)
-            for j in sorted(active):
-                _, g, drift, weight, _ = constraints[j]
-                W += weight * np.outer(g, g)
-                pull += weight * drift * g
-            M = J.T @ J + damping2 * W
-            qdot_c = np.linalg.solve(M, J.T @ v_r - damping2 * pull)
-            z = gains.Gv * (qdot_c - qdot)
-            right = J.T @ a_r + (damping2 * z if m < n else 0.0)
-            s_0 = qdot + T * (np.linalg.solve(M, right) + z)
-            met = {
-                j
-                for j, (_, g, drift, _, _) in enumerate(constraints)
-                if g @ s_0 + drift < 0.0
-            }
-            if met <= active:
-                return s_0, qdot_c, W.diagonal()
-            active |= met
-
-    def _guard(self, s_0, constraints):
-        """L7."""
-        active: set[int] = set()
-        s = s_0
-        while True:
-            exceeded = {
-                j
-                for j, (_, g, drift, _, retreat) in enumerate(constraints)
-                if g @ s + drift < retreat
-            }
-            if exceeded <= active:
-                return s
-            active |= exceeded
-            # Least squares of the stacked wishes, not their normal equations.
-            A, b = [np.eye(len(s_0))], [s_0]
-            for j in sorted(active):
-                _, g, drift, weight, retreat = constraints[j]
-                A.append(np.sqrt(weight) * g[None])
-                b.append([np.sqrt(weight) * (retreat - drift)])
-            s = np.linalg.lstsq(np.vstack(A), np.concatenate(b))[0]

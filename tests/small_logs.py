@@ -42,6 +42,7 @@ def small_log(**changes) -> SimulationLog:
         constraint_weights=np.ones((3, 2)),
         status=np.zeros((3, 1)),
         resting_margins=np.array([[0.2, 0.4], [0.1, 0.3], [0.15, 0.2]]),
+        admission=np.full((3, 4), np.nan),
         torque_limit=np.array([[1.0, 0.0], [0.4, 0.0], [0.0, 0.25]]),
         position_names=np.array(["rail", "swing", "turn"]),
         actuator_names=np.array(["turn", "rail", "swing"]),
@@ -51,6 +52,7 @@ def small_log(**changes) -> SimulationLog:
         pair_names=np.array(["left - right", "hand - torso"]),
         lower=np.array([-np.inf, -1.0, -np.inf]),
         upper=np.array([np.inf, 1.0, np.inf]),
+        velocity_limits=np.array([np.inf, 2.0, np.inf]),
         scenario=SCENARIO,
     )
     return replace(log, **changes)

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -63,18 +63,20 @@ def equation_numbers(text: str) -> set[int]:
     return numbers
 
 
-def lookahead_numbers(text: str) -> set[int]:
-    """All n of "(Ln)" and of "(La)-(Lb)" in a text."""
+def own_numbers(letter: str, text: str) -> set[int]:
+    """All n of "(Ln)" and of "(La)-(Lb)" in a text, or of another letter."""
     numbers: set[int] = set()
-    for first, last in re.findall(r"\(L(\d+)\)(?:-\(L(\d+)\))?", text):
+    one = rf"\({letter}(\d+)\)"
+    for first, last in re.findall(rf"{one}(?:-{one})?", text):
         numbers.update(range(int(first), int(last or first) + 1))
     return numbers
 
 
 def labels(text: str) -> set[str]:
-    """Of both kinds, for people: "Eq. (5)" and "(L5)"."""
+    """Of all kinds, for people: "Eq. (5)", "(L5)" and "(A5)"."""
     paper = {f"Eq. ({n})" for n in equation_numbers(text)}
-    return paper | {f"(L{n})" for n in lookahead_numbers(text)}
+    own = {f"({x}{n})" for x in "LA" for n in own_numbers(x, text)}
+    return paper | own
 
 
 def find_object(name: str) -> object:
@@ -108,8 +110,8 @@ def test_equation_numbers_are_read_from_every_form():
     assert equation_numbers("Eqs. (4), (7)-(9) and (11): see (3)") == {4, 7, 8, 9, 11}
     assert equation_numbers("Eqs. (22), (24): f, and Eq. (3)") == {3, 22, 24}
     assert equation_numbers("(5), 6") == set()
-    assert lookahead_numbers("r of (L7), and (L2), (L3)-(L5): (6)") == {7, 2, 3, 4, 5}
-    assert labels("Eq. (5), and (L6)-(L7)") == {"Eq. (5)", "(L6)", "(L7)"}
+    assert own_numbers("L", "r of (L7), and (L2), (L3)-(L5): (A6)") == {7, 2, 3, 4, 5}
+    assert labels("Eq. (5), and (L6)-(L7), (A6)") == {"Eq. (5)", "(L6)", "(L7)", "(A6)"}
 
 
 def test_every_equation_of_the_paper_is_listed():
@@ -121,8 +123,15 @@ def test_every_equation_of_the_lookahead_is_listed():
     text = (ROOT / "docs" / "lookahead.md").read_text(encoding="utf-8")
     # Where an equation is set apart, its number ends the line.
     printed = set(re.findall(r"  \(L(\d+)\)$", text, flags=re.MULTILINE))
-    listed = set().union(*(lookahead_numbers(row.equations) for row in ROWS))
+    listed = set().union(*(own_numbers("L", row.equations) for row in ROWS))
     assert listed == {int(n) for n in printed} == set(range(1, 10))
+
+
+def test_every_equation_of_the_admission_is_listed():
+    path = ROOT / "crar_drake" / "equations" / "admission.py"
+    named = own_numbers("A", path.read_text(encoding="utf-8"))
+    listed = set().union(*(own_numbers("A", row.equations) for row in ROWS))
+    assert listed == named == set(range(1, 7))
 
 
 def test_every_function_that_opens_with_an_equation_is_listed():
@@ -133,7 +142,7 @@ def test_every_function_that_opens_with_an_equation_is_listed():
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 docstring = ast.get_docstring(node) or ""
                 name = f"equations.{path.stem}.{node.name}"
-                if re.match(r"Eqs?\. |\(L", docstring) and name not in listed:
+                if re.match(r"Eqs?\. |\([LA]\d", docstring) and name not in listed:
                     missing.append(name)
     assert not missing
 
@@ -186,6 +195,7 @@ MODES = [
         "constraints": "lookahead",
         "nominal_posture_gain": 20.0,
         "respect_effort_limits": True,
+        "governor": TargetGovernor(speed=1.0, angular_speed=1.0),
     },
 ]
 TASKS = [
@@ -195,7 +205,8 @@ TASKS = [
 
 
 def control_steps(model: ControlModel, law: ControlLaw) -> Iterator[None]:
-    """Three control steps, on the way from the rest posture onto targets about it."""
+    """Three control steps, on the way from the rest posture onto targets about it; and
+    some so fast that their braking paths lead the arms into the body."""
     assert model.m < model.n  # so that there is a null space
     layout = model.layout
     q, v = model.rest_positions(), np.full(model.plant.num_velocities(), 0.1)
@@ -206,6 +217,10 @@ def control_steps(model: ControlModel, law: ControlLaw) -> Iterator[None]:
     for _ in range(3):
         law.step(q, v, targets, prescribed, state.q)
         q = q + law.parameters.period * v
+    for seed in (4, 19, 38):
+        v = 15.0 * np.random.default_rng(seed).normal(size=len(v))
+        law.reset()
+        law.step(model.rest_positions(), v, targets, prescribed, state.q)
 
 
 def watch_calls() -> dict[str, str]:

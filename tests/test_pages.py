@@ -109,7 +109,7 @@ def test_the_calls_on_the_page_about_diagrams_work():
     code = re.findall(
         r"^    (\w+ = .*|plant\..*)$", YOUR_DIAGRAM.read_text("utf-8"), re.M
     )
-    assert len(code) == 6
+    assert len(code) == 7
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
     known = vars(crar_drake) | {n: getattr(crar_drake, n) for n in crar_drake.__all__}
@@ -134,6 +134,8 @@ def test_the_calls_on_the_page_about_diagrams_work():
     assert np.abs(reached).max() < 0.02 and not np.allclose(start, q)
     # Asked to stay where it is, the robot is sent nowhere.
     assert np.abs(known["solution"].acceleration).max() < 1e-6
+    # At the state of the step its torque is the step's.
+    np.testing.assert_allclose(known["torque"], known["solution"].actuation, atol=1e-9)
     fields = [field.name for field in dataclasses.fields(crar_drake.Solution)]
     text = YOUR_DIAGRAM.read_text("utf-8")
     section = text[text.index("A `Solution` has") :].partition("\n\n")[0]

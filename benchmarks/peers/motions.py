@@ -4,10 +4,12 @@ Written as formulas in joint space, so that all seven task points are consistent
 the robot at every instant: whatever error is left is the constraints' doing. The
 joint path is q(t) = q_from + w(t) (q_to - q_from) + u(t) A sin(2 pi f (t - t0)), with
 two smooth steps w and u, and its derivatives are those of this formula.
+`random_crossings` draws such motions, for any robot.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +56,14 @@ SWING = {
     "right_elbow": 0.15,
 }
 
+# Of random motions: distance of the two poses [m], how deep they penetrate between
+# them [m], the fastest joint [rad/s], and how far unlimited joints turn [rad].
+APART = 0.02
+SHALLOWEST, DEEPEST = 0.01, 0.1
+FASTEST_JOINT = 4.0
+FREE_JOINT = 1.5
+TRIES = 3000  # a motion
+
 
 @dataclass(frozen=True)
 class JointMotion:
@@ -64,6 +74,7 @@ class JointMotion:
         amplitude: (n,) of the swing [rad].
         departure, arrival: times of the first smooth step [s].
         duration: of the motion [s].
+        frequency: f of the swing [Hz].
     """
 
     q_from: np.ndarray
@@ -72,12 +83,13 @@ class JointMotion:
     departure: float
     arrival: float
     duration: float
+    frequency: float = SWINGS_PER_SECOND
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q, q_dot and q_ddot, (T, n) each, at the times (T,)."""
         w = smooth_step(time, self.departure, self.arrival)
         u = smooth_step(time, self.departure, self.arrival + 0.5)
-        omega = 2.0 * np.pi * SWINGS_PER_SECOND
+        omega = 2.0 * np.pi * self.frequency
         phase = omega * (time - self.departure)
         s = np.sin(phase), omega * np.cos(phase), -(omega**2) * np.sin(phase)
         swing = (
@@ -90,6 +102,58 @@ class JointMotion:
             for i in range(3)
         )
         return q + self.q_from, v, a
+
+
+def random_crossings(
+    seed: int,
+    rest: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    smallest_distance: Callable[[np.ndarray], float],
+    count: int = 1,
+) -> list[JointMotion]:
+    """Motions, drawn at random, whose hands swing through each other or the body.
+
+    Each swings between two clear poses on a straight line in joint space that
+    penetrates between them, and stays within the limits of the joints; it starts in
+    the rest posture.
+
+    Args:
+        seed: the same one draws the same motions.
+        rest: (n,) rest posture [rad].
+        lower, upper: (n,) limits [rad], infinite where there are none.
+        smallest_distance: of the pairs that are to meet, at q (n,) [m].
+        count: of motions.
+
+    Raises:
+        ValueError: hardly any two poses are so, e.g. since nothing can meet.
+    """
+    rng = np.random.default_rng(seed)
+    lower = np.maximum(lower, rest - FREE_JOINT)
+    upper = np.minimum(upper, rest + FREE_JOINT)
+    found: list[JointMotion] = []
+    for _ in range(TRIES * count):
+        reach = rng.uniform(0.2, 0.8)
+        first, second = (
+            rest + reach * (rng.uniform(lower, upper) - rest) for _ in range(2)
+        )
+        if min(smallest_distance(first), smallest_distance(second)) < APART:
+            continue
+        shares = np.linspace(0.0, 1.0, 33)[1:-1]
+        way = second - first
+        deepest = min(smallest_distance(first + x * way) for x in shares)
+        if not -DEEPEST <= deepest <= -SHALLOWEST:
+            continue
+        half = 0.5 * way
+        frequency = rng.uniform(0.4, 1.4)
+        fastest = 2.0 * np.pi * frequency * np.abs(half).max()
+        frequency *= min(1.0, FASTEST_JOINT / fastest)
+        found.append(
+            JointMotion(rest, first + half, half, 0.5, 1.5, 6.0, float(frequency))
+        )
+        if len(found) == count:
+            return found
+    raise ValueError(f"{count} crossings were wanted, {len(found)} were found")
 
 
 def smooth_step(

@@ -51,6 +51,8 @@ class Crar(Controller):
             self.description, position_tasks(problem.links), time_step=PLANT_STEP
         )
         assert list(model.joint_names) == problem.joints
+        # No controller of the comparison knows of efforts.
+        settings = {"respect_effort_limits": False} | settings
         self.law = make_control_law(
             model, CrarParameters(period=period, lookahead=lookahead, **settings)
         )

@@ -49,15 +49,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments; by default those of the process.
 
     Returns:
-        0; 2 if something the user gave is wrong, which is then on stderr; 130 if
-        interrupted.
+        0; 1 if `judge` finds that a log's certificate is not true; 2 if something the
+        user gave is wrong, which is then on stderr; 130 if interrupted.
     """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
     try:
         arguments = parse(argv)
         with collected_warnings(verbose=arguments.verbose):
-            arguments.command(arguments)
+            code = arguments.command(arguments) or 0
         sys.stdout.flush()
     except CrarError as error:
         print(f"crar-drake: error: {error}", file=sys.stderr)
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"crar-drake: error: {where}{error.strerror or error}", file=sys.stderr)
         _drop_output()
         return 2
-    return 0
+    return code
 
 
 def _drop_output() -> None:

@@ -1,12 +1,19 @@
-"""`crar-drake judge`: a saved log's collisions and passed joint limits."""
+"""`crar-drake judge`: a saved log's collisions, passed limits, and its certificate."""
 
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from crar_drake.commands.options import add_command, add_robot, positive
+from crar_drake.commands.options import add_command, add_robot, count, positive
 from crar_drake.errors import CrarError
+
+if TYPE_CHECKING:
+    from crar_drake.results.certificate import CertificateVerdict, Place
+    from crar_drake.results.log import SimulationLog
+    from crar_drake.robot.description import RobotDescription
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -15,8 +22,11 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "judge",
         run,
-        "Count the collisions and passed joint limits of a saved log, independently "
-        "of the controller; of imported robots also by the hulls of their meshes.",
+        "Count the collisions and passed joint and speed limits of a saved log, "
+        "independently of the controller; of imported robots also by the hulls of "
+        "their meshes. A log with constraints lookahead says of its every control "
+        "step how it could brake: whether that is true is told, and the exit code is "
+        "1 if it is not, or if a constraint is violated.",
     )
     parser.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
     add_robot(parser)
@@ -27,11 +37,26 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="S",
         help="look at the meshes' hulls every S seconds (default: %(default)s)",
     )
+    parser.add_argument(
+        "--paths-every",
+        type=count,
+        metavar="N",
+        help="judge the braking path of every N-th control step, besides the nearest "
+        "100 (default: of about 300)",
+    )
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Does what the arguments say."""
-    from crar_drake.results.hull_judge import HullJudge, has_hulls
+def run(arguments: argparse.Namespace) -> int:
+    """Does what the arguments say.
+
+    Returns:
+        The exit code: 1 if the log has a certificate, and that is not true or
+        a constraint is violated; else 0. What logs without one violate is counted.
+    """
+    import numpy as np
+
+    from crar_drake.results.certificate import has_certificate, judge_certificate
+    from crar_drake.results.hull_judge import has_hulls
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.results.referee import Referee
@@ -44,23 +69,108 @@ def run(arguments: argparse.Namespace) -> None:
     model = ControlModel.FromDescription(description, scenario.task_list())
     check_logged_robot(log, model.plant, description)
     try:
-        capsules = Referee(
-            model.plant, model.scene_graph, description.pairs
-        ).violations(log.q)
+        speeds = scenario.controller.speed_limits(model)
+        referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)
+        capsules = referee.violations(log.q, log.v)
+        verdict = None
+        if has_certificate(log):
+            verdict = judge_certificate(
+                log,
+                referee,
+                scenario.controller,
+                scenario.plant_config.time_step,
+                arguments.paths_every,
+            )
     except ValueError as error:
         raise CrarError(f"{arguments.log}: {error}") from error
     print(
         f"referee, collision shapes, {capsules.num_samples} samples: "
         f"{capsules.num_penetrating} in penetration, {capsules.num_beyond_limit} "
-        f"beyond a joint limit, smallest distance "
+        f"beyond a joint limit, "
+        + (
+            f"{capsules.num_beyond_speed} beyond a speed limit, "
+            if np.isfinite(speeds).any()
+            else ""
+        )
+        + f"smallest distance "
         f"{1e3 * capsules.smallest_distance:.1f} mm"
         + _of_pair(capsules.smallest_distance_pair)
     )
-    if not has_hulls(description):
-        return
+    if verdict is not None:
+        for line in certificate_lines(verdict):
+            print(line)
+    if has_hulls(description):
+        _judge_hulls(log, description, arguments.every)
+    if verdict is None:
+        return 0
+    violated = capsules.num_violated or capsules.num_beyond_speed or verdict.violated
+    return int(bool(violated) or not verdict.true)
+
+
+def certificate_lines(verdict: CertificateVerdict) -> list[str]:
+    """The verdict in words."""
+    lines = []
+    for figures, where in (
+        (verdict.steps, "control steps"),
+        (verdict.between, "samples between control steps"),
+    ):
+        if not figures.judged:
+            continue
+        lines.append(
+            f"referee, braking paths, {figures.judged} of {figures.of} {where}: "
+            f"{figures.penetrating} in penetration, {figures.beyond_limit} that end "
+            f"beyond a joint limit, {figures.below_floor} below the floor of "
+            f"{1e3 * verdict.floor:.1f} mm, "
+            + _near(figures.nearest, "smallest distance ", "nothing near")
+        )
+        if figures.beyond_limit:
+            lines[-1] += (
+                f"; farthest beyond a limit {figures.largest_excess_joint}, "
+                f"{figures.largest_excess:.2g} rad"
+            )
+    clear = verdict.told - verdict.told_unclear
+    claim = f"{clear} of {verdict.told} control steps with a clear braking path"
+    if math.isfinite(verdict.clearance):
+        claim += f", distances of at least {1e3 * verdict.clearance:.1f} mm"
+    if verdict.true:
+        lines.append(f"certificate: {claim}: nothing refutes it")
+        return lines
+    lines.append(f"certificate: {claim}: NOT TRUE")
+    if verdict.not_clear:
+        lines.append(
+            f"  {_paths(verdict.not_clear)} said to be clear, but not: "
+            + _near(verdict.not_clear_worst, "worst ")
+        )
+    if verdict.undercut:
+        lines.append(
+            f"  {_paths(verdict.undercut)} nearer than said: "
+            + _near(verdict.undercut_worst, "worst ")
+            + f", where at least {1e3 * verdict.undercut_claim:.3f} mm were claimed"
+        )
+    return lines
+
+
+def _paths(number: int) -> str:
+    return f"{number} braking path{'s' if number > 1 else ''}"
+
+
+def _near(place: Place, before: str, nothing: str = "") -> str:
+    if place.pair is None:
+        return nothing
+    return (
+        f"{before}{1e3 * place.distance:.3f} mm{_of_pair(place.pair)}, of the path at "
+        f"{place.time:.3f} s"
+    )
+
+
+def _judge_hulls(
+    log: SimulationLog, description: RobotDescription, period: float
+) -> None:
+    """Prints what the hulls of the meshes say."""
+    from crar_drake.results.hull_judge import HullJudge
+
     steps = max(1, len(log.time) - 1)
-    period = (log.time[-1] - log.time[0]) / steps or arguments.every
-    every = max(1, round(arguments.every / period))
+    every = max(1, round(period * steps / (log.time[-1] - log.time[0] or period)))
     hulls = HullJudge(description).judge(log.q[::every])
     print(
         f"convex hulls of the real meshes, {hulls.num_samples} samples: "

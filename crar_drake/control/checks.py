@@ -18,8 +18,13 @@ def check_choice(
         )
 
 
-def check_numbers(where: str, parameters: Any, may_be_zero: set[str]) -> None:
-    """Every number positive and finite; zero only where it means "off".
+def check_numbers(
+    where: str,
+    parameters: Any,
+    may_be_zero: set[str],
+    may_be_infinite: set[str] = frozenset(),
+) -> None:
+    """Every number positive and finite; zero or infinite only where it means "off".
 
     Raises:
         ScenarioError: names the field.
@@ -29,8 +34,11 @@ def check_numbers(where: str, parameters: Any, may_be_zero: set[str]) -> None:
         if not isinstance(value, int | float) or isinstance(value, bool):
             continue
         zero = entry.name in may_be_zero
-        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
+        infinite = entry.name in may_be_infinite
+        finite = math.isfinite(value) or (value == math.inf and infinite)
+        if not finite or value < 0.0 or (value == 0.0 and not zero):
             raise ScenarioError(
                 f"{where}.{entry.name}: {value} must be "
-                f"{'not negative' if zero else 'positive'} and finite"
+                f"{'not negative' if zero else 'positive'}"
+                + ("" if infinite else " and finite")
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -30,9 +31,23 @@ from crar_drake.control.law import (
 )
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.robot.model import ControlModel
+from crar_drake.robot.model import ControlModel, Workspace
 
 _NOTHING = np.zeros(0)
+
+
+@dataclass(slots=True)
+class _Solve:
+    """What is cached of a torque tick; a copy has contexts of its own.
+
+    Attributes:
+        workspace: the control model's contexts. They are here because each further
+            cache entry costs every step as much as reading a port.
+        step: the results.
+    """
+
+    workspace: Workspace
+    step: ControlStep
 
 
 class CrarController(LeafSystem):
@@ -55,6 +70,7 @@ class CrarController(LeafSystem):
                               │                ├──► position_command
                               │                ├──► status
                               │                ├──► resting_margins
+                              │                ├──► admission
                               │                ├──► torque_limit
                               └────────────────┴──► diagnostics
 
@@ -70,28 +86,42 @@ class CrarController(LeafSystem):
             [rad or m]; only if there are prescribed joints.
         nominal_posture: (n,); only if `nominal_posture_gain` is set.
 
-    Output ports, all of one solve:
-        actuation: (nu,) efforts in the plant's actuator order [Nm or N].
-        desired_acceleration: (nv,) commanded accelerations of all joints.
+    Output ports, all of one solve but for the torque:
+        actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
+            of the present torque tick.
+        desired_acceleration: (nv,) commanded accelerations of all joints, held for a
+            control period.
         task_error: (m,) Eq. (11) against desired_tasks [rad, m].
         signed_distances: (Nc,) in the order of the description's pairs [m].
         constraint_weights: (n,) diagonal of W, Eq. (27).
-        position_command: (nq + nv,) [q; v] one control period on.
+        position_command: (nq + nv,) [q; v] one control period after the solve.
         status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN.
         resting_margins: (2,) where the robot would come to rest, the smallest
             distance [m] and the smallest margin to a joint limit [rad]; NaN unless
             constraints are "lookahead".
+        admission: (4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled
+            towards braking), the share of the wish, a bound from below for all
+            distances on the braking path one period on [m], and whether the present
+            one is clear (1) or not (0), see `docs/lookahead.md`; NaN unless
+            constraints are "lookahead", and while it brakes without targets.
         torque_limit: (2,) share of the wish that the effort limits allowed, and the
-            excess before clipping, see `Solution`.
+            excess before clipping of the present torque tick, see `Solution`.
         diagnostics: all of the above one after the other, for loggers: one port is
-            cheaper than eight. `diagnostics_slices` tells what is where.
+            cheaper than nine. `diagnostics_slices` tells what is where.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
-    state of that instant, and held until the next: there is no delay. Where the
-    plant is discrete, its own update happens at the same instant as the
-    controller's, so the outputs then answer from the new state already; where it is
-    continuous they change with the controller's update. All state is in the
-    Context: several simulators may run one diagram.
+    state of that instant, and its accelerations are held until the next. What realises
+    them, the inverse dynamics of Eq. (29), is computed anew at each torque tick, at
+    t = 0, torque period, 2 torque period, ..., on the state of that instant
+    (`CrarParameters.torque_period`): a torque that is held is not an acceleration that
+    is held. Every control tick is a torque tick; there the law comes first, and its
+    torque is that of the tick. In between only the torque changes, and NaN among the
+    targets is not seen.
+
+    There is no delay. Where the plant is discrete, its own update happens at the same
+    instant as the controller's, so the outputs then answer from the new state already;
+    where it is continuous they change with the controller's update. All state is in
+    the Context: several simulators may run one diagram.
 
     Attributes:
         law: the `ControlLaw` that the system wraps.
@@ -99,7 +129,8 @@ class CrarController(LeafSystem):
         diagnostics_slices: output port to its place in "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated; the plant's
-    torque is exact where its model is the control model's.
+    torque is exact where its model is the control model's, time step included, and the
+    acceleration is exactly held where the torque period is the plant's step.
     """
 
     def __init__(
@@ -123,7 +154,9 @@ class CrarController(LeafSystem):
         self.set_name("crar_controller")
         self.law = ControlLaw(model, parameters)
         self._plant_is_discrete = plant_is_discrete
-        self._period = self.law.parameters.period
+        plant_step = model.plant.time_step() if plant_is_discrete else 0.0
+        self._torque_ticks = self.law.parameters.torque_ticks(plant_step)
+        self._torque_period = self.law.parameters.torque_period_for(plant_step)
 
         nq = model.plant.num_positions()
         nv = model.plant.num_velocities()
@@ -143,28 +176,23 @@ class CrarController(LeafSystem):
         nothing_yet = ControlStep(None, Memory())
         held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
         self._held_index = int(held)
-        self._workspace_cache = self.DeclareCacheEntry(
-            "control model's contexts",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(model.MakeWorkspace()),
-                calc=lambda context, value: None,
-            ),
-            {self.nothing_ticket()},
-        )
         sources = {
             self.time_ticket(),
             self.all_input_ports_ticket(),
             self.abstract_state_ticket(held),
         }
         self._solve_cache = self.DeclareCacheEntry(
-            "this control step",
+            "this torque tick",
             ValueProducer(
-                allocate=lambda: AbstractValue.Make(nothing_yet), calc=self._CalcStep
+                allocate=lambda: AbstractValue.Make(
+                    _Solve(model.MakeWorkspace(), nothing_yet)
+                ),
+                calc=self._CalcStep,
             ),
             sources,
         )
-        period = self._period
-        if plant_is_discrete and period != model.plant.time_step():
+        period = self._torque_period
+        if plant_is_discrete and period != plant_step:
             # k periods and the plant's steps up to then may differ by rounding. A
             # tick just before the plant's step sees the state that it starts from;
             # one just after it would see the next one, and solve again.
@@ -223,7 +251,7 @@ class CrarController(LeafSystem):
         return self._outputs["actuation"]
 
     def get_output_port_desired_acceleration(self) -> OutputPort:
-        """Port (nv,): commanded accelerations [rad/s^2 or m/s^2]."""
+        """Port (nv,): commanded accelerations, held [rad/s^2 or m/s^2]."""
         return self._outputs["desired_acceleration"]
 
     def get_output_port_task_error(self) -> OutputPort:
@@ -249,6 +277,10 @@ class CrarController(LeafSystem):
     def get_output_port_resting_margins(self) -> OutputPort:
         """Port (2,): smallest distance [m] and limit margin [rad] at rest."""
         return self._outputs["resting_margins"]
+
+    def get_output_port_admission(self) -> OutputPort:
+        """Port (4,): how the step was admitted, share, clearance [m], clear or not."""
+        return self._outputs["admission"]
 
     def get_output_port_torque_limit(self) -> OutputPort:
         """Port (2,): share of the wish that the effort limits allowed, and the excess
@@ -281,25 +313,31 @@ class CrarController(LeafSystem):
     def _EvalSolution(self, context: Context) -> Solution:
         """The held solution, or that of a tick whose update has not come yet."""
         held = self._GetHeld(context)
-        tick = self._Tick(context)
-        newer = tick > held.memory.tick and self._plant_is_discrete
+        now, then = self._Tick(context), (held.memory.tick, held.torque_tick)
+        newer = now > then and self._plant_is_discrete
         # An older tick: the user set the time back.
-        if held.solution is None or newer or tick < held.memory.tick:
-            return self._solve_cache.Eval(context).solution
+        if held.solution is None or newer or now < then:
+            return self._solve_cache.Eval(context).step.solution
         return held.solution
 
     def _Update(self, context: Context, state: State) -> None:
-        step = self._solve_cache.Eval(context)
+        step = self._solve_cache.Eval(context).step
         state.get_mutable_abstract_state(self._held_index).set_value(step)
 
     def _CalcStep(self, context: Context, value: AbstractValue) -> None:
-        tick = self._Tick(context)
-        memory = self._GetHeld(context).memory
-        if tick <= memory.tick:
-            memory = Memory()
+        tick, torque_tick = self._Tick(context)
+        held = self._GetHeld(context)
         x = self._EvalPort(self._state_port, context)
         if not is_finite(x):
             check_finite(self._state_name, x, context.get_time())
+        solve = value.get_value()
+        workspace = solve.workspace
+        q, v = x[: self._nq], x[self._nq :]
+        same_period = held.solution is not None and tick == held.memory.tick
+        if same_period and torque_tick > held.torque_tick:
+            solve.step = self.law.hold(workspace, held, torque_tick, q, v)
+            return
+        memory = held.memory if tick > held.memory.tick else Memory()
         targets = Targets(
             tasks=self._EvalPort(self._tasks_port, context),
             prescribed=self._EvalPort(self._prescribed_port, context),
@@ -307,15 +345,14 @@ class CrarController(LeafSystem):
             names=self._target_names,
         )
         step = self.law.solve(
-            self._workspace_cache.Eval(context),
-            memory,
-            tick,
-            context.get_time(),
-            x[: self._nq],
-            x[self._nq :],
-            targets,
+            workspace, memory, tick, context.get_time(), q, v, targets
         )
-        value.set_value(step)
+        if torque_tick:
+            # A run that begins between control ticks. The next one comes too early to
+            # tell what the plant does in a period.
+            memory = replace(step.memory, qdot=None, qddot=None, governed=None)
+            step = replace(step, memory=memory, torque_tick=torque_tick)
+        solve.step = step
 
     def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
         if port is None:
@@ -332,9 +369,11 @@ class CrarController(LeafSystem):
     def _GetHeld(self, context: Context) -> ControlStep:
         return context.get_abstract_state(self._held_index).get_value()
 
-    def _Tick(self, context: Context) -> int:
+    def _Tick(self, context: Context) -> tuple[int, int]:
+        """Number of the control tick, and of the torque tick since then."""
         # The time of a tick is a multiple of the period up to rounding.
-        return math.floor(context.get_time() / self._period + 1e-6)
+        ticks = math.floor(context.get_time() / self._torque_period + 1e-6)
+        return divmod(ticks, self._torque_ticks)
 
 
 @cache

@@ -3,14 +3,15 @@
 This is the order of the paper: error, references, weights, inverse, velocity level,
 acceleration level, resolved acceleration, inverse dynamics. There is no Drake system
 here: `CrarController` wraps it for diagrams, and `ControlLaw.step` serves a user's
-own loop.
+own loop. Between control steps the accelerations are held, and the inverse dynamics
+goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,13 @@ from crar_drake.control.modes import MODES
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.blending import smooth_step
-from crar_drake.equations.kinematics import FromDrake, evaluate_state
+from crar_drake.equations.governor import govern_tasks, start_governor
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
+from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
-from crar_drake.equations.torque_limit import limit_torque
+from crar_drake.equations.tasks import task_error, unpack_tasks
+from crar_drake.equations.torque_limit import clip_torque, limit_torque
 from crar_drake.errors import CrarError
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -83,6 +87,8 @@ class Memory:
         qdot, qddot: (n,) measured velocity and commanded acceleration of the
             controlled joints in that step; None where the targets were lost.
         kept: the constraint mode's own.
+        governed: (layout.size,) the targets as they were governed; None without a
+            governor, and where the targets were lost.
     """
 
     tick: int = -1
@@ -91,6 +97,7 @@ class Memory:
     qdot: np.ndarray | None = None
     qddot: np.ndarray | None = None
     kept: Any = None
+    governed: np.ndarray | None = None
 
 
 @dataclass(slots=True)
@@ -98,21 +105,24 @@ class Solution:
     """The results of one control step.
 
     Attributes:
-        actuation: (nu,) efforts, in the order of the plant's actuators [Nm or N].
+        actuation: (nu,) efforts of the accelerations at the state that they were last
+            computed for, in the order of the plant's actuators [Nm or N].
         acceleration: (nv,) commanded accelerations of all joints: alpha_c of
-            Eq. (30) for the controlled, the desired motion's for the prescribed.
-        task_error: (m,) Eq. (11) against the targets as given, before blending
-            and task weights [rad, m].
+            Eq. (30) for the controlled, the desired motion's for the prescribed. They
+            are held for a control period.
+        task_error: (m,) Eq. (11) against the targets as given, before the governor,
+            blending and task weights [rad, m].
         signed_distances: (Nc,) per watched pair [m].
         constraint_weights: (n,) diagonal of W.
         position_command: (nq + nv,) the q and v that the accelerations lead to
-            in one control period.
+            in one control period, see `equations.prediction`.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
         torque_limit: (2,) share theta of the wish that the effort limits allowed,
             1 where they are not active or not respected, and by which share of its
             limit the worst actuator was beyond it before clipping, see
-            `equations.torque_limit`.
+            `equations.torque_limit`. The share is decided in the control step; the
+            excess is that of `actuation`.
         of_mode: the constraint mode's own diagnostics, by name.
     """
 
@@ -134,6 +144,14 @@ class Solution:
         "lookahead"."""
         return self.of_mode.get("resting_margins", np.full(2, np.nan))
 
+    @property
+    def admission(self) -> np.ndarray:
+        """(4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled towards
+        braking), the share of the wish, a bound from below for all distances on the
+        next braking path [m], and 1 if the present one is clear, else 0; NaN unless
+        constraints are "lookahead"."""
+        return self.of_mode.get("admission", np.full(4, np.nan))
+
 
 @dataclass(slots=True)
 class ControlStep:
@@ -142,10 +160,13 @@ class ControlStep:
     Attributes:
         solution: the results; None before the first step.
         memory: for the next step.
+        torque_tick: which torque tick of the control period its torque is of; 0 is
+            the control step itself.
     """
 
     solution: Solution | None
     memory: Memory
+    torque_tick: int = 0
 
     def __deepcopy__(self, memo: dict) -> ControlStep:
         return self  # Drake copies states often; nothing here is ever changed.
@@ -158,6 +179,8 @@ class ControlLaw:
         model: kinematics, distances, dynamics.
         parameters: gains and modes.
         mode: of the constraints.
+        effort_limits: (nu,) see `CrarParameters.effort_limits` [Nm or N].
+        speed_limits: (nv,) see `CrarParameters.speed_limits` [rad/s or m/s].
     """
 
     def __init__(
@@ -165,7 +188,7 @@ class ControlLaw:
     ) -> None:
         """
         Raises:
-            ScenarioError: a parameter is out of range.
+            ScenarioError: a parameter is out of range, or names no joint of the robot.
         """
         self.model = model
         self.parameters = parameters or CrarParameters()
@@ -175,7 +198,13 @@ class ControlLaw:
         self._blend_time = float(gains.blend_time)
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
+        self._plant_step = float(model.plant.time_step())
         self._with_posture = gains.nominal_posture_gain > 0.0
+        self._target_bounds = gains.governor.bounds()
+        self.speed_limits = gains.speed_limits(model)
+        self.effort_limits = gains.effort_limits(model)
+        # Without limits the inertias would be computed for nothing.
+        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         task_gains = TaskGains(
             float(gains.K),
             float(gains.Kp),
@@ -194,12 +223,14 @@ class ControlLaw:
         posture = q[model.controlled] if self._with_posture else _NOTHING
         prescribed = np.concatenate((q[model.prescribed], np.zeros(2 * model.n_p)))
         targets = Targets(model.tasks_at(q), prescribed, posture)
-        self.solve(model.MakeWorkspace(), Memory(), 0, 0.0, q, v, targets)
+        workspace = model.MakeWorkspace()
+        step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
+        self.hold(workspace, step, 1, q, v)
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
         self._workspace = self.model.MakeWorkspace()
-        self._memory = Memory()
+        self._step = ControlStep(None, Memory())
 
     def step(
         self,
@@ -224,30 +255,50 @@ class ControlLaw:
         Raises:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
-        nq, nv = self.model.plant.num_positions(), self.model.plant.num_velocities()
-        given = []
-        for name, value, size in (
-            ("q", q, nq),
-            ("v", v, nv),
-            ("tasks", tasks, self.model.layout.size),
-            ("prescribed", prescribed, 3 * self.model.n_p),
-            ("nominal_posture", nominal_posture, self.model.n * self._with_posture),
-        ):
-            value = _NOTHING if value is None or not size else value
-            if np.shape(value) != (size,):
-                raise InputError(
-                    f"{name} has shape {np.shape(value)}; it must be ({size},)"
-                )
-            given.append(np.ascontiguousarray(value, dtype=float))
-        tick = self._memory.tick + 1
-        time = tick * self.parameters.period
-        check_finite("q", given[0], time)
-        check_finite("v", given[1], time)
-        step = self.solve(
-            self._workspace, self._memory, tick, time, *given[:2], Targets(*given[2:])
+        model, memory = self.model, self._step.memory
+        q, v, *targets = _of_sizes(
+            ("q", q, model.plant.num_positions()),
+            ("v", v, model.plant.num_velocities()),
+            ("tasks", tasks, model.layout.size),
+            ("prescribed", prescribed, 3 * model.n_p),
+            ("nominal_posture", nominal_posture, model.n * self._with_posture),
         )
-        self._memory = step.memory
-        return step.solution
+        tick = memory.tick + 1
+        time = tick * self.parameters.period
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        self._step = self.solve(
+            self._workspace, memory, tick, time, q, v, Targets(*targets)
+        )
+        return self._step.solution
+
+    def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The torque of the last step's accelerations at a new state.
+
+        For a loop that sends torques more often than it calls `step`: an acceleration
+        takes another torque where the robot has moved.
+
+        Args:
+            q: (nq,) positions measured now.
+            v: (nv,) velocities measured now.
+
+        Returns:
+            (nu,) efforts, within the effort limits if these are respected [Nm or N].
+
+        Raises:
+            InputError: there was no step yet, or an argument has a NaN or the wrong
+                size; it is named.
+        """
+        if self._step.solution is None:
+            raise InputError("there is no acceleration to hold yet: call step first")
+        q, v = _of_sizes(
+            ("q", q, self.model.plant.num_positions()),
+            ("v", v, self.model.plant.num_velocities()),
+        )
+        time = self._step.memory.tick * self.parameters.period
+        check_finite("q", q, time)
+        check_finite("v", v, time)
+        return self.hold(self._workspace, self._step, 1, q, v).solution.actuation
 
     def solve(
         self,
@@ -278,25 +329,31 @@ class ControlLaw:
         q_s = None
         if mode.horizon is not None:
             q_s = resting_configuration(q, v, mode.horizon)
-        drake = model.ask(workspace, q, v, q_s)
+        measured = model.measure(workspace, q, v, q_s)
         if not targets.finite():
             if mode.brakes_without_targets:
-                return self._brake(workspace, tick, drake)
+                return self._brake(workspace, tick, measured)
             targets.check(time)
         start_time, start = memory.start_time, memory.start
         if start is None:
-            state = evaluate_state(drake, model.numbers(drake))
+            state = model.state_here(measured)
             start_time = time
             start = BlendStart(state.R, state.p, q[model.prescribed])
         blend = smooth_step(time - start_time, self._blend_time)
+        tasks, governed = targets.tasks, None
+        if self._target_bounds is not None:
+            tasks = governed = self._govern(memory, tick, measured, targets.tasks)
         wanted = Wanted(
-            targets.tasks, targets.prescribed, targets.nominal_posture, start, blend
+            tasks, targets.prescribed, targets.nominal_posture, start, blend
         )
         before = None
         if memory.qdot is not None:
             follows = tick == memory.tick + 1
             before = Before(follows, memory.qdot, memory.qddot, memory.kept)
-        resolved = mode.resolve(workspace, drake, wanted, before)
+        resolved = mode.resolve(workspace, measured, wanted, before)
+        if governed is not None and not np.array_equal(governed, targets.tasks):
+            error = self._error(measured, targets.tasks)
+            resolved = replace(resolved, answer=resolved.answer._replace(error=error))
         if not is_finite(resolved.answer.vdot):
             # A quaternion of zero length is a number, but no orientation.
             if is_finite(resolved.answer.error):
@@ -305,13 +362,13 @@ class ControlLaw:
                     "solver; are positions, velocities or targets beyond all sense?"
                 )
             if mode.brakes_without_targets:
-                return self._brake(workspace, tick, drake)
+                return self._brake(workspace, tick, measured)
             raise InputError(
                 f"desired_tasks has a quaternion of zero length at t = {time:g} s; "
                 "give unit quaternions (w, x, y, z), see TaskLayout"
             )
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        solution = self._solution(workspace, drake, resolved, status)
+        solution = self._solution(workspace, measured, resolved, status)
         return ControlStep(
             solution,
             Memory(
@@ -321,57 +378,141 @@ class ControlLaw:
                 qdot=v[model.controlled],
                 qddot=solution.acceleration[model.controlled],
                 kept=resolved.kept,
+                governed=governed,
             ),
         )
+
+    def hold(
+        self,
+        workspace: Workspace,
+        step: ControlStep,
+        torque_tick: int,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> ControlStep:
+        """The step with the torque that its accelerations take at a later state.
+
+        Where effort limits are respected, the torque is clipped: what the limits allow
+        was decided in the control step.
+
+        Args:
+            workspace: of the model; left at the state (q, v).
+            step: that is held.
+            torque_tick: for the result.
+            q, v: (nq,), (nv,) state of the whole plant.
+        """
+        model, held = self.model, step.solution
+        model.plant.SetPositionsAndVelocities(
+            workspace.plant_context, np.concatenate((q, v))
+        )
+        actuation = model.inverse_dynamics(workspace, held.acceleration)
+        torque_limit = held.torque_limit
+        if self._limits_efforts:
+            actuation, excess = clip_torque(actuation, self.effort_limits)
+            torque_limit = np.array([torque_limit[0], excess])
+        solution = replace(held, actuation=actuation, torque_limit=torque_limit)
+        return ControlStep(solution, step.memory, torque_tick)
+
+    def _govern(
+        self, memory: Memory, tick: int, measured: Measured, tasks: np.ndarray
+    ) -> np.ndarray:
+        """The governed targets, [x; v; a] (layout.size,).
+
+        They begin at the measured pose and velocity: in the first step, after a gap
+        in time, and when targets that were lost are back.
+        """
+        rows, bounds = self.model.layout.rows, self._target_bounds
+        before = memory.governed
+        if before is None or tick != memory.tick + 1:
+            state = self.model.state_here(measured)
+            pose = self.model.layout.pack(state.R, state.p)
+            before = start_governor(pose, state.J @ state.v, rows, bounds, self._period)
+        return govern_tasks(
+            np.ascontiguousarray(tasks), before, rows, bounds, self._period
+        )
+
+    def _error(self, measured: Measured, tasks: np.ndarray) -> np.ndarray:
+        """Eq. (11) against any targets, (m,)."""
+        rows = self.model.layout.rows
+        state, desired = self.model.state_here(measured), unpack_tasks(tasks, rows)
+        return task_error(rows, state.R, state.p, desired.R, desired.p)
 
     @property
     def brakes_without_targets(self) -> bool:
         """Whether a NaN in the targets makes the robot brake, not raise."""
         return self.mode.brakes_without_targets
 
-    def _brake(self, workspace: Workspace, tick: int, drake: FromDrake) -> ControlStep:
+    def _brake(
+        self, workspace: Workspace, tick: int, measured: Measured
+    ) -> ControlStep:
         """Without targets: q_ddot = -q_dot / T, and blend in when they are back."""
         model = self.model
         answer = Answer(
-            vdot=-drake.v / self.parameters.braking_horizon,
+            vdot=-measured.v / self.parameters.braking_horizon,
             error=np.full(model.m, np.nan),
-            d=evaluate_state(drake, model.numbers(drake)).d[0],
+            d=model.state_here(measured).d[0],
             W=np.ones(model.n),
             qdot_c=np.zeros(model.n),
         )
-        solution = self._solution(workspace, drake, Resolved(answer), STATUS_BRAKING)
+        solution = self._solution(workspace, measured, Resolved(answer), STATUS_BRAKING)
         return ControlStep(solution, Memory(tick=tick))
 
     def _solution(
-        self, workspace: Workspace, drake: FromDrake, resolved: Resolved, status: float
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        resolved: Resolved,
+        status: float,
     ) -> Solution:
         model, answer, period = self.model, resolved.answer, self._period
         vdot, torque_limit = answer.vdot, UNLIMITED
+        diagnostics = resolved.diagnostics
         actuation = model.inverse_dynamics(workspace, vdot)
-        if self.parameters.respect_effort_limits:
+        if self._limits_efforts:
             vdot, actuation, torque_limit = limit_torque(
                 vdot,
                 actuation,
                 model.effort_per_acceleration(workspace),
-                drake.v,
+                measured.v,
                 model.controlled,
-                model.actuator_limits,
+                self.effort_limits,
                 self._braking_horizon,
                 period,
             )
-        v_next = drake.v + period * vdot
+            if torque_limit[0] < 1.0 and status != STATUS_BRAKING:
+                within = vdot
+                vdot, told = self.mode.admit_again(measured, within)
+                diagnostics = {**diagnostics, **told}
+                if not np.array_equal(vdot, within):
+                    actuation = model.inverse_dynamics(workspace, vdot)
+                    actuation, excess = clip_torque(actuation, self.effort_limits)
+                    torque_limit = np.array([torque_limit[0], excess])
+        after = next_state(measured.q[0], measured.v, vdot, period, self._plant_step)
         return Solution(
             actuation=actuation,
             acceleration=vdot,
             task_error=answer.error,
             signed_distances=answer.d,
             constraint_weights=answer.W,
-            position_command=np.concatenate((drake.q + period * v_next, v_next)),
+            position_command=np.concatenate(after),
             constrained_velocity=answer.qdot_c,
             status=np.array([status]),
             torque_limit=torque_limit,
-            of_mode=resolved.diagnostics,
+            of_mode=diagnostics,
         )
+
+
+def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
+    """The values of (name, value, size), as arrays; raises InputError with the name."""
+    arrays = []
+    for name, value, size in given:
+        value = _NOTHING if value is None or not size else value
+        if np.shape(value) != (size,):
+            raise InputError(
+                f"{name} has shape {np.shape(value)}; it must be ({size},)"
+            )
+        arrays.append(np.ascontiguousarray(value, dtype=float))
+    return arrays
 
 
 def is_finite(value: np.ndarray) -> bool:

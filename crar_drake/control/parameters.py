@@ -3,16 +3,65 @@
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.errors import ScenarioError
+from crar_drake.equations.governor import Bounds
+from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
+from crar_drake.robot.description import find_joint, is_speed_limit
+
+if TYPE_CHECKING:
+    from crar_drake.robot.model import ControlModel
 
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = tuple(MODES)
 METRICS = ("identity", "inertia")
+
+# A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
+_TORQUE_PERIOD = 1e-3
+
+
+@dataclass
+class TargetGovernor:
+    """Bounds on the targets before the law sees them, see `equations.governor`.
+
+    None leaves a bound out; with all of them left out there is no governor. They are
+    those of every task, and norms over three components; of a pose the orientation
+    and the position are bounded each for itself. Prescribed joints and the nominal
+    posture are not governed.
+
+    Attributes:
+        speed: of positions [m/s].
+        acceleration: of positions [m/s^2].
+        angular_speed: of orientations [rad/s].
+        angular_acceleration: of orientations [rad/s^2].
+    """
+
+    speed: float | None = None  # [m/s]
+    acceleration: float | None = None  # [m/s^2]
+    angular_speed: float | None = None  # [rad/s]
+    angular_acceleration: float | None = None  # [rad/s^2]
+
+    def validate(self) -> None:
+        """Raises ScenarioError, naming the field and what it may be."""
+        check_numbers("controller.governor", self, may_be_zero=set())
+
+    def bounds(self) -> Bounds | None:
+        """The bounds for the equations, infinite where left out; None if all are."""
+        given = (
+            self.speed,
+            self.acceleration,
+            self.angular_speed,
+            self.angular_acceleration,
+        )
+        if all(bound is None for bound in given):
+            return None
+        return Bounds(*(math.inf if bound is None else float(bound) for bound in given))
 
 
 @dataclass
@@ -24,7 +73,12 @@ class CrarParameters:
             (Eq. 35).
         constraints: "lookahead" (hold where the robot would come to rest),
             "paper" (W of Eq. 27) or "none" (W = I).
-        period: control period [s]; the torque is held in between.
+        period: control period [s]; the accelerations are held in between.
+        torque_period: between two computations of the torque of the held
+            accelerations [s]; it divides the control period, and is a multiple of a
+            discrete plant's time step. By default the longest such that is not longer
+            than 1 ms, or than the plant's step if that is longer. As long as the
+            control period, it is the torque that is held.
         K: velocity-level task gain, Eq. (15) [1/s].
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
@@ -45,16 +99,25 @@ class CrarParameters:
         nominal_posture_gain: stiffness towards the input port "nominal_posture"
             in the null space [1/s^2], with damping of its own besides GvN's; 0 leaves
             the port out.
-        respect_effort_limits: whether the commanded torque stays within the
-            actuators' effort limits, see `equations.torque_limit`.
+        respect_effort_limits: whether the commanded torque stays within the effort
+            limits of the controlled joints, see `equations.torque_limit`; by default
+            with constraints "lookahead" alone, for the others are the paper to the
+            letter. Without finite limits in the robot's file it changes nothing.
+        velocity_scale: share of the robot's velocity limits that may be used; infinite
+            lifts them. Constraints "lookahead" respects them; by the others' runs
+            they are only judged.
+        velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
+            robot's times `velocity_scale`; infinite for none.
         distances: "closed_form" for capsules and spheres, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
+        governor: bounds on the targets' speed and acceleration; by default none.
     """
 
     level: str = "acceleration"
     constraints: str = "lookahead"
     period: float = 1e-3  # [s]
+    torque_period: float | None = None  # [s]
     K: float = 30.0  # [1/s]
     Kp: float = 300.0  # [1/s^2]
     Kv: float | None = None  # [1/s]
@@ -69,9 +132,12 @@ class CrarParameters:
     limit_share: float | None = None
     blend_time: float = 0.5  # [s]
     nominal_posture_gain: float = 0.0  # [1/s^2]
-    respect_effort_limits: bool = False
+    respect_effort_limits: bool | None = None
+    velocity_scale: float = 1.0
+    velocity_limits: dict[str, float] = field(default_factory=dict)
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
+    governor: TargetGovernor = field(default_factory=TargetGovernor)
 
     def validate(self) -> None:
         """Checks every field; YAML loading does not.
@@ -87,13 +153,90 @@ class CrarParameters:
             "controller",
             self,
             may_be_zero={"nominal_posture_gain", "blend_time", "limit_share"},
+            may_be_infinite={"velocity_scale"},
         )
+        for joint, limit in self.velocity_limits.items():
+            if not is_speed_limit(limit):
+                raise ScenarioError(
+                    f"controller.velocity_limits.{joint}: {limit} must be positive "
+                    "(.inf for no limit)"
+                )
         if self.limit_share is not None and self.limit_share > 1.0:
             raise ScenarioError(
                 f"controller.limit_share: {self.limit_share} must be at most 1"
             )
+        self._check_torque_period()
         self.lookahead.validate()
+        self.governor.validate()
+        self._check_gains()
         MODES[self.constraints].check(self)
+
+    def _check_gains(self) -> None:
+        """Raises ScenarioError where the feedback diverges in discrete time.
+
+        A task's error obeys x'' = -P x - D x', with D = Kv + Gv and P = Kp + Gv K
+        (Eqs. 14, 30 at the acceleration level). The acceleration is held for a period
+        h, by a plant whose steps d are at most that long; then the two eigenvalues of
+        (x, h x') are inside the unit circle (Jury's criterion) if and only if
+
+            D h + P h d / 2 < 2    and    D > P (h - d) / 2.
+
+        The worst of d between 0 and h counts.
+        """
+        if self.level == "velocity":
+            return
+        h = self.period
+        D = self.velocity_gain + self.Gv
+        P = self.Kp + self.Gv * self.K
+        if D * h + 0.5 * P * h * h < 2.0 and D > 0.5 * P * h:
+            return
+        longest = min(2.0 * D / P, (math.sqrt(D * D + 4.0 * P) - D) / P)
+        raise ScenarioError(
+            f"controller: with a velocity gain Kv + Gv = {D:g}/s and a position gain "
+            f"Kp + Gv K = {P:g}/s^2 the feedback diverges at a control period of {h:g} "
+            f"s; lower the gains, or choose a period below {longest:.2g} s"
+        )
+
+    def _check_torque_period(self) -> None:
+        if self.torque_period is None:
+            return
+        ticks = self.period / self.torque_period
+        if abs(ticks - round(ticks)) > 1e-6 * ticks or round(ticks) < 1:
+            raise ScenarioError(
+                f"controller.torque_period: {self.torque_period:g} s does not divide "
+                f"controller.period, {self.period:g} s; choose e.g. "
+                f"{self.period / max(round(ticks), 1):g}, or leave it out"
+            )
+
+    def torque_ticks(self, plant_step: float) -> int:
+        """How often the torque is computed in a control period.
+
+        Args:
+            plant_step: time step of the discrete plant [s]; 0 for a continuous one.
+        """
+        if self.torque_period is not None:
+            return round(self.period / self.torque_period)
+        longest = max(plant_step, _TORQUE_PERIOD) * (1.0 + 1e-6)
+        if not plant_step:
+            return math.ceil(self.period / longest)
+        steps = max(1, round(self.period / plant_step))
+        return next(
+            ticks
+            for ticks in range(1, steps + 1)
+            if steps % ticks == 0 and steps // ticks * plant_step <= longest
+        )
+
+    def torque_period_for(self, plant_step: float) -> float:
+        """The time between two computations of the torque [s].
+
+        Args:
+            plant_step: as of `torque_ticks`.
+        """
+        ticks = self.torque_ticks(plant_step)
+        period = self.period / ticks
+        # With the plant's own number the events of both come at the same instants.
+        rounding = ticks > 1 and abs(period - plant_step) <= 1e-12 * plant_step
+        return plant_step if rounding else period
 
     @property
     def velocity_gain(self) -> float:
@@ -106,10 +249,64 @@ class CrarParameters:
         return self.Gv if self.GvN is None else self.GvN
 
     @property
+    def limits_efforts(self) -> bool:
+        """Whether commanded torques stay within the effort limits that there are."""
+        if self.respect_effort_limits is None:
+            return self.constraints == "lookahead"
+        return self.respect_effort_limits
+
+    def effort_limits(self, model: "ControlModel") -> np.ndarray:
+        """The largest effort of each actuator of a robot's plant that is commanded.
+
+        Args:
+            model: of the robot.
+
+        Returns:
+            (nu,) [Nm or N], infinite where there is none or it is not respected, and
+            for the prescribed joints, whose acceleration is the motion's.
+        """
+        if not self.limits_efforts:
+            return np.full_like(model.actuator_limits, np.inf)
+        limits = model.actuator_limits.copy()
+        for index in model.plant.GetJointActuatorIndices():
+            actuator = model.plant.get_joint_actuator(index)
+            if actuator.joint().velocity_start() in model.prescribed:
+                start = actuator.input_start()
+                limits[start : start + actuator.num_inputs()] = np.inf
+        return limits
+
+    def speed_limits(self, model: "ControlModel") -> np.ndarray:
+        """The largest speed of each joint of a robot's plant.
+
+        Args:
+            model: of the robot.
+
+        Returns:
+            (nv,) [rad/s or m/s], infinite where there is none and for the prescribed
+            joints, whose speed is the motion's.
+
+        Raises:
+            ScenarioError: `velocity_limits` names a joint that the robot does not have,
+                or that is not controlled.
+        """
+        limits = self.velocity_scale * model.velocity_limits
+        for name, limit in self.velocity_limits.items():
+            where = f"controller.velocity_limits.{name}"
+            try:
+                joint = find_joint(model.plant, name)
+            except ModelError as error:
+                raise ScenarioError(f"{where}: {error}") from error
+            start = joint.velocity_start()
+            columns = range(start, start + joint.num_velocities())
+            if not set(columns) & set(model.controlled.tolist()):
+                why = "prescribed: the motion moves it" if columns else "fixed"
+                raise ScenarioError(f"{where}: the joint is {why}; leave it out")
+            limits[columns] = limit
+        limits[model.prescribed] = np.inf
+        return limits
+
+    @property
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
-        return (
-            1.0 / self.Gv
-            if self.lookahead.horizon is None
-            else (self.lookahead.horizon)
-        )
+        horizon = self.lookahead.horizon
+        return 1.5 / self.Gv if horizon is None else horizon

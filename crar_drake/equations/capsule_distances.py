@@ -177,8 +177,9 @@ def capsule_distances(
 
 
 class ShapePairs(NamedTuple):
-    """The shapes of Nc watched pairs, in K configurations of P points each.
+    """The shapes of Nr rows, in K configurations of P points each.
 
+    A row is a watched pair, of which the nearest shapes count, or a pair of its shapes.
     The shape pairs of one watched pair stand side by side: those in closed form, whose
     axes are among the points, and others whose nearest points are asked elsewhere.
     """
@@ -189,24 +190,24 @@ class ShapePairs(NamedTuple):
     vector_b: np.ndarray
     sizes: CapsuleSizes  # (K Nf,)
     order: np.ndarray  # (K N,) where each is among these and then the others
-    members: np.ndarray  # (K Nc, most) shape pairs of each pair; the first fills up
-    moves: np.ndarray  # (Nc, nv) see `collisions.distance_gradient_about_origin`
+    members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
+    moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
 
 
 @compiled
 def nearest_of_pairs(
     points: np.ndarray, asked: np.ndarray, pairs: ShapePairs
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the segments of each watched pair are nearest.
+    """Where the shapes of each row are nearest.
 
     Args:
         points: (K, P, 3) in W, the axes' starts and vectors among them [m].
         asked: (K (N - Nf), 7) of the shapes without a closed form: distance, normal
             from b to a, point fixed to a on the line of the shortest distance.
-        pairs: which shapes belong to which pair.
+        pairs: which shapes belong to which row.
 
     Returns:
-        (K Nc,) signed distances [m]; (K Nc, 3) unit normals from b to a; (K Nc, 3)
+        (K Nr,) signed distances [m]; (K Nr, 3) unit normals from b to a; (K Nr, 3)
         points fixed to a on the line of the shortest distance [m].
     """
     at = points.reshape(-1, 3)

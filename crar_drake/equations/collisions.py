@@ -20,6 +20,8 @@ def collision_potential(
 ) -> np.ndarray:
     """Eqs. (22), (24): f_j = rho_j exp(-alpha_j d_j) d_j^-beta_j.
 
+    A reference form: the product needs the slope only, `collision_potential_slope`.
+
     Args:
         d: (Nc,) signed distances, positive [m].
         rho, alpha, beta: scalars or (Nc,); amplitude, decay [1/m], exponent.
@@ -56,6 +58,9 @@ def distance_gradient(
     normal: np.ndarray, J_a: np.ndarray, J_b: np.ndarray
 ) -> np.ndarray:
     """Eq. (20): dd/dq = n^T (J_a - J_b), with n = (p_a - p_b) / d.
+
+    A reference form: the product computes it without the witness points' Jacobians,
+    `distance_gradient_about_origin`.
 
     The unit normal stands for (p_a - p_b) / d, which has no value at d = 0 and
     the wrong sign inside. For geometry welded to the world J_b is 0.

@@ -18,7 +18,7 @@ def joint_limit_potential(
 ) -> np.ndarray:
     """The potential h whose gradient is Eq. (17): (u-l)^2 / (4 (u-q) (q-l)).
 
-    Defined between finite limits only; here for tests and plots.
+    A reference form, for tests and plots; defined between finite limits only.
 
     Args:
         q, lower, upper: (n,) positions and limits [rad or m].

@@ -1,32 +1,108 @@
-"""From Drake's poses and Jacobians to the numbers of a state: Eqs. (5), (6).
+"""From joint positions and velocities to the numbers of a state: Eqs. (5), (6).
 
-About the world's origin, column j of a link's spatial Jacobian is the same for every
-link that joint j carries, and 0 for all others. One matrix S (6, nv), read off the
-links at the ends of the tree, therefore serves all links: a wrench [moment about the
-origin; force] on link L does work on the joints at the rates wrench^T S, of the joints
-that carry L. A force f at point p is the wrench [p x f; f].
+The robot is a tree of frames, each moved by one velocity against its parent; bodies
+that are welded share a frame, and frame 0 is the world. `robot.kinematics` reads the
+tree off Drake's plant; its formulas are Featherstone's (Rigid Body Dynamics Algorithms,
+2008, chapters 2 and 4).
+
+About the world's origin, the spatial velocity that joint j gives is the same for every
+link that it carries, and 0 for all others. One matrix S (6, nv) therefore serves all
+links: a wrench [moment about the origin; force] on link L does work on the joints at
+the rates wrench^T S, of the joints that carry L. A force f at point p is the wrench
+[p x f; f].
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
+from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, stack_rows
 from crar_drake.equations.vectors import cross_rows, product, sparse_product, times
 
 
-class TaskPoints(NamedTuple):
-    """Where a robot's tasks are and what moves them; T tasks, m rows."""
+class Tree(NamedTuple):
+    """The frames of a robot, N = nv + 1, parents before their children.
 
-    origins: np.ndarray  # (T,) row of X (4 L, 3) with each task's link's origin
+    The transposed pose (4, 4) of frame i in its parent is
+
+        fixed_i + sin(q) sine_i + (1 - cos(q)) versine_i + q slide_i,
+
+    with q the position that moves it: Rodrigues' formula for a turn about an axis that
+    is fixed in both, a slide along one, or both at once (a screw).
+    """
+
+    parent: np.ndarray  # (N,) the world is its own
+    position: np.ndarray  # (N,) which of the plant's positions; of the world's, any
+    fixed: np.ndarray  # (N, 4, 4) of the world, the identity
+    sine: np.ndarray  # (N, 4, 4) of the world, as the others, 0
+    versine: np.ndarray
+    slide: np.ndarray
+    ancestors: np.ndarray  # (B, N) the frames 1, 2, 4, ... up, till all are the world
+
+
+class TaskPoints(NamedTuple):
+    """What moves a robot's tasks; T tasks, m rows."""
+
     fixed: np.ndarray  # (m, 6) of `task_jacobian`
     by_point: np.ndarray  # (6 m, 3 T) likewise
     carried: np.ndarray  # (m, nv) 1 where the joint moves the row's task
+    carries: np.ndarray  # (T, nv) 1 where the joint moves the task
+    above: np.ndarray  # (nv, nv) 1 where joint j moves joint i's frame, i = j included
+
+
+def _link_poses_loops(q, tree):
+    K, N = len(q), len(tree.parent)
+    X = np.empty((K, 4 * N, 3))
+    for k in range(K):
+        for c in range(3):
+            for r in range(4):
+                X[k, r, c] = 1.0 if r == c else 0.0
+        for i in range(1, N):
+            at = q[k, tree.position[i]]
+            s, versine = math.sin(at), 1.0 - math.cos(at)
+            up, here = 4 * tree.parent[i], 4 * i
+            fixed, sine = tree.fixed[i], tree.sine[i]
+            turn, slide = tree.versine[i], tree.slide[i]
+            for r in range(4):
+                x = fixed[r, 0] + s * sine[r, 0] + versine * turn[r, 0]
+                y = fixed[r, 1] + s * sine[r, 1] + versine * turn[r, 1]
+                z = fixed[r, 2] + s * sine[r, 2] + versine * turn[r, 2]
+                if r == 3:
+                    x += at * slide[3, 0]
+                    y += at * slide[3, 1]
+                    z += at * slide[3, 2]
+                for c in range(3):
+                    X[k, here + r, c] = (
+                        x * X[k, up, c] + y * X[k, up + 1, c] + z * X[k, up + 2, c]
+                    )
+            for c in range(3):
+                X[k, here + 3, c] += X[k, up + 3, c]
+    return X
+
+
+@compiled(loops=_link_poses_loops)
+def link_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
+    """X (K, 4 N, 3): the frames' poses X_WL, transposed, one below the other [m].
+
+    Of each frame three rows of R_WL^T, and then p_WL.
+
+    Args:
+        q: (K, nq) positions of all joints in K configurations, in the plant's order.
+        tree: of the robot.
+    """
+    at = q[:, tree.position][..., np.newaxis, np.newaxis]
+    X = tree.fixed + np.sin(at) * tree.sine
+    X += (1.0 - np.cos(at)) * tree.versine + at * tree.slide
+    # Each pose is that in an ancestor; then the ancestor is replaced by its own.
+    for ancestor in tree.ancestors:
+        X = X @ X[:, ancestor]
+    return X[..., :3].reshape(len(q), -1, 3)
 
 
 @compiled
@@ -34,28 +110,41 @@ def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.
     """Points and vectors (K, P, 3) in W, in K configurations.
 
     Args:
-        X: (K, 4 L, 3) the links' poses X_WL, transposed, one below the other [m].
-        selection: (P, 4 L) homogeneous points and vectors in their links' frames, each
-            in the columns of its link, which begin at
+        X: (K, 4 N, 3) of `link_poses`.
+        selection: (P, 4 N) homogeneous points and vectors in their frames, each in the
+            columns of its frame, which begin at
         first: (P,).
     """
     return sparse_product(selection, first, X)
 
 
-@compiled
-def joint_motion(J: np.ndarray, signs: np.ndarray, order: np.ndarray) -> np.ndarray:
+def _joint_motion_loops(placed):
+    K, nv = len(placed), placed.shape[1] // 3
+    S = np.empty((K, 6, nv))
+    for k in range(K):
+        for j in range(nv):
+            p, turn, slide = placed[k, j], placed[k, nv + j], placed[k, 2 * nv + j]
+            S[k, 0, j], S[k, 1, j], S[k, 2, j] = turn[0], turn[1], turn[2]
+            S[k, 3, j] = p[1] * turn[2] - p[2] * turn[1] + slide[0]
+            S[k, 4, j] = p[2] * turn[0] - p[0] * turn[2] + slide[1]
+            S[k, 5, j] = p[0] * turn[1] - p[1] * turn[0] + slide[2]
+    return S
+
+
+@compiled(loops=_joint_motion_loops)
+def joint_motion(placed: np.ndarray) -> np.ndarray:
     """S (K, 6, nv): how each joint moves what it carries, about the world's origin.
 
     Args:
-        J: (K, E, 6, nv) Drake's spatial Jacobians of the world's origin as seen from
-            the E ends of the tree.
-        signs: (E, nv) -1 where the column is taken from that end, else 0.
-        order: (nv,) which joint is which column of S.
+        placed: (K, 3 nv, 3) in W, in K configurations: a point of each joint's axis
+            [m]; then the unit vectors along the axes, 0 where nothing turns; then
+            the directions of slides, 0 where nothing slides.
     """
-    S = J[:, 0] * signs[0]
-    for end in range(1, len(signs)):
-        S += J[:, end] * signs[end]
-    return np.ascontiguousarray(S[:, :, order])
+    nv = placed.shape[1] // 3
+    p, turn, slide = placed[:, :nv], placed[:, nv : 2 * nv], placed[:, 2 * nv :]
+    linear = cross_rows(p.reshape(-1, 3), turn.reshape(-1, 3)).reshape(p.shape) + slide
+    S = np.concatenate((turn, linear), axis=2)
+    return np.ascontiguousarray(S.transpose(0, 2, 1))
 
 
 @compiled
@@ -77,42 +166,46 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
 
 @compiled
 def task_bias(
-    bias: np.ndarray,
-    X: np.ndarray,
-    p: np.ndarray,
-    S: np.ndarray,
-    v: np.ndarray,
-    tasks: TaskPoints,
-    rows: TaskRows,
+    p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
 ) -> np.ndarray:
     """Eq. (6): Jdot q_dot (m,), the tasks' acceleration where no joint accelerates.
 
-    Of a point p of link L, with Lo the link's origin, r = p - Lo:
-    a_p = a_Lo + alpha x r + omega x (omega x r).
+    Joint j's column of S turns and moves with the frame that carries it, whose
+    spatial velocity about the world's origin is [w; u] = sum S_i q_dot_i over the
+    joints up to j, so that
+
+        d/dt S_j q_dot_j = [w x s; w x t + u x s],     [s; t] = S_j q_dot_j.
+
+    The sum A = [alpha; a] over the joints that carry a task is the acceleration of
+    what passes the world's origin, less w x u; that of the task's point p is
+
+        a_p = a + alpha x p + w x (u + w x p),      [w; u] of the task's link.
 
     Args:
-        bias: (T, 6) Drake's spatial acceleration [alpha; a_Lo] of each task's link
-            with q_ddot = 0, in W [rad/s^2, m/s^2].
-        X: (4 L, 3) see `place_points`, at the state.
         p: (T, 3) the tasks' points in W [m].
         S: (6, nv) `joint_motion`.
         v: (nv,) velocities.
         tasks, rows: of the tasks.
     """
-    linear = rows.linear_tasks
-    alpha, a_Lo = bias[:, :3], bias[linear, 3:]
-    omega = product(tasks.carried[rows.linear_rows[::3]] * v, S[:3].T)
-    r = p[linear] - X[tasks.origins[linear]]
-    a_p = a_Lo + cross_rows(alpha[linear], r)
-    a_p += cross_rows(omega, cross_rows(omega, r))
-    return stack_rows(alpha[rows.angular_tasks], a_p, rows)
+    own = np.ascontiguousarray((S * v).T)
+    moving = product(tasks.above, own)
+    s, t = own[:, :3], own[:, 3:]
+    w, u = moving[:, :3], moving[:, 3:]
+    change = np.concatenate(
+        (cross_rows(w, s), cross_rows(w, t) + cross_rows(u, s)), axis=1
+    )
+    A, link = product(tasks.carries, change), product(tasks.carries, own)
+    alpha, a, w, u = A[:, :3], A[:, 3:], link[:, :3], link[:, 3:]
+    a_p = a + cross_rows(alpha, p) + cross_rows(w, u + cross_rows(w, p))
+    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
 
 
 class State(NamedTuple):
     """The numbers of one state, all in the world frame W.
 
     nv joints, the controlled first and then the prescribed; K = 2 configurations where
-    the robot would come to rest counts, too, else 1; N watched pairs.
+    the robot would come to rest counts, too, else 1; Nr rows of watched shapes, see
+    `capsule_distances.ShapePairs`.
     """
 
     q: np.ndarray  # (nv,) positions of the joints [rad, m]
@@ -121,62 +214,74 @@ class State(NamedTuple):
     p: np.ndarray  # (Nl, 3) positions p_WT of the tasks that have one [m]
     J: np.ndarray  # (m, nv) Eq. (5)
     Jdot_qdot: np.ndarray  # (m,) Eq. (6)
-    d: np.ndarray  # (K, Nc) signed distances [m]
-    dd_dv: np.ndarray  # (K, Nc, nv) Eq. (20)
+    d: np.ndarray  # (K, Nr) signed distances [m]
+    dd_dv: np.ndarray  # (K, Nr, nv) Eq. (20)
 
 
-class FromDrake(NamedTuple):
-    """Drake's numbers of a state, and of another configuration where K = 2."""
+class Measured(NamedTuple):
+    """A measured state, and where the robot would come to rest from it if K = 2."""
 
-    X: np.ndarray  # (K, 4 L, 3) see `place_points`
-    ends: np.ndarray  # (K, E, 6, nv) see `joint_motion`
-    bias: np.ndarray  # (T, 6) see `task_bias`
-    q: np.ndarray  # (nv,) in the plant's order
-    v: np.ndarray  # (nv,) in the plant's order
+    q: np.ndarray  # (K, nq) positions in the plant's order
+    v: np.ndarray  # (nv,) velocities in the plant's order
     asked: np.ndarray  # (K (N - Nf), 7) see `nearest_of_pairs`
 
 
 class Robot(NamedTuple):
-    """What the equations need to know of a robot and its tasks."""
+    """What the equations need to know of a robot and its tasks.
+
+    Its parts are held: handing them on is quick to compile, and to do.
+    """
 
     order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
     n: int  # number of controlled joints
-    selection: np.ndarray  # (P, 4 L) of `place_points`: the tasks' points, the axes of
-    # the tasks with an orientation, and then those of the watched pairs
+    selection: np.ndarray  # (P, 4 N) of `place_points`: the joints' axes, as in
+    # `joint_motion`; the tasks' points; the axes of the tasks with an orientation;
+    # and those of the watched shapes
     first: np.ndarray  # (P,) likewise
-    signs: np.ndarray  # (E, nv) of `joint_motion`, in the plant's order
-    tasks: TaskPoints
-    rows: TaskRows
-    pairs: ShapePairs  # in as many configurations as `FromDrake` has
+    tree: Held  # of a `Tree`
+    tasks: Held  # of `TaskPoints`
+    rows: Held  # of `TaskRows`
+    pairs: Held  # of `ShapePairs`, in as many configurations as `Measured` has
 
 
 @compiled
-def find_state(drake: FromDrake, r: Robot) -> State:
-    """Eqs. (5), (6), (20): the numbers of a state from Drake's."""
-    tasks, rows, X = r.tasks, r.rows, drake.X
-    points = place_points(X, r.selection, r.first)
-    S = joint_motion(drake.ends, r.signs, r.order)
-    d, normal, p_WA = nearest_of_pairs(points, drake.asked, r.pairs)
-    T, Na = len(tasks.origins), len(rows.angular_tasks)
-    p = points[0, :T]
-    axes = points[0, T : T + 3 * Na].reshape(-1, 3, 3)  # columns of R_WT, as rows
-    v = drake.v[r.order]
+def find_state(measured: Measured, r: Robot) -> State:
+    """Eqs. (5), (6), (20): the numbers of a state."""
+    tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
+    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    S = joint_motion(points[:, : 3 * nv])
+    pairs = r.pairs.value
+    d, normal, p_WA = nearest_of_pairs(points, measured.asked, pairs)
+    T, Na = len(tasks.carries), len(rows.angular_tasks)
+    first = 3 * nv
+    p = points[0, first : first + T]
+    axes = points[0, first + T : first + T + 3 * Na]
+    axes = axes.reshape(-1, 3, 3)  # columns of R_WT, as rows
+    v = measured.v[r.order]
     return State(
-        drake.q[r.order],
+        measured.q[0][r.order],
         v,
         np.ascontiguousarray(axes.transpose(0, 2, 1)),
         p[rows.linear_tasks],
         task_jacobian(p, S[0], tasks),
-        task_bias(drake.bias, X[0], p, S[0], v, tasks, rows),
-        d.reshape(len(X), -1),
-        distance_gradient_about_origin(normal, p_WA, S, r.pairs.moves),
+        task_bias(p, S[0], v, tasks, rows),
+        d.reshape(len(S), -1),
+        distance_gradient_about_origin(normal, p_WA, S, pairs.moves),
     )
 
 
 @compiled
-def evaluate_state(drake: FromDrake, robot: Held) -> State:
+def row_distances(measured: Measured, r: Robot) -> np.ndarray:
+    """The signed distances of a state alone, (K, Nr) [m]."""
+    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
+    return d.reshape(len(points), -1)
+
+
+@compiled
+def evaluate_state(measured: Measured, robot: Held) -> State:
     """`find_state`, of a held `Robot`."""
-    return find_state(drake, robot.value)
+    return find_state(measured, robot.value)
 
 
 @compiled

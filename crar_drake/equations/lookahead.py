@@ -21,13 +21,32 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crar_drake.equations.admission import (
+    AS_WISHED,
+    CORRECTED,
+    SCALED,
+    AdmissionGains,
+    Checked,
+    Present,
+    check_step,
+    examine_present,
+    gradients_at,
+    scale_step,
+    velocity_bounds,
+)
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.joint_limits import (
     LimitPotential,
     limit_gradient,
     limit_potential,
 )
-from crar_drake.equations.kinematics import FromDrake, find_state, join_joints
+from crar_drake.equations.kinematics import (
+    Measured,
+    Robot,
+    find_state,
+    join_joints,
+    row_distances,
+)
 from crar_drake.equations.references import (
     Answer,
     TaskGains,
@@ -39,12 +58,29 @@ from crar_drake.equations.vectors import (
     cholesky,
     cholesky_solve,
     gram,
+    smallest,
     times,
     transposed_times,
 )
 
 # A margin of a row smaller than this [m] weighs as this: weights stay finite.
 SMALLEST_MARGIN = 1e-4
+
+# A joint with one limit is weighted as if the other were so far away [rad or m].
+ONE_SIDED_RANGE = 2.0 * np.pi
+
+# q_s is not asked to move by more than this in a period [rad or m].
+LONGEST_MOVE = 0.15
+
+# The one-sided problems are solved exactly, usually in two or three passes.
+_PASSES = 100
+# A way as short as this, relative to where it leads, is rounding.
+_NO_WAY = 1e-13
+
+# A step is corrected so often before it is scaled.
+_CORRECTIONS = 4
+# and then to be so far above the level that a pair must keep [m].
+_SPARE = 3e-4
 
 
 class LookaheadGains(NamedTuple):
@@ -68,12 +104,15 @@ class LookaheadGains(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """The joints with limits, made by `find_limits`; nl of n."""
+    """Limits of the n controlled joints, made by `find_limits`; nl of them finite."""
 
-    joints: np.ndarray  # (nl,)
-    lower: np.ndarray  # (nl,) [rad]
+    lower: np.ndarray  # (n,) [rad], infinite where there is none
     upper: np.ndarray
-    potential: LimitPotential  # of these
+    fastest: np.ndarray  # (n,) speed limits [rad/s], infinite where there is none
+    joints: np.ndarray  # (nl,) the joint of each finite limit
+    inward: np.ndarray  # (nl,) 1 for a lower, -1 for an upper limit
+    at: np.ndarray  # (nl,) [rad]
+    potential: LimitPotential  # (nl,) of their joints
 
 
 class Constraints(NamedTuple):
@@ -83,7 +122,7 @@ class Constraints(NamedTuple):
 
     Attributes:
         h: (C,) margins where the robot will come to rest: distances of pairs [m],
-            or from a joint to its nearer limit [rad], negative beyond it.
+            or from a joint to a limit [rad], negative beyond it.
         g: (C, n) their gradients by the controlled joints [m/rad or 1].
         drift: (C,) their change other than by s: by the prescribed joints, and by
             what of the slip goes towards the constraint [m/s or rad/s].
@@ -97,24 +136,6 @@ class Constraints(NamedTuple):
     drift: np.ndarray
     weight: np.ndarray
     retreat: np.ndarray
-
-
-class LookaheadSolution(NamedTuple):
-    """The lookahead's choice.
-
-    Attributes:
-        qddot: (n,) resolved acceleration (s - q_dot) / T [rad/s^2].
-        s: (n,) velocity of q_s [rad/s].
-        qdot_c: (n,) Eq. (15) with the full-matrix weight [rad/s].
-        W: (n,) diagonal of the weight matrix of the last pass.
-        passes: how often the two loops solved, together.
-    """
-
-    qddot: np.ndarray
-    s: np.ndarray
-    qdot_c: np.ndarray
-    W: np.ndarray
-    passes: int
 
 
 def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarray:
@@ -146,6 +167,21 @@ def pair_margins(
         (2 Nc,) [m]: first those told at q, and then those at q_s.
     """
     return np.concatenate((d[0] + T * times(dd_dv[0], v), d[1]))
+
+
+@compiled
+def margin_curvature(dd_dv: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """What (L4) leaves out of its rows' rate, T q_dot^T hess(d) q_dot: (2 Nr,) [m/s].
+
+    Estimated by the secant, for q_s is T q_dot away: (g_1 - g_2) q_dot. Of the rows
+    (L3), which are exact, 0.
+
+    Args:
+        dd_dv: (2, Nr, nv) gradients at q and at q_s.
+        v: (nv,) velocities.
+    """
+    secant = times(dd_dv[1], v) - times(dd_dv[0], v)
+    return np.concatenate((secant, np.zeros(len(secant))))
 
 
 @compiled
@@ -210,22 +246,29 @@ def pair_constraints(
     )
 
 
-def find_limits(lower: np.ndarray, upper: np.ndarray) -> Limits:
-    """The joints that have limits.
+def find_limits(lower: np.ndarray, upper: np.ndarray, fastest: np.ndarray) -> Limits:
+    """The finite limits of joints, each by itself.
 
     Args:
         lower, upper: (n,) limits [rad], infinite where there is none.
+        fastest: (n,) speed limits [rad/s], infinite where there is none.
     """
-    joints = np.flatnonzero(np.isfinite(lower) & np.isfinite(upper))
-    lower, upper = lower[joints], upper[joints]
-    return Limits(joints, lower, upper, limit_potential(lower, upper))
+    has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
+    joints = np.concatenate((np.flatnonzero(has_lower), np.flatnonzero(has_upper)))
+    count = has_lower.sum()
+    inward = np.concatenate((np.ones(count), -np.ones(len(joints) - count)))
+    low = np.where(has_lower, lower, upper - ONE_SIDED_RANGE)
+    high = np.where(has_upper, upper, lower + ONE_SIDED_RANGE)
+    potential = limit_potential(low[joints], high[joints])
+    at = np.where(inward > 0.0, lower[joints], upper[joints])
+    return Limits(lower, upper, fastest, joints, inward, at, potential)
 
 
 @compiled
 def limit_constraints(
     q_s: np.ndarray, slip: np.ndarray, limits: Limits, gains: LookaheadGains
 ) -> Constraints:
-    """One row per limited joint, of its nearer limit, with weight Eq. (17) at q_s.
+    """A row of each limit, with the weight Eq. (17) at q_s, 0 on its far half.
 
     Args:
         q_s: (n,) resting configuration [rad].
@@ -234,19 +277,18 @@ def limit_constraints(
         limits: of the joints.
         gains: of the mode.
     """
-    nl = len(limits.joints)
-    at = q_s[limits.joints]
-    to_upper, to_lower = limits.upper - at, at - limits.lower
-    h = np.minimum(to_upper, to_lower)
-    inward = np.copysign(1.0, to_upper - to_lower)  # -1 near the upper limit
+    joints, inward = limits.joints, limits.inward
+    nl, at = len(joints), q_s[joints]
+    h = inward * (at - limits.at)
     g = np.zeros((nl, len(q_s)))
     for i in range(nl):
-        g[i, limits.joints[i]] = inward[i]
+        g[i, joints[i]] = inward[i]
+    towards = -inward * limit_gradient(at, limits.potential)
     return Constraints(
         h,
         g,
-        np.minimum(inward * slip[limits.joints], 0.0),
-        gains.rho_limits * np.abs(limit_gradient(at, limits.potential)),
+        np.minimum(inward * slip[joints], 0.0),
+        gains.rho_limits * np.maximum(towards, 0.0),
         retreat_speed(
             h, gains.limit_margin, gains.retreat_rate, gains.joint_retreat_speed
         ),
@@ -296,8 +338,89 @@ def slip_velocity(
     return previous + share * (seen - previous)
 
 
+class LookaheadNumbers(NamedTuple):
+    """What the mode is made with."""
+
+    tasks: TaskGains
+    limits: Held  # of `Limits`
+    gains: LookaheadGains
+    admission: AdmissionGains
+    reaches: Held  # of `Reaches`
+    members: np.ndarray  # (Nc, most) the rows of each watched pair; the first fills up
+
+
 @compiled
-def solve_lookahead(
+def one_sided_minimum(
+    M: np.ndarray, right: np.ndarray, rows: np.ndarray, wish: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """argmin x^T M x - 2 right^T x + sum max(0, wish_j - rows_j x)^2, (n,).
+
+    Convex with a continuous gradient, so there is one minimum, and it is continuous in
+    all that is given. Newton's method: each pass solves for the rows that are violated
+    where the last one led, and ends where these are the same, which is exact. Until
+    then it goes as far towards its solution as it leads downwards, by which it always
+    comes to an end.
+
+    Args:
+        M: (n, n) symmetric positive definite.
+        right: (n,).
+        rows, wish: (C, n), (C,).
+        x: (n,) where to begin: the minimum without rows.
+
+    Returns:
+        (n,) the minimum; (C,) bool, the rows that are violated there; the passes.
+    """
+    active = times(rows, x) < wish
+    passes = 0
+    if not active.any():
+        return x, active, passes
+    while passes < _PASSES:
+        passes += 1
+        A = np.flatnonzero(active)
+        some = rows[A]
+        y = cholesky_solve(
+            cholesky(M + gram(some)), right + transposed_times(some, wish[A])
+        )
+        violated = times(rows, y) < wish
+        if (violated == active).all():
+            return y, active, passes
+        way = y - x
+        if not np.abs(way).max() > _NO_WAY * np.abs(y).max():
+            return y, active, passes  # rows that just hold, to rounding, or NaN
+        x = x + _lowest_on_way(M, right, rows, wish, x, way) * way
+        active = times(rows, x) < wish
+    return x, active, passes
+
+
+@compiled
+def _lowest_on_way(M, right, rows, wish, x, way):
+    """The share of the way to where the function of `one_sided_minimum` is lowest.
+
+    Half its derivative by the share is continuous, grows, and is linear between the
+    shares at which a row's violation begins or ends.
+    """
+    gap, rate = wish - times(rows, x), times(rows, way)
+    active = gap > 0.0
+    force = np.where(active, rate * gap, 0.0)
+    slope = (way * (times(M, x) - right)).sum() - force.sum()
+    curvature = (way * times(M, way)).sum()
+    curvature += np.where(active, rate * rate, 0.0).sum()
+    at = np.full(len(rate), np.inf)
+    for j in range(len(rate)):
+        if active[j] == (rate[j] > 0.0) and rate[j] != 0.0:
+            at[j] = max(gap[j] / rate[j], 0.0)
+    share = 0.0
+    for j in np.argsort(at):
+        next_slope = slope + (at[j] - share) * curvature
+        if not next_slope < 0.0:
+            break
+        slope, share = next_slope, at[j]
+        curvature += -rate[j] * rate[j] if active[j] else rate[j] * rate[j]
+    return share - slope / curvature
+
+
+@compiled
+def wish_velocity(
     J: np.ndarray,
     v_r: np.ndarray,
     a_r: np.ndarray,
@@ -305,25 +428,19 @@ def solve_lookahead(
     posture: np.ndarray,
     constraints: Constraints,
     gains: LookaheadGains,
-) -> LookaheadSolution:
-    """(L6)-(L8): resolved acceleration under constraints; it always exists.
+    longest: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """(L6): the paper's law with W = I + sum omega_j g_j g_j^T; it always exists.
 
-    Two stages, each a loop over a growing active set A that starts empty and takes
-    up whatever the solution moves towards, until nothing is added. First the
-    paper's law with W(A) = I + sum omega_j g_j g_j^T (of a limit: w_i e_i e_i^T) in
-    place of its diagonal W, Eqs. (15), (30), (34), (35) by the push-through
-    identity:
+    Eqs. (15), (30), (34), (35) as least squares, with the push-through identity of
+    (34): of the rows that are approached,
 
-        M = J^T J + lambda^2 W
-        q_dot_c = M^-1 (J^T v_r - lambda^2 sum omega_j drift_j g_j)
+        q_dot_c = argmin |J x - v_r|^2 + lambda^2 (|x|^2
+                  + sum omega_j min(0, g_j x + drift_j)^2)
         z = Gv (q_dot_c - q_dot)
-        alpha = M^-1 [J^T a_r + lambda^2 z  if m < n],   s_0 = q_dot + T (alpha + z)
-
-    then the guard, which brings s_0 to the speeds that the constraints allow:
-
-        s = argmin |s - s_0|^2 + sum omega_j (g_j s + drift_j - r_j)^2
-
-    over the constraints that s exceeds; and alpha_c = (s - q_dot) / T.
+        alpha = argmin |J x - a_r|^2 + lambda^2 (|x|^2 - 2 z^T x if m < n
+                + sum omega_j min(0, g_j s_0(x) + drift_j)^2 / T^2)
+        s_0 = q_dot + T (alpha + z), at most LONGEST_MOVE / period.
 
     Args:
         J: (m, n) task Jacobian.
@@ -333,69 +450,184 @@ def solve_lookahead(
         posture: (n,) a null-space acceleration, added to z where m < n [rad/s^2].
         constraints: rows and limits.
         gains: of the mode.
+        longest: the largest |s_0| of a joint [rad/s].
+
+    Returns:
+        (n,) s_0; (n,) q_dot_c; (n,) the diagonal of W at alpha; passes.
     """
     m, n = J.shape
     T, damping2 = gains.T, gains.damping**2
-    drift, retreat = constraints.drift, constraints.retreat
-    # With lambda in the roots, both stages have lambda^2 on their diagonals.
+    g, drift = constraints.g, constraints.drift
     root = gains.damping * np.sqrt(constraints.weight)
-    rows = root[:, np.newaxis] * constraints.g
-    damped = np.full(n, damping2)
-
+    rows = root[:, np.newaxis] * g
     normal = gram(J)
-    add_to_diagonal(normal, damped)
-    right_v, right_a = transposed_times(J, v_r), transposed_times(J, a_r)
-    M, right = normal, right_v
+    add_to_diagonal(normal, np.full(n, damping2))
+    factor = cholesky(normal)
+
+    right = transposed_times(J, v_r)
+    qdot_c, _, first = one_sided_minimum(
+        normal, right, rows, -root * drift, cholesky_solve(factor, right)
+    )
+    z = gains.Gv * (qdot_c - qdot)
+    right = transposed_times(J, a_r)
+    if m < n:
+        right = right + damping2 * (z + posture)
+    towards = times(g, qdot + T * z) + drift
+    alpha, active, second = one_sided_minimum(
+        normal, right, rows, -root * towards / T, cholesky_solve(factor, right)
+    )
+    s_0 = resting_velocity(qdot, alpha + z, T)
+    largest = np.abs(s_0).max()
+    if largest > longest:
+        s_0 *= longest / largest
     W = np.ones(n)
-    on = np.zeros(len(drift), dtype=np.bool_)
-    passes = 0
-    while True:
-        passes += 1
-        factor = cholesky(M)
-        qdot_c = cholesky_solve(factor, right)
-        z = gains.Gv * (qdot_c - qdot)
-        if m < n:
-            alpha = cholesky_solve(factor, right_a + damping2 * (z + posture))
-        else:
-            alpha = cholesky_solve(factor, right_a)
-        s_0 = resting_velocity(qdot, alpha + z, T)
-        rate = times(constraints.g, s_0) + drift
-        added = (rate < 0.0) & ~on
-        if not added.any():
-            break
-        on |= added
-        A = np.flatnonzero(on)
-        active = rows[A]
-        penalty = gram(active)
-        M = normal + penalty
-        W = 1.0 + np.diag(penalty) / damping2
-        right = right_v - transposed_times(active, (root * drift)[A])
-
-    wish = root * (retreat - drift)
-    on[:] = False
-    s = s_0
-    while True:
-        added = (rate < retreat) & ~on
-        if not added.any():
-            break
-        passes += 1
-        on |= added
-        A = np.flatnonzero(on)
-        active = rows[A]
-        M = gram(active)
-        add_to_diagonal(M, damped)
-        right = damping2 * s_0 + transposed_times(active, wish[A])
-        s = cholesky_solve(cholesky(M), right)
-        rate = times(constraints.g, s) + drift
-    return LookaheadSolution((s - qdot) / T, s, qdot_c, W, passes)
+    for row in np.flatnonzero(active):
+        W += constraints.weight[row] * g[row] * g[row]
+    return s_0, qdot_c, W, first + second
 
 
-class LookaheadNumbers(NamedTuple):
-    """What the mode is made with."""
+@compiled
+def guard(s_0: np.ndarray, constraints: Constraints) -> tuple[np.ndarray, int]:
+    """(L7): the velocity nearest to the wish that the constraints allow, (n,).
 
-    tasks: TaskGains
-    limits: Limits
-    gains: LookaheadGains
+        s = argmin |s - s_0|^2 + sum omega_j max(0, r_j - g_j s - drift_j)^2
+
+    Args:
+        s_0: (n,) the wish.
+        constraints: rows and limits.
+
+    Returns:
+        (n,) s; the passes.
+    """
+    root = np.sqrt(constraints.weight)
+    s, _, passes = one_sided_minimum(
+        np.eye(len(s_0)),
+        s_0,
+        root[:, np.newaxis] * constraints.g,
+        root * (constraints.retreat - constraints.drift),
+        s_0,
+    )
+    return s, passes
+
+
+@compiled
+def correction(
+    checked: Checked,
+    s: np.ndarray,
+    n: int,
+    present: Present,
+    r: Robot,
+    reaches: Held,
+    gains: LookaheadGains,
+    admission: AdmissionGains,
+) -> Constraints:
+    """A row for each pair that the next braking path does not keep clear of.
+
+    Where the path comes to q_f, it changes with s by k = dq_f/ds, of `next_rest`:
+    d(q_f) is linear in s with the gradient k g, and is to reach the level.
+
+    Args:
+        checked: of s.
+        s: (nv,) velocity of q_s that was checked.
+        n: number of controlled joints.
+        present, r, reaches: of the state.
+        gains, admission: of the mode.
+    """
+    period = admission.period
+    failed, g = gradients_at(checked.start, checked.x, checked.bounds, r, reaches)
+    k = 0.5 * period * (period + admission.step) / admission.T
+    k = k + checked.bounds.at[failed] * period
+    missing = (present.level[failed] + _SPARE - checked.bounds.d[failed]) / k
+    count = len(failed)
+    hardest = row_weights(
+        np.full(count, gains.distance_margin),
+        gains.distance_margin,
+        gains.rho,
+        gains.alpha,
+        gains.beta,
+    )
+    return Constraints(
+        np.zeros(count),
+        np.ascontiguousarray(g[:, :n]),
+        times(np.ascontiguousarray(g[:, n:]), s[n:]),
+        hardest,
+        times(g, s) + missing,
+    )
+
+
+@compiled
+def admit(
+    s_0: np.ndarray,
+    s_p: np.ndarray,
+    s_1: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    d: np.ndarray,
+    constraints: Constraints,
+    r: Robot,
+    numbers: LookaheadNumbers,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(L8): the velocity of q_s whose step is clear; it always exists.
+
+    As the guard wishes it, else corrected by rows for what would not be clear, else
+    scaled towards braking, with the prescribed joints.
+
+    Args:
+        s_0: (n,) the wish before the guard.
+        s_p: (n_p,) velocity of q_s of the prescribed joints.
+        s_1: (n,) the guard's wish.
+        q, v: (nv,) state.
+        d: (2, Nr) distances of all rows at q and at q_s [m].
+        constraints: of the guard.
+        r, numbers: of the robot and the mode.
+
+    Returns:
+        (n,), (n_p,) s of the controlled and the prescribed joints; (4,) how it was
+        admitted (AS_WISHED, CORRECTED, SCALED), the share of s, the clearance of the
+        next braking path [m], and 1 if the present one was clear, else 0.
+    """
+    n = len(s_0)
+    limits, reaches = numbers.limits.value, numbers.reaches
+    admission = numbers.admission
+    lowest, highest = velocity_bounds(
+        q[:n],
+        v[:n],
+        limits.lower,
+        limits.upper,
+        limits.fastest,
+        admission.T,
+        admission.period,
+        admission.step,
+    )
+    s = np.concatenate((np.minimum(np.maximum(s_1, lowest), highest), s_p))
+    how, share = AS_WISHED, 1.0
+    present = examine_present(q, v, s, d, r, reaches, admission)
+    checked = check_step(q, v, s, present, r, reaches, admission)
+    clearance = checked.clearance
+    if not checked.clear:
+        how = CORRECTED
+        for _ in range(_CORRECTIONS):
+            if not (checked.bounds.at >= 0.0).any():
+                break  # the way there is not clear: nothing to be corrected
+            constraints = join_constraints(
+                constraints,
+                correction(
+                    checked, s, n, present, r, reaches, numbers.gains, admission
+                ),
+            )
+            s_1, _ = guard(s_0, constraints)
+            s = np.concatenate((np.minimum(np.maximum(s_1, lowest), highest), s_p))
+            checked = check_step(q, v, s, present, r, reaches, admission)
+            if checked.clear:
+                break
+        clearance = checked.clearance
+        if not checked.clear:
+            how = SCALED
+            share, clearance = scale_step(q, v, s, present, r, reaches, admission)
+            s = share * s
+    clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
+    told = np.array([how, share, clearance, 1.0 if present.held else 0.0])
+    return s[:n], s[n:], told
 
 
 class LookaheadMemory(NamedTuple):
@@ -408,30 +640,31 @@ class LookaheadMemory(NamedTuple):
 
 @compiled
 def lookahead_step(
-    drake: FromDrake,
+    measured: Measured,
     wanted: Wanted,
     robot: Held,
     mode: Held,
     before: LookaheadMemory,
-) -> tuple[Answer, np.ndarray, np.ndarray]:
+) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray]:
     """(L3)-(L9) in their order: one control step of the mode.
 
     Args:
-        drake: its numbers at q and at q_s.
+        measured: the state, and q_s.
         wanted: the targets.
-        robot: holds a `Robot`.
+        robot: holds a `Robot` with a row for each pair of shapes.
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that
             nothing slipped.
 
     Returns:
-        The answer; (n,) slip; (2,) smallest margins of pairs [m] and limits [rad].
+        The answer; (n,) slip; (2,) smallest margins of pairs [m] and limits [rad];
+        (4,) of `admit`.
     """
     r, numbers = robot.value, mode.value
-    limits, gains = numbers.limits, numbers.gains
+    limits, gains = numbers.limits.value, numbers.gains
     n, T = r.n, gains.T
-    state = find_state(drake, r)
-    references = find_references(state, wanted, r.rows, numbers.tasks)
+    state = find_state(measured, r)
+    references = find_references(state, wanted, r.rows.value, numbers.tasks)
     v, qdot = state.v, state.v[:n]
     slip = slip_velocity(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share
@@ -442,30 +675,73 @@ def lookahead_step(
     pairs = pair_constraints(
         h,
         np.ascontiguousarray(by_joint[:, :n]),
-        times(by_joint[:, n:], s_p),
+        times(by_joint[:, n:], s_p) + margin_curvature(state.dd_dv, v),
         slip,
         gains,
     )
     at_limits = limit_constraints(state.q[:n] + T * qdot, slip, limits, gains)
-    solution = solve_lookahead(
+    constraints = join_constraints(pairs, at_limits)
+    s_0, qdot_c, W, _ = wish_velocity(
         references.J,
         references.v_r,
         references.a_r,
         qdot,
         references.posture,
-        join_constraints(pairs, at_limits),
+        constraints,
         gains,
+        LONGEST_MOVE / gains.period,
+    )
+    s_1, _ = guard(s_0, constraints)
+    s, s_p, admission = admit(
+        s_0, s_p, s_1, state.q, v, state.d, constraints, r, numbers
     )
     margins = np.full(2, np.inf)
     if len(h):
         margins[0] = h.min()
     if len(at_limits.h):
         margins[1] = at_limits.h.min()
+    d = state.d[0]
+    if len(numbers.members) < len(d):
+        d = d[smallest(d, numbers.members)]
+    qddot_p = references.qddot_p
+    if admission[1] < 1.0:
+        qddot_p = (s_p - v[n:]) / T
     answer = Answer(
-        join_joints(solution.qddot, references.qddot_p, r.order),
-        references.error,
-        state.d[0],
-        solution.W,
-        solution.qdot_c,
+        join_joints((s - qdot) / T, qddot_p, r.order), references.error, d, W, qdot_c
     )
-    return answer, slip, margins
+    return answer, slip, margins, admission
+
+
+@compiled
+def scale_acceleration(
+    measured: Measured, vdot: np.ndarray, robot: Held, mode: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations whose step is clear, between the given ones and braking.
+
+    For what the effort limits have changed after `admit`; speed and joint limits hold
+    for whatever lies between an admitted step and braking.
+
+    Args:
+        measured: the state, and q_s.
+        vdot: (nv,) accelerations in the plant's order.
+        robot, mode: as in `lookahead_step`.
+
+    Returns:
+        (nv,) accelerations; (4,) of `admit`.
+    """
+    r, numbers = robot.value, mode.value
+    admission, reaches = numbers.admission, numbers.reaches
+    T, v = admission.T, measured.v[r.order]
+    q, s = measured.q[0][r.order], resting_velocity(v, vdot[r.order], admission.T)
+    d = row_distances(measured, r)
+    present = examine_present(q, v, s, d, r, reaches, admission)
+    checked = check_step(q, v, s, present, r, reaches, admission)
+    how, share, clearance = AS_WISHED, 1.0, checked.clearance
+    if not checked.clear:
+        how = SCALED
+        share, clearance = scale_step(q, v, s, present, r, reaches, admission)
+        s = share * s
+        qddot = (s - v) / T
+        vdot = join_joints(qddot[: r.n], qddot[r.n :], r.order)
+    clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
+    return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])

@@ -22,7 +22,7 @@ from crar_drake.equations.joint_limits import (
     limit_gradient,
     limit_proximity,
 )
-from crar_drake.equations.kinematics import FromDrake, find_state, join_joints
+from crar_drake.equations.kinematics import Measured, find_state, join_joints
 from crar_drake.equations.references import (
     Answer,
     References,
@@ -174,7 +174,7 @@ class PaperMemory(NamedTuple):
 
 @compiled
 def paper_step(
-    drake: FromDrake,
+    measured: Measured,
     wanted: Wanted,
     inertia: np.ndarray,
     robot: Held,
@@ -184,7 +184,7 @@ def paper_step(
     """One control step of the paper's law; see the functions above.
 
     Args:
-        drake: its numbers of the state.
+        measured: the state.
         wanted: the targets.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         robot: holds a `Robot`.
@@ -193,8 +193,8 @@ def paper_step(
     """
     r, numbers = robot.value, mode.value
     n, gains = r.n, numbers.gains
-    state = find_state(drake, r)
-    references = find_references(state, wanted, r.rows, numbers.tasks)
+    state = find_state(measured, r)
+    references = find_references(state, wanted, r.rows.value, numbers.tasks)
     if numbers.constrained:
         weights = constraint_weights(
             state.q[:n],

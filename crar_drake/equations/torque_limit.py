@@ -168,3 +168,21 @@ def limit_torque(
         tau = tau_brake + theta * (tau - tau_brake)
     tau = np.minimum(np.maximum(tau, -limits), limits)
     return vdot, tau, np.array([theta, excess])
+
+
+@compiled
+def clip_torque(tau: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, float]:
+    """A torque within the effort limits, where the acceleration is not to change.
+
+    Args:
+        tau: (nu,) torque [Nm or N].
+        limits: (nu,) effort limits, infinite where there is none.
+
+    Returns:
+        (nu,) the torque, clipped; and by which share of its limit the worst actuator
+        was beyond it [1], 0 if none was.
+    """
+    excess = np.abs(tau / limits).max() - 1.0
+    if excess <= 1e-12:  # a rounding error of the limit is no excess
+        excess = 0.0
+    return np.minimum(np.maximum(tau, -limits), limits), excess

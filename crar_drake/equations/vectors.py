@@ -236,14 +236,19 @@ def _smallest_loops(x, members):
     for i in range(len(members)):
         keep[i] = members[i, 0]
         for j in range(1, members.shape[1]):
-            if x[members[i, j]] < x[keep[i]]:
+            # The first NaN is taken, as by NumPy.
+            best, other = x[keep[i]], x[members[i, j]]
+            if other < best or (np.isnan(other) and not np.isnan(best)):
                 keep[i] = members[i, j]
     return keep
 
 
 @compiled(loops=_smallest_loops)
 def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Of each row of members (N, k), places in x, the first of the smallest: (N,)."""
+    """Of each row of members (N, k), places in x, the first of the smallest: (N,).
+
+    A NaN counts as smaller than any number, so that it is not lost.
+    """
     best = x[members].argmin(axis=1)
     return members[np.arange(len(members)), best]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import BinaryIO
@@ -24,7 +25,8 @@ class SimulationLog:
         time: (T,) [s].
         q: (T, nq) positions of the simulated plant [rad or m].
         v: (T, nv) its velocities.
-        actuation: (T, nu) efforts, in the plant's actuator order [Nm or N].
+        actuation: (T, nu) efforts at that instant, in the plant's actuator order
+            [Nm or N]; they change in between where the log is coarser than the torque.
         desired_acceleration: (T, nv) commanded accelerations.
         desired_tasks: (T, layout.size) [x_d; v_d; a_d], see `TaskLayout`.
         task_error: (T, m) Eq. (11) against them [rad, m].
@@ -33,6 +35,11 @@ class SimulationLog:
         status: (T, 1) tracking, blending or braking, see `control_law`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
+        admission: (T, 4) how the control step was admitted (0 as wished, 1 corrected,
+            2 scaled towards braking), the share of the wish, a bound from below for
+            all distances on the next braking path [m], and 1 if the present one is
+            clear, else 0; NaN unless "lookahead", while the robot brakes without
+            targets, and in logs of versions that did not keep it.
         torque_limit: (T, 2) share of the wish that the effort limits allowed, and
             the excess before clipping, see `control_law.Solution`.
         position_names: (nq,) joint of each column of q and v.
@@ -42,6 +49,8 @@ class SimulationLog:
         pair_names: (Nc,) "link a - link b".
         lower, upper: (nq,) position limits; infinite where there is none, and for
             the prescribed joints.
+        velocity_limits: (nv,) the largest speeds that the run allowed [rad/s or m/s];
+            infinite likewise, and in logs of versions that did not keep them.
         scenario: the scenario that was run, as YAML text; a robot that was named by
             a path has its absolute path there.
     """
@@ -57,6 +66,7 @@ class SimulationLog:
     constraint_weights: np.ndarray
     status: np.ndarray
     resting_margins: np.ndarray
+    admission: np.ndarray
     torque_limit: np.ndarray
     position_names: np.ndarray
     actuator_names: np.ndarray
@@ -66,7 +76,22 @@ class SimulationLog:
     pair_names: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    velocity_limits: np.ndarray
     scenario: str
+
+    def control_steps(self, period: float) -> np.ndarray:
+        """The samples that are the first of their control step.
+
+        Args:
+            period: of the controller [s].
+
+        Returns:
+            (N,) indices: where the log is finer than the control period, one of
+            several samples; else all.
+        """
+        # Ticks and the log's times may differ by rounding.
+        ticks = np.floor(self.time / period + _ROUNDING)
+        return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1.0) > 0.0)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a compressed NumPy archive with one array per attribute.
@@ -124,6 +149,10 @@ class SimulationLog:
             raise _Unfit("it holds no sample")
 
 
+# Of a control period, that a sample may be beside its tick.
+_ROUNDING = 1e-6
+
+
 class _Unfit(Exception):
     """A file holds no log."""
 
@@ -141,6 +170,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "constraint_weights": ("T", "n"),
     "status": ("T", "1"),
     "resting_margins": ("T", "2"),
+    "admission": ("T", "4"),
     "torque_limit": ("T", "2"),
     "position_names": ("nq",),
     "actuator_names": ("nu",),
@@ -150,6 +180,13 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "pair_names": ("Nc",),
     "lower": ("nq",),
     "upper": ("nq",),
+    "velocity_limits": ("nv",),
+}
+
+# What logs of earlier versions do not have, and what stands for it.
+_LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
+    "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
+    "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
 }
 
 
@@ -168,9 +205,11 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             for name in sorted(known.symmetric_difference(archive.files)):
+                if name in _LATER:
+                    continue
                 word = "misses" if name in known else "has"
                 raise _Unfit(f"it {word} an array {name!r}")
-            return {name: archive[name] for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
     except ValueError as error:
         # What NumPy says of arrays that are objects is how to run their code.
         why = "an array holds Python objects" if "pickle" in str(error) else error
@@ -184,3 +223,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
         zlib.error,
     ) as error:
         raise _Unfit(f"it is damaged: {error}") from error
+    for name, usual in _LATER.items():
+        if name not in arrays:
+            arrays[name] = usual(arrays)
+    return arrays

@@ -19,7 +19,7 @@ from crar_drake.results.summary import (
     summarize,
     task_layout,
 )
-from crar_drake.robot.description import LIMIT_TOLERANCE
+from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 
 # Pairs farther apart than this are of no interest [m].
@@ -33,6 +33,7 @@ _HALF_BAND = 0.38
 
 _COLOURS = matplotlib.colormaps["tab10"].colors
 _VIOLATION = "tab:red"
+_TOO_FAST = "tab:orange"
 
 
 def plot_run(
@@ -59,8 +60,9 @@ def draw_run(log: SimulationLog, scenario: Scenario | None = None) -> Figure:
 
     Axes, from the top: the length of each task's error [mm] (and, if there are such
     tasks, of the orientation errors [deg]); signed distances of the watched pairs
-    [mm]; a lane per controlled joint, whose shaded band lies between its limits;
-    the power of the controlled joints [W].
+    [mm]; a lane per controlled joint, whose shaded band lies between its limits, and
+    whose line is orange where it is faster than its speed limit; the power of the
+    controlled joints [W].
     """
     scenario = scenario or load_logged_scenario(log)
     summary = summarize(log, scenario=scenario)
@@ -215,6 +217,10 @@ def _draw_joints(
         if violated.any():
             outside = np.where(violated, height, np.nan)
             ax.plot(time, outside, color=_VIOLATION, linewidth=2.0)
+        too_fast = joints.speed_excess[:, lane] > SPEED_TOLERANCE
+        if too_fast.any():
+            where = np.where(too_fast, height, np.nan)
+            ax.plot(time, where, color=_TOO_FAST, linewidth=0, marker=".", markersize=3)
         ax.text(
             1.01,
             lane,
@@ -235,6 +241,8 @@ def _draw_joints(
         if summary.beyond_limit_samples
         else "; none is exceeded"
     )
+    if summary.beyond_speed_samples:
+        excess += f"; orange: too fast, {summary.beyond_speed_samples} samples"
     _headline(ax, f"Joint angles, bands between the limits{excess}")
 
 

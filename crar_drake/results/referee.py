@@ -1,4 +1,4 @@
-"""The independent judge of a motion: distances and joint limits, computed plainly.
+"""The independent judge of a motion: distances, joint and speed limits, plainly.
 
 It shares no code with the controller's distances: here one pair at a time, a
 minimum over candidates that is right by convexity, in scalar code. It is slow
@@ -17,7 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.description import LIMIT_TOLERANCE, find_body
+from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE, find_body
 
 
 def capsule_distance(
@@ -84,6 +84,9 @@ def capsule_distance(
 class Violations:
     """What a trajectory of T samples violates.
 
+    Speed limits are a matter of their own: they count neither in `count` nor in
+    `num_violated`, so that figures from before they were judged stay comparable.
+
     Attributes:
         num_samples: T.
         count: (T,) violated limits plus penetrating pairs of each sample (Fig. 2).
@@ -96,6 +99,11 @@ class Violations:
         largest_limit_excess: over all joints and samples [rad or m]; 0 if none.
         largest_limit_excess_joint: that joint; None if no joint is outside.
         largest_limit_excess_index: the first sample where it is reached.
+        num_beyond_speed: samples with any joint faster than its limit by more than
+            1e-6 rad/s (or m/s); None where no velocities were given.
+        largest_speed_excess: over all joints and samples [rad/s or m/s]; 0 if none.
+        largest_speed_excess_joint: that joint; None if no joint is too fast.
+        largest_speed_excess_index: the first sample where it is reached.
     """
 
     num_samples: int
@@ -109,6 +117,10 @@ class Violations:
     largest_limit_excess: float
     largest_limit_excess_joint: str | None
     largest_limit_excess_index: int | None
+    num_beyond_speed: int | None = None
+    largest_speed_excess: float = 0.0
+    largest_speed_excess_joint: str | None = None
+    largest_speed_excess_index: int | None = None
 
 
 @dataclass(frozen=True)
@@ -131,6 +143,9 @@ class Referee:
         joint_names: (nq,) joint of each position; a joint with several positions
             has its name repeated.
         lower, upper: (nq,) position limits at construction [rad or m].
+        velocity_names: (nv,) joint of each velocity, likewise.
+        slowest, fastest: (nv,) velocity limits [rad/s or m/s]; infinite where there is
+            none.
     """
 
     def __init__(
@@ -138,6 +153,7 @@ class Referee:
         plant: MultibodyPlant,
         scene_graph: SceneGraph,
         pairs: Iterable[Sequence[str]],
+        velocity_limits: np.ndarray | None = None,
     ) -> None:
         """
         Args:
@@ -145,11 +161,14 @@ class Referee:
             scene_graph: where it is registered.
             pairs: two links each, by name, plain or scoped; "world" for geometry
                 that is fixed to the world.
+            velocity_limits: (nv,) largest speeds that count [rad/s or m/s]; by default
+                those of the plant, where a limit of 0 says that none is stated.
 
         Raises:
             ModelError: the plant is not finalized or not registered, a link does
                 not exist, or has no collision shape, or one that is neither sphere
                 nor capsule.
+            ValueError: `velocity_limits` has another size, or a NaN.
         """
         if not plant.is_finalized():
             raise ModelError("the referee needs a finalized plant: call Finalize()")
@@ -168,6 +187,7 @@ class Referee:
             for i in range(joint.num_positions()):
                 joint_names[joint.position_start() + i] = joint.name()
         self.joint_names = tuple(joint_names)
+        self._set_speeds(velocity_limits)
 
         inspector = scene_graph.model_inspector()
         self._bodies: dict[str, RigidBody] = {}
@@ -176,6 +196,7 @@ class Referee:
             if name not in self._bodies:
                 self._bodies[name] = find_body(plant, name)
                 self._axes[name] = _body_axes(plant, inspector, self._bodies[name])
+        self._set_balls()
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Signed distance of each watched pair: the smallest over its shape pairs.
@@ -202,6 +223,28 @@ class Referee:
             ]
         )
 
+    def nearest(
+        self, q: np.ndarray, bound: float = math.inf
+    ) -> tuple[float, tuple[str, str] | None]:
+        """The smallest distance of all pairs, if it is below a bound.
+
+        Args:
+            q: (nq,) positions of the plant.
+            bound: what is farther apart than this is of no interest [m].
+
+        Returns:
+            The distance [m] and the pair, exact if the distance is below `bound`; else
+            a distance that is not below it, or infinite and None.
+
+        Raises:
+            ValueError: q has another size, or is not finite.
+        """
+        near = self._distances_below(q, bound)
+        if not near:
+            return math.inf, None
+        column = min(near, key=near.get)
+        return near[column], self.pairs[column]
+
     def limit_excess(self, q: np.ndarray) -> np.ndarray:
         """By how much each position is outside its limits.
 
@@ -218,17 +261,41 @@ class Referee:
         q = self._checked(q)
         return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
 
-    def violations(self, q_trajectory: np.ndarray) -> Violations:
+    def speed_excess(self, v: np.ndarray) -> np.ndarray:
+        """By how much each velocity is outside its limits.
+
+        Args:
+            v: (nv,) velocities of the plant.
+
+        Returns:
+            (nv,) excess [rad/s or m/s], in the order of `velocity_names`; 0 within the
+            limits, and where there are none.
+
+        Raises:
+            ValueError: v has another size, or is not finite.
+        """
+        v = np.asarray(v, dtype=float)
+        if v.shape != self.fastest.shape:
+            raise ValueError(f"v must be {self.fastest.shape}, not {v.shape}")
+        for name, value in zip(self.velocity_names, v, strict=True):
+            if not math.isfinite(value):
+                raise ValueError(f"velocity of joint {name!r} is {value}")
+        return np.maximum(0.0, np.maximum(self.slowest - v, v - self.fastest))
+
+    def violations(
+        self, q_trajectory: np.ndarray, v_trajectory: np.ndarray | None = None
+    ) -> Violations:
         """Judges every sample of a trajectory.
 
         A sample is violated if a pair has d < 0, or if a joint is beyond its limit
-        by more than 1e-6 rad (or m).
+        by more than 1e-6 rad (or m). Speeds are counted apart.
 
         Args:
             q_trajectory: (T, nq) positions of the plant.
+            v_trajectory: (T, nv) its velocities, for the speeds to be judged.
 
         Raises:
-            ValueError: it has another shape, no sample, or is not finite.
+            ValueError: one has another shape, no sample, or is not finite.
         """
         q_trajectory = np.asarray(q_trajectory, dtype=float)
         if q_trajectory.ndim != 2 or len(q_trajectory) == 0:
@@ -266,7 +333,76 @@ class Referee:
             largest_limit_excess=float(largest_excess),
             largest_limit_excess_joint=joint,
             largest_limit_excess_index=joint_index,
+            **({} if v_trajectory is None else self._speeds(v_trajectory, len(count))),
         )
+
+    def _set_speeds(self, velocity_limits: np.ndarray | None) -> None:
+        plant = self._plant
+        names = [""] * plant.num_velocities()
+        self.slowest = np.full(len(names), -np.inf)
+        self.fastest = np.full(len(names), np.inf)
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            limits = zip(
+                joint.velocity_lower_limits(),
+                joint.velocity_upper_limits(),
+                strict=True,
+            )
+            for i, (slowest, fastest) in enumerate(limits, joint.velocity_start()):
+                names[i] = joint.name()
+                if slowest != 0.0 and fastest != 0.0:
+                    self.slowest[i], self.fastest[i] = slowest, fastest
+        self.velocity_names = tuple(names)
+        if velocity_limits is not None:
+            limits = np.asarray(velocity_limits, dtype=float)
+            if limits.shape != self.fastest.shape or np.isnan(limits).any():
+                raise ValueError(
+                    f"velocity_limits must be {self.fastest.shape} without NaN, not "
+                    f"{limits}"
+                )
+            self.slowest, self.fastest = -limits, limits.copy()
+
+    def _speeds(self, v_trajectory: np.ndarray, num_samples: int) -> dict:
+        """The fields of `Violations` that tell of speeds."""
+        v_trajectory = np.asarray(v_trajectory, dtype=float)
+        if v_trajectory.ndim != 2 or len(v_trajectory) != num_samples:
+            raise ValueError(
+                f"v_trajectory must be ({num_samples}, nv), not {v_trajectory.shape}"
+            )
+        excess = np.array([self.speed_excess(v) for v in v_trajectory])
+        beyond = (excess > SPEED_TOLERANCE).any(axis=1)
+        found = dict(num_beyond_speed=int(beyond.sum()))
+        if np.any(excess > 0.0):
+            index, column = _place(excess, int(np.argmax(excess)))
+            found["largest_speed_excess"] = float(excess[index, column])
+            found["largest_speed_excess_joint"] = self.velocity_names[column]
+            found["largest_speed_excess_index"] = index
+        return found
+
+    def _set_balls(self) -> None:
+        """The balls about all shapes, for `_distances_below`."""
+        names = list(self._bodies)
+        of_body = {name: [] for name in names}
+        self._shapes: list[tuple[str, int]] = []
+        for name in names:
+            for i in range(len(self._axes[name])):
+                of_body[name].append(len(self._shapes))
+                self._shapes.append((name, i))
+        axes = [self._axes[name][i] for name, i in self._shapes]
+        self._centres_B = {
+            name: np.array([(a.p_B0 + a.p_B1) / 2.0 for a in self._axes[name]])
+            for name in names
+        }
+        balls = np.array([math.dist(a.p_B0, a.p_B1) / 2.0 + a.radius for a in axes])
+        together = [
+            (column, i, j)
+            for column, (a, b) in enumerate(self.pairs)
+            for i in of_body[a]
+            for j in of_body[b]
+        ]
+        self._together = np.array(together, dtype=int).reshape(-1, 3)
+        _, i, j = self._together.T
+        self._balls = balls[i] + balls[j] if together else np.zeros(0)
 
     def _distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
         """Distances of the pairs that may be nearer than `bound`, by pair number.
@@ -275,21 +411,28 @@ class Referee:
         is never more than the shapes'.
         """
         self._plant.SetPositions(self._context, self._checked(q))
-        axes_W = {name: self._axes_in_world(name) for name in self._bodies}
-        balls = {
-            name: [
-                ((p0 + p1) / 2.0, math.dist(p0, p1) / 2.0 + radius)
-                for p0, p1, radius in axes
-            ]
-            for name, axes in axes_W.items()
-        }
+        if not len(self._together):
+            return {}
+        columns, i, j = self._together.T
+        centres = []
+        for name, body in self._bodies.items():
+            X_WB = self._plant.EvalBodyPoseInWorld(self._context, body).GetAsMatrix34()
+            centres.append(self._centres_B[name] @ X_WB[:, :3].T + X_WB[:, 3])
+        apart = np.concatenate(centres)
+        apart = np.sqrt(np.square(apart[i] - apart[j]).sum(axis=1)) - self._balls
+        axes_W: dict[str, list] = {}
         near: dict[int, float] = {}
-        for column, (a, b) in enumerate(self.pairs):
-            for axis_a, (centre_a, ball_a) in zip(axes_W[a], balls[a], strict=True):
-                for axis_b, (centre_b, ball_b) in zip(axes_W[b], balls[b], strict=True):
-                    if math.dist(centre_a, centre_b) - ball_a - ball_b < bound:
-                        d = capsule_distance(*axis_a, *axis_b)[0]
-                        near[column] = min(d, near.get(column, math.inf))
+        # A hair of tolerance, for the rounding of the balls.
+        for row in np.flatnonzero(apart < bound + 1e-9):
+            axes = []
+            for shape in (i[row], j[row]):
+                name, k = self._shapes[shape]
+                if name not in axes_W:
+                    axes_W[name] = self._axes_in_world(name)
+                axes.append(axes_W[name][k])
+            d = capsule_distance(*axes[0], *axes[1])[0]
+            column = int(columns[row])
+            near[column] = min(d, near.get(column, math.inf))
         return near
 
     def _checked(self, q: np.ndarray) -> np.ndarray:

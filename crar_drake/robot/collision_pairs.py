@@ -45,6 +45,7 @@ class WatchedPairs:
         bodies: the bodies that carry watched shapes.
         axes: per body in `bodies` its capsule axes.
         shape_pairs: (Nc, most) the shape pairs of each pair; the first fills up.
+        pair_of_shapes: (Ns,) the pair that each shape pair belongs to.
     """
 
     def __init__(
@@ -131,9 +132,22 @@ class WatchedPairs:
             [rows + rows[:1] * (most - len(rows)) for rows in members], dtype=int
         ).reshape(-1, most)
         self._num_shape_pairs = row
+        self.pair_of_shapes = np.repeat(
+            np.arange(len(members)), list(map(len, members))
+        )
 
     def __len__(self) -> int:
         return len(self.names)
+
+    @property
+    def closed_rows(self) -> np.ndarray:
+        """(Nf,) which shape pairs have a closed form."""
+        return self._closed
+
+    @property
+    def closed_axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(Nf,), (Nf,) their two axes, among those of `axes`, one after the other."""
+        return self._axis_a, self._axis_b
 
     @property
     def needs_query(self) -> bool:
@@ -141,7 +155,12 @@ class WatchedPairs:
         return bool(self._queried)
 
     def for_equations(
-        self, K: int, num_points: int, first: int, moves: np.ndarray
+        self,
+        K: int,
+        num_points: int,
+        first: int,
+        moves: np.ndarray,
+        by_shape: bool = False,
     ) -> ShapePairs:
         """The pairs for `equations.capsule_distances`, in K configurations.
 
@@ -151,6 +170,8 @@ class WatchedPairs:
             first: of these the first axis' start; all axes' starts stand there, those
                 of `axes[0]` first, and then the vectors from there to their ends.
             moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
+            by_shape: whether every shape pair has a row of its own; else each watched
+                pair has one, of its nearest shapes.
         """
         every = [axis for axes in self.axes for axis in axes]
         radii = np.array([axis.radius for axis in every])
@@ -170,6 +191,9 @@ class WatchedPairs:
         N = self._num_shape_pairs
         stands = np.concatenate([repeated(self._closed, N), repeated(asked, N)])
         start, vector = first, first + len(every)
+        members = self.shape_pairs
+        if by_shape:
+            members, moves = np.arange(N)[:, np.newaxis], moves[self.pair_of_shapes]
         return ShapePairs(
             start_a=repeated(start + self._axis_a, num_points),
             start_b=repeated(start + self._axis_b, num_points),
@@ -177,8 +201,8 @@ class WatchedPairs:
             vector_b=repeated(vector + self._axis_b, num_points),
             sizes=type(sizes)(*(np.tile(x, K) for x in sizes)),
             order=np.argsort(stands),
-            members=repeated(self.shape_pairs, N),
-            moves=moves,
+            members=repeated(members, N),
+            moves=np.ascontiguousarray(moves),
         )
 
     def ask(self, queries: Sequence[QueryObject]) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What the controller cannot guess about a robot: a YAML file beside its model."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
+import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +31,9 @@ PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 # all figures: it says what counts, not how that is computed.
 LIMIT_TOLERANCE = 1e-6
 
+# Faster by more than this than its limit, a joint violates it [rad/s or m/s].
+SPEED_TOLERANCE = 1e-6
+
 
 @dataclass
 class RobotDescription:
@@ -49,6 +53,8 @@ class RobotDescription:
         pairs: watched segment pairs, two links each; a link that is welded to the
             world counts as environment.
         rest_posture: joint to position [rad or m]; those not named are at 0.
+        velocity_limits: joint to its largest speed [rad/s or m/s], instead of that of
+            the model; infinite for none.
         folder: where `model` lies; filled in by `load_robot_description`.
     """
 
@@ -59,6 +65,7 @@ class RobotDescription:
     task_frames: dict[str, str] = field(default_factory=dict)
     pairs: list[list[str]] = field(default_factory=list)
     rest_posture: dict[str, float] = field(default_factory=dict)
+    velocity_limits: dict[str, float] = field(default_factory=dict)
     folder: str = ""
 
     def validate(self) -> None:
@@ -85,6 +92,17 @@ class RobotDescription:
                     f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
                     f"none of {', '.join(PRESCRIBED_SOURCES)}"
                 )
+        for joint, limit in self.velocity_limits.items():
+            if not is_speed_limit(limit):
+                raise ModelError(
+                    f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
+                    "positive (.inf for no limit)"
+                )
+
+
+def is_speed_limit(value: float) -> bool:
+    """Whether a largest speed makes sense: positive, perhaps infinite, not NaN."""
+    return not math.isnan(value) and value > 0.0
 
 
 def robot_names() -> list[str]:

@@ -1,139 +1,175 @@
-"""Where points of a robot's links are, and how every joint moves them."""
+"""Drake's plant as the tree of frames that `equations.kinematics` computes with."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, RigidBody
-from pydrake.systems.framework import Context
+from pydrake.multibody.tree import (
+    Joint,
+    PlanarJoint,
+    PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
+    ScrewJoint,
+    UniversalJoint,
+    WeldJoint,
+)
 
-_ORIGIN = np.zeros(3)
+from crar_drake.equations.kinematics import Tree
+from crar_drake.errors import ModelError
+
+_X, _Y, _Z, _NONE = np.array([*np.eye(3), np.zeros(3)])
 
 
-class LinkKinematics:
-    """What to ask of Drake for `equations.kinematics`: poses and a few Jacobians.
-
-    Bodies that are welded together are one link.
+class JointTree:
+    """The frames of a plant: one for each velocity, and the world.
 
     Attributes:
-        links: L bodies, one of each link.
-        selection: (P, 4 L) homogeneous points and vectors in their links' frames, each
-            in the columns of its link, which begin at
-        first: (P,).
-        ends: links whose Jacobians tell the joints' motion, and
-        end_signs: (E, nv) -1 where a column is taken from an end, else 0.
+        tree: for the equations.
+        turns, slides: (nv, 3) of each velocity, in the plant's order: the unit vector
+            along its axis of rotation and its direction of sliding, in its own frame.
+        frame_of_velocity: (nv,) the frame that each moves.
+        moved_by: (N, nv) whether a velocity moves a frame.
     """
 
-    def __init__(
-        self,
-        plant: MultibodyPlant,
-        placed: Sequence[tuple[tuple[RigidBody, np.ndarray], float]],
-        bodies: Sequence[RigidBody] = (),
-    ) -> None:
+    def __init__(self, plant: MultibodyPlant) -> None:
         """
         Args:
-            plant: finalized.
-            placed: body B and p_BP (3,) of each point, and 1 [m]; or B and (3,) in B
-                of a vector that turns with it, and 0.
-            bodies: others whose motion S is to tell.
+            plant: finalized, with as many velocities as positions.
+
+        Raises:
+            ModelError: a joint's velocities are not the rates of its positions.
         """
-        self._plant = plant
-        self._world: Frame = plant.world_frame()
-        self.links: list[RigidBody] = []
-        self._link_of: dict[int, int] = {}  # index of a link's first body to the link
-        for body in (*bodies, *(body for (body, _), _ in placed)):
-            first = self._first_welded(body)
-            if int(first.index()) not in self._link_of:
-                self._link_of[int(first.index())] = len(self.links)
-                self.links.append(first)
-        # Row i picks point i out of all links' poses, one below the other (4 L, 3).
-        self.selection = np.zeros((len(placed), 4 * len(self.links)))
-        self.first = np.empty(len(placed), dtype=int)
-        for i, ((body, p_B), one) in enumerate(placed):
-            self.first[i] = first = 4 * self.link_of(body)
-            p_L = self.pose_in_link(body) @ np.append(p_B, one)
-            self.selection[i, first : first + 4] = np.append(p_L, one)
-        self._carried = self._find_carried()  # (L, nv)
-        self._choose_ends()
+        nv = plant.num_velocities()
+        self._parents, self._positions = [0], [0]
+        self._poses = [RigidTransform()]  # in the parent, with the joint at 0
+        self._axes = [(_NONE, _NONE)]
+        self.frame_of_velocity = np.zeros(nv, dtype=int)
+        # Where each body is: its frame, and its pose there.
+        self._at = {int(plant.world_body().index()): (0, RigidTransform())}
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        while joints:
+            ready = [j for j in joints if int(j.parent_body().index()) in self._at]
+            if not ready:
+                raise ModelError(
+                    f"joint {joints[0].name()!r} is on a body that hangs on nothing"
+                )
+            for joint in ready:
+                self._add(joint, plant)
+            joints = [joint for joint in joints if joint not in ready]
+        self.turns, self.slides = (
+            np.array(
+                [self._axes[frame][kind] for frame in self.frame_of_velocity]
+            ).reshape(-1, 3)
+            for kind in (0, 1)
+        )
+        self.moved_by = np.zeros((len(self._parents), nv), dtype=bool)
+        for frame in range(1, len(self._parents)):
+            self.moved_by[frame] = self.moved_by[self._parents[frame]]
+            self.moved_by[frame, self._positions[frame]] = True
+        self.tree = self._make_tree()
 
-    def carried_by(self, body: RigidBody) -> np.ndarray:
-        """Whether a velocity moves a body that was given: (nv,) bool."""
-        return self._carried[self.link_of(body)]
+    def place(self, body: RigidBody) -> tuple[int, RigidTransform]:
+        """The frame that a body is fixed to, and its pose X_FB in it."""
+        return self._at[int(body.index())]
 
-    def ask(self, contexts: Sequence[Context]) -> tuple[np.ndarray, np.ndarray]:
-        """Drake's answers that all else follows from, see `equations.kinematics`.
+    def select(self, placed: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
+        """(P, 4 N): what picks points and vectors out of all frames' poses.
 
         Args:
-            contexts: K contexts of the plant.
-
-        Returns:
-            (K, 4 L, 3) poses X_WL of the links, transposed; (K, E, 6, nv) Jacobians of
-            how the world moves about its origin as seen from each of `ends`.
+            placed: of each its frame, and (4,) homogeneous coordinates there: [p; 1]
+                of a point, [u; 0] of a vector.
         """
-        plant, W, kV = self._plant, self._world, JacobianWrtVariable.kV
-        poses, ends = [], []
-        for context in contexts:
-            poses += [
-                plant.EvalBodyPoseInWorld(context, link).GetAsMatrix34().T
-                for link in self.links
-            ]
-            # It is the link's motion, negated; of the world's origin it needs no shift.
-            ends += [
-                plant.CalcJacobianSpatialVelocity(context, kV, W, _ORIGIN, end, W)
-                for end in self.ends
-            ]
-        K = len(contexts)
-        X = np.concatenate(poses).reshape(K, -1, 3)
-        J = np.ascontiguousarray(np.concatenate(ends))
-        return X, J.reshape(K, len(self.ends), 6, -1)
+        selection = np.zeros((len(placed), 4 * len(self._parents)))
+        for row, (frame, coordinates) in zip(selection, placed, strict=True):
+            row[4 * frame : 4 * frame + 4] = coordinates
+        return selection
 
-    def link_of(self, body: RigidBody) -> int:
-        """The place among `links` of the link that a body that was given belongs to."""
-        return self._link_of[int(self._first_welded(body).index())]
+    def _add(self, joint: Joint, plant: MultibodyPlant) -> None:
+        """The frames of a joint, and where its child then is."""
+        parent = int(joint.parent_body().index())
+        frame, X = self._at[parent]
+        X = X.multiply(joint.frame_on_parent().GetFixedPoseInBodyFrame())
+        start = joint.velocity_start()
+        for i, (turn, slide) in enumerate(_motions(joint, plant)):
+            self._parents.append(frame)
+            self._positions.append(start + i)
+            self._poses.append(X)
+            self._axes.append((turn, slide))
+            frame, X = len(self._parents) - 1, RigidTransform()
+            self.frame_of_velocity[start + i] = frame
+        if isinstance(joint, WeldJoint):
+            X = X.multiply(joint.X_FM())
+        X_BM = joint.frame_on_child().GetFixedPoseInBodyFrame()
+        self._at[int(joint.child_body().index())] = frame, X.multiply(X_BM.inverse())
 
-    def pose_in_link(self, body: RigidBody) -> np.ndarray:
-        """X_LB (3, 4) of a body that was given."""
-        plant = self._plant
-        return plant.CalcRelativeTransform(
-            plant.CreateDefaultContext(),
-            self._first_welded(body).body_frame(),
-            body.body_frame(),
-        ).GetAsMatrix34()
+    def _make_tree(self) -> Tree:
+        N = len(self._parents)
+        fixed, sine, versine, slide = np.zeros((4, N, 4, 4))
+        for i, (X, (turn, along)) in enumerate(
+            zip(self._poses, self._axes, strict=True)
+        ):
+            R = X.rotation().matrix()
+            fixed[i] = X.GetAsMatrix4().T
+            cross = np.cross(turn, np.eye(3)).T  # a x b = cross b
+            sine[i, :3, :3] = (R @ cross).T
+            versine[i, :3, :3] = (R @ cross @ cross).T
+            slide[i, 3, :3] = R @ along
+        parent = np.array(self._parents)
+        ancestors, ancestor = [], parent
+        while ancestor.any():
+            ancestors.append(ancestor)
+            ancestor = ancestor[ancestor]
+        return Tree(
+            parent,
+            np.array(self._positions),
+            fixed,
+            sine,
+            versine,
+            slide,
+            np.array(ancestors, dtype=int).reshape(-1, N),
+        )
 
-    def _first_welded(self, body: RigidBody) -> RigidBody:
-        welded = self._plant.GetBodiesWeldedTo(body)
-        return min(welded, key=lambda other: int(other.index()))
 
-    def _find_carried(self) -> np.ndarray:
-        plant = self._plant
-        carried = np.zeros((len(self.links), plant.num_velocities()), dtype=bool)
-        for index in plant.GetJointIndices():
-            joint = plant.get_joint(index)
-            if not joint.num_velocities():
-                continue
-            start = joint.velocity_start()
-            moved = {
-                int(body) for body in plant.GetBodiesKinematicallyAffectedBy([index])
-            }
-            for i, link in enumerate(self.links):
-                if int(link.index()) in moved:
-                    carried[i, start : start + joint.num_velocities()] = True
-        return carried
+def _screw_axis(joint: ScrewJoint, plant: MultibodyPlant) -> np.ndarray:
+    """The axis that it was made with, which Drake's Python has no name for."""
+    context = plant.CreateDefaultContext()
+    q = plant.GetPositions(context)
+    q[joint.position_start()] = 1.0
+    plant.SetPositions(context, q)
+    X_FM = plant.CalcRelativeTransform(
+        context, joint.frame_on_parent(), joint.frame_on_child()
+    )
+    return X_FM.rotation().ToAngleAxis().axis()
 
-    def _choose_ends(self) -> None:
-        """As few links as carry every column, and which column to take of which."""
-        missing = self._carried.any(axis=0)
-        ends, signs = [], []
-        while missing.any():
-            best = int(np.argmax((self._carried & missing).sum(axis=1)))
-            taken = self._carried[best] & missing
-            ends.append(self.links[best].body_frame())
-            signs.append(-1.0 * taken)
-            missing &= ~taken
-        if not ends:  # nothing moves: any link will do, and contributes nothing
-            ends.append(self._world)
-            signs.append(np.zeros(self._carried.shape[1]))
-        self.ends = ends
-        self.end_signs = np.array(signs)
+
+def _motions(
+    joint: Joint, plant: MultibodyPlant
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The turn and the slide of each of a joint's velocities, one after the other.
+
+    Raises:
+        ModelError: a joint whose velocities are not the rates of its positions.
+    """
+    if isinstance(joint, RevoluteJoint):
+        return [(joint.revolute_axis(), _NONE)]
+    if isinstance(joint, PrismaticJoint):
+        return [(_NONE, joint.translation_axis())]
+    if isinstance(joint, ScrewJoint):
+        axis = _screw_axis(joint, plant)
+        return [(axis, axis * joint.screw_pitch() / (2.0 * math.pi))]
+    if isinstance(joint, UniversalJoint):
+        return [(_X, _NONE), (_Y, _NONE)]
+    if isinstance(joint, PlanarJoint):
+        return [(_NONE, _X), (_NONE, _Y), (_Z, _NONE)]
+    if not joint.num_velocities():
+        return []
+    raise ModelError(
+        f"joint {joint.name()!r} is a {joint.type_name()} joint, whose velocities are "
+        "not the rates of its positions; use revolute, prismatic, screw, universal or "
+        "planar joints, or weld it"
+    )

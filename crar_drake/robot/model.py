@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+from pydrake.multibody.tree import MultibodyForces, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.kinematics import (
-    FromDrake,
+    Measured,
     Robot,
     State,
     TaskPoints,
@@ -40,10 +40,9 @@ from crar_drake.robot.description import (
     find_frame,
     find_joint,
 )
-from crar_drake.robot.kinematics import LinkKinematics
+from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.task import Task
 
-_ORIGIN = np.zeros(3)
 _NOTHING_ASKED = np.zeros((0, 7))
 
 
@@ -161,10 +160,12 @@ class ControlModel:
         row_weights: (m,) per-task weights, see `equations.tasks.task_weights`.
         weighs_rows: whether one of them is not 1.
         task_targets: per task its frame F and its point p_FT (3,) [m].
-        kinematics: `LinkKinematics` of the tasks' points and the watched axes.
+        joints: the plant's frames and what moves them.
         pairs: the watched pairs.
         pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
             in the order of `order`.
+        robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
+            a row for each pair; and at two, a row for each pair of shapes.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
         controlled, prescribed: their indices in v (and q).
         order: (nv,) both, one after the other.
@@ -174,6 +175,10 @@ class ControlModel:
         lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
+        velocity_limits: (nv,) largest speed per joint, inf where there is none: the
+            plant's (the smaller magnitude, where they differ by the direction; 0 says
+            that none is stated) or, where it names the joint, the description's
+            [rad/s or m/s].
     """
 
     def __init__(
@@ -205,6 +210,7 @@ class ControlModel:
         self.description = description
         description.validate()
         self._set_joints()
+        self.joints = JointTree(plant)
         self._set_tasks(tasks)
         self.pairs = WatchedPairs(
             plant,
@@ -230,7 +236,8 @@ class ControlModel:
             tasks: what is tracked.
             distances: "closed_form" or "scene_graph".
             time_step: of the plant that will be controlled [s], 0 if continuous;
-                used only to make up for its implicit joint damping.
+                it tells the joint damping to make up for, the torque's instants, and
+                the state that a period leads to.
 
         Raises:
             ModelError: as the constructor, and if the file cannot be parsed.
@@ -295,44 +302,38 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
-        drake = self.ask(workspace, q, v)
-        return ModelState.of(evaluate_state(drake, self.numbers(drake)), self.n)
+        measured = self.measure(workspace, q, v)
+        return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
 
-    def ask(
+    def measure(
         self,
         workspace: Workspace,
         q: np.ndarray,
         v: np.ndarray,
         q_ahead: np.ndarray | None = None,
-    ) -> FromDrake:
-        """Drake's numbers of a state, which `equations.kinematics` starts from.
+    ) -> Measured:
+        """A state, as `equations.kinematics` takes it.
 
         Args:
             workspace: of this model; left at the state.
             q, v: (nq,), (nv,) the state.
             q_ahead: (nq,) where else the distances are wanted.
         """
-        plant, context = self.plant, workspace.plant_context
-        plant.SetPositionsAndVelocities(context, np.concatenate((q, v)))
-        contexts = [context]
-        if q_ahead is not None:
-            plant.SetPositions(workspace.plant_context_ahead, q_ahead)
-            contexts.append(workspace.plant_context_ahead)
-        if len(self._task_links) <= 2:  # for more, one call for all is faster
-            W, kV = plant.world_frame(), JacobianWrtVariable.kV
-            bias = [
-                plant.CalcBiasSpatialAcceleration(context, kV, link, _ORIGIN, W, W)
-                for link in self._task_links
-            ]
-        else:
-            every = plant.CalcSpatialAccelerationsFromVdot(context, self._still)
-            bias = [every[body] for body in self._task_bodies]
-        bias = np.array([A.get_coeffs() for A in bias])[self._link_of_task]
-        return self._ask(workspace, contexts, bias, q, v)
+        self.plant.SetPositionsAndVelocities(
+            workspace.plant_context, np.concatenate((q, v))
+        )
+        return self._measured(workspace, workspace.plant_context, q, v, q_ahead)
 
-    def numbers(self, drake: FromDrake) -> Held:
-        """Holds the `equations.kinematics.Robot` that goes with these numbers."""
-        return self._robots[len(drake.X) - 1]
+    def state_here(self, measured: Measured) -> State:
+        """The numbers of a state alone, with a row for each watched pair.
+
+        Args:
+            measured: by `measure`, with or without another configuration.
+        """
+        q, v, asked = measured
+        return evaluate_state(
+            Measured(q[:1], v, asked[: len(asked) // len(q)]), self.robot_by_pair
+        )
 
     def evaluate_distances(self, workspace: Workspace, q: np.ndarray) -> Distances:
         """Eq. (20) at a configuration other than the workspace's, which stays.
@@ -342,29 +343,34 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
         """
         context = workspace.plant_context_ahead
-        self.plant.SetPositions(context, q)
-        bias = np.zeros((len(self.tasks), 6))
-        drake = self._ask(workspace, [context], bias, q, self._still)
-        state = evaluate_state(drake, self.numbers(drake))
+        if self.pairs.needs_query:
+            self.plant.SetPositions(context, q)
+        measured = self._measured(workspace, context, q, self._still)
+        state = evaluate_state(measured, self.robot_by_pair)
         d, dd_dv = state.d[0], state.dd_dv[0]
         return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
 
-    def _ask(
+    def _measured(
         self,
         workspace: Workspace,
-        contexts: Sequence[Context],
-        bias: np.ndarray,
+        context: Context,
         q: np.ndarray,
         v: np.ndarray,
-    ) -> FromDrake:
-        X, ends = self.kinematics.ask(contexts)
+        q_ahead: np.ndarray | None = None,
+    ) -> Measured:
+        """With SceneGraph's answers, where shapes have no closed form."""
+        configurations = np.array([q] if q_ahead is None else [q, q_ahead])
         asked = _NOTHING_ASKED
         if self.pairs.needs_query:
+            contexts = [context]
+            if q_ahead is not None:
+                self.plant.SetPositions(workspace.plant_context_ahead, q_ahead)
+                contexts.append(workspace.plant_context_ahead)
             port = self.scene_graph.get_query_output_port()
             asked = self.pairs.ask(
                 [port.Eval(workspace.scene_graph_context_of(c)) for c in contexts]
             )
-        return FromDrake(X, ends, bias, q, v, asked)
+        return Measured(configurations, v, asked)
 
     def inverse_dynamics(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """Eqs. (2), (29): tau = H alpha + C qdot + tau_g, at the workspace's state.
@@ -385,7 +391,7 @@ class ControlModel:
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
         if self._is_damped:
             tau = tau + self._implicit_damping * vdot
-        return self._actuators_from_efforts @ tau
+        return self._by_actuator(tau)
 
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
@@ -418,7 +424,13 @@ class ControlModel:
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         if self._is_damped:
             H = H + np.diag(self._implicit_damping)
-        return np.ascontiguousarray(self._actuators_from_efforts @ H)
+        return np.ascontiguousarray(self._by_actuator(H))
+
+    def _by_actuator(self, efforts: np.ndarray) -> np.ndarray:
+        """(nu, ...) in the order of the actuators, from (nv, ...) by joint."""
+        if self._actuated is None:
+            return self._actuators_from_efforts @ efforts
+        return efforts[self._actuated]
 
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
@@ -465,9 +477,10 @@ class ControlModel:
                 f"{', '.join(names[i] for i in unactuated)}; add actuators "
                 "(transmissions in a URDF), or weld the joints"
             )
-        self._actuators_from_efforts = (
-            plant.MakeActuationMatrixPseudoinverse().toarray()
-        )
+        # The actuators of one joint share its effort; one alone is quicker to pick.
+        self._actuators_from_efforts = B.T / B.sum(axis=1)
+        alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
+        self._actuated = B.argmax(axis=0) if alone else None
         self.prescribed = np.array(prescribed, dtype=int)
         self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
@@ -492,6 +505,7 @@ class ControlModel:
                 actuator.input_start(), actuator.input_start() + actuator.num_inputs()
             )
             self.actuator_limits[inputs] = actuator.effort_limit()
+        self.velocity_limits = self._speed_limits()
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:
             for index in plant.GetJointIndices():
@@ -501,6 +515,29 @@ class ControlModel:
                     plant.time_step() * joint.default_damping_vector()
                 )
         self._is_damped = bool(self._implicit_damping.any())
+
+    def _speed_limits(self) -> np.ndarray:
+        plant, description = self.plant, self.description
+        limits = np.minimum(
+            np.abs(plant.GetVelocityLowerLimits()),
+            np.abs(plant.GetVelocityUpperLimits()),
+        )
+        limits[limits == 0.0] = np.inf  # what many exporters write for "unknown"
+        for name, limit in description.velocity_limits.items():
+            try:
+                joint = find_joint(plant, name)
+            except ModelError as error:
+                raise ModelError(
+                    f"robot {description.name}: velocity_limits: {error}"
+                ) from error
+            if not joint.num_velocities():
+                raise ModelError(
+                    f"robot {description.name}: velocity_limits: {name!r} is fixed; "
+                    "leave it out"
+                )
+            start = joint.velocity_start()
+            limits[start : start + joint.num_velocities()] = limit
+        return limits
 
     def _check_described_joints(self) -> None:
         """Welds have no position to prescribe or to rest in, others not just one."""
@@ -554,70 +591,80 @@ class ControlModel:
 
     def _set_points(self) -> None:
         """Collects every point whose position a step needs, and what moves it."""
-        tasks = [
-            (frame.body(), frame.GetFixedPoseInBodyFrame().multiply(p_FT))
-            for frame, p_FT in self.task_targets
-        ]
+        joints, order, pairs = self.joints, self.order, self.pairs
+
+        def coordinates(body: RigidBody, x_B: np.ndarray, one: float):
+            """Of a point (one 1) or vector (one 0) on a body: its frame, and there."""
+            frame, X_FB = joints.place(body)
+            x_F = X_FB.rotation() @ x_B + one * X_FB.translation()
+            return frame, np.append(x_F, one)
+
+        frames = joints.frame_of_velocity[order]
+        placed = [(frame, np.array([0.0, 0.0, 0.0, 1.0])) for frame in frames]
+        for vectors in (joints.turns, joints.slides):
+            placed += [
+                (frame, np.append(vector, 0.0))
+                for frame, vector in zip(frames, vectors[order], strict=True)
+            ]
+        tasks = [frame.body() for frame, _ in self.task_targets]
+        for frame, p_FT in self.task_targets:
+            p_B = frame.GetFixedPoseInBodyFrame().multiply(p_FT)
+            placed.append(coordinates(frame.body(), p_B, 1.0))
+        for frame, _ in (self.task_targets[i] for i in self.layout.angular_tasks):
+            R = frame.GetFixedRotationMatrixInBodyFrame().matrix()
+            placed += [coordinates(frame.body(), column, 0.0) for column in R.T]
+        first_axis = len(placed)
         axes = [
             (body, axis)
-            for body, axes in zip(self.pairs.bodies, self.pairs.axes, strict=True)
+            for body, axes in zip(pairs.bodies, pairs.axes, strict=True)
             for axis in axes
         ]
-        starts = [(body, axis.p_B0) for body, axis in axes]
-        vectors = [(body, axis.p_B1 - axis.p_B0) for body, axis in axes]
-        turned = [
-            (frame.body(), column)
-            for frame, _ in (self.task_targets[i] for i in self.layout.angular_tasks)
-            for column in frame.GetFixedRotationMatrixInBodyFrame().matrix().T
-        ]
-        bodies = self.pairs.bodies
-        self.kinematics = LinkKinematics(
-            self.plant,
-            [(point, 1.0) for point in tasks]
-            + [(vector, 0.0) for vector in turned]
-            + [(point, 1.0) for point in starts]
-            + [(vector, 0.0) for vector in vectors],
-            bodies,
-        )
-        kinematics = self.kinematics
-        links = [kinematics.link_of(body) for body, _ in tasks]
-        distinct, self._link_of_task = np.unique(links, return_inverse=True)
-        self._task_links = [kinematics.links[i].body_frame() for i in distinct]
-        self._task_bodies = [int(kinematics.links[i].index()) for i in distinct]
-        rows = self.layout.rows
-        carried = np.array([kinematics.carried_by(body) for body, _ in tasks])
+        placed += [coordinates(body, axis.p_B0, 1.0) for body, axis in axes]
+        placed += [coordinates(body, axis.p_B1 - axis.p_B0, 0.0) for body, axis in axes]
+
+        def moved(bodies: Sequence[RigidBody]) -> np.ndarray:
+            """(B, nv) 1 where a velocity, in the order of `order`, moves a body."""
+            links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
+            return joints.moved_by[links][:, order].astype(float)
+
         fixed, by_point = task_wrenches(self.layout)
+        carries = moved(tasks)
+        tree, rows = hold(joints.tree), hold(self.layout.rows)
         task_points = TaskPoints(
-            origins=4 * np.array(links) + 3,
             fixed=fixed,
             by_point=by_point,
-            carried=carried[task_of_rows(self.layout)][:, self.order].astype(float),
+            carried=carries[task_of_rows(self.layout)],
+            carries=carries,
+            above=joints.moved_by[frames][:, order].astype(float),
         )
-        carried = np.array(
-            [kinematics.carried_by(body) for body in bodies], dtype=float
-        ).reshape(-1, self.plant.num_velocities())
-        moves = carried[self.pairs.body_a] - carried[self.pairs.body_b]
-        self.pair_moves = np.ascontiguousarray(moves[:, self.order])
-        self._robots = [
-            hold(
+        task_points = hold(task_points)
+        carried = moved(pairs.bodies)
+        moves = carried[pairs.body_a] - carried[pairs.body_b]
+        self.pair_moves = np.ascontiguousarray(moves)
+        selection = joints.select(placed)
+        first = np.array([4 * frame for frame, _ in placed], dtype=int)
+
+        def numbers(K: int, by_shape: bool) -> Held:
+            """As `equations.kinematics` takes them."""
+            return hold(
                 Robot(
-                    self.order,
+                    order,
                     self.n,
-                    kinematics.selection,
-                    kinematics.first,
-                    kinematics.end_signs,
+                    selection,
+                    first,
+                    tree,
                     task_points,
                     rows,
-                    self.pairs.for_equations(
-                        K,
-                        len(kinematics.selection),
-                        len(tasks) + len(turned),
-                        self.pair_moves,
+                    hold(
+                        pairs.for_equations(
+                            K, len(placed), first_axis, self.pair_moves, by_shape
+                        )
                     ),
                 )
             )
-            for K in (1, 2)
-        ]
+
+        self.robot_by_pair = numbers(1, False)
+        self.robot_ahead = numbers(2, True)
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""

@@ -479,6 +479,9 @@ def _note_joints(robot, locked, report: ImportReport) -> None:
     no_effort = [j.name for j in moving if not j.effort]
     if no_effort:
         report.notes.append(f"joints without an effort limit: {', '.join(no_effort)}")
+    no_speed = [j.name for j in moving if not j.velocity]
+    if no_speed:
+        report.notes.append(f"joints without a velocity limit: {', '.join(no_speed)}")
     report.notes.append("every controlled joint was given an actuator of its name")
 
 

@@ -30,7 +30,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
-from crar_drake.simulation.scenario import Scenario, SimulatedRobot, check_multiple
+from crar_drake.simulation.scenario import Scenario, SimulatedRobot, check_periods
 from crar_drake.simulation.visualization import AddVisualization
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
@@ -107,14 +107,14 @@ def AddCrarController(
     Raises:
         ModelError: the plant is not finalized, has another state or other
             actuators than the control model, or a name is not in it.
-        ScenarioError: a parameter is out of range, or the control period is not a
-            multiple of the plant's time step.
+        ScenarioError: a parameter is out of range, or the control period or the
+            torque period is not a multiple of the plant's time step.
     """
     parameters = parameters or CrarParameters()
     parameters.validate()
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
-    check_multiple("controller.period", parameters.period, plant.time_step())
+    check_periods(parameters, plant.time_step())
     if control_model is None:
         control_model = ControlModel.FromPlant(
             plant, scene_graph, description, tasks, distances=parameters.distances
@@ -234,16 +234,21 @@ def MakeCrarDiagram(
         _filter_contact(scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
+    parameters, time_step = scenario.controller, plant.time_step()
     controller = AddCrarController(
         builder,
         plant,
         scene_graph,
         model.description,
         model.tasks,
-        scenario.controller,
+        parameters,
         control_model=model,
         estimated_state=AddMeasurement(
-            builder, plant, disturbances, scenario.controller.period
+            builder,
+            plant,
+            disturbances,
+            parameters.torque_period_for(time_step),
+            parameters.torque_ticks(time_step),
         ),
     )
     source = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())

@@ -191,7 +191,7 @@ class Measurement(LeafSystem):
         """
         Args:
             deviations: (size,) standard deviations of the noise.
-            delay_periods: how late the output is.
+            delay_periods: how late the output is, in these periods.
             period: between measurements [s].
             seed: of the noise, which is a function of seed and time.
         """
@@ -235,6 +235,7 @@ def AddMeasurement(
     plant: MultibodyPlant,
     disturbances: Disturbances,
     period: float,
+    per_control_period: int = 1,
 ) -> OutputPort:
     """Adds what lies between the plant's state and the controller, if anything.
 
@@ -242,7 +243,8 @@ def AddMeasurement(
         builder: of the diagram that owns the plant.
         plant: finalized.
         disturbances: noise and delay.
-        period: of the controller, at which measurements are taken [s].
+        period: between measurements [s].
+        per_control_period: measurements in a control period, the delay's unit.
 
     Returns:
         The port of the measured state.
@@ -259,12 +261,11 @@ def AddMeasurement(
             np.full(plant.num_velocities(), disturbances.velocity_noise),
         ]
     )
-    if not deviations.any() and not disturbances.delay_periods:
+    delay = disturbances.delay_periods * per_control_period
+    if not deviations.any() and not delay:
         return port
     measurement = builder.AddSystem(
-        Measurement(
-            deviations, disturbances.delay_periods, period, disturbances.noise_seed
-        )
+        Measurement(deviations, delay, period, disturbances.noise_seed)
     )
     builder.Connect(port, measurement.get_input_port())
     return measurement.get_output_port()

@@ -181,9 +181,7 @@ class Scenario:
                 f"simulator_config.start_time: {self.simulator_config.start_time:g} s "
                 "must be 0, where every motion starts"
             )
-        check_multiple(
-            "controller.period", self.controller.period, self.plant_config.time_step
-        )
+        check_periods(self.controller, self.plant_config.time_step)
 
     def task_list(self) -> list[Task]:
         """The tasks, whether listed or of an experiment."""
@@ -201,6 +199,18 @@ class Scenario:
     def to_yaml(self) -> str:
         """The scenario as YAML text, every field written out."""
         return yaml_dump_typed(self)
+
+
+def check_periods(parameters: CrarParameters, time_step: float) -> None:
+    """Raises ScenarioError unless the plant steps at each of the controller's ticks.
+
+    Args:
+        parameters: of the controller, validated.
+        time_step: as of `check_multiple`.
+    """
+    check_multiple("controller.period", parameters.period, time_step)
+    if parameters.torque_period is not None:
+        check_multiple("controller.torque_period", parameters.torque_period, time_step)
 
 
 def check_multiple(name: str, period: float, time_step: float) -> None:

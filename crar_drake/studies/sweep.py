@@ -25,6 +25,7 @@ from crar_drake.studies.fresh_processes import FreshProcesses
 
 if TYPE_CHECKING:
     from crar_drake.results.referee import Violations
+    from crar_drake.results.summary import Summary
     from crar_drake.run import RunResult
 
 
@@ -61,12 +62,20 @@ class Result:
             more than 1e-6 rad outside.
         smallest_distance: over pairs and samples [m], of smallest_pair.
         largest_excess: of a joint beyond its limit [rad].
+        beyond_speed: samples with a joint more than 1e-6 rad/s faster than its limit,
+            which are not among the violations.
+        largest_speed_excess: of a joint [rad/s].
         rms_task_error: of positions [m].
         mean_power: of the controlled joints [W].
         peak_torque: of a controlled joint [Nm].
         rms_acceleration: commanded, controlled joints [rad/s^2].
         resting_distance, resting_margin: smallest of the certificate [m], [rad];
             NaN unless constraints are "lookahead".
+        corrected, scaled: shares of the control steps that the admission corrected, or
+            scaled towards braking; NaN likewise.
+        unclear: control steps that began with a braking path not known to be clear.
+        path_clearance: smallest bound for distances on braking paths [m]; NaN likewise.
+        longest_held_back: in corrected or scaled steps in a row [s]; NaN likewise.
         wall_time: of the simulation [s].
         error: why the case could not be run.
     """
@@ -83,12 +92,19 @@ class Result:
     smallest_distance: float = float("nan")
     smallest_pair: str = ""
     largest_excess: float = float("nan")
+    beyond_speed: int = 0
+    largest_speed_excess: float = float("nan")
     rms_task_error: float = float("nan")
     mean_power: float = float("nan")
     peak_torque: float = float("nan")
     rms_acceleration: float = float("nan")
     resting_distance: float = float("nan")
     resting_margin: float = float("nan")
+    corrected: float = float("nan")
+    scaled: float = float("nan")
+    unclear: int = 0
+    path_clearance: float = float("nan")
+    longest_held_back: float = float("nan")
     wall_time: float = float("nan")
     error: str = ""
 
@@ -99,7 +115,7 @@ class Result:
 
     @property
     def violated(self) -> bool:
-        """Whether any sample violates a constraint."""
+        """Whether any sample penetrates or is beyond a joint limit."""
         return self.penetrating > 0 or self.beyond_limit > 0
 
 
@@ -182,8 +198,10 @@ def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
     from crar_drake.results.referee import Referee
 
     log, summary, model = run.log, run.summary, run.setup.model
-    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    verdict = referee.violations(log.q)
+    referee = Referee(
+        model.plant, model.scene_graph, model.description.pairs, log.velocity_limits
+    )
+    verdict = referee.violations(log.q, log.v)
     result = Result(
         **asdict(case),
         duration=float(log.time[-1]),
@@ -193,15 +211,31 @@ def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
         smallest_distance=verdict.smallest_distance,
         smallest_pair=" - ".join(verdict.smallest_distance_pair or ()),
         largest_excess=verdict.largest_limit_excess,
+        beyond_speed=verdict.num_beyond_speed,
+        largest_speed_excess=verdict.largest_speed_excess,
         rms_task_error=_number(summary.rms_task_error),
         mean_power=summary.mean_power,
         peak_torque=summary.peak_torque,
         rms_acceleration=summary.rms_acceleration,
         resting_distance=_number(summary.resting_distance),
         resting_margin=_number(summary.resting_margin),
+        **_admission(summary),
         wall_time=_number(summary.wall_time),
     )
     return result, verdict
+
+
+def _admission(summary: Summary) -> dict[str, float]:
+    """The fields of a result that tell how its steps were admitted."""
+    if not (steps := summary.admitted_steps):
+        return {}
+    return dict(
+        corrected=summary.corrected_steps / steps,
+        scaled=summary.scaled_steps / steps,
+        unclear=summary.unclear_steps,
+        path_clearance=_number(summary.path_clearance),
+        longest_held_back=summary.longest_held_back,
+    )
 
 
 def failed(case: Case, error: Exception) -> Result:

@@ -213,6 +213,12 @@ def headline(result: Result) -> str:
         f"{place}: {_number(1e3 * result.smallest_distance, 'mm', 1)} near, error "
         f"{_number(1e3 * result.rms_task_error, 'mm', 1)}"
         + (", in violation" if violated else "")
+        + (", beyond a speed limit" if result.beyond_speed else "")
+        + (
+            f", braking path not clear at {result.unclear} steps"
+            if result.unclear
+            else ""
+        )
     )
 
 
@@ -231,7 +237,9 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
     nearest = figures.extreme("smallest_distance", min)
     farthest = figures.extreme("largest_excess", max)
     worst = figures.extreme("rms_task_error", max)
+    fastest = figures.extreme("largest_speed_excess", max)
     beyond = farthest is not None and farthest.largest_excess > 0.0
+    too_fast = fastest is not None and fastest.largest_speed_excess > 0.0
     return [
         ("clips", f"{len(figures.ran)}"),
         ("clips in violation", f"{figures.violated_clips}"),
@@ -246,6 +254,14 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
             if beyond
             else _MISSING,
         ),
+        ("samples beyond a speed limit", f"{figures.total('beyond_speed')}"),
+        (
+            "most beyond a speed limit",
+            _at(fastest, "largest_speed_excess", 1.0, "rad/s", 2)
+            if too_fast
+            else _MISSING,
+        ),
+        *_admission_rows(figures),
         ("mean task error", _number(1e3 * figures.mean("rms_task_error"), "mm", 1)),
         ("worst task error", _at(worst, "rms_task_error", 1e3, "mm", 1)),
         ("mean power", _number(figures.mean("mean_power"), "W", 1)),
@@ -255,6 +271,19 @@ def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
             _number(figures.median("rms_acceleration"), "rad/s²", 1),
         ),
         ("failed", f"{len(figures.failed)}"),
+    ]
+
+
+def _admission_rows(figures: ModeFigures) -> list[tuple[str, str]]:
+    """How control steps were admitted; clips whose steps do not tell do not count."""
+    nearest = figures.extreme("path_clearance", min)
+    slowest = figures.extreme("longest_held_back", max)
+    return [
+        ("steps corrected", _number(100.0 * figures.mean("corrected"), "%", 2)),
+        ("steps scaled", _number(100.0 * figures.mean("scaled"), "%", 2)),
+        ("steps with a path not clear", f"{figures.total('unclear')}"),
+        ("smallest path clearance", _at(nearest, "path_clearance", 1e3, "mm", 1)),
+        ("longest held back", _at(slowest, "longest_held_back", 1.0, "s", 2)),
     ]
 
 
@@ -278,7 +307,9 @@ def markdown_report(
         "# Sweep over motion clips\n\n"
         f"{len(clips)} clips, {len(ran)} simulations, {simulated:.0f} s of "
         "simulated time.\nDistances and limits are judged by the referee at every "
-        "logged sample; a joint counts as beyond its limit from 1e-6 rad on. Task "
+        "logged sample; a joint counts as beyond its limit from 1e-6 rad on. "
+        "Clips in violation are those that penetrate or pass a joint limit; speed "
+        "limits are counted apart. Task "
         "error, power, peak torque and rms acceleration are computed per clip; the "
         "tables then give their mean or median over the clips.\n\n"
         "This page is written by `python -m crar_drake.studies.sweep_report`, "

@@ -88,7 +88,7 @@ def test_violation_is_left_in_time_and_gently(
     else:
         assert recovery.excess == pytest.approx(EXCESS, abs=1e-6)
     assert 0.0 < recovery.time <= 0.5
-    assert recovery.effort_share < 1.0
+    assert recovery.effort_share <= 1.0
     if inside:
         assert recovery.later_effort_share < 1.0
     assert recovery.smallest_distance > 0.0

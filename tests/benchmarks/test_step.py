@@ -122,7 +122,8 @@ def test_a_step_in_parts_computes_the_same_and_calls_every_part(short_run):
         assert (step.own[part] > 0.0).mean() > 0.9, part
     # All is as it was: nothing of the model is wrapped any more.
     assert (
-        not {"ask", "effort_per_acceleration", "inverse_dynamics"} & vars(model).keys()
+        not {"measure", "effort_per_acceleration", "inverse_dynamics"}
+        & vars(model).keys()
     )
     assert "solve" not in vars(step.controller.law)
 
@@ -135,18 +136,24 @@ def test_the_bound_evaluates_the_distances_of_the_step(short_run, distances):
     model = run.setup.model
     bound = Bound(model, parameters, samples, distances)
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    configurations = 2 if parameters.constraints == "lookahead" else 1
+    # A row for each pair of shapes, or of those only the nearest of each pair.
+    configurations, rows = 1, len(model.pairs)
+    nearest = np.arange(rows)[:, np.newaxis]
+    if parameters.constraints == "lookahead":
+        configurations, nearest = 2, model.pairs.shape_pairs
+        rows = nearest.max() + 1
+        assert rows > len(model.pairs)
     for k in range(len(samples)):
         bound.prepare(k)
         bound()
-        d = bound.d.reshape(configurations, -1)
+        d = bound.d.reshape(configurations, rows)[:, nearest].min(axis=2)
         np.testing.assert_allclose(
             d[0], run.log.signed_distances[k], rtol=1e-12, atol=1e-12
         )
         if configurations == 2:
             resting = samples.q[k] + parameters.braking_horizon * samples.v[k]
             np.testing.assert_allclose(d[1], referee.distances(resting), atol=1e-9)
-        shape = (configurations, len(model.pairs), model.n + model.n_p)
+        shape = (configurations, rows, model.n + model.n_p)
         assert bound.dd_dv.shape == shape
 
 

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
@@ -331,6 +332,93 @@ def test_what_is_no_log_is_refused(command, name, told, empty_folder, capsys):
 def test_judging_a_log_of_another_model_is_refused(empty_folder, capsys):
     small_log().save("log.npz")
     assert "was made with another model" in refused(capsys, "judge", "log.npz")
+
+
+@pytest.fixture(scope="module")
+def lookahead_log(tmp_path_factory) -> SimulationLog:
+    """Of a control period of 5 ms, every millisecond of it."""
+    folder = tmp_path_factory.mktemp("lookahead")
+    (folder / "mine.yaml").write_text(
+        "motion: boxing\nexperiment: wrists\nduration: 0.1\nlog_period: 0.001\n"
+        "controller: {period: 0.005}\n"
+    )
+    arguments = ["run", str(folder / "mine.yaml"), "--no-recording"]
+    assert main([*arguments, "--out", str(folder / "it")]) == 0
+    return SimulationLog.load(folder / "it/log.npz")
+
+
+def judged(log: SimulationLog, capsys, *options: str) -> tuple[int, str]:
+    """Exit code and lines of `crar-drake judge`."""
+    log.save("log.npz")
+    code = main(["judge", "log.npz", *options])
+    return code, capsys.readouterr().out
+
+
+def test_judging_a_certificate_that_is_true(lookahead_log, empty_folder, capsys):
+    code, told = judged(lookahead_log, capsys)
+    assert code == 0
+    assert "braking paths, 21 of 21 control steps: 0 in penetration" in told
+    assert "braking paths, 80 of 80 samples between control steps: 0 in" in told
+    least = np.nanmin(lookahead_log.admission[:, 2])
+    assert (
+        "certificate: 21 of 21 control steps with a clear braking path, distances of "
+        f"at least {1e3 * least:.1f} mm: nothing refutes it\n"
+    ) in told
+
+
+def test_judging_a_certificate_that_claims_too_much(
+    lookahead_log, empty_folder, capsys
+):
+    """Though one step alone does, and nothing is near there."""
+    admission = lookahead_log.admission.copy()
+    admission[50:55, 2] = 5.0
+    code, told = judged(replace(lookahead_log, admission=admission), capsys)
+    assert code == 1 and "distances of at least" in told and "NOT TRUE" in told
+    assert "1 braking path nearer than said: worst " in told
+    assert "of the path at 0.055 s, where at least 5000.000 mm were claimed" in told
+
+
+def test_judging_what_a_certificate_says_of_another_motion(
+    lookahead_log, empty_folder, capsys
+):
+    """Much faster, braking paths lead anywhere, though no position is touched."""
+    v = np.random.default_rng(0).uniform(-100.0, 100.0, lookahead_log.v.shape)
+    fast = replace(lookahead_log, v=v)
+    code, told = judged(fast, capsys)
+    assert code == 1 and "NOT TRUE" in told
+    assert "said to be clear, but not: worst -" in told
+    assert " 0 that end beyond a joint limit" not in told.splitlines()[1]
+    # Of states without a certificate only what they violate is told.
+    silent = np.full_like(fast.admission, np.nan)
+    code, told = judged(replace(fast, admission=silent), capsys)
+    assert code == 0 and "braking paths" not in told and "certificate" not in told
+
+
+def test_judging_some_of_the_paths(lookahead_log, empty_folder, capsys):
+    code, told = judged(lookahead_log, capsys, "--paths-every", "30")
+    assert code == 0 and "21 of 21 control steps" in told  # the nearest 100
+    assert "3 of 80 samples between control steps" in told
+    assert "not a" in refused(capsys, "judge", "log.npz", "--paths-every", "0")
+
+
+def test_judging_counts_who_is_too_fast(empty_folder, capsys):
+    """In a motion from rest every sample but the first ones; none without limits."""
+    told = {}
+    for scale in ("1e-9", ".inf"):
+        Path("mine.yaml").write_text(
+            "motion: dance\nexperiment: wrists\nduration: 0.05\n"
+            f"controller: {{constraints: paper, velocity_scale: {scale}}}\n"
+        )
+        assert main(["run", "mine.yaml", "--no-recording", "--out", "it"]) == 0
+        capsys.readouterr()
+        assert main(["judge", "it/log.npz"]) == 0
+        told[scale] = " ".join(capsys.readouterr().out.split())
+    log = SimulationLog.load("it/log.npz")
+    columns = [log.position_names.tolist().index(name) for name in log.controlled_names]
+    fast = (np.abs(log.v[:, columns]) > 1e-6).any(axis=1).sum()
+    assert 0 < fast < len(log.time)
+    assert f"{fast} beyond a speed limit, smallest distance" in told["1e-9"]
+    assert "beyond a joint limit, smallest distance" in told[".inf"]
 
 
 def test_a_simulation_that_would_take_years_is_refused(empty_folder, capsys):

@@ -1,6 +1,7 @@
 """The control law by itself: theory, weights, posture, prescribed joints, extremes."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -516,14 +517,14 @@ def test_prescribed_joint_is_blended_in(on_rail):
 
 
 def test_position_command_is_one_period_on(spatial):
-    """The semi-implicit step that a discrete plant takes."""
+    """The semi-implicit steps of 1 ms that a discrete plant takes."""
     q, v = random_state(spatial, 1)
     gains = free_of_constraints(period=5e-3)
     solution = ControlLaw(spatial, gains).step(q, v, hold(spatial, [[0.8, 0.3, 0.2]]))
-    v_next = v + 5e-3 * solution.acceleration
-    np.testing.assert_allclose(
-        solution.position_command, np.r_[q + 5e-3 * v_next, v_next], rtol=1e-12
-    )
+    for _ in range(5):
+        v = v + 1e-3 * solution.acceleration
+        q = q + 1e-3 * v
+    np.testing.assert_allclose(solution.position_command, np.r_[q, v], rtol=1e-12)
 
 
 def test_approaching_weighs_more_than_leaving():
@@ -779,6 +780,63 @@ def test_wide_effort_limits_change_nothing():
     np.testing.assert_array_equal(a.acceleration, b.acceleration)
 
 
+@pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])
+def test_effort_limits_are_respected_by_default_with_the_lookahead_alone(constraints):
+    """The others are the paper to the letter, unless they are told otherwise."""
+    model = limited_model(170.0)
+    q = np.array([0.5, 0.7, -0.9, 0.6, 0.2])
+    targets = hold(model, at(model, q).p + 0.3)
+
+    def step(**changes):
+        parameters = CrarParameters(constraints=constraints, blend_time=0.0, Kp=1e3)
+        law = ControlLaw(model, replace(parameters, **changes))
+        return law.step(q, np.zeros(5), targets)
+
+    free, limited = (step(respect_effort_limits=value) for value in (False, True))
+    assert np.abs(free.actuation).max() > 170.0 >= np.abs(limited.actuation).max()
+    expected = limited if constraints == "lookahead" else free
+    np.testing.assert_array_equal(step().actuation, expected.actuation)
+    np.testing.assert_array_equal(step().torque_limit, expected.torque_limit)
+
+
+def test_what_the_motion_asks_of_a_prescribed_joint_is_no_limit():
+    """The law cannot do anything about it but ruin the motion of the others."""
+    text = chain_urdf("zyzy", rail="y").replace("<limit ", '<limit effort="1e4" ')
+    text = text.replace('effort="1e4" lower="-3"', 'effort="5" lower="-3"')
+    model = make_model(text, prescribed_joints={"rail": "hold"})
+    assert sorted(model.effort_limits) == [5.0, 1e4, 1e4, 1e4, 1e4]
+    targets = hold(model, at(model, np.r_[0.0, BENT]).p)
+    prescribed = np.array([0.0, 0.0, 20.0])  # 20 m/s^2 of more than 5 kg
+    limited, free = (
+        ControlLaw(
+            model, CrarParameters(respect_effort_limits=value, blend_time=0.0)
+        ).step(np.r_[0.0, BENT], np.zeros(5), targets, prescribed)
+        for value in (True, False)
+    )
+    assert np.abs(free.actuation[model.prescribed]) > 50.0
+    np.testing.assert_array_equal(limited.actuation, free.actuation)
+    np.testing.assert_array_equal(limited.torque_limit, [1.0, 0.0])
+
+
+def test_without_effort_limits_no_inertia_is_computed(spatial, monkeypatch):
+    """Drake's mass matrix takes some microseconds of every step."""
+    q, v = random_state(spatial, 3)
+    targets = hold(spatial, at(spatial, q).p + 0.1)
+    expected = ControlLaw(spatial, CrarParameters(respect_effort_limits=False)).step(
+        q, v, targets
+    )
+
+    def never(*_):
+        raise AssertionError("there is no limit to respect")
+
+    monkeypatch.setattr(ControlModel, "effort_per_acceleration", never)
+    for asked in (None, True):
+        law = ControlLaw(spatial, CrarParameters(respect_effort_limits=asked))
+        solution = law.step(q, v, targets)
+        np.testing.assert_array_equal(solution.actuation, expected.actuation)
+        np.testing.assert_array_equal(solution.torque_limit, [1.0, 0.0])
+
+
 def test_the_torque_is_that_of_the_acceleration():
     """What is reported as commanded is what the limited torque does."""
     model = limited_model(170.0)
@@ -794,3 +852,61 @@ def test_the_torque_is_that_of_the_acceleration():
         solution.actuation,
         atol=1e-9,
     )
+
+
+# --- speed limits -----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fast_on_rail() -> ControlModel:
+    """Four joints, two of which state a largest speed, on a prescribed rail."""
+    return make_model(
+        chain_urdf("zyzy", rail="y"),
+        prescribed_joints={"rail": "hold"},
+        velocity_limits={"rail": 1.0, "j0": 2.0, "j2": 4.0},
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, (2.0, np.inf, 4.0, np.inf)),
+        ({"velocity_scale": 0.25}, (0.5, np.inf, 1.0, np.inf)),
+        ({"velocity_scale": np.inf}, (np.inf,) * 4),
+        # What is named is what was meant, without a scale.
+        (
+            {"velocity_scale": 0.5, "velocity_limits": {"j1": 3.0, "j2": np.inf}},
+            (1.0, 3.0, np.inf, np.inf),
+        ),
+    ],
+)
+def test_speed_limits_of_robot_and_scenario(fast_on_rail, changes, expected):
+    limits = ControlLaw(fast_on_rail, CrarParameters(**changes)).speed_limits
+    by_name = dict(zip(fast_on_rail.position_names, limits, strict=True))
+    # The prescribed joint's speed is the motion's.
+    assert by_name == dict(zip(("j0", "j1", "j2", "j3"), expected, strict=True)) | {
+        "rail": np.inf
+    }
+    assert fast_on_rail.velocity_limits[fast_on_rail.prescribed] == 1.0  # untouched
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"velocity_limits": {"ral": 1.0}},
+            r"velocity_limits\.ral: .*did you mean 'rail'",
+        ),
+        ({"velocity_limits": {"rail": 1.0}}, "rail: the joint is prescribed"),
+        ({"velocity_limits": {"tip_weld": 1.0}}, "tip_weld: the joint is fixed"),
+        ({"velocity_limits": {"j0": 0.0}}, r"velocity_limits\.j0: 0.0 must be posit"),
+        ({"velocity_limits": {"j0": np.nan}}, "j0: nan must be positive"),
+        ({"velocity_scale": 0.0}, "velocity_scale: 0.0 must be positive$"),
+        ({"velocity_scale": -1.0}, "velocity_scale: -1.0 must be positive$"),
+        ({"velocity_scale": np.nan}, "velocity_scale: nan must be positive$"),
+    ],
+)
+@pytest.mark.parametrize("constraints", ["paper", "lookahead"])
+def test_refused_speed_limits(fast_on_rail, constraints, changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        ControlLaw(fast_on_rail, CrarParameters(constraints=constraints, **changes))

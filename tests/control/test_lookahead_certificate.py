@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.results.certificate import judge_certificate
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.referee import Referee
 from crar_drake.run import RunResult, run_scenario
@@ -81,6 +82,18 @@ def test_certificate_is_what_the_log_says(run):
     assert run.summary.resting_margin == log.resting_margins[:, 1].min()
     assert run.summary.resting_distance > 0.0
     assert run.summary.resting_margin > 0.0
+
+
+def test_what_the_log_claims_of_braking_paths_is_true(run):
+    """By the referee, which knows nothing of how the controller bounds distances."""
+    log, parameters = run.log, parse_scenario(run.log.scenario).controller
+    step = run.setup.model.plant.time_step()
+    verdict = judge_certificate(log, referee_of(run), parameters, step, every=40)
+    assert verdict.true and not verdict.violated
+    assert verdict.told == run.summary.admitted_steps == verdict.steps.of
+    assert verdict.told_unclear == run.summary.unclear_steps == 0
+    assert verdict.steps.judged >= 100 and verdict.steps.below_floor == 0
+    assert verdict.clearance == run.summary.path_clearance >= verdict.floor
 
 
 def test_more_rows_than_joints_are_among_the_cases():

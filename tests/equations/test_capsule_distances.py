@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.capsule_distances import capsule_distances
+from crar_drake.equations.capsule_distances import (
+    ShapePairs,
+    capsule_distances,
+    capsule_sizes,
+    nearest_of_pairs,
+)
 from crar_drake.results.referee import capsule_distance
 
 NUM_PAIRS = 100_000
@@ -170,6 +175,36 @@ def test_parallel_capsules_meet_in_the_middle_of_their_overlap():
     np.testing.assert_allclose(p_b, [3, 0, 0])
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "start, end, at_a, at_b",
+    [
+        (1.0, 2.0, 1.5, 1.5),  # within
+        (-3.0, 9.0, 2.0, 2.0),  # all along
+        (-3.0, 1.0, 0.5, 0.5),  # over one end
+        (3.0, 9.0, 3.5, 3.5),  # over the other
+        (-5.0, -1.0, 0.0, -1.0),  # before
+        (6.0, 9.0, 4.0, 6.0),  # after
+    ],
+)
+def test_where_parallel_capsules_meet_by_hand(start, end, at_a, at_b, sign):
+    """a from 0 to 4, b from `start` to `end` or back, a metre beside it."""
+    b = [[start, 0, 0], [end, 0, 0]][:: int(sign)]
+    d, _, p_a, p_b = one([0, 1, 0], [4, 1, 0], 0.1, *b, 0.1)
+    np.testing.assert_allclose(p_a, [at_a, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(p_b, [at_b, 0, 0], atol=1e-15)
+    assert d == pytest.approx(np.hypot(1.0, at_a - at_b) - 0.2)
+
+
+def test_long_axes_that_cross_at_a_tiny_angle():
+    """The plain formula for the nearest points has no digits left here."""
+    for angle in (5e-8, 2e-7, 1e-6):
+        v = np.array([np.cos(angle), np.sin(angle), 0.0])
+        d, _, p_a, p_b = one([-3, 0, 0], [7, 0, 0], 0.1, -6 * v, 4 * v, 0.1)
+        assert d == pytest.approx(-0.2, abs=1e-12)
+        np.testing.assert_allclose([p_a, p_b], 0.0, atol=1e-6)
+
+
 def test_parallel_capsules_at_exact_touch():
     """FCL answers -1 with a zero normal here."""
     d, n, *_ = one([0, 0, 0.5], [1, 0, 0.5], 0.25, [0, 0, 0], [1, 0, 0], 0.25)
@@ -187,6 +222,34 @@ def test_crossing_axes_have_a_normal_perpendicular_to_both():
     d, n, *_ = one([-1, 0, 0], [1, 0, 0], 0.1, [0, -1, 0], [0, 1, 0], 0.2)
     assert d == pytest.approx(-0.3)
     np.testing.assert_allclose(np.abs(n), [0, 0, 1])
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-2, 1e2])
+@pytest.mark.parametrize(
+    "u, v",
+    [
+        ([1, 0, 0], [0, 0, 1]),  # crossing
+        ([0, 1, 0], [0, 0, 1]),
+        ([0.6, 0.8, 0], [0, 0, 0]),  # a sphere on an axis
+        ([0.48, 0.64, 0.6], [0, 0, 0]),
+        ([0, 0, 0], [0.48, -0.6, 0.64]),
+        ([-1, 0, 0], [0, 0, 0]),
+        ([0, 0, -1], [0, 0, 0]),
+        ([0.48, 0.64, 0.6], [0.48, 0.64, 0.6]),  # collinear
+        ([-1, 0, 0], [1, 0, 0]),
+        ([0, 0, 0], [0, 0, 0]),  # concentric spheres
+    ],
+)
+def test_normals_where_axes_meet_are_perpendicular_to_what_has_a_direction(
+    u, v, length
+):
+    half_a, half_b = 0.5 * length * np.array(u), 0.5 * np.array(v)
+    d, n, p_a, p_b = one(-half_a, half_a, 0.1, -half_b, half_b, 0.2)
+    assert d == pytest.approx(-0.3)
+    np.testing.assert_allclose([p_a, p_b], 0.0, atol=1e-15)
+    assert n @ n == pytest.approx(1.0)
+    assert n @ u == pytest.approx(0.0, abs=1e-15)
+    assert n @ v == pytest.approx(0.0, abs=1e-15)
 
 
 def test_no_pairs():
@@ -302,3 +365,67 @@ def test_the_normal_is_the_distances_derivative():
     assert unique.sum() > 10_000
     assert (d[unique] < -0.01).sum() > 1_000
     np.testing.assert_allclose(rate[unique], expected[unique], atol=2e-5)
+
+
+@pytest.mark.parametrize("others", [False, True])
+def test_the_nearest_shapes_of_each_watched_pair(others):
+    """Two configurations; of one watched pair two capsules are near each other, of the
+    second another two or what was asked elsewhere, of the third a single one."""
+    rng = np.random.default_rng(4)
+    K, starts = 2, np.arange(4)
+    points = rng.normal(size=(K, 16, 3))  # of four pairs a's axes, then b's
+    radius_a, radius_b = rng.uniform(0.0, 0.1, (2, 4))
+    u, v = points[:, 4:8], points[:, 12:]
+    closed = [
+        capsule_distances(
+            points[k, :4],
+            points[k, :4] + u[k],
+            radius_a,
+            points[k, 8:12],
+            points[k, 8:12] + v[k],
+            radius_b,
+        )
+        for k in range(K)
+    ]
+    asked = rng.normal(size=(K, 7))
+    asked[:, 0] = [closed[0][0][2] - 0.1, closed[1][0][2] + 0.1]
+    expected = []
+    for k in range(K):
+        shapes = [(closed[k][0][i], closed[k][1][i], closed[k][2][i]) for i in starts]
+        elsewhere = (asked[k, 0], asked[k, 1:4], asked[k, 4:])
+        second = [elsewhere, shapes[2]] if others else [shapes[2]]
+        for pair in (shapes[:2], second, shapes[3:]):
+            expected.append(min(pair, key=lambda shape: shape[0]))
+
+    in_points = np.concatenate([starts + 16 * k for k in range(K)])
+    length_a, length_b = (np.linalg.norm(x, axis=2).ravel() for x in (u, v))
+    # The shape pairs of each configuration stand in the order of the watched pairs.
+    order, members = [], []
+    for k in range(K):
+        row = [0, 1, 4, 2, 3] if others else [0, 1, 2, 3]
+        order += [4 * k + i if i < 4 else 4 * K + k for i in row]
+        first = len(row) * k
+        pair = [[0, 1], [2, 3], [4, 4]] if others else [[0, 1], [2, 2], [3, 3]]
+        members += [[first + i for i in entry] for entry in pair]
+    pairs = ShapePairs(
+        start_a=in_points,
+        start_b=in_points + 8,
+        vector_a=in_points + 4,
+        vector_b=in_points + 12,
+        sizes=capsule_sizes(
+            length_a, np.tile(radius_a, K), length_b, np.tile(radius_b, K)
+        ),
+        order=np.array(order),
+        members=np.array(members),
+        moves=np.zeros((3, 1)),
+    )
+    d, normal, p_a = nearest_of_pairs(
+        points, asked if others else np.zeros((0, 7)), pairs
+    )
+    for found, column in zip(
+        (d, normal, p_a), zip(*expected, strict=True), strict=True
+    ):
+        np.testing.assert_allclose(found, np.array(column), rtol=1e-12, atol=1e-14)
+    # Each of the first two watched pairs has a choice, and not always the same one.
+    if others:
+        assert d[1] == asked[0, 0] and d[4] != asked[1, 0]

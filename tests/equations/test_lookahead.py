@@ -6,24 +6,33 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from one_sided_least_squares import (
+    every_consistent_minimum,
+    one_sided_least_squares,
+)
 from scipy.integrate import solve_ivp
 
 from crar_drake.equations.joint_limits import limit_gradient, limit_potential
 from crar_drake.equations.lookahead import (
+    LONGEST_MOVE,
+    ONE_SIDED_RANGE,
     SMALLEST_MARGIN,
     Constraints,
     LookaheadGains,
-    LookaheadSolution,
     find_limits,
+    guard,
     join_constraints,
     limit_constraints,
+    margin_curvature,
+    one_sided_minimum,
     pair_constraints,
     pair_margins,
     resting_configuration,
     resting_velocity,
+    retreat_speed,
     row_weights,
     slip_velocity,
-    solve_lookahead,
+    wish_velocity,
 )
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 
@@ -62,16 +71,228 @@ def limit_rows(lower, upper, q_s, slip: np.ndarray | None = None) -> Constraints
     return limit_constraints(
         q_s,
         np.zeros(len(q_s)) if slip is None else slip,
-        find_limits(lower, upper),
+        find_limits(lower, upper, np.full(len(q_s), np.inf)),
         GAINS,
     )
 
 
+class Solution(NamedTuple):
+    """Of both stages."""
+
+    s: np.ndarray
+    s_0: np.ndarray
+    qddot: np.ndarray
+    qdot_c: np.ndarray
+    W: np.ndarray
+    passes: int
+
+
 def solve(
-    J, v_r, a_r, qdot, constraints: Constraints, posture: np.ndarray | None = None
-) -> LookaheadSolution:
+    J,
+    v_r,
+    a_r,
+    qdot,
+    constraints: Constraints,
+    posture: np.ndarray | None = None,
+    gains: LookaheadGains = GAINS,
+    longest: float = np.inf,
+) -> Solution:
     posture = np.zeros(len(qdot)) if posture is None else posture
-    return solve_lookahead(J, v_r, a_r, qdot, posture, constraints, GAINS)
+    s_0, qdot_c, W, first = wish_velocity(
+        J, v_r, a_r, qdot, posture, constraints, gains, longest
+    )
+    s, second = guard(s_0, constraints)
+    return Solution(s, s_0, (s - qdot) / T, qdot_c, W, first + second)
+
+
+# --- the one-sided problem by itself ------------------------------------------------
+
+
+class OneSided:
+    """A random problem of `one_sided_minimum`, of any scale."""
+
+    def __init__(
+        self,
+        seed: int,
+        n: int,
+        num_rows: int,
+        nearly_parallel: bool,
+        stiffest: float = 1e4,
+    ):
+        rng = np.random.default_rng(seed)
+        # |A x - b|^2, with A of rank n.
+        self.A = np.vstack([rng.normal(size=(rng.integers(0, 2 * n), n)), np.eye(n)])
+        self.b = 10.0 ** rng.uniform(-1, 2) * rng.normal(size=len(self.A))
+        directions = rng.normal(size=(num_rows, n))
+        if nearly_parallel and num_rows:
+            directions = directions[:1] + 1e-3 * directions
+        scale = 10.0 ** rng.uniform(-2.0, np.log10(stiffest), size=num_rows)
+        self.rows = scale[:, None] * directions
+        self.wish = scale * rng.choice([0.0, 0.5, -0.5, 5.0], size=num_rows)
+        self.wish = self.wish + 0.1 * scale * rng.normal(size=num_rows)
+
+    def solve(self) -> tuple[np.ndarray, np.ndarray, int]:
+        M, right = self.A.T @ self.A, self.A.T @ self.b
+        return one_sided_minimum(
+            M, right, self.rows, self.wish, np.linalg.solve(M, right)
+        )
+
+
+one_sided_problems = st.builds(
+    OneSided,
+    seed=st.integers(0, 2**31),
+    n=st.integers(1, 14),
+    num_rows=st.integers(0, 60),
+    nearly_parallel=st.booleans(),
+)
+
+
+@given(one_sided_problems)
+@settings(max_examples=300, deadline=None)
+def test_the_minimum_has_no_gradient(problem: OneSided) -> None:
+    """Of a convex function with a continuous gradient, that is all there is to show;
+    the gradient is summed from its terms, to their rounding."""
+    x, violated, passes = problem.solve()
+    missing = problem.wish - problem.rows @ x
+    pull = problem.rows.T @ np.maximum(missing, 0.0)
+    gradient = problem.A.T @ (problem.A @ x - problem.b) - pull
+    sizes = np.abs(problem.A).T @ (np.abs(problem.A @ x) + np.abs(problem.b))
+    terms = np.abs(problem.rows) @ np.abs(x) + np.abs(problem.wish)
+    sizes += np.abs(problem.rows[violated]).T @ terms[violated]
+    assert (np.abs(gradient) <= 1e-11 * sizes.max(initial=1e-300)).all()
+    # What counts as violated is, and nothing else.
+    assert (missing[violated] >= -1e-11 * terms[violated]).all()
+    assert (missing[~violated] <= 1e-11 * terms[~violated]).all()
+    assert passes < 60
+
+
+@given(one_sided_problems)
+@settings(max_examples=200, deadline=None)
+def test_the_minimum_is_that_of_slacks(problem: OneSided) -> None:
+    x, _, _ = problem.solve()
+    expected, _ = one_sided_least_squares(
+        problem.A, problem.b, problem.rows, problem.wish
+    )
+    np.testing.assert_allclose(
+        x, expected, rtol=1e-6, atol=1e-6 * (1.0 + np.abs(expected).max())
+    )
+
+
+@given(
+    st.builds(
+        OneSided,
+        seed=st.integers(0, 2**31),
+        n=st.integers(1, 5),
+        num_rows=st.integers(1, 7),
+        nearly_parallel=st.booleans(),
+    )
+)
+@settings(max_examples=60, deadline=None)
+def test_the_minimum_is_the_only_one_that_agrees_with_its_rows(
+    problem: OneSided,
+) -> None:
+    x, _, _ = problem.solve()
+    found = every_consistent_minimum(problem.A, problem.b, problem.rows, problem.wish)
+    assert found
+    for expected in found:  # more than one where a row just holds
+        np.testing.assert_allclose(
+            x, expected, rtol=1e-6, atol=1e-6 * (1.0 + np.abs(expected).max())
+        )
+
+
+def growing_set(s_0: np.ndarray, rows: Constraints) -> np.ndarray:
+    """What the guard must not do: rows once exceeded are equations for good."""
+    active = np.zeros(len(rows.h), dtype=bool)
+    s = s_0
+    while True:
+        exceeded = rows.g @ s + rows.drift < rows.retreat
+        if (exceeded <= active).all():
+            return s
+        active |= exceeded
+        g, weight = rows.g[active], rows.weight[active]
+        wish = (rows.retreat - rows.drift)[active]
+        M = np.eye(len(s)) + g.T @ (weight[:, None] * g)
+        s = np.linalg.solve(M, s_0 + g.T @ (weight * wish))
+
+
+@pytest.mark.parametrize("spread", [1e-3, 1e-2, 0.1])
+def test_nearly_parallel_rows_do_not_fight(spread: float) -> None:
+    """Rows that some velocity y satisfies never move s farther from the wish than y
+    is. The growing set of rows did, by a factor of hundreds."""
+    worst = 0.0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        n = 5
+        g = 0.4 * (rng.normal(size=n) + spread * rng.normal(size=(6, n)))
+        h = rng.uniform(-0.02, D_MIN, size=6)
+        y = 3.0 * rng.normal(size=n)
+        rows = pair_rows(h, g, np.zeros(6))
+        rows = rows._replace(
+            drift=rows.retreat - g @ y + rng.choice([0.0, 0.3], size=6)
+        )
+        s_0 = 2.0 * rng.normal(size=n)
+        s, _ = guard(s_0, rows)
+        farthest = np.linalg.norm(y - s_0)
+        assert np.linalg.norm(s - s_0) <= farthest * (1.0 + 1e-6) + 1e-9
+        worst = max(worst, np.linalg.norm(growing_set(s_0, rows) - s_0) / farthest)
+    if spread < 0.1:
+        assert worst > 30.0
+
+
+def test_starts_in_several_penetrations_are_left_gently() -> None:
+    """With depths of centimetres in many rows at once, s is no larger than what some
+    velocity needs that leaves all of them; the growing set of rows took more."""
+    more = 0.0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        n = 6
+        away = rng.normal(size=n)
+        away /= np.linalg.norm(away)
+        g = 0.3 * rng.normal(size=(8, n))
+        g += np.outer(np.maximum(0.05 - g @ away, 0.0), away)  # away leaves all rows
+        rows = pair_rows(rng.uniform(-0.05, 0.0, size=8), g, np.zeros(8))
+        s, _ = guard(np.zeros(n), rows)
+        assert np.linalg.norm(s) <= FASTEST / (g @ away).min() * (1.0 + 1e-6)
+        assert (g @ s > 0.99 * rows.retreat).all()
+        taken = np.linalg.norm(growing_set(np.zeros(n), rows))
+        more = max(more, taken / np.linalg.norm(s))
+    assert more > 2.0
+
+
+def test_the_minimum_is_continuous_where_rows_come_and_go() -> None:
+    """On straight ways through the problems the active set switches; there, 1e-11
+    of the way changes the minimum by next to nothing."""
+    switches = 0
+    for seed in range(8):
+        a, b = (OneSided(2 * seed + k, 6, 20, True, stiffest=30.0) for k in (0, 1))
+        rng = np.random.default_rng(seed)
+        a.A, b.A = (np.vstack([0.3 * rng.normal(size=(4, 6)), np.eye(6)]),) * 2
+        a.b, b.b = 10.0 * rng.normal(size=(2, 10))
+
+        def at(t: float, a=a, b=b) -> tuple[np.ndarray, np.ndarray]:
+            between = OneSided(0, 1, 0, False)
+            for name in ("A", "b", "rows", "wish"):
+                setattr(
+                    between, name, (1 - t) * getattr(a, name) + t * getattr(b, name)
+                )
+            return between.solve()[:2]
+
+        for low, high in zip(np.arange(20) / 20, np.arange(1, 21) / 20, strict=True):
+            active = at(low)[1]
+            if (at(high)[1] == active).all():
+                continue
+            while high - low > 1e-11:
+                middle = 0.5 * (low + high)
+                if (at(middle)[1] == active).all():
+                    low = middle
+                else:
+                    high = middle
+            switches += 1
+            assert np.abs(at(high)[0] - at(low)[0]).max() < 1e-7
+    assert switches > 40
+
+
+# --- both stages --------------------------------------------------------------------
 
 
 class Problem:
@@ -94,12 +315,16 @@ class Problem:
         self.upper = rng.uniform(0.2, 3.0, size=n)
         unlimited = rng.random(n) < 0.2
         self.lower[unlimited], self.upper[unlimited] = -np.inf, np.inf
+        self.lower[rng.random(n) < 0.1] = -np.inf  # one limit only
+        narrow = rng.random(n) < 0.1
+        self.upper[narrow] = self.lower[narrow] + 1e-3
         self.q_s = rng.uniform(-3.2, 3.2, size=n)
         self.slip = rng.choice([0.0, 1.0]) * rng.normal(size=n)
         self.posture = rng.choice([0.0, 10.0]) * speed * rng.normal(size=n)
         # Where Gv T = 1 the wish of a joint that no task moves is 0 but for rounding,
         # and so is the rate of its limit.
-        self.gains = GAINS._replace(Gv=rng.choice([GV, 0.7 * GV]))
+        self.gains = GAINS._replace(Gv=float(rng.choice([GV, 0.7 * GV])))
+        self.longest = float(rng.choice([np.inf, 150.0, 1.0]))
         self.rows = pair_rows(self.h, self.g, self.drift, self.slip)
         self.limits = limit_rows(self.lower, self.upper, self.q_s, self.slip)
 
@@ -107,15 +332,16 @@ class Problem:
     def constraints(self) -> Constraints:
         return join_constraints(self.rows, self.limits)
 
-    def solve(self) -> LookaheadSolution:
-        return solve_lookahead(
+    def solve(self) -> Solution:
+        return solve(
             self.J,
             self.v_r,
             self.a_r,
             self.qdot,
-            self.posture,
             self.constraints,
+            self.posture,
             self.gains,
+            self.longest,
         )
 
 
@@ -134,10 +360,8 @@ problems = st.builds(
 def test_an_answer_always_exists_and_the_loops_end(problem: Problem) -> None:
     solution = problem.solve()
     assert np.isfinite(solution.s).all() and np.isfinite(solution.qddot).all()
-    assert solution.passes <= 2 * (len(problem.rows.h) + len(problem.qdot)) + 1
-    np.testing.assert_allclose(
-        solution.s, problem.qdot + T * solution.qddot, rtol=1e-9, atol=1e-9
-    )
+    assert solution.passes < 200
+    assert np.abs(solution.s_0).max() <= problem.longest * (1.0 + 1e-12)
 
 
 @given(problems)
@@ -145,7 +369,7 @@ def test_an_answer_always_exists_and_the_loops_end(problem: Problem) -> None:
 def test_weight_is_at_least_the_identity_and_at_most_every_rows(
     problem: Problem,
 ) -> None:
-    """I <= W(A) <= W(all): the order of the matrices is that of their diagonals.
+    """I <= W <= W of all rows: the order of the matrices is that of their diagonals.
 
     Of W no more is told; the whole matrix is compared below, by what it does.
     """
@@ -163,106 +387,126 @@ def test_same_bits_for_same_input(problem: Problem) -> None:
 
 
 class Reference(NamedTuple):
-    """What `reference` finds; `doubt` is how near a row's rate came to its bound,
-    relative to the terms of the rate: one that is rounding may fall either way."""
+    """What `reference` finds."""
 
     s_0: np.ndarray
     s: np.ndarray
     qdot_c: np.ndarray
-    W: np.ndarray
-    doubt: float
+    active: np.ndarray
+    rates: np.ndarray
 
 
 def reference(problem: Problem) -> Reference:
-    """The two stages in plain code: each solve a least-squares problem by QR of the
-    stacked residuals, instead of normal equations by Cholesky."""
-    n, m = len(problem.qdot), len(problem.v_r)
-    rows, Gv = problem.constraints, problem.gains.Gv
-    doubt = np.inf
-    command = np.zeros(n)
-
-    def penalties(active: set[int], guard: bool):
-        A, b = [np.eye(n)], [np.zeros(n)]
-        for j in active:
-            root = np.sqrt(rows.weight[j])
-            A.append(root * rows.g[j])
-            b.append([root * (guard * rows.retreat[j] - rows.drift[j])])
-        return np.vstack(A), np.concatenate(b)
-
-    def grow(solve, guard: bool) -> np.ndarray:
-        active: set[int] = set()
-        while True:
-            s = solve(active)
-            more = set()
-            for j in set(range(len(rows.h))) - active:
-                terms = np.array([*(rows.g[j] * s), rows.drift[j]])
-                over = guard * rows.retreat[j] - terms.sum()
-                if over > 0.0:
-                    more.add(j)
-                nonlocal doubt
-                scale = np.abs(terms).max() + np.abs(rows.g[j]).max() * fastest
-                doubt = min(doubt, abs(over) / scale if scale > 0.0 else np.inf)
-            if not more:
-                return s, active
-            active |= more
-
-    fastest = np.abs(problem.qdot).max()
-
-    def stage_1(active: set[int]) -> np.ndarray:
-        nonlocal command
-        A, b = penalties(active, guard=False)
-        stacked = np.vstack([problem.J, DAMPING * A])
-        command = np.linalg.lstsq(
-            stacked, np.concatenate([problem.v_r, DAMPING * b]), rcond=None
-        )[0]
-        z = Gv * (command - problem.qdot)
-        alpha = np.linalg.lstsq(
-            stacked, np.concatenate([problem.a_r, 0.0 * b]), rcond=None
-        )[0]
-        if m < n:
-            # z enters through the identity of W alone: lambda^2 M^-1 z; so does the
-            # posture, which is no part of the velocity loop.
-            free = z + problem.posture
-            wish = np.concatenate([np.zeros(m), DAMPING * free, 0.0 * b[n:]])
-            alpha = alpha + np.linalg.lstsq(stacked, wish, rcond=None)[0]
-        return problem.qdot + T * (alpha + z)
-
-    s_0, active = grow(stage_1, guard=False)
-    qdot_c, W = command, np.eye(n)
-    for j in active:
-        W += rows.weight[j] * np.outer(rows.g[j], rows.g[j])
-
-    def stage_2(active: set[int]) -> np.ndarray:
-        A, b = penalties(active, guard=True)
-        b[:n] = s_0
-        return np.linalg.lstsq(A, b, rcond=None)[0]
-
-    s, _ = grow(stage_2, guard=True)
-    return Reference(s_0, s, qdot_c, W, doubt)
-
-
-@given(
-    st.builds(
-        Problem,
-        seed=st.integers(0, 2**31),
-        n=st.integers(1, 14),
-        m=st.integers(1, 24),
-        num_rows=st.integers(0, 20),
-        speed=st.sampled_from([0.1, 3.0, 30.0]),
+    """Both stages from residuals as they are printed, by least squares with slacks."""
+    J, rows, Gv = problem.J, problem.constraints, problem.gains.Gv
+    m, n = J.shape
+    root = np.sqrt(rows.weight)
+    regular = np.vstack([J, DAMPING * np.eye(n)])
+    G = DAMPING * root[:, None] * rows.g
+    qdot_c, _ = one_sided_least_squares(
+        regular,
+        np.concatenate([problem.v_r, np.zeros(n)]),
+        G,
+        -DAMPING * root * rows.drift,
     )
-)
+    z = Gv * (qdot_c - problem.qdot)
+    # |x|^2 - 2 z^T x is |x - z|^2 but for a constant; so is the posture's share.
+    pull = z + problem.posture if m < n else np.zeros(n)
+    without_x = rows.g @ (problem.qdot + T * z) + rows.drift
+    alpha, active = one_sided_least_squares(
+        regular,
+        np.concatenate([problem.a_r, DAMPING * pull]),
+        G,
+        -DAMPING * root * without_x / T,
+    )
+    s_0 = problem.qdot + T * (alpha + z)
+    rates = rows.g @ s_0 + rows.drift
+    s_0 = s_0 * min(1.0, problem.longest / max(np.abs(s_0).max(), 1e-9))
+    s, _ = one_sided_least_squares(
+        np.eye(n), s_0, root[:, None] * rows.g, root * (rows.retreat - rows.drift)
+    )
+    return Reference(s_0, s, qdot_c, active, rates)
+
+
+@given(problems)
 @settings(max_examples=200, deadline=None)
-def test_same_as_the_plain_reference(problem: Problem) -> None:
+def test_both_stages_are_the_printed_least_squares(problem: Problem) -> None:
+    assume(np.abs(problem.v_r).max() > 0.0)
     solution, expected = problem.solve(), reference(problem)
-    s, qdot_c = solution.s, solution.qdot_c
-    np.testing.assert_allclose(
-        s, expected.s, rtol=1e-5, atol=1e-5 * (1.0 + np.abs(s).max())
+    for name in ("s_0", "s", "qdot_c"):
+        found, wanted = getattr(solution, name), getattr(expected, name)
+        np.testing.assert_allclose(
+            found, wanted, rtol=1e-6, atol=1e-6 * (1.0 + np.abs(wanted).max())
+        )
+    # Rows whose rate is 0 but for rounding may count either way.
+    rows = problem.constraints
+    scale = np.abs(rows.g) @ np.abs(expected.s_0) + np.abs(rows.drift)
+    sure = np.abs(expected.rates) > 1e-6 * (scale + np.abs(problem.qdot).max())
+    least, most = (
+        1.0 + (rows.weight[some, None] * rows.g[some] ** 2).sum(axis=0)
+        for some in (expected.active & sure, expected.active | ~sure)
     )
-    assume(expected.doubt > 1e-9)
-    np.testing.assert_allclose(
-        qdot_c, expected.qdot_c, rtol=1e-5, atol=1e-5 * (1.0 + np.abs(qdot_c).max())
-    )
-    np.testing.assert_allclose(solution.W, np.diag(expected.W), rtol=1e-9)
+    assert (solution.W >= least * (1.0 - 1e-9)).all()
+    assert (solution.W <= most * (1.0 + 1e-9)).all()
+
+
+def test_the_step_is_continuous_in_all_that_is_given() -> None:
+    """Both stages between random problems: 1e-10 of the way changes s by less than
+    1e-6 of what it is, also where the active sets switch."""
+    switches = 0
+    for seed in range(4):
+        a, b = (Problem(seed, 7, 5, 12, 1.0) for _ in (0, 1))
+        rng = np.random.default_rng(seed)
+        b.v_r, b.a_r = rng.normal(size=5), 30.0 * rng.normal(size=5)
+        b.qdot = rng.normal(size=7)
+
+        def at(t: float, a=a, b=b):
+            mixed = [
+                (1 - t) * getattr(a, name) + t * getattr(b, name)
+                for name in ("v_r", "a_r", "qdot")
+            ]
+            rows = pair_rows(a.h + 0.01 * t, a.g + 0.1 * t, a.drift - 0.1 * t)
+            s_0, _, W, _ = wish_velocity(
+                a.J, *mixed, np.zeros(7), rows, GAINS, LONGEST_MOVE / 5e-3
+            )
+            return guard(s_0, rows)[0], W
+
+        for low, high in zip(np.arange(12) / 12, np.arange(1, 13) / 12, strict=True):
+            here, there = at(low), at(high)
+            # Where the diagonal of W jumps, a row was taken up or left.
+            while high - low > 1e-10:
+                middle = 0.5 * (low + high)
+                between = at(middle)
+                if (
+                    np.abs(here[1] - between[1]).sum()
+                    > np.abs(there[1] - between[1]).sum()
+                ):
+                    high, there = middle, between
+                else:
+                    low, here = middle, between
+            switches += bool(np.abs(here[1] - there[1]).max() > 1e-3)
+            moved = np.abs(here[0] - there[0]).max()
+            assert moved <= 1e-6 * (1.0 + np.abs(here[0]).max())
+    assert switches > 20
+
+
+@pytest.mark.parametrize("period", [1e-3, 5e-3, 2e-2])
+def test_the_wish_moves_the_resting_point_by_no_more_than_the_longest_move(
+    period: float,
+) -> None:
+    """Scaled as a whole, so that its direction stays."""
+    rng = np.random.default_rng(1)
+    J, none = np.eye(4), no_rows(4)
+    wish = np.array([900.0, -300.0, 20.0, 0.0])
+    for target in (wish, 1e-3 * wish, 1e6 * rng.normal(size=4)):
+        arguments = J, target, GV * target, np.zeros(4), none
+        free = solve(*arguments).s_0
+        bounded = solve(*arguments, longest=LONGEST_MOVE / period).s_0
+        largest = np.abs(free).max() * period
+        np.testing.assert_allclose(
+            bounded, free * min(1.0, 0.15 / largest), rtol=1e-9, atol=1e-12
+        )
+        assert np.abs(bounded).max() * period <= 0.15 * (1.0 + 1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 3, 11])
@@ -297,17 +541,15 @@ def test_one_row_is_approached_by_what_its_weight_leaves_of_the_wish(
     problem.rows = pair_rows([h], g, [rng.choice([0.0, 1.0]) * rng.normal()])
     free = np.full(len(problem.qdot), np.inf)
     problem.limits = limit_rows(-free, free, problem.q_s)
-    s, s_0 = problem.solve().s, reference(problem).s_0
+    solution = problem.solve()
+    s, s_0 = solution.s, solution.s_0
     g, offset = g[0], problem.rows.drift[0] - problem.rows.retreat[0]
     stiffness = problem.rows.weight[0] * (g @ g)
     assert stiffness > 0.0
     scale = np.linalg.norm(g) * np.linalg.norm(s_0) + abs(offset)
     wish, left = g @ s_0 + offset, g @ s + offset
     expected = wish if wish >= 0.0 else wish / (1.0 + stiffness)
-    # The wish itself is known to 1e-7 (normal equations against QR), the rates to
-    # rounding.
-    slack = 1e-7 * scale / (1.0 if wish >= 0.0 else 1.0 + stiffness) + 1e-14 * scale
-    assert abs(left - expected) <= slack
+    assert abs(left - expected) <= 1e-12 * scale
     across = np.eye(len(g)) - np.outer(g, g) / (g @ g)
     np.testing.assert_allclose(across @ s, across @ s_0, atol=1e-7 * (1.0 + scale))
 
@@ -330,7 +572,7 @@ def test_no_constraints_is_the_papers_law() -> None:
             alpha += (np.eye(n) - J_star @ J) @ z
         np.testing.assert_allclose(solution.qdot_c, J_star @ v_r, atol=1e-10)
         np.testing.assert_allclose(solution.qddot, alpha + z, rtol=1e-9, atol=1e-9)
-        assert solution.passes == 1
+        assert solution.passes == 0
 
 
 @pytest.mark.parametrize("m, n", [(3, 7), (6, 7), (7, 7), (9, 7)])
@@ -366,7 +608,10 @@ def test_the_posture_gives_way_to_a_constraint() -> None:
     M = J.T @ J + DAMPING**2 * W
     qdot_c = np.linalg.solve(M, DAMPING**2 * row.weight[0] * 0.1 * g)
     pull = GV * qdot_c + posture
-    s_0 = T * (DAMPING**2 * np.linalg.solve(M, pull) + GV * qdot_c)
+    # Of z alone, q_s would approach at this rate; alpha is to make up for it.
+    rate = T * GV * g @ qdot_c - 0.1
+    alpha = DAMPING**2 * np.linalg.solve(M, pull - row.weight[0] * rate / T * g)
+    s_0 = T * (alpha + GV * qdot_c)
     assert g @ s_0 - 0.1 < 0.0  # the row is active, in the guard as well
     guard = np.linalg.inv(W) @ (s_0 + row.weight[0] * 0.1 * g)
     np.testing.assert_allclose(solve(*arguments, posture).s, guard, rtol=1e-8)
@@ -384,7 +629,7 @@ def test_sliding_along_an_obstacle_is_free() -> None:
 
 
 @given(st.integers(0, 2**31))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_resting_point_never_leaves_the_box(seed: int) -> None:
     """First-order law dq_s/dt = s under wishes that change at random: q_s and its
     low-pass q stay within the limits for a second."""
@@ -425,16 +670,51 @@ def test_row_weight_is_the_magnitude_of_eq_23() -> None:
     )
 
 
-def test_limits_see_the_nearer_side() -> None:
-    lower, upper = np.array([-1.0, -1.0, -np.inf]), np.array([1.0, 1.0, np.inf])
-    q_s = np.array([0.9, -1.02, 5.0])
+def test_every_finite_limit_has_a_row_of_its_own() -> None:
+    lower = np.array([-1.0, -1.0, -np.inf, -2.0, -np.inf])
+    upper = np.array([1.0, 1.0, np.inf, np.inf, 0.5])
+    q_s = np.array([0.9, -1.02, 5.0, -1.9, 0.6])
     limits = limit_rows(lower, upper, q_s)
-    # The third joint has no limits.
-    np.testing.assert_allclose(limits.h, [0.1, -0.02])
-    np.testing.assert_array_equal(limits.g, [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    np.testing.assert_allclose(limits.retreat, [0.0, GAMMA * 0.021])
-    gradient = limit_gradient(q_s, limit_potential(lower, upper))
-    np.testing.assert_allclose(limits.weight, 0.01 * np.abs(gradient[:2]))
+    # First the lower limits, of joints 0, 1 and 3; then the upper, of 0, 1 and 4.
+    np.testing.assert_allclose(limits.h, [1.9, -0.02, 0.1, 0.1, 2.02, -0.1])
+    expected = np.zeros((6, 5))
+    for row, (joint, sign) in enumerate(
+        [(0, 1), (1, 1), (3, 1), (0, -1), (1, -1), (4, -1)]
+    ):
+        expected[row, joint] = sign
+    np.testing.assert_array_equal(limits.g, expected)
+    np.testing.assert_allclose(limits.retreat, [0.0, GAMMA * 0.021, 0.0, 0.0, 0.0, 2.0])
+    # Eq. (17) on the half that is nearer, 0 on the other; a joint with one limit as if
+    # the other were a turn away.
+    lower[4], upper[3] = upper[4] - ONE_SIDED_RANGE, lower[3] + ONE_SIDED_RANGE
+    gradient = np.abs(limit_gradient(q_s, limit_potential(lower, upper)))
+    np.testing.assert_allclose(
+        limits.weight,
+        0.01 * np.array([0.0, gradient[1], gradient[3], gradient[0], 0.0, gradient[4]]),
+    )
+    assert (limits.weight[[1, 2, 3, 5]] > 0.0).all()
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_a_joint_with_one_limit_stops_at_it_and_is_free_otherwise(side: str) -> None:
+    sign = -1.0 if side == "lower" else 1.0
+    lower = np.array([-1.0 if side == "lower" else -np.inf])
+    upper = np.array([np.inf if side == "lower" else 1.0])
+    J = np.eye(1)
+
+    def answer(q_s: float, wish: float) -> float:
+        rows = limit_rows(lower, upper, np.array([q_s]))
+        wish = np.array([wish])
+        return solve(J, wish, np.zeros(1), np.zeros(1), rows).s[0]
+
+    free = solve(J, np.ones(1), np.zeros(1), np.zeros(1), no_rows(1)).s[0]
+    assert free > 0.9
+    assert abs(answer(sign * 0.9985, sign)) < 0.05 * free
+    assert sign * answer(sign * 1.05, sign) < -0.9  # beyond it: back, at 20 / s of 0.05
+    for q_s in (0.9985, -4.0, -100.0):
+        assert sign * answer(sign * q_s, -sign) == pytest.approx(-free, rel=1e-9)
+    for q_s in (-4.0, -100.0):
+        assert sign * answer(sign * q_s, sign) == pytest.approx(free, rel=1e-9)
 
 
 def test_drift_of_a_moving_obstacle_is_answered() -> None:
@@ -541,6 +821,46 @@ def test_pair_margins_are_the_distance_at_rest_and_its_forecast() -> None:
         pair_margins(d, dd_dv, v, T),
         np.concatenate([distances(q) + T * rate, distances(q_s)]),
         rtol=1e-8,
+    )
+
+
+def posts_at(q: np.ndarray, posts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of a point in the plane to some others, and their gradients."""
+    d = np.linalg.norm(q - posts, axis=1)
+    return d, (q - posts) / d[:, None]
+
+
+def test_margin_curvature_is_what_the_rows_rate_lacks() -> None:
+    """d/dt of (L3) is g s, and of (L4) g s + curvature to the first order in T: by
+    differences along accelerated motion past two posts. Halving T halves the error."""
+    posts = np.array([[0.5, 0.1], [-0.2, 0.4]])
+    q, v, qddot = np.array([0.1, -0.2]), np.array([1.0, 0.5]), np.array([3.0, -7.0])
+    errors, step = [], 1e-6
+    for horizon in (0.02, 0.01, 0.005):
+
+        def margins(t: float, T=horizon) -> np.ndarray:
+            q_t, v_t = q + t * v + 0.5 * t * t * qddot, v + t * qddot
+            here, there = posts_at(q_t, posts), posts_at(q_t + T * v_t, posts)
+            d, dd_dv = (np.array(both) for both in zip(here, there, strict=True))
+            return pair_margins(d, dd_dv, v_t, T)
+
+        rate = (margins(step) - margins(-step)) / (2.0 * step)
+        dd_dv = np.array([posts_at(x, posts)[1] for x in (q, q + horizon * v)])
+        s = resting_velocity(v, qddot, horizon)
+        lacks = rate - np.concatenate([dd_dv[0] @ s, dd_dv[1] @ s])
+        found = margin_curvature(dd_dv, v)
+        np.testing.assert_allclose(found[2:], 0.0)
+        np.testing.assert_allclose(lacks[2:], 0.0, atol=1e-7)
+        assert (np.abs(lacks[:2]) > 1e-4).all()
+        errors.append(np.abs(found[:2] / lacks[:2] - 1.0).max())
+    assert errors[0] < 0.1
+    assert errors[1] < 0.6 * errors[0] and errors[2] < 0.6 * errors[1]
+
+
+def test_retreat_is_proportional_to_what_a_margin_lacks_and_capped() -> None:
+    h = np.array([-1.0, -0.01, 0.0, 0.004, 0.005, 0.3])
+    np.testing.assert_allclose(
+        retreat_speed(h, 0.005, 20.0, 0.5), [0.5, 0.3, 0.1, 0.02, 0.0, 0.0], atol=1e-15
     )
 
 

@@ -8,7 +8,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from crar_drake.equations.torque_limit import limit_torque, torque_scale
+from crar_drake.equations.torque_limit import (
+    clip_torque,
+    limit_torque,
+    torque_scale,
+)
 
 vectors = arrays(float, 4, elements=st.floats(-50.0, 50.0))
 THETA = np.linspace(0.0, 1.0, 2001)
@@ -58,9 +62,46 @@ def test_unlimited_actuators_do_not_count():
     assert scale([1e6], [0], [0], [np.inf]).theta == 1.0
 
 
+def test_an_idle_actuator_with_a_limit_of_zero_does_not_count():
+    found = scale([0.0, 3.0], [0.0, -1.0], [0.0, 0.0], [0.0, 5.0], 0.5)
+    assert found.theta == 1.0 and found.excess == 0.0
+
+
 def test_not_even_braking_is_within_the_limits():
     found = scale([20.0], [8.0], [8.0], [5.0])
     assert found.theta == 0.0 and found.excess == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    "tau, tau_brake, theta, excess",
+    [
+        # |20 - 12 theta| of 5 falls all the way: all of the wish is best.
+        ([-8.0], [-20.0], 1.0, 0.6),
+        # 1.5 + 0.4 theta and 1.7 - 0.4 theta cross at a quarter; of unlike signs...
+        ([1.9, -1.3], [1.5, -1.7], 0.25, 0.6),
+        # ... and of the same.
+        ([1.9, 1.3], [1.5, 1.7], 0.25, 0.6),
+        # The third line is above where the first two cross: 1.8 - 0.4 theta.
+        ([1.9, -1.3, 1.4], [1.5, -1.7, 1.8], 0.375, 0.65),
+    ],
+)
+def test_least_excess_by_hand(tau, tau_brake, theta, excess, sign):
+    tau, tau_brake = sign * np.array(tau), sign * np.array(tau_brake)
+    limits = np.full(len(tau), 5.0 if len(tau) == 1 else 1.0)
+    found = scale(tau, tau_brake, tau_brake, limits)
+    assert found.theta == pytest.approx(theta, abs=1e-12)
+    assert found.excess == pytest.approx(excess, abs=1e-12)
+
+
+def test_a_rounding_error_beyond_the_limit_is_none():
+    """The first actuator is at its limit whatever is done, but for the last bit."""
+    at_limit = np.nextafter(5.0, 6.0)
+    found = scale([at_limit, 3.0], [at_limit, -1.0], [0.0, 0.0], [5.0, 5.0], 0.5)
+    assert found.theta == 1.0 and found.excess == 0.0
+    # A thousandth more is a violation, and no share is better than braking.
+    found = scale([5.005, 3.0], [5.005, -1.0], [0.0, 0.0], [5.0, 5.0], 0.5)
+    assert found.theta == 0.0 and found.excess == pytest.approx(1e-3)
 
 
 def test_speed_is_kept_low_enough_to_brake():
@@ -197,6 +238,17 @@ def test_torque_within_the_limits_is_left_alone(arm):
     np.testing.assert_array_equal(tau, arm.torque(arm.wish))
 
 
+def test_torque_within_the_limits_is_left_alone_to_the_last_bit(arm):
+    """Also where braking is so hard that adding and subtracting it would round."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        wish, v = rng.normal(size=(2, 3))
+        hasty = arm._replace(wish=wish, v=v)
+        vdot, tau, _ = hasty.limited([1e6, np.inf, 1e6])
+        np.testing.assert_array_equal(vdot, wish)
+        np.testing.assert_array_equal(tau, hasty.torque(wish))
+
+
 def test_limited_torque_is_that_of_the_slower_resting_point(arm):
     """The prescribed joint keeps its acceleration; the largest share is taken."""
     limits = np.abs(arm.torque(arm.slowed(0.6))) * [1.0, 1.5, 1.5]
@@ -243,3 +295,17 @@ def test_torque_that_no_share_limits_is_clipped(arm):
     free = arm.torque(arm.slowed(theta))
     assert (np.abs(free) / limits).max() == pytest.approx(1.0 + excess)
     np.testing.assert_allclose(tau, np.clip(free, -limits, limits), rtol=1e-9)
+
+
+def test_a_clipped_torque_and_its_excess():
+    limits = np.array([10.0, 4.0, np.inf])
+    torque, excess = clip_torque(np.array([-11.0, 3.0, 1e4]), limits)
+    np.testing.assert_array_equal(torque, [-10.0, 3.0, 1e4])
+    assert excess == pytest.approx(0.1)
+    torque, excess = clip_torque(np.array([2.0, 9.0, 0.0]), limits)
+    np.testing.assert_array_equal(torque, [2.0, 4.0, 0.0])
+    assert excess == pytest.approx(1.25)
+    for within in ([9.0, -4.0, 1e9], [10.0 * (1 + 1e-15), 0.0, 0.0]):
+        torque, excess = clip_torque(np.array(within), limits)
+        np.testing.assert_allclose(torque, within, rtol=1e-14)
+        assert excess == 0.0

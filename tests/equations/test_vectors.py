@@ -195,6 +195,15 @@ def test_both_forms_give_what_an_expression_of_its_own_gives(name, which):
 
 
 @pytest.mark.parametrize("which", FORMS)
+def test_smallest_takes_the_first_nan(which):
+    """A distance that is NaN is shown as the pair's, wherever it stands."""
+    x = np.array([3.0, np.nan, 1.0, np.nan, 2.0])
+    members = np.array([[0, 1, 2], [1, 3, 0], [3, 2, 1], [0, 4, 3], [2, 4, 0]])
+    found = form("smallest", which)(x, members)
+    np.testing.assert_array_equal(found, [1, 1, 3, 3, 2])
+
+
+@pytest.mark.parametrize("which", FORMS)
 def test_gram_is_symmetric_to_the_last_bit(which):
     for _ in range(20):
         M = form("gram", which)(normal(5, 9))

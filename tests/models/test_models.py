@@ -1,5 +1,6 @@
 """The shipped robot models, read by Drake and compared with their READMEs."""
 
+import fnmatch
 import importlib
 import re
 import subprocess
@@ -391,6 +392,34 @@ def test_total_mass_is_the_readmes(
     instance = robot.plant.GetModelInstanceByName(model)
     mass = robot.plant.CalcTotalMass(robot.context, [instance])
     assert mass == pytest.approx(float(stated.group(1)), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["upper_body", "obstacle_arm"])
+def test_the_readme_states_efforts_and_speeds(
+    robots: dict[str, Loaded], name: str
+) -> None:
+    text = (MODELS / name / "README.md").read_text("utf-8")
+    rows = re.findall(
+        r"^\| (`.*?`) \|.*\| ([\d.]+) Nm? \| ([\d.]+) (?:rad|m)/s \|$",
+        text,
+        re.MULTILINE,
+    )
+    stated = {
+        pattern: (float(effort), float(speed))
+        for patterns, effort, speed in rows
+        for pattern in re.findall("`(.*?)`", patterns)
+    }
+    plant = robots[name].plant
+    for joint in robots[name].moving_joints():
+        # The right side is the mirror image.
+        names = (joint.name(), joint.name().replace("right_", "left_"))
+        (found,) = {
+            pair
+            for pattern, pair in stated.items()
+            if any(fnmatch.fnmatchcase(n, pattern) for n in names)
+        }
+        effort = plant.GetJointActuatorByName(joint.name()).effort_limit()
+        assert (effort, joint.velocity_upper_limits()[0]) == found, joint.name()
 
 
 def test_efforts_hold_the_robot_up(robot: Loaded) -> None:

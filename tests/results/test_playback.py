@@ -61,6 +61,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         constraint_weights=np.ones((T, model.n)),
         status=np.zeros((T, 1)),
         resting_margins=np.full((T, 2), np.nan),
+        admission=np.full((T, 4), np.nan),
         torque_limit=np.tile([1.0, 0.0], (T, 1)),
         position_names=np.array(model.position_names),
         actuator_names=np.array(model.position_names),
@@ -70,6 +71,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names]),
         lower=np.full(nv, -np.inf),
         upper=np.full(nv, np.inf),
+        velocity_limits=np.full(nv, np.inf),
         scenario=scenario.to_yaml(),
     )
 

@@ -73,6 +73,18 @@ def test_joints_are_drawn_between_their_limits():
     ]
 
 
+def test_who_is_too_fast_is_marked():
+    """Swing moves at 1, -2, 0 rad/s; turn has no limit here."""
+    figure = draw_run(small_log(velocity_limits=np.array([0.0, 1.5, np.inf])))
+    ax = next(ax for ax in figure.axes if "limits" in ax.get_title(loc="left"))
+    (marks,) = [line for line in ax.get_lines() if line.get_marker() == "."]
+    np.testing.assert_array_equal(np.isfinite(marks.get_ydata()), [False, True, False])
+    assert marks.get_ydata()[1] == ax.get_lines()[0].get_ydata()[1]
+    assert "orange: too fast, 1 samples" in ax.get_title(loc="left")
+    title = draw_run(small_log()).axes[3].get_title(loc="left")
+    assert "limits" in title and "too fast" not in title
+
+
 def test_power_reaches_the_axes():
     ax = _axes(draw_run(small_log()), "power [W]")
     power, mean = (np.asarray(line.get_ydata()) for line in ax.get_lines())

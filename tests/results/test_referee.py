@@ -406,6 +406,59 @@ def test_violations(robot):
     assert found.largest_limit_excess_index == 3
 
 
+def test_speeds_are_counted_apart(robot):
+    """Shoulder and slide have a limit of 1; the elbow states none."""
+    _, plant, scene_graph = robot
+    referee = Referee(plant, scene_graph, [["slider", "base"]])
+    place = {name: i for i, name in enumerate(referee.velocity_names)}
+    assert sorted(place) == ["elbow", "shoulder", "slide"]
+    q, v = np.zeros((5, 3)), np.zeros((5, 3))
+    q[:, referee.joint_names.index("slide")] = 0.29
+    v[:, place["elbow"]] = 1e6
+    v[:, place["shoulder"]] = [1.0, -1.5, 0.0, 1.0 + 5e-7, -1.0 - 5e-6]
+    v[:, place["slide"]] = [0.0, 0.0, 1.25, 0.0, 0.0]
+    found = referee.violations(q, v)
+    assert found.num_beyond_speed == 3  # 1, 2 and 4; not 3, within the tolerance
+    assert found.largest_speed_excess == pytest.approx(0.5)
+    assert found.largest_speed_excess_joint == "shoulder"
+    assert found.largest_speed_excess_index == 1
+    assert found.num_violated == 0 and not found.count.any()
+    # Without velocities nothing is said of them, and all else is the same.
+    silent = referee.violations(q)
+    assert silent.num_beyond_speed is None
+    assert silent.largest_speed_excess_joint is None
+    assert silent.smallest_distance == found.smallest_distance
+
+
+def test_speed_limits_of_the_callers_choice(robot):
+    _, plant, scene_graph = robot
+    limits = np.array([2.0, np.inf, 0.5])
+    referee = Referee(plant, scene_graph, [], limits)
+    v = np.array([[2.0, 9.0, -0.5], [0.0, -9.0, 0.75]])
+    np.testing.assert_array_equal(
+        [referee.speed_excess(row) for row in v], [[0, 0, 0], [0, 0, 0.25]]
+    )
+    found = referee.violations(np.zeros((2, 3)), v)
+    assert (found.num_beyond_speed, found.largest_speed_excess_index) == (1, 1)
+    assert found.largest_speed_excess_joint == referee.velocity_names[2]
+
+
+def test_the_faster_direction_may_have_a_limit_of_its_own():
+    _, plant, scene_graph = build(finalize=False)
+    shoulder = plant.GetJointByName("shoulder")
+    shoulder.set_velocity_limits([-0.5], [2.0])
+    plant.GetJointByName("slide").set_velocity_limits([0.0], [0.0])  # none is stated
+    plant.Finalize()
+    referee = Referee(plant, scene_graph, [])
+    v = np.zeros(3)
+    v[referee.velocity_names.index("slide")] = 7.0
+    for speed, excess in ((2.0, 0.0), (2.5, 0.5), (-0.5, 0.0), (-0.75, 0.25)):
+        v[shoulder.velocity_start()] = speed
+        assert referee.speed_excess(v).tolist() == [
+            excess if i == shoulder.velocity_start() else 0.0 for i in range(3)
+        ]
+
+
 def test_penetration_begins_at_zero_distance(robot):
     _, plant, scene_graph = robot
     referee = Referee(plant, scene_graph, [["slider", "base"]])
@@ -466,3 +519,18 @@ def test_refused_positions(referee):
     q[2, referee.joint_names.index("elbow")] = np.nan
     with pytest.raises(ValueError, match="'elbow' is nan"):
         referee.violations(q)
+
+
+def test_refused_velocities(robot, referee):
+    _, plant, scene_graph = robot
+    q, v = np.zeros((4, 3)), np.zeros((4, 3))
+    with pytest.raises(ValueError, match=r"v_trajectory must be \(4, nv\)"):
+        referee.violations(q, v[:3])
+    with pytest.raises(ValueError, match=r"v must be \(3,\), not \(2,\)"):
+        referee.violations(q, v[:, :2])
+    v[2, referee.velocity_names.index("slide")] = np.nan
+    with pytest.raises(ValueError, match="velocity of joint 'slide' is nan"):
+        referee.violations(q, v)
+    for limits in (np.ones(2), np.array([1.0, np.nan, 1.0])):
+        with pytest.raises(ValueError, match="velocity_limits must be"):
+            Referee(plant, scene_graph, [], limits)

@@ -1,6 +1,7 @@
 """The figures of a run, against numbers worked out by hand from `small_log`."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,6 +60,31 @@ def test_a_limit_may_be_exceeded_by_rounding_only(side, beyond, samples):
     assert summary.largest_excess == pytest.approx(max(beyond, 0.0), abs=1e-15)
 
 
+def test_speeds_are_judged_apart_from_the_violations():
+    """Swing moves at 1, -2, 0 rad/s, turn at 2, 0, 4; the rail is not controlled."""
+    before = summarize(small_log())
+    assert before.beyond_speed_samples == 0  # a limit of 2 is reached, not passed
+    assert (before.joints_beyond_speed, before.largest_speed_excess) == ({}, 0.0)
+    assert before.largest_speed_excess_joint == ""
+    found = summarize(small_log(velocity_limits=np.array([1.0, 1.5, 1.0])))
+    assert found.beyond_speed_samples == 3
+    assert found.joints_beyond_speed == {"swing": 1, "turn": 2}
+    assert found.largest_speed_excess == 3.0
+    assert found.largest_speed_excess_joint == "turn"
+    assert found.violated_samples == before.violated_samples
+    assert found.mean_violations == before.mean_violations
+
+
+@pytest.mark.parametrize("beyond, samples", [(0.9e-6, 0), (1.1e-6, 1)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_speed_limit_may_be_exceeded_by_rounding_only(side, beyond, samples):
+    v = np.zeros((3, 3))
+    v[1, 1] = side * (2.0 + beyond)
+    found = summarize(small_log(v=v))
+    assert found.beyond_speed_samples == samples
+    assert found.largest_speed_excess == pytest.approx(beyond, abs=1e-15)
+
+
 def test_power_and_torque_of_the_controlled_joints():
     summary = summarize(small_log())
     # |10 * 1| + |3 * 2|; |-30 * -2| + 0; 0 + |-8 * 4|: the rail's 4500 W do not count.
@@ -94,6 +120,83 @@ def test_margins_where_the_robot_would_come_to_rest():
     assert (summary.resting_distance, summary.resting_margin) == (0.1, 0.2)
     summary = summarize(small_log(resting_margins=np.full((3, 2), np.nan)))
     assert (summary.resting_distance, summary.resting_margin) == (None, None)
+
+
+def admitted_log(*rows, **changes):
+    """One sample a row of how, clearance and clear; control steps of 0.5 s."""
+    log = small_log()
+    how, clearance, clear = np.array(rows).T
+    told = np.stack([how, np.where(how == 2.0, 0.25, 1.0), clearance, clear], axis=1)
+    T = len(rows)
+    longer = {
+        name: np.repeat(value[:1], T, axis=0)
+        for name, value in vars(log).items()
+        if isinstance(value, np.ndarray) and value.shape[0] == 3 and value.ndim == 2
+    }
+    time = 0.5 * np.arange(T)
+    return replace(log, **longer | {"time": time, "admission": told} | changes)
+
+
+def test_how_steps_were_admitted():
+    nothing, nan = [0.0, 0.02, 1.0], np.nan
+    log = admitted_log(
+        nothing,
+        [1.0, 0.01, 1.0],
+        [2.0, 0.006, 1.0],
+        [1.0, 0.004, 0.0],
+        nothing,
+        [nan, nan, nan],  # braking without targets
+        [2.0, 0.007, 1.0],
+    )
+    found = summarize(log)
+    assert found.admitted_steps == 6
+    assert (found.corrected_steps, found.scaled_steps) == (2, 2)
+    assert (found.unclear_steps, found.path_clearance) == (1, 0.004)
+    assert found.longest_held_back == 1.5
+    # What follows after the log's end is not known: the last step counts whole.
+    assert summarize(admitted_log([1.0, 0.1, 1.0])).longest_held_back == 0.5
+
+
+def test_steps_count_once_in_a_finer_log():
+    rows = [[1.0, 0.01, 1.0], [1.0, 0.01, 1.0], [0.0, 0.02, 1.0], [0.0, 0.02, 1.0]]
+    found = summarize(admitted_log(*rows, time=0.25 * np.arange(4)))
+    assert (found.admitted_steps, found.corrected_steps) == (2, 1)
+    assert found.longest_held_back == 0.5
+    assert found.samples == 4
+
+
+def test_nothing_is_told_without_the_lookahead():
+    found = summarize(small_log())
+    assert (found.admitted_steps, found.unclear_steps) == (0, 0)
+    assert (found.path_clearance, found.longest_held_back) == (None, 0.0)
+    # No pair is watched: nothing can be near.
+    found = summarize(admitted_log([0.0, np.inf, 1.0]))
+    assert (found.admitted_steps, found.path_clearance) == (1, None)
+
+
+def test_table_tells_of_braking_paths():
+    def lines(log) -> list[str]:
+        console = Console(width=160, record=True, file=open("/dev/null", "w"))
+        console.print(summary_table(summarize(log)))
+        text = console.export_text()
+        return [line for line in text.splitlines() if "braking path" in line]
+
+    def line(*rows) -> str:
+        (only,) = lines(admitted_log(*rows))
+        return " ".join(only.split())
+
+    assert lines(small_log()) == []
+    wished = [0.0, 0.005, 1.0]
+    told = line(wished)
+    assert "5.0 mm │ at least, clear at every step; all steps as wished │" in told
+    told = line(*[wished] * 3, [1.0, 0.004, 1.0])
+    assert "4.0 mm │ at least, clear at every step; 25.0 % of the steps" in told
+    assert (
+        "25.0 % of the steps corrected, none scaled, for up to 0.5 s in a row" in told
+    )
+    told = line(*[wished] * 4999, [2.0, 0.004, 0.0])
+    assert "4.0 mm │ not clear at 1 step; none corrected, < 0.1 % scaled" in told
+    assert "│ no pair │" in line([0.0, np.inf, 1.0])
 
 
 def test_identification_and_wall_time():
@@ -142,9 +245,12 @@ def test_the_keys_of_the_json_are_stable():
         "rms_task_error rms_orientation_error tasks smallest_distance "
         "smallest_distance_pair smallest_distance_time violated_samples "
         "mean_violations penetrating_samples penetrating_pairs beyond_limit_samples "
-        "joints_beyond_limits largest_excess largest_excess_joint mean_power "
+        "joints_beyond_limits largest_excess largest_excess_joint "
+        "beyond_speed_samples joints_beyond_speed largest_speed_excess "
+        "largest_speed_excess_joint mean_power "
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
-        "resting_distance resting_margin torque_limited_samples "
+        "resting_distance resting_margin admitted_steps corrected_steps scaled_steps "
+        "unclear_steps path_clearance longest_held_back torque_limited_samples "
         "torque_clipped_samples braking_samples frame_rate frame_rate_source "
         "motion_findings warnings wall_time real_time_factor arithmetic "
         "stopped"
@@ -184,6 +290,19 @@ def test_table_shows_the_figures():
     ):
         line = next(line for line in text.splitlines() if row[0] in line)
         assert all(part in line for part in row), line
+
+
+def test_table_tells_who_is_too_fast():
+    def lines(log) -> list[str]:
+        console = Console(width=100, record=True, file=open("/dev/null", "w"))
+        console.print(summary_table(summarize(log)))
+        text = console.export_text()
+        return [line for line in text.splitlines() if "beyond speed limits" in line]
+
+    assert lines(small_log()) == []
+    (line,) = lines(small_log(velocity_limits=np.array([1.0, 1.5, 1.0])))
+    for part in ("3", "turn and 1 more; most turn, by 3 rad/s"):
+        assert part in line
 
 
 def test_torque_limited_samples():

@@ -316,6 +316,33 @@ def test_actuators_in_another_order(time_step, gear_ratio):
         np.testing.assert_allclose(reached, vdot, rtol=1e-9, atol=1e-9)
 
 
+def test_two_actuators_of_one_joint_share_its_effort():
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zy"), finalize=False)
+    plant.AddJointActuator("second", plant.GetJointByName("j0"))
+    plant.Finalize()
+    model = ControlModel.FromPlant(
+        plant, scene_graph, RobotDescription(), [Task(frame="tip")]
+    )
+    workspace = model.MakeWorkspace()
+    q, v = random_state(model, 0)
+    model.evaluate(workspace, q, v)
+    still = model.inverse_dynamics(workspace, np.zeros(2))
+    assert still.shape == (3,) and still[0] == still[2]
+    # The efforts are those that the joints need, and change as the inertias say.
+    context = workspace.plant_context
+    vdot = np.array([3.0, -7.0])
+    tau = model.inverse_dynamics(workspace, vdot)
+    needed = (
+        model.plant.CalcMassMatrix(context) @ vdot
+        + model.plant.CalcBiasTerm(context)
+        - model.plant.CalcGravityGeneralizedForces(context)
+    )
+    np.testing.assert_allclose(model.plant.MakeActuationMatrix() @ tau, needed)
+    change = model.effort_per_acceleration(workspace) @ vdot
+    np.testing.assert_allclose(tau - still, change, atol=1e-12)
+
+
 def test_limits_by_joint():
     model = make_model(
         chain_urdf("zz", rail="y", limits=(-1.0, 2.0)),
@@ -342,6 +369,61 @@ def test_effort_limits_by_joint():
         plant, scene_graph, RobotDescription(), [Task(frame="tip")]
     )
     np.testing.assert_array_equal(model.effort_limits, [3.0, np.inf, 7.0])
+
+
+def speeds_urdf(**speeds: str) -> str:
+    """A chain of three joints on a rail that state these velocities."""
+    text = chain_urdf("zyx", rail="y")
+    for joint, speed in speeds.items():
+        head, tail = text.split(f'<joint name="{joint}" type', 1)
+        tail = tail.replace("<limit ", f'<limit velocity="{speed}" ', 1)
+        text = f'{head}<joint name="{joint}" type{tail}'
+    return text
+
+
+def test_velocity_limits_by_joint():
+    """In the order of the joints, infinite where the model states none, or 0."""
+    rail = {"prescribed_joints": {"rail": "hold"}}
+    model = make_model(speeds_urdf(rail="3", j0="2.5", j2="0"), **rail)
+    by_name = dict(zip(model.position_names, model.velocity_limits, strict=True))
+    assert by_name == {"rail": 3.0, "j0": 2.5, "j1": np.inf, "j2": np.inf}
+    # The description says otherwise, also that there is none.
+    model = make_model(
+        speeds_urdf(j0="2.5", j1="1"),
+        velocity_limits={"j0": np.inf, "j2": 0.25},
+        **rail,
+    )
+    by_name = dict(zip(model.position_names, model.velocity_limits, strict=True))
+    assert by_name == {"rail": np.inf, "j0": np.inf, "j1": 1.0, "j2": 0.25}
+
+
+def test_the_slower_direction_counts():
+    plant, scene_graph = add_plant(DiagramBuilder(), chain_urdf("zyx"), finalize=False)
+    plant.GetJointByName("j0").set_velocity_limits([-4.0], [3.0])
+    plant.GetJointByName("j1").set_velocity_limits([-2.0], [np.inf])
+    plant.Finalize()
+    model = ControlModel.FromPlant(
+        plant, scene_graph, RobotDescription(), [Task(frame="tip")]
+    )
+    np.testing.assert_array_equal(model.velocity_limits, [3.0, 2.0, np.inf])
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (
+            {"tip_wed": 1.0},
+            "velocity_limits: the plant has no joint 'tip_wed'; did you",
+        ),
+        ({"tip_weld": 1.0}, "velocity_limits: 'tip_weld' is fixed"),
+        ({"j0": 0.0}, "velocity_limits: j0: 0.0 must be positive"),
+        ({"j0": -1.0}, "velocity_limits: j0: -1.0 must be positive"),
+        ({"j0": np.nan}, "velocity_limits: j0: nan must be positive"),
+    ],
+)
+def test_refused_velocity_limits(limits, message):
+    with pytest.raises(ModelError, match=message):
+        make_model(chain_urdf("zz"), velocity_limits=limits)
 
 
 def test_rest_posture():

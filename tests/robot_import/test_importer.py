@@ -52,6 +52,9 @@ def test_joints(model):
     assert (model.lower[elbow], model.upper[elbow]) == (-2.2, 0.0)
     v = model.controlled[elbow]
     assert model.effort_limits[v] == 20.0
+    assert model.velocity_limits[v] == 5.0
+    assert np.isfinite(model.velocity_limits[model.controlled]).all()
+    assert np.isinf(model.velocity_limits[model.prescribed]).all()
     assert np.isinf(model.effort_limits[model.prescribed]).all()
 
 

@@ -64,6 +64,6 @@ def test_a_second_of_a_real_motion(robot_data, cmu, tmp_path, robot, name):
     judged = Referee(model.plant, model.scene_graph, model.description.pairs)
     assert judged.violations(q[::10]).num_violated == 0
     assert HullJudge(model.description).judge(q[::50]).num_penetrating == 0
-    if scenario.controller.respect_effort_limits:
+    if scenario.controller.limits_efforts:
         assert (np.abs(result.log.actuation) <= model.actuator_limits + 1e-9).all()
     assert result.summary.rms_task_error < 0.25

@@ -1,5 +1,6 @@
 """Scenario files: what is shipped, what is refused and how it is said."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -226,6 +227,22 @@ def test_settings_of_other_drakes_hide_no_mistake():
             parse_scenario(VALID + f"durration: 1\n{config}: {{{name}: {usual}}}\n")
         with pytest.raises(ScenarioError, match="not YAML"):
             parse_scenario(f"{config}: [{name}\n")
+
+
+def test_speed_limits_in_the_file():
+    text = (
+        "motion: dance\nexperiment: wrists\ncontroller:\n  velocity_scale: 0.5\n"
+        "  velocity_limits: {left_elbow: 3, torso_yaw: .inf}\n"
+    )
+    controller = parse_scenario(text).controller
+    assert controller.velocity_scale == 0.5
+    assert controller.velocity_limits == {"left_elbow": 3.0, "torso_yaw": math.inf}
+    again = parse_scenario(parse_scenario(text).to_yaml()).controller
+    assert again == controller and again.respect_effort_limits is None
+    with pytest.raises(ScenarioError, match="left_elbow.*expected a number"):
+        parse_scenario(text.replace("elbow: 3", "elbow: fast"))
+    with pytest.raises(ScenarioError, match=r"velocity_limits\.left_elbow: -3.0 must"):
+        parse_scenario(text.replace("elbow: 3", "elbow: -3"))
 
 
 def test_long_runs_are_logged_at_a_lower_rate():

@@ -128,6 +128,7 @@ def test_a_case_is_judged_at_every_step_of_the_plant():
     case = Case("reaching", "wrists", "none", "acceleration", 5e-3)
     # The case replaces the scenario's tasks and modes, and nothing else of it.
     base = Scenario(motion="dance", experiment="upper-body", duration=2.0)
+    base.controller.velocity_scale = 0.02  # for the motion to be too fast
     result = run_case(case, base.to_yaml())
     assert result.case == case and not result.error
     assert result.samples == 2001 and result.duration == pytest.approx(2.0)
@@ -141,6 +142,8 @@ def test_a_case_is_judged_at_every_step_of_the_plant():
     assert result.beyond_limit == run.summary.beyond_limit_samples
     distances = run.log.signed_distances
     assert result.smallest_distance == pytest.approx(distances.min(), abs=1e-9)
+    assert result.beyond_speed == run.summary.beyond_speed_samples > 0
+    assert result.largest_speed_excess == run.summary.largest_speed_excess > 0.0
     assert result.smallest_pair == run.summary.smallest_distance_pair
     assert result.largest_excess == pytest.approx(run.summary.largest_excess)
     for name in ("rms_task_error", "mean_power", "peak_torque", "rms_acceleration"):
@@ -397,6 +400,9 @@ def test_any_executor_runs_the_same_sweep_and_a_bad_file_is_not_fatal(tmp_path):
     assert good.case == cases[1] and not good.error
     assert good.samples == 51
     assert good.resting_distance > 0.0
+    assert good.path_clearance > 0.0 and good.unclear == 0
+    assert 0.0 <= good.corrected + good.scaled <= 1.0
+    assert good.longest_held_back >= 0.0
 
     spawn = multiprocessing.get_context("spawn")
     for name, executor in {

@@ -194,12 +194,48 @@ def test_the_table_has_a_column_per_mode():
     assert row(text, "smallest distance", "│") == ["-15.0 mm (13_29)", "4.0 mm (02_01)"]
     assert row(text, "of the pair", "│") == ["left_hand - torso", "head - left_hand"]
     assert row(text, "farthest beyond a limit", "│") == ["2.00° (13_29)", "–"]
+    assert row(text, "samples beyond a speed limit", "│") == ["0", "0"]
+    assert row(text, "most beyond a speed limit", "│") == ["–", "–"]
     assert row(text, "mean task error", "│") == ["45.0 mm", "80.0 mm"]
     assert row(text, "worst task error", "│")[1] == "110.0 mm (127_23)"
     assert row(text, "mean power", "│") == ["100.0 W", "100.0 W"]
     assert row(text, "median peak torque", "│") == ["250 Nm", "300 Nm"]
     assert row(text, "median rms acceleration", "│")[0] == "15.5 rad/s²"
     assert row(text, "failed", "│") == ["0", "1"]
+
+
+def test_speeds_are_told_apart_from_the_violations():
+    fast = result("13_29", beyond_speed=7, largest_speed_excess=1.25)
+    text = printed([fast, result("02_01", largest_speed_excess=0.0)])
+    assert row(text, "clips in violation", "│") == ["0"]
+    assert row(text, "samples beyond a speed limit", "│") == ["7"]
+    assert row(text, "most beyond a speed limit", "│") == ["1.25 rad/s (13_29)"]
+    assert headline(fast).endswith("error 50.0 mm, beyond a speed limit")
+    page = markdown_report([fast])
+    assert "| samples beyond a speed limit | 7 |" in page
+    assert "speed limits are counted apart" in page
+
+
+def test_how_steps_were_admitted_is_told():
+    near = result("13_29", corrected=0.02, scaled=0.0, path_clearance=0.004)
+    far = result(
+        "02_01",
+        corrected=0.0,
+        scaled=0.005,
+        path_clearance=0.01,
+        unclear=3,
+        longest_held_back=0.125,
+    )
+    text = printed([near, far])
+    assert row(text, "steps corrected", "│") == ["1.00 %"]
+    assert row(text, "steps scaled", "│") == ["0.25 %"]
+    assert row(text, "steps with a path not clear", "│") == ["3"]
+    assert row(text, "smallest path clearance", "│") == ["4.0 mm (13_29)"]
+    assert row(text, "longest held back", "│") == ["0.12 s (02_01)"]
+    assert headline(far).endswith("mm, braking path not clear at 3 steps")
+    assert "braking path" not in headline(near)
+    # Modes that admit nothing have nothing to tell.
+    assert row(printed([result("13_29")]), "steps corrected", "│") == ["–"]
 
 
 def test_experiments_and_periods_have_tables_of_their_own():

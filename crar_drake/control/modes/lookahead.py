@@ -1,6 +1,7 @@
 """Constraints that hold where the robot would come to rest: `docs/lookahead.md`."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,23 +11,29 @@ from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.diagnostics import Diagnostic
 from crar_drake.control.modes.mode import Before, Mode, Resolved
 from crar_drake.control.modes.paper import refuse_adaptive_gain
+from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
-from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import (
     LookaheadGains,
     LookaheadMemory,
     LookaheadNumbers,
     find_limits,
     lookahead_step,
+    scale_acceleration,
 )
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.reach import find_reaches
 
 if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters
 
 LOST_TARGET = ("brake", "error")
+
+# A pair's weight is then up to 1e12, and a double has 16 digits.
+LARGEST_RHO = 1.0
 
 
 @dataclass
@@ -34,11 +41,13 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; by default 1 / Gv.
+        horizon: T, over which the robot could brake [s]; by default 1.5 / Gv.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
-        distance_margin: d_min, the distance that pairs keep [m].
+        distance_margin: d_min, the distance that pairs are to keep [m].
+        admission_slack: a step is admitted only if every pair keeps the floor
+            d_min - admission_slack on all of its braking path [m].
         limit_margin: what joints keep from their limits [rad].
         retreat_rate: gamma, how fast a violation is left [1/s], but at most at
         retreat_speed: of a pair [m/s], and
@@ -54,6 +63,7 @@ class LookaheadParameters:
     rho: float = 1e-4
     rho_limits: float = 0.01
     distance_margin: float = 5e-3  # [m]
+    admission_slack: float = 1e-3  # [m]
     limit_margin: float = 0.02  # [rad]
     retreat_rate: float = 30.0  # [1/s]
     retreat_speed: float = 0.5  # [m/s]
@@ -66,6 +76,16 @@ class LookaheadParameters:
         """Raises ScenarioError, naming the field and what it may be."""
         check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
         check_numbers("controller.lookahead", self, may_be_zero=set())
+        if self.rho > LARGEST_RHO:
+            raise ScenarioError(
+                f"controller.lookahead.rho: {self.rho:g} must be at most "
+                f"{LARGEST_RHO:g}: larger weights drown all else in rounding"
+            )
+        if self.admission_slack >= self.distance_margin:
+            raise ScenarioError(
+                f"controller.lookahead.admission_slack: {self.admission_slack} must be "
+                f"less than distance_margin, {self.distance_margin}"
+            )
         if self.influence_distance <= self.distance_margin:
             raise ScenarioError(
                 f"controller.lookahead.influence_distance: {self.influence_distance} "
@@ -82,6 +102,13 @@ class LookaheadMode(Mode):
             lambda model: 2,
             "where the robot would come to rest: the smallest distance [m] and the "
             "smallest margin to a joint limit [rad]",
+        ),
+        Diagnostic(
+            "admission",
+            lambda model: 4,
+            "how the step was admitted (0 as wished, 1 corrected, 2 scaled), the share "
+            "of the wish, the clearance of the next braking path [m], and whether the "
+            "present one was clear (1) or not (0)",
         ),
     )
 
@@ -111,8 +138,32 @@ class LookaheadMode(Mode):
             period=float(parameters.period),
             slip_share=float(share),
         )
-        limits = find_limits(model.lower, model.upper)
-        self._numbers = hold(LookaheadNumbers(gains, limits, numbers))
+        fastest = parameters.speed_limits(model)[model.controlled]
+        limits = find_limits(model.lower, model.upper, fastest)
+        plant = model.plant
+        reaches = find_reaches(
+            model.joints,
+            model.pairs,
+            model.order,
+            plant.GetPositionLowerLimits(),
+            plant.GetPositionUpperLimits(),
+        )
+        admission = AdmissionGains(
+            T=float(self.horizon),
+            period=float(parameters.period),
+            step=min(float(plant.time_step()), float(parameters.period)),
+            floor=float(ahead.distance_margin - ahead.admission_slack),
+        )
+        self._numbers = hold(
+            LookaheadNumbers(
+                gains,
+                hold(limits),
+                numbers,
+                admission,
+                hold(reaches),
+                model.pairs.shape_pairs,
+            )
+        )
 
     @staticmethod
     def check(parameters: "CrarParameters") -> None:
@@ -121,6 +172,12 @@ class LookaheadMode(Mode):
             raise ScenarioError(
                 "controller.level: the lookahead constraints choose accelerations; "
                 "use level acceleration, or constraints paper"
+            )
+        T = parameters.braking_horizon
+        if parameters.period > T:
+            raise ScenarioError(
+                f"controller.period: {parameters.period:g} s must be at most the "
+                f"braking horizon, {T:g} s (controller.lookahead.horizon)"
             )
         if parameters.metric != "identity":
             raise ScenarioError(
@@ -132,17 +189,26 @@ class LookaheadMode(Mode):
     def resolve(
         self,
         workspace: Workspace,
-        drake: FromDrake,
+        measured: Measured,
         wanted: Wanted,
         before: Before | None,
     ) -> Resolved:
         model = self._model
         if before is None or not before.follows:
-            qdot = drake.v[model.controlled]
+            qdot = measured.v[model.controlled]
             last = LookaheadMemory(qdot, self._nothing, self._nothing)
         else:
             last = LookaheadMemory(before.qdot, before.qddot, before.kept)
-        answer, slip, margins = lookahead_step(
-            drake, wanted, model.numbers(drake), self._numbers, last
+        answer, slip, margins, admission = lookahead_step(
+            measured, wanted, model.robot_ahead, self._numbers, last
         )
-        return Resolved(answer, slip, {"resting_margins": margins})
+        told = {"resting_margins": margins, "admission": admission}
+        return Resolved(answer, slip, told)
+
+    def admit_again(
+        self, measured: Measured, vdot: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        vdot, told = scale_acceleration(
+            measured, vdot, self._model.robot_ahead, self._numbers
+        )
+        return vdot, {"admission": told}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from crar_drake.control.diagnostics import Diagnostic
-from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -84,11 +84,26 @@ class Mode(ABC):
     def check(parameters: CrarParameters) -> None:
         """Raises ScenarioError where a parameter does not go with this mode."""
 
+    def admit_again(
+        self, measured: Measured, vdot: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        """Accelerations that the effort limits have changed, if the mode allows them.
+
+        Args:
+            measured: the state, as in `resolve`.
+            vdot: (nv,) accelerations within the effort limits [rad/s^2].
+
+        Returns:
+            (nv,) accelerations between these and braking; and the diagnostics that
+            change, none if the accelerations stay.
+        """
+        return vdot, {}
+
     @abstractmethod
     def resolve(
         self,
         workspace: Workspace,
-        drake: FromDrake,
+        measured: Measured,
         wanted: Wanted,
         before: Before | None,
     ) -> Resolved:

@@ -11,7 +11,7 @@ from crar_drake.control.modes.mode import Before, Mode, Resolved
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.joint_limits import limit_potential
-from crar_drake.equations.kinematics import FromDrake
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.paper import (
     PaperGains,
     PaperMemory,
@@ -52,18 +52,22 @@ class PaperMode(Mode):
     def resolve(
         self,
         workspace: Workspace,
-        drake: FromDrake,
+        measured: Measured,
         wanted: Wanted,
         before: Before | None,
     ) -> Resolved:
         model = self._model
+        kept = self._first if before is None else before.kept
+        if before is not None and not before.follows:
+            # Eq. (10) is a difference over one period: here there is none.
+            kept = kept._replace(qdot_c=self._first.qdot_c)
         answer, kept = paper_step(
-            drake,
+            measured,
             wanted,
             model.inertia_matrix(workspace) if self._with_inertia else _NO_MATRIX,
-            model.numbers(drake),
+            model.robot_by_pair,
             self._numbers,
-            self._first if before is None else before.kept,
+            kept,
         )
         return Resolved(answer, kept)
 

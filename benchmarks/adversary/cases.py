@@ -1,0 +1,178 @@
+"""Cases, and what came of them: a line of JSON each, so that a stopped run goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+
+import crar_drake
+from benchmarks.adversary.attacks import ATTACKS
+from benchmarks.adversary.robots import ROBOTS
+
+PLANTS = ("exact", "torque")
+PERIODS = (0.001, 0.005, 0.01, 0.02)  # [s]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One attack on one robot at one control period.
+
+    Attributes:
+        robot, attack: names.
+        period: control period [s].
+        plant: "exact", whose next state is the law's `position_command`, or "torque",
+            the simulated robot in the whole diagram.
+        constraints: of the law.
+        steps: control steps, at least.
+        seed: of all dice.
+    """
+
+    robot: str
+    attack: str
+    period: float
+    plant: str = "exact"
+    constraints: str = "lookahead"
+    steps: int = 5000
+    seed: int = 0
+
+
+@dataclass
+class Result:
+    """What came of a case.
+
+    Attributes:
+        case: it.
+        law: digest of what was attacked, and by what; see `law_digest`.
+        steps, episodes: that were run; refused: whose gains the law refused;
+            diverged: ended before time by numbers that are not finite or too large.
+        violated: episodes with a violation of distance or position limit.
+        states, penetrating, beyond_limit, too_fast, ahead, paths, blocked: sums over
+            all episodes, see `Verdict`.
+        clearance, pair, path_clearance, path_pair, excess, joint, overspeed: worst.
+        admitted: steps admitted as wished, corrected, scaled; all 0 if the law does
+            not tell.
+        unheld: steps after which the law itself does not vouch for the invariant.
+        by_law, by_plant: of a "torque" case, violated episodes that the exact plant
+            violates too, and others; slip: the largest |acceleration - commanded| of
+            the others [rad/s^2].
+        wall: [s].
+        worst: the worst violated episode, to be replayed; None without one.
+        error: why the case could not be run; "" if it could.
+    """
+
+    case: Case
+    law: str = ""
+    steps: int = 0
+    episodes: int = 0
+    refused: int = 0
+    diverged: int = 0
+    violated: int = 0
+    states: int = 0
+    penetrating: int = 0
+    beyond_limit: int = 0
+    too_fast: int = 0
+    ahead: int = 0
+    paths: int = 0
+    blocked: int = 0
+    clearance: float = float("inf")
+    pair: str = ""
+    path_clearance: float = float("inf")
+    path_pair: str = ""
+    excess: float = 0.0
+    joint: str = ""
+    overspeed: float = 0.0
+    admitted: list[int] = field(default_factory=lambda: [0, 0, 0])
+    unheld: int = 0
+    by_law: int = 0
+    by_plant: int = 0
+    slip: float = 0.0
+    wall: float = 0.0
+    worst: dict | None = None
+    error: str = ""
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether anything was violated, speed limits included."""
+        return bool(self.violated or self.too_fast or self.diverged)
+
+    def line(self) -> str:
+        """The result as a line of JSON; JSON has no infinity, so None stands for it."""
+        return json.dumps(finite(asdict(self)))
+
+    @staticmethod
+    def parse(line: str) -> Result | None:
+        """The result of a line; None if it is not one (a torn or an older line)."""
+        try:
+            values = json.loads(line)
+            case = Case(**values.pop("case"))
+            known = {f.name for f in fields(Result)}
+            if not set(values) <= known:
+                return None
+            for name in ("clearance", "path_clearance", "overspeed", "excess", "slip"):
+                if values.get(name, 0.0) is None:
+                    values[name] = float("inf")
+            return Result(case, **values)
+        except (json.JSONDecodeError, TypeError, KeyError, AttributeError):
+            return None
+
+
+def finite(value):
+    """The same without numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {key: finite(x) for key, x in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(x) for x in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
+
+
+def law_digest() -> str:
+    """Twelve digits that change with the source of the controller or of the attacks."""
+    package, here = Path(crar_drake.__file__).parent, Path(__file__).parent
+    folders = [package / part for part in ("control", "equations", "robot")]
+    digest = hashlib.sha256()
+    for folder in [*folders, here]:
+        for path in sorted(folder.rglob("*.py")):
+            if path != here / "report.py":
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def make_cases(
+    robots: Sequence[str] = ROBOTS,
+    attacks: Sequence[str] = tuple(ATTACKS),
+    periods: Sequence[float] = PERIODS,
+    plants: Sequence[str] = ("exact",),
+    **settings,
+) -> list[Case]:
+    """Every combination that there is.
+
+    Only robots with prescribed joints have moving obstacles, and the whole diagram
+    has no source of nominal postures.
+    """
+    return [
+        Case(robot, attack, period, plant, **settings)
+        for plant in plants
+        for robot in robots
+        for period in periods
+        for attack in attacks
+        if not (attack == "moving" and robot == "obstacle_arm")
+        and not (attack == "posture" and plant == "torque")
+    ]
+
+
+def read_results(path: Path, law: str) -> dict[Case, Result]:
+    """Results of earlier runs against the same law, by case; without failed ones."""
+    if not path.is_file():
+        return {}
+    parsed = (Result.parse(line) for line in path.read_text().splitlines())
+    return {r.case: r for r in parsed if r and r.law == law and not r.error}
+
+
+def merged(cases: Iterable[Case], results: dict[Case, Result]) -> list[Result]:
+    """The results of these cases, in their order."""
+    return [results[case] for case in cases if case in results]

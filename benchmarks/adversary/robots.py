@@ -1,0 +1,94 @@
+"""The robots that are attacked, each with the tasks that it is attacked through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from benchmarks.adversary.judge import Judge
+from crar_drake.errors import CrarError
+from crar_drake.nearest import nearest
+from crar_drake.robot.description import RobotDescription, load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
+
+# Shipped or imported robots; the jaw is the adversary's own.
+ROBOTS = ("upper_body", "obstacle_arm", "g1", "talos", "jaw")
+_OWN = {"jaw": Path(__file__).parent / "jaw"}
+
+
+def _poses(*frames: str) -> list[Task]:
+    return [Task(frame=frame, kind="pose", orientation_weight=0.3) for frame in frames]
+
+
+_HUMANOID = {
+    "wrists": position_tasks(EXPERIMENTS["wrists"]),  # m < n
+    "points": position_tasks(EXPERIMENTS["upper-body"]),  # m > n
+}
+TASKS = {
+    "upper_body": _HUMANOID | {"poses": _poses("left_wrist", "right_wrist")},
+    "g1": _HUMANOID | {"poses": _poses("left_hand", "right_hand")},
+    "talos": _HUMANOID | {"poses": _poses("left_wrist", "right_wrist")},
+    "obstacle_arm": {
+        "pose": _poses("tool"),
+        "position": position_tasks(["tool"]),
+    },
+    "jaw": {"position": position_tasks(["hand"]), "pose": _poses("hand")},
+}
+
+
+@dataclass
+class Subject:
+    """A robot under attack.
+
+    Attributes:
+        name: of the robot.
+        description: of it.
+        judge: of its states, on a plant of its own.
+        models: by the name of a task set; filled when first asked for.
+    """
+
+    name: str
+    description: RobotDescription
+    judge: Judge
+    models: dict[str, ControlModel] = field(default_factory=dict)
+
+    def task_set(self, episode: int) -> str:
+        """The task sets take turns."""
+        names = list(TASKS[self.name])
+        return names[episode % len(names)]
+
+    def model(self, task_set: str) -> ControlModel:
+        """The control model with these tasks."""
+        if task_set not in self.models:
+            self.models[task_set] = ControlModel.FromDescription(
+                self.description, TASKS[self.name][task_set]
+            )
+        return self.models[task_set]
+
+
+_SUBJECTS: dict[str, Subject] = {}
+
+
+def load_subject(robot: str) -> Subject:
+    """The robot of that name, made once per process.
+
+    Raises:
+        CrarError: there is no such robot here, or it is not imported yet.
+    """
+    if robot not in ROBOTS:
+        raise CrarError(f"robot {robot!r} is not attacked here{nearest(robot, ROBOTS)}")
+    if robot not in _SUBJECTS:
+        description = load_robot_description(_OWN.get(robot, robot))
+        # A model of its own, so that nothing is shared with the controller's.
+        own = ControlModel.FromDescription(
+            description, next(iter(TASKS[robot].values()))
+        )
+        judge = Judge(
+            own.plant,
+            own.scene_graph,
+            description.pairs,
+            [name for name in own.prescribed_names],
+        )
+        _SUBJECTS[robot] = Subject(robot, description, judge)
+    return _SUBJECTS[robot]

@@ -1,0 +1,117 @@
+"""States to start in: whatever is clear, by the adversary's own judge."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.adversary.judge import Judge
+from crar_drake.errors import CrarError
+from crar_drake.robot.model import ControlModel
+
+POSE_CLEARANCE = 5e-3  # [m] of a pose at rest
+PATH_CLEARANCE = 2e-3  # [m] of the braking path of a moving start
+FASTEST = 20.0  # [rad/s or m/s] of joints without a speed limit
+LIMIT_GAP = 1e-3  # [rad or m] that starts keep from limits
+_BATCH = 64
+
+
+def random_poses(
+    model: ControlModel, judge: Judge, rng: np.random.Generator, count: int
+) -> np.ndarray:
+    """Clear poses (count, nq), anywhere within the limits; prescribed joints rest.
+
+    Raises:
+        CrarError: hardly any pose is clear.
+    """
+    rest = model.rest_positions()
+    c = model.controlled
+    lower = np.maximum(judge.lower + LIMIT_GAP, rest[c] - np.pi)
+    upper = np.minimum(judge.upper - LIMIT_GAP, rest[c] + np.pi)
+    found = []
+    for _ in range(200):
+        q = np.tile(rest, (_BATCH, 1))
+        # Some near the rest posture, which is where robots are.
+        spread = rng.choice([0.3, 1.0], size=(_BATCH, 1))
+        middle = np.clip(rest[c], lower, upper)
+        q[:, c] = middle + spread * (
+            rng.uniform(lower, upper, (_BATCH, len(c))) - middle
+        )
+        found.extend(q[judge.nearest(q)[0] > POSE_CLEARANCE])
+        if len(found) >= count:
+            return np.array(found[:count])
+    raise CrarError("hardly any pose of the robot is clear: is its model right?")
+
+
+def at_rest(
+    model: ControlModel, judge: Judge, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """The rest posture, if it is clear, or a random pose; without velocity."""
+    q = model.rest_positions()
+    v = np.zeros(len(q))
+    if rng.random() < 0.5 or not judge.path_is_clear(q, v, 0.0, POSE_CLEARANCE):
+        q = random_poses(model, judge, rng, 1)[0]
+    return q, v
+
+
+def fast(
+    model: ControlModel, judge: Judge, rng: np.random.Generator, horizon: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A state that is as fast as its braking path, dense in samples, allows.
+
+    Along a random direction the velocity grows until the path comes within
+    PATH_CLEARANCE of a contact, or a speed or position limit; of several, the one
+    whose joints are fastest, or the one whose path comes nearest to a contact.
+    """
+    c = judge.controlled
+    fastest = np.minimum(judge.fastest, FASTEST)
+    shares = np.linspace(0.0, 1.0, 81)
+    best_q, best_v = at_rest(model, judge, rng)
+    best, nearest_counts = -np.inf, rng.random() < 0.5
+    for q in random_poses(model, judge, rng, 8):
+        v = np.zeros(len(q))
+        v[c] = fastest * rng.uniform(-1.0, 1.0, len(c))
+        v[c] *= rng.choice([1.0, 0.2], size=len(c))
+        path = q + horizon * shares[:, None] * v
+        x = path[:, c]
+        d, _ = judge.nearest(path)
+        clear = d >= PATH_CLEARANCE
+        clear &= np.all(x >= judge.lower + 0.5 * LIMIT_GAP, axis=1)
+        clear &= np.all(x <= judge.upper - 0.5 * LIMIT_GAP, axis=1)
+        reached = len(shares) if clear.all() else int(np.argmin(clear))
+        last = max(reached - 1, 0)
+        v *= shares[last]
+        value = -d[: last + 1].min() if nearest_counts else np.abs(v[c]).sum()
+        if value > best and judge.path_is_clear(q, v, horizon, 0.9 * PATH_CLEARANCE):
+            best, best_q, best_v = value, q, v
+    return best_q, best_v
+
+
+def singular(
+    model: ControlModel, judge: Judge, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """A clear pose in which the task Jacobian has as small a singular value as found.
+
+    Joints are moved to 0 (where arms are stretched and axes of shoulders and wrists
+    are in line) or to random places, one by one, as long as the value shrinks.
+    """
+    c = model.controlled
+    workspace = model.MakeWorkspace()
+    v = np.zeros(model.plant.num_velocities())
+
+    def smallest(q: np.ndarray) -> float:
+        J = model.evaluate(workspace, q, v).J
+        return float(np.linalg.svd(J, compute_uv=False)[-1])
+
+    poses = random_poses(model, judge, rng, 12)
+    q = min(poses, key=smallest)
+    value = smallest(q)
+    lower = np.maximum(judge.lower + LIMIT_GAP, -np.pi)
+    upper = np.minimum(judge.upper - LIMIT_GAP, np.pi)
+    for i in np.concatenate([rng.permutation(len(c)) for _ in range(3)]):
+        for x in (0.0, rng.uniform(lower[i], upper[i])):
+            other = q.copy()
+            other[c[i]] = np.clip(x, lower[i], upper[i])
+            better = smallest(other)
+            if better < value and judge.path_is_clear(other, v, 0.0, POSE_CLEARANCE):
+                q, value = other, better
+    return q, v

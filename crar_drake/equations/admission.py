@@ -1,0 +1,494 @@
+"""The admission of a control step: its braking path stays clear (A1)-(A6).
+
+Under q_ddot = -q_dot/T the robot moves on the straight line in joint space from q to
+q_s = q + T q_dot: its *braking path*. A state is *clear* if every watched pair of
+shapes keeps a floor on the whole path, and q_s is within the joint limits. Braking
+leads from a clear state to a clear one, whose path is part of the first. So a step is
+admitted only if the next state is clear, too: as the law wishes it, else corrected,
+else scaled towards braking, which always is. `docs/lookahead.md` has theorem and proof.
+
+Clear is found for the whole of a path, by bounds and not by samples: two capsules are
+at least as far apart as their shadows on any fixed direction, and how a shadow moves
+is known to the second order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.equations.capsule_distances import CapsuleSizes, nearest_points
+from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.kinematics import (
+    Robot,
+    joint_motion,
+    link_poses,
+    place_points,
+)
+from crar_drake.equations.prediction import next_state
+from crar_drake.equations.vectors import cross_rows, dot_rows, product, times
+
+# How a step was admitted.
+AS_WISHED = 0.0
+CORRECTED = 1.0
+SCALED = 2.0
+
+# A path is halved so often before a pair that is not shown to be clear counts as not.
+_HALVINGS = 7
+# Where a pair is known not to be clear, the worst place is sought among so many halves.
+_SEARCHED = 4
+# A wish is scaled to one of 2^this shares.
+_BISECTIONS = 6
+_FAR = 1e3  # [m] a bound for what nobody asks
+
+
+class Reaches(NamedTuple):
+    """How far each joint can move the shapes of Np pairs; joints as in `Robot.order`.
+
+    Made by `robot.reach.find_reaches`, from the robot's shapes and joints alone.
+    """
+
+    a_alone: np.ndarray  # (Np, nv) 1 where a joint moves the pair's first shape alone
+    b_alone: np.ndarray  # (Np, nv) and its second
+    a: np.ndarray  # (Np, nv) farthest that a's axis can be from the joint's [m/rad, 1]
+    b: np.ndarray  # (Np, nv) both 0 where the joint does not move the shape alone
+    farthest: np.ndarray  # (Np, nv) a + b
+    above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
+    rows: np.ndarray  # (Np,) the row of each pair among those of `State.d`
+
+
+class Bounds(NamedTuple):
+    """What `path_bounds` found of Np pairs.
+
+    Attributes:
+        low: (Np,) no distance on the path is smaller [m]; what is below the level
+            asked for is a guess.
+        at: (Np,) where on the path, in [0, 1], a pair is not clear; -1 where it is.
+        d: (Np,) the distance there [m].
+    """
+
+    low: np.ndarray
+    at: np.ndarray
+    d: np.ndarray
+
+
+@compiled
+def next_rest(
+    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, period: float, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(A1): q' and q'_s, one period on, if q_ddot = (s - q_dot)/T is held.
+
+    With e = period (period + step) / (2 T), where the plant moves in steps of that
+    length by the semi-implicit Euler rule (0: it moves continuously),
+
+        q' = q + (period - e) q_dot + e s,
+        q'_s = q + (T - e) q_dot + (period + e) s.
+
+    Args:
+        q, v, s: (nv,) state, and velocity of q_s.
+        T: braking horizon [s].
+        period: of the controller [s].
+        step: of the plant [s], at most the period.
+    """
+    q_next, v_next = next_state(q, v, (s - v) / T, period, step)
+    return q_next, q_next + T * v_next
+
+
+@compiled
+def velocity_bounds(
+    q: np.ndarray,
+    v: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    fastest: np.ndarray,
+    T: float,
+    period: float,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(A2): the s that keep q'_s within the joint limits and q_dot' within the speeds.
+
+    Limits that the braking path passes already count as where it ends, speeds that
+    are exceeded as what braking leaves of them: s = 0 is always among these.
+
+    Args:
+        q, v: (n,) state of the controlled joints.
+        lower, upper: (n,) limits [rad], infinite where there is none.
+        fastest: (n,) speed limits [rad/s], infinite where there is none.
+        T, period, step: see `next_rest`.
+
+    Returns:
+        (n,), (n,) smallest and largest s, of either sign [rad/s].
+    """
+    e = 0.5 * period * (period + step) / T
+    ends = q + T * v
+    lower = np.minimum(lower, np.minimum(q, ends))
+    upper = np.maximum(upper, np.maximum(q, ends))
+    base = q + (T - e) * v
+    fastest = np.maximum(fastest, np.abs(v) * (1.0 - period / T))
+    per_speed = T / period
+    low = np.maximum((lower - base) / (period + e), v - per_speed * (fastest + v))
+    high = np.minimum((upper - base) / (period + e), v + per_speed * (fastest - v))
+    return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+
+@compiled
+def path_curvature(x: np.ndarray, reaches: Reaches) -> np.ndarray:
+    """(A3): the largest acceleration of a pair's shapes to each other, (Np,) [m].
+
+    If all joints move at the constant rates x, a point that joints i carry moves with
+    the acceleration sum x_i^2 a_i x (a_i x r_i) + 2 sum_(j above i) x_j x_i a_j x
+    (a_i x r_i), r_i from joint i's axis to the point: at most
+
+        sum_i |x_i| rho_i (|x_i| + 2 sum_(j above i) |x_j|),    rho_i >= |a_i x r_i|.
+
+    Seen from what carries both shapes only the joints count that move one alone.
+
+    Args:
+        x: (nv,) what each joint moves on the path [rad, m].
+        reaches: of the pairs.
+    """
+    speed = np.abs(x)
+    own = reaches.a * speed
+    before = product(reaches.a_alone * speed, np.ascontiguousarray(reaches.above.T))
+    curvature = (own * (speed + 2.0 * before)).sum(axis=1)
+    own = reaches.b * speed
+    before = product(reaches.b_alone * speed, np.ascontiguousarray(reaches.above.T))
+    return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
+
+
+@compiled
+def shadow_gap(
+    n: np.ndarray,
+    p_a: np.ndarray,
+    u: np.ndarray,
+    a: np.ndarray,
+    p_b: np.ndarray,
+    v: np.ndarray,
+    b: np.ndarray,
+    half: float,
+) -> np.ndarray:
+    """(A4): how far the shadows of two moving segments on n are apart, less curvature.
+
+    Each end's shadow n . p moves at n . p_dot to the first order. The gap between two
+    segments, the smallest of four differences, is then concave in time, and smallest
+    where the time begins or ends.
+
+    Args:
+        n: (k, 3) unit directions.
+        p_a, u: (k, 3) where the axes of a start, and from there to their ends [m].
+        a: (k, 6) spatial velocities about the world's origin, for a unit of time.
+        p_b, v, b: likewise.
+        half: the time is within [-half, half].
+
+    Returns:
+        (k,) a bound from below, to the first order [m].
+    """
+    w_a, w_b = a[:, :3], b[:, :3]
+    a_0, b_0 = dot_rows(n, p_a), dot_rows(n, p_b)
+    a_1, b_1 = a_0 + dot_rows(n, u), b_0 + dot_rows(n, v)
+    da_0 = half * dot_rows(n, a[:, 3:] + cross_rows(w_a, p_a))
+    db_0 = half * dot_rows(n, b[:, 3:] + cross_rows(w_b, p_b))
+    da_1 = da_0 + half * dot_rows(n, cross_rows(w_a, u))
+    db_1 = db_0 + half * dot_rows(n, cross_rows(w_b, v))
+    return np.minimum(
+        np.minimum(a_0 - da_0, a_1 - da_1) - np.maximum(b_0 - db_0, b_1 - db_1),
+        np.minimum(a_0 + da_0, a_1 + da_1) - np.maximum(b_0 + db_0, b_1 + db_1),
+    )
+
+
+@compiled
+def place_all(q: np.ndarray, r: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """All points (P, 3) and S (6, nv) at one configuration (nv,)."""
+    in_plant = np.empty((1, len(q)))
+    for i in range(len(q)):
+        in_plant[0, r.order[i]] = q[i]
+    points = place_points(link_poses(in_plant, r.tree.value), r.selection, r.first)
+    return points[0], joint_motion(points[:, : 3 * len(q)])[0]
+
+
+@compiled
+def sizes_of(sizes: CapsuleSizes, pairs: np.ndarray) -> CapsuleSizes:
+    """Of some pairs."""
+    return CapsuleSizes(
+        sizes.uu[pairs],
+        sizes.vv[pairs],
+        sizes.per_uu[pairs],
+        sizes.per_vv[pairs],
+        sizes.uu_vv[pairs],
+        sizes.radii[pairs],
+    )
+
+
+@compiled
+def path_bounds(
+    start: np.ndarray,
+    x: np.ndarray,
+    level: np.ndarray,
+    asked: np.ndarray,
+    r: Robot,
+    reaches: Held,
+) -> Bounds:
+    """(A5): whether pairs keep a level on the whole path from `start` to `start` + x.
+
+    In the middle of the path, and where that does not say it in the middle of its
+    halves and so on, the gap of a pair's shadows on the line of its shortest distance,
+    (A4), less curvature (A3) times half^2 / 2, bounds all distances of that part.
+
+    Args:
+        start, x: (nv,) where the path begins, and where it leads from there.
+        level: (Np,) distances to be kept [m].
+        asked: (Np,) bool, of which pairs.
+        r: with the pairs of shapes in the first half of its `pairs`.
+        reaches: holds `Reaches` of the pairs.
+    """
+    pairs, of, count = r.pairs.value, reaches.value, len(level)
+    low, seen = np.full(count, _FAR), np.full(count, _FAR)
+    at = np.full(count, -1.0)
+    if not asked.any():
+        return Bounds(low, at, seen)
+    curvature = path_curvature(x, of)
+    open_ = asked.reshape(1, -1)
+    for halving in range(_HALVINGS + 1):
+        parts, half = len(open_), 0.5 / len(open_)
+        below = np.zeros((2 * parts, count), dtype=np.bool_)
+        for part in range(parts):
+            some = np.flatnonzero(open_[part])
+            if not len(some):
+                continue
+            t = (2 * part + 1) * half
+            points, S = place_all(start + t * x, r)
+            p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
+            p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
+            d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
+            own = np.ascontiguousarray((S * x).T)
+            a = product(of.a_alone[some], own)
+            b = product(of.b_alone[some], own)
+            bound = shadow_gap(n, p_a, u, a, p_b, v, b, half)
+            bound -= pairs.sizes.radii[some] + 0.5 * half * half * curvature[some]
+            for k in range(len(some)):
+                pair = some[k]
+                if bound[k] >= level[pair]:
+                    low[pair] = min(low[pair], bound[k])
+                    continue
+                last = halving == _HALVINGS
+                if d[k] < level[pair] or last:
+                    low[pair] = min(low[pair], d[k])
+                    if d[k] < seen[pair]:
+                        at[pair], seen[pair] = t, d[k]
+                    last = last or halving >= _SEARCHED
+                if not last:
+                    below[2 * part, pair] = True
+                    below[2 * part + 1, pair] = True
+        # Where a pair is known to fail, only the worst place is still of interest.
+        if halving >= _SEARCHED:
+            for pair in range(count):
+                if at[pair] >= 0.0:
+                    below[:, pair] = False
+        open_ = below
+        if not open_.any():
+            break
+    return Bounds(low, at, seen)
+
+
+@compiled
+def gradients_at(
+    start: np.ndarray, x: np.ndarray, bounds: Bounds, r: Robot, reaches: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. (20) of the pairs that are not clear, where they are not: (k,), (k, nv).
+
+    Args:
+        start, x: of the path.
+        bounds: of it.
+        r, reaches: as in `path_bounds`.
+
+    Returns:
+        The pairs, and their gradients [m/rad or 1].
+    """
+    pairs, of = r.pairs.value, reaches.value
+    failed = np.flatnonzero(bounds.at >= 0.0)
+    g = np.zeros((len(failed), len(start)))
+    for k in range(len(failed)):
+        some = failed[k : k + 1]
+        points, S = place_all(start + bounds.at[some[0]] * x, r)
+        _, n, p, _ = nearest_points(
+            points[pairs.start_a[some]],
+            points[pairs.vector_a[some]],
+            points[pairs.start_b[some]],
+            points[pairs.vector_b[some]],
+            sizes_of(pairs.sizes, some),
+        )
+        moves = pairs.moves[of.rows[some]]
+        found = distance_gradient_about_origin(
+            n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves
+        )
+        g[k] = found[0, 0]
+    return failed, g
+
+
+@compiled
+def travel(x: np.ndarray, reaches: Held) -> np.ndarray:
+    """(A6): how much joints that move by |x_j| can change the distances, (Np,) [m]."""
+    return times(reaches.value.farthest, np.abs(x))
+
+
+class AdmissionGains(NamedTuple):
+    """The numbers of the admission, see `LookaheadParameters`."""
+
+    T: float  # braking horizon [s]
+    period: float  # of the controller [s]
+    step: float  # of the plant [s], 0 if it moves continuously
+    floor: float  # the distance that pairs keep on every braking path [m]
+
+
+class Present(NamedTuple):
+    """What is known of the present braking path.
+
+    Attributes:
+        low: (Np,) no distance on it is smaller [m]; a guess where a pair is not clear.
+        level: (Np,) the floor; where a pair is not clear, the smallest distance seen.
+        held: whether every pair is clear.
+    """
+
+    low: np.ndarray
+    level: np.ndarray
+    held: bool
+
+
+@compiled
+def examine_present(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    d: np.ndarray,
+    r: Robot,
+    reaches: Held,
+    gains: AdmissionGains,
+) -> Present:
+    """The present braking path, as closely as a step of the velocity s needs it.
+
+    Args:
+        q, v: (nv,) state.
+        s: (nv,) the wish.
+        d: (2, Nr) distances of all rows at q and at q_s [m].
+        r, reaches: of the robot.
+        gains: of the admission.
+    """
+    x = gains.T * v
+    ends = d[:, reaches.value.rows]
+    low = 0.5 * (ends[0] + ends[1] - travel(x, reaches))
+    level = np.full(len(low), gains.floor)
+    needed = gains.floor + travel(farther(s, gains) * s, reaches)
+    found = path_bounds(q, x, level, low < needed, r, reaches)
+    for pair in range(len(low)):
+        if found.low[pair] < _FAR:
+            low[pair] = max(low[pair], found.low[pair])
+        if found.at[pair] >= 0.0:
+            low[pair] = level[pair] = min(found.d[pair], gains.floor)
+    return Present(low, level, not (found.at >= 0.0).any())
+
+
+@compiled
+def farther(s: np.ndarray, gains: AdmissionGains) -> float:
+    """(A6): the next braking path is nowhere farther than this times s from the present
+    one, period + e of `next_rest` [s]."""
+    return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
+
+
+class Checked(NamedTuple):
+    """What a step of some velocity s leads to.
+
+    Attributes:
+        clear: whether every pair keeps its level on the way and on the next path.
+        clearance: no distance there is smaller, if it is clear [m].
+        start, x: (nv,) the next braking path.
+        bounds: of it.
+    """
+
+    clear: bool
+    clearance: float
+    start: np.ndarray
+    x: np.ndarray
+    bounds: Bounds
+
+
+@compiled
+def check_step(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    present: Present,
+    r: Robot,
+    reaches: Held,
+    gains: AdmissionGains,
+) -> Checked:
+    """Whether s leads to a state that is clear, on a way that is.
+
+    The next path, and the way to it, are near the present path (A6), which is all that
+    most pairs need. For the others both are examined. The way is a parabola: off its
+    chord by at most |q_ddot| period^2 / 8 at its own pace, and by |q_dot| period / 4 at
+    that of the square of time. Of pairs that are not clear only the next path is asked:
+    else a robot that rests in a penetration could never leave it.
+
+    Args:
+        q, v, s: (nv,) state, and velocity of q_s.
+        present: of the state.
+        r, reaches: of the robot.
+        gains: of the admission.
+    """
+    T, period, level = gains.T, gains.period, present.level
+    start, rest = next_rest(q, v, s, T, period, gains.step)
+    near = present.low - travel(farther(s, gains) * s, reaches)
+    x = rest - start
+    bounds = path_bounds(start, x, level, near < level, r, reaches)
+    clear = not (bounds.at >= 0.0).any()
+    clearance = _FAR
+    for pair in range(len(level)):
+        clearance = min(
+            clearance,
+            max(near[pair], bounds.low[pair])
+            if bounds.low[pair] < _FAR
+            else near[pair],
+        )
+    if clear:
+        e = 0.5 * period * (period + gains.step) / T
+        on_way = present.low - travel(e * s, reaches)
+        # A pair that is not clear now may be nearest where the way begins.
+        asked = (on_way < level) & (level >= gains.floor)
+        if asked.any():
+            off = np.minimum(
+                travel((s - v) * (period * period / (8.0 * T)), reaches),
+                travel(v * (0.25 * period), reaches),
+            )
+            way = path_bounds(q, start - q, level + off, asked, r, reaches)
+            clear = not (way.at >= 0.0).any()
+    return Checked(clear, clearance, start, x, bounds)
+
+
+@compiled
+def scale_step(
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    present: Present,
+    r: Robot,
+    reaches: Held,
+    gains: AdmissionGains,
+) -> tuple[float, float]:
+    """The largest share of s, of 2^-6 multiples, that bisection finds to be clear.
+
+    Braking, the share 0, leads to a part of the present path, and needs no check.
+
+    Returns:
+        The share, and the clearance that goes with it [m].
+    """
+    clear, failed, clearance = 0.0, 1.0, present.low.min() if len(present.low) else _FAR
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (clear + failed)
+        checked = check_step(q, v, share * s, present, r, reaches, gains)
+        if checked.clear:
+            clear, clearance = share, checked.clearance
+        else:
+            failed = share
+    return clear, clearance

@@ -1,0 +1,42 @@
+"""Where the plant will be one control period on, if it does as told."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.compilation import compiled
+
+
+@compiled
+def next_state(
+    q: np.ndarray, v: np.ndarray, vdot: np.ndarray, period: float, plant_step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The state that an acceleration leads to which is held for a control period.
+
+    With D = period and d = plant_step,
+
+        v' = v + D a,        q' = q + D v + D (D + d) / 2 a.
+
+    A discrete plant of Drake's takes semi-implicit Euler steps: v_k = v + k d a, then
+    q_k = q_(k-1) + d v_k. The sum of k from 1 to N = D / d is N (N + 1) / 2, and
+    d^2 N (N + 1) / 2 = D (D + d) / 2. With d = 0 it is the parabola of a continuous
+    plant; with d = D it is q' = q + D v'.
+
+    Limits: exact where the plant's step divides the period, the plant is the control
+    model, and the torque follows the state at each of the plant's steps, as it does
+    where `CrarParameters.torque_period` is the plant's step.
+
+    Args:
+        q, v: (n,) positions and velocities [rad, rad/s].
+        vdot: (n,) accelerations [rad/s^2].
+        period: of the controller [s].
+        plant_step: time step of the discrete plant, 0 for a continuous one [s]; one
+            that is longer than the period counts as the period.
+
+    Returns:
+        (n,) q' and (n,) v'.
+    """
+    v_next = v + period * vdot
+    # Such that no rounding tells it from q + D v' where the steps are the periods.
+    ahead = 0.5 * (period - min(plant_step, period))
+    return q + period * (v_next - ahead * vdot), v_next

@@ -1,0 +1,530 @@
+"""The adversary: its judge is right, its attacks are sound, a bad law is caught."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.adversary import __main__ as command
+from benchmarks.adversary.attacks import ATTACKS, GAINS, make_episode
+from benchmarks.adversary.cases import Case, Result, law_digest, make_cases
+from benchmarks.adversary.drive import drive_exact, drive_torque
+from benchmarks.adversary.judge import segment_distances
+from benchmarks.adversary.robots import load_subject
+from benchmarks.adversary.run import play, run_case
+from benchmarks.adversary.starts import POSE_CLEARANCE, fast, random_poses, singular
+from benchmarks.adversary.targets import approach, chirp, waves
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.results.referee import Referee
+from crar_drake.robot.description import find_body
+
+ROBOTS = ("upper_body", "obstacle_arm", "jaw")  # those that need no import
+
+
+def anywhere(model, rng, count):
+    """Poses within and beyond limits, prescribed joints moved, too."""
+    q = rng.uniform(-2.9, 2.9, (count, model.plant.num_positions()))
+    q[:, model.prescribed] *= 0.1
+    return q
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_judge_agrees_with_scene_graph(robot):
+    """Distances by Drake's geometry engine and kinematics, shape by shape."""
+    subject = load_subject(robot)
+    model = subject.model(subject.task_set(0))
+    q = anywhere(model, np.random.default_rng(3), 80)
+    ours = subject.judge.distances(q)
+    workspace = model.MakeWorkspace()
+    port = model.scene_graph.get_query_output_port()
+    ids = [
+        (a, b)
+        for first, second in model.description.pairs
+        for a in shapes(model, first)
+        for b in shapes(model, second)
+    ]
+    theirs = np.empty_like(ours)
+    for k, q_k in enumerate(q):
+        model.plant.SetPositions(workspace.plant_context, q_k)
+        query = port.Eval(workspace.scene_graph_context)
+        theirs[k] = [
+            query.ComputeSignedDistancePairClosestPoints(*pair).distance for pair in ids
+        ]
+    # The engine's nearest points are points of the shapes, so that its distance is
+    # never too small; where its iterations end early it is somewhat too large.
+    beyond = theirs - ours
+    assert beyond.min() > -1e-9
+    assert np.quantile(beyond, 0.9) < 1e-5
+    assert beyond[theirs < 2e-3].max() < 3e-5
+    assert (theirs < 0.0).sum() > 3 and (theirs > 0.0).sum() > 200
+
+
+def shapes(model, name):
+    body = find_body(model.plant, name)
+    return model.plant.GetCollisionGeometriesForBody(body)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_judge_agrees_with_the_referee_inside_as_well(robot):
+    subject = load_subject(robot)
+    model = subject.model(subject.task_set(0))
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    q = anywhere(model, np.random.default_rng(4), 60)
+    d, pair = subject.judge.nearest(q)
+    expected = np.array([referee.distances(q_k).min() for q_k in q])
+    np.testing.assert_allclose(d, expected, atol=1e-9)
+    assert (expected < 0.0).any() and (expected > 0.0).any()
+    all_of_them = subject.judge.distances(q)
+    np.testing.assert_allclose(all_of_them[np.arange(60), pair], d, atol=1e-12)
+    excess = subject.judge.excess(q)
+    both = np.array([referee.limit_excess(q_k) for q_k in q])[:, model.controlled]
+    np.testing.assert_array_equal(excess, both)
+    assert excess.max() > 0.0
+
+
+def test_distances_of_segments_in_their_special_cases():
+    """Crossing, parallel, in line, a point, and nearly parallel, by hand."""
+    cases = [
+        # a0, a1, b0, b1, distance
+        ((-1, 0, 0), (1, 0, 0), (0, -1, 0.3), (0, 1, 0.3), 0.3),
+        ((0, 0, 0), (1, 0, 0), (0.5, 0.2, 0), (2, 0.2, 0), 0.2),
+        ((0, 0, 0), (1, 0, 0), (1.5, 0, 0), (2, 0, 0), 0.5),
+        ((0, 0, 0), (0, 0, 0), (3, 4, 0), (3, 4, 0), 5.0),
+        ((0.5, 1, 0), (0.5, 1, 0), (0, 0, 0), (1, 0, 0), 1.0),
+        ((0, 0, 0), (1, 0, 0), (0, 0.1, 0), (1, 0.1 + 1e-8, 0), 0.1),
+        ((-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), 0.0),
+    ]
+    ends = [np.array([case[i] for case in cases], dtype=float) for i in range(4)]
+    expected = np.array([case[4] for case in cases])
+    np.testing.assert_allclose(segment_distances(*ends), expected, atol=1e-7)
+
+
+def test_distances_of_segments_are_the_smallest_there_is():
+    rng = np.random.default_rng(5)
+    a0, a1, b0, b1 = rng.normal(size=(4, 300, 3))
+    s = np.linspace(0.0, 1.0, 101)
+    a = a0[:, None] + s[:, None] * (a1 - a0)[:, None]
+    b = b0[:, None] + s[:, None] * (b1 - b0)[:, None]
+    brute = np.linalg.norm(a[:, :, None] - b[:, None], axis=3).min(axis=(1, 2))
+    d = segment_distances(a0, a1, b0, b1)
+    assert (d <= brute + 1e-12).all()
+    assert (brute - d).max() < 0.05  # the grid's width
+
+
+def test_judge_counts_states_limits_speeds_and_paths():
+    subject = load_subject("jaw")
+    judge, model = subject.judge, subject.model("position")
+    rest = model.rest_positions()
+    q, v = np.tile(rest, (5, 1)), np.zeros((5, len(rest)))
+    c = list(judge.joint_names).index("elbow")
+    column = judge.controlled[c]
+    q[1, column] = judge.upper[c] + 0.01  # a position limit
+    v[2, column] = -1.5 * judge.fastest[c]  # a speed limit
+    left = model.position_names.index("left_slide")
+    q[3, left] -= 0.3  # the post is in the hand's place, or beyond
+    q[3, :] = posts_on_hand(model, judge, rest)
+    verdict = judge.judge(q, v, 0.03, np.random.default_rng(0), share=1.0)
+    assert verdict.states == 5 and verdict.paths == 5
+    assert verdict.penetrating == 1 and verdict.clearance < 0.0
+    assert verdict.beyond_limit == 1 and verdict.joint == "elbow"
+    assert verdict.excess == pytest.approx(0.01)
+    assert verdict.too_fast == 1 and verdict.overspeed == pytest.approx(1.5)
+    assert verdict.first == 1 and verdict.unsafe
+    # Braking alone: at rest all is well, a fast slide goes through the hand.
+    v = np.zeros((1, len(rest)))
+    still = judge.judge(rest[None], v, 0.03, np.random.default_rng(0))
+    assert not still.violated and still.path_clearance > 0.0
+    v[0, column] = (judge.upper[c] - rest[column] + 0.1) / 0.5
+    ahead = judge.judge(rest[None], v, 0.5, np.random.default_rng(0))
+    assert ahead.ahead == 1 and ahead.beyond_limit == 0 and ahead.unsafe
+
+
+def posts_on_hand(model, judge, rest):
+    """The jaw with a post through its hand: found by sliding it along."""
+    poses = random_poses(model, judge, np.random.default_rng(0), 40)
+    left = model.position_names.index("left_slide")
+    for q in poses:
+        slid = np.tile(q, (200, 1))
+        slid[:, left] = np.linspace(-0.5, 0.5, 200)
+        d, _ = judge.nearest(slid)
+        if d.min() < -0.02:
+            return slid[d.argmin()]
+    raise AssertionError("no pose was found")
+
+
+@pytest.mark.parametrize("motion", ["waves", "chirp", "approach"])
+def test_targets_have_the_derivatives_of_their_formula(motion):
+    time = np.linspace(0.0, 1.0, 20001)
+    rng = np.random.default_rng(1)
+    amplitude = rng.uniform(0.1, 0.3, (2, 3))
+    if motion == "waves":
+        path = waves(time, amplitude[..., None], rng.uniform(1, 4, (2, 3, 1)), 0.3)
+    elif motion == "chirp":
+        path = chirp(time, amplitude, 0.5, 6.0, 0.3)
+    else:
+        path = approach(time, amplitude, -amplitude, 0.7)
+    for k in (0, 1):
+        slope = np.gradient(path[k], time, axis=0, edge_order=2)
+        np.testing.assert_allclose(
+            slope, path[k + 1], atol=2e-3 * abs(path[k + 1]).max()
+        )
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_attacks_start_clear_and_have_targets_of_the_right_size(robot, attack):
+    subject = load_subject(robot)
+    for seed in range(3):
+        model = subject.model(subject.task_set(seed))
+        if attack == "moving" and not model.n_p:
+            continue
+        parameters = CrarParameters(period=0.01)
+        episode = make_episode(attack, model, subject.judge, parameters, 50, [seed])
+        assert episode.tasks.shape == (50, model.layout.size)
+        assert episode.prescribed.shape == (50, 3 * model.n_p)
+        assert np.isfinite(episode.prescribed).all()
+        assert episode.posture.shape == (50, model.n if attack == "posture" else 0)
+        lost = np.isnan(episode.tasks).all(axis=1)
+        assert np.isfinite(episode.tasks[~lost]).all()
+        assert lost.any() == (attack == "lost") and not lost.all()
+        quaternions = episode.tasks[~lost][:, model.layout.quaternion_entries.ravel()]
+        lengths = np.linalg.norm(quaternions.reshape(-1, 4), axis=1)
+        np.testing.assert_allclose(lengths, 1.0, atol=1e-9)
+        horizon = episode.parameters.braking_horizon
+        assert subject.judge.path_is_clear(episode.q, episode.v, horizon, 1.5e-3)
+        again = make_episode(attack, model, subject.judge, parameters, 50, [seed])
+        np.testing.assert_array_equal(again.tasks, episode.tasks)
+        np.testing.assert_array_equal(again.q, episode.q)
+        other = make_episode(attack, model, subject.judge, parameters, 50, [seed + 9])
+        assert not np.array_equal(other.tasks, episode.tasks, equal_nan=True)
+
+
+def test_pose_targets_turn_as_their_velocities_say():
+    """The quaternions' differences are the angular velocities."""
+    subject = load_subject("jaw")
+    model = subject.model("pose")
+    parameters = CrarParameters(period=1e-4)
+    episode = make_episode("sine", model, subject.judge, parameters, 2000, [3])
+    unpacked = [model.layout.unpack(row) for row in episode.tasks]
+    R = np.array([x.R[0] for x in unpacked])
+    omega = np.array([x.v[:3] for x in unpacked])
+    skew = np.einsum("kij,klj->kil", np.diff(R, axis=0), R[:-1]) / 1e-4
+    found = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    middle = 0.5 * (omega[1:] + omega[:-1])
+    np.testing.assert_allclose(found, middle, atol=0.02 * np.abs(omega).max())
+
+
+def test_fast_starts_are_fast_and_clear():
+    subject = load_subject("upper_body")
+    model, judge = subject.model("wrists"), subject.judge
+    rng = np.random.default_rng(2)
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    speeds = []
+    for _ in range(6):
+        q, v = fast(model, judge, rng, 1 / 30)
+        speeds.append(np.abs(v).max())
+        path = q + np.linspace(0.0, 1 / 30, 50)[:, None] * v
+        assert referee.violations(path).num_violated == 0
+    assert max(speeds) > 3.0
+
+
+def test_singular_poses_are_singular():
+    subject = load_subject("obstacle_arm")
+    model, judge = subject.model("position"), subject.judge
+    rng = np.random.default_rng(2)
+    workspace = model.MakeWorkspace()
+
+    def smallest(q):
+        J = model.evaluate(workspace, q, np.zeros(len(q))).J
+        return np.linalg.svd(J, compute_uv=False)[-1]
+
+    usual = np.median([smallest(q) for q in random_poses(model, judge, rng, 40)])
+    q, v = singular(model, judge, rng)
+    assert smallest(q) < 0.2 * usual and not v.any()
+    assert judge.nearest(q[None])[0][0] >= POSE_CLEARANCE
+
+
+def test_search_mutates_a_lineage_a_little():
+    subject = load_subject("obstacle_arm")
+    model, parameters = subject.model("position"), CrarParameters(period=0.005)
+    first, second, third = (
+        make_episode("search", model, subject.judge, parameters, 100, lineage).tasks
+        for lineage in ([8], [8, 5], [8, 5, 6])
+    )
+    assert not np.array_equal(first, second) and not np.array_equal(second, third)
+    unlike = make_episode("search", model, subject.judge, parameters, 100, [9]).tasks
+    position = slice(0, model.layout.size_x)
+    assert np.abs(second - first)[:, position].max() < 1.0
+    # Even seeds are at most 1 m/s, odd ones 8 m/s.
+    v = slice(model.layout.size_x, model.layout.size_x + 3)
+    speed = [np.linalg.norm(x[:, v], axis=1).max() for x in (first, second, unlike)]
+    assert max(speed[:2]) <= 1.0 + 1e-9 and speed[2] <= 8.0 + 1e-9
+
+
+def test_gains_stay_in_their_range():
+    subject = load_subject("jaw")
+    model, base = subject.model("position"), CrarParameters(period=0.005)
+    factors = []
+    for seed in range(20):
+        p = make_episode("gains", model, subject.judge, base, 5, [seed]).parameters
+        factors.append([p.K / base.K, p.Kp / base.Kp, p.Gv / base.Gv])
+        factors[-1].append(p.velocity_gain / base.velocity_gain)
+    assert np.min(factors) >= GAINS[0] - 1e-9 and np.max(factors) <= GAINS[1] + 1e-9
+    assert np.max(factors) > 5.0 and np.min(factors) < 0.5
+
+
+@pytest.mark.parametrize("attack", ["sine", "several", "squeeze"])
+def test_a_law_without_constraints_is_caught(attack):
+    result = run_case(Case("upper_body", attack, 0.01, constraints="none", steps=600))
+    assert not result.error and result.violated > 0
+    assert result.penetrating > 0 and result.clearance < -1e-3
+    assert result.worst["step"] is not None and result.unsafe
+
+
+def test_a_law_that_stands_still_is_not_accused(monkeypatch):
+    """Braking from a start at rest cannot violate anything."""
+    from crar_drake.control.law import ControlLaw
+
+    step = ControlLaw.step
+
+    def braking(self, q, v, *targets):
+        solution = step(self, q, v, *targets)
+        period = self.parameters.period
+        v_next = v * (1.0 - period / self.parameters.braking_horizon)
+        return replace(
+            solution, position_command=np.concatenate([q + period * v_next, v_next])
+        )
+
+    monkeypatch.setattr(ControlLaw, "step", braking)
+    for attack in ("teleport", "fast_start", "singular"):
+        result = run_case(Case("jaw", attack, 0.01, steps=300))
+        assert not result.error and not result.unsafe
+        assert result.steps >= 300 and result.paths > 0
+
+
+@pytest.mark.parametrize("attack", ["moving", "fast_start", "wild"])
+def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
+    """The wish of today's law, scaled towards braking until the next path is clear."""
+    from crar_drake.control.law import ControlLaw
+
+    judge, step = load_subject("jaw").judge, ControlLaw.step
+    scaled = []
+
+    def shielded(self, q, v, *targets):
+        solution = step(self, q, v, *targets)
+        T, period = self.parameters.braking_horizon, self.parameters.period
+        wish = np.nan_to_num(solution.acceleration)
+        for share in (1.0, 0.7, 0.4, 0.2, 0.1, 0.05, 0.0):
+            v_next = v + period * (share * wish - (1.0 - share) * v / T)
+            q_next = q + period * v_next
+            there = judge.path_is_clear(q_next, v_next, T, 1e-4)
+            if there and judge.path_is_clear(q, v_next, period, 1e-4):
+                break
+        scaled.append(share)
+        return replace(solution, position_command=np.concatenate([q_next, v_next]))
+
+    monkeypatch.setattr(ControlLaw, "step", shielded)
+    result = run_case(Case("jaw", attack, 0.02, steps=150))
+    assert not result.error and not result.unsafe, result
+    assert result.steps >= 150 and result.paths > 10
+    assert min(scaled) < 1.0  # the attack was one
+
+
+def test_what_the_law_tells_of_its_admission_is_counted(monkeypatch):
+    from crar_drake.control.law import ControlLaw
+
+    step = ControlLaw.step
+    told, counts = iter(np.tile([0.0, 1.0, 1.0, 2.0], 1000)), [0, 0, 0]
+
+    def telling(self, *given):
+        solution = step(self, *given)
+        how = next(told)
+        counts[int(how)] += 1
+        of_mode = {"admission": np.array([how, 1.0, 0.01, float(how != 2.0)])}
+        return replace(solution, of_mode=of_mode)
+
+    monkeypatch.setattr(ControlLaw, "step", telling)
+    result = run_case(Case("jaw", "several", 0.02, steps=80))
+    assert not result.error
+    assert result.admitted == counts and min(counts) > 0
+    assert result.unheld == counts[2]
+
+
+def test_gains_that_the_law_refuses_are_counted(monkeypatch):
+    from benchmarks.adversary import drive
+
+    def refuse(model, parameters):
+        raise ScenarioError("controller.Gv: too high for this period")
+
+    monkeypatch.setattr(drive, "ControlLaw", refuse)
+    result = run_case(Case("jaw", "gains", 0.02, steps=200))
+    assert not result.error and result.episodes == 0 and result.refused > 1
+
+
+@pytest.mark.parametrize("robot, attack", [("jaw", "lost"), ("upper_body", "search")])
+def test_the_same_seed_gives_the_same_bits(robot, attack):
+    subject = load_subject(robot)
+    case = Case(robot, attack, 0.01)
+    finals = []
+    for _ in range(2):
+        _, done = play(case, subject, subject.task_set(0), [4, 2], 60)
+        finals.append(np.concatenate([done.q[-1], done.v[-1]]).tobytes())
+    assert finals[0] == finals[1]
+    _, other = play(case, subject, subject.task_set(0), [5], 60)
+    assert np.concatenate([other.q[-1], other.v[-1]]).tobytes() != finals[0]
+
+
+def test_a_case_gives_the_same_figures_alone_and_again():
+    case = Case("jaw", "search", 0.02, steps=60)
+    first, second = run_case(case), run_case(case)
+    assert first.episodes == 4
+    first.wall = second.wall = 0.0
+    assert first == second
+
+
+def test_the_whole_diagram_starts_and_moves_as_the_episode_says():
+    subject = load_subject("jaw")
+    model = subject.model("position")
+    parameters = CrarParameters(period=0.005)
+    episode = make_episode("fast_start", model, subject.judge, parameters, 10, [1])
+    done = drive_torque(model, episode)
+    ideal = drive_exact(model, episode)
+    assert not done.diverged and done.steps == 50 and ideal.steps == 10
+    np.testing.assert_allclose(done.q[0], episode.q)
+    np.testing.assert_allclose(done.v[0], episode.v)
+    moved = np.abs(ideal.q[-1] - ideal.q[0]).max()
+    assert np.abs(done.q[-1] - ideal.q[-1]).max() < 0.3 * moved
+    assert done.slip > 0.0
+
+
+def run(tmp_path, *more):
+    return command.main(
+        ["--robots", "jaw", "--attacks", "several", "--periods", "0.02,0.01"]
+        + ["--steps", "60", "--processes", "1", "--out", str(tmp_path), *more]
+    )
+
+
+def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
+    code = run(tmp_path, "--constraints", "none")
+    assert code == 1
+    whole = json.loads((tmp_path / "adversary.json").read_text())
+    assert [r["case"]["period"] for r in whole["results"]] == [0.02, 0.01]
+    assert "| several |" in (tmp_path / "adversary.md").read_text()
+    lines = tmp_path / "cases.jsonl"
+    assert len(lines.read_text().splitlines()) == 2
+
+    # The second case is lost, torn in the middle of its line: it alone is run again.
+    kept, torn = lines.read_text().splitlines()
+    lines.write_text(kept + "\n" + torn[:50])
+    ran = []
+
+    def counted(case):
+        ran.append(case.period)
+        return run_case(case)
+
+    monkeypatch.setattr(command, "run_case", counted)
+    assert run(tmp_path, "--constraints", "none") == 1
+    assert ran == [0.01]
+    again = json.loads((tmp_path / "adversary.json").read_text())
+    for a, b in zip(whole["results"], again["results"], strict=True):
+        assert a | {"wall": 0} == b | {"wall": 0}
+    assert run(tmp_path, "--constraints", "none") == 1 and ran == [0.01]
+
+    # Another law is another matter.
+    monkeypatch.setattr(command, "law_digest", lambda: "another")
+    run(tmp_path, "--constraints", "none")
+    assert ran == [0.01, 0.02, 0.01]
+
+    found = next((tmp_path / "found").glob("*.json"))
+    saved = json.loads(found.read_text())
+    capsys.readouterr()
+    assert command.main(["--replay", str(found)]) == 1
+    told = " ".join(capsys.readouterr().out.split())
+    if saved["step"] is not None:
+        assert f"at state {saved['step']}" in told
+
+
+def test_a_stopped_command_ends_at_once(tmp_path):
+    """Cases of minutes are under way in two processes when Ctrl-C comes."""
+    command_line = [sys.executable, "-m", "benchmarks.adversary", "--robots", "jaw"]
+    options = ["--steps", "100000", "--processes", "2", "--out", str(tmp_path)]
+    process = subprocess.Popen(
+        [*command_line, *options],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        process_group=0,
+        cwd=Path(__file__).parents[2],
+    )
+    while not (tmp_path / ".cases.jsonl.lock").exists():
+        assert process.poll() is None
+        time.sleep(0.1)
+    time.sleep(5.0)  # the processes are there and at work, or about to be
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130 and "the same command goes on" in told
+
+
+def test_exit_code_without_a_violation(tmp_path, monkeypatch):
+    def fine(case):
+        return Result(case, law=law_digest(), steps=60, episodes=1, states=61)
+
+    monkeypatch.setattr(command, "run_case", fine)
+    assert run(tmp_path) == 0
+
+    def broken(case):
+        return Result(case, law=law_digest(), error="ModelError: no")
+
+    monkeypatch.setattr(command, "run_case", broken)
+    assert run(tmp_path, "--seed", "1") == 2
+
+
+@pytest.mark.parametrize(
+    "argv, message",
+    [
+        (["--robots", "jar"], "no robot 'jar'"),
+        (["--attacks", "sines"], "no attack 'sines'"),
+        (["--periods", "0"], "seconds from"),
+        (["--steps", "many"], "whole number"),
+        (["--plants", "real"], "no plant 'real'"),
+    ],
+)
+def test_wrong_options_are_named(argv, message, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        command.main(argv)
+    assert stopped.value.code == 2 and message in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_counterexample_is_refused(tmp_path, capsys):
+    wrong = tmp_path / "wrong.json"
+    wrong.write_text("{}")
+    assert command.main(["--replay", str(wrong)]) == 2
+    assert str(wrong) in capsys.readouterr().err
+    with pytest.raises(CrarError, match="cannot be read"):
+        command.replay(tmp_path / "absent.json", None)
+
+
+def test_cases_are_all_combinations_that_there_are():
+    cases = make_cases(["jaw", "obstacle_arm"], ["moving", "posture"], [0.01])
+    assert {(c.robot, c.attack) for c in cases} == {
+        ("jaw", "moving"),
+        ("jaw", "posture"),
+        ("obstacle_arm", "posture"),
+    }
+    torque = make_cases(["jaw"], ["posture", "sine"], [0.01], ["torque"])
+    assert [c.attack for c in torque] == ["sine"]
+
+
+def test_results_survive_their_line():
+    case = Case("jaw", "sine", 0.01)
+    result = Result(case, law="x", clearance=0.003, worst={"lineage": [1, 2]})
+    back = Result.parse(result.line())
+    assert back == result  # infinite path_clearance, too
+    assert Result.parse('{"case": {}}') is None and Result.parse("{") is None

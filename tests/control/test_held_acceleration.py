@@ -1,0 +1,464 @@
+"""Between control ticks the acceleration is held, not the torque."""
+
+import re
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LogVectorOutput,
+    VectorLogSink,
+)
+from small_robots import add_plant, chain_urdf, make_model
+
+from crar_drake.control.controller import CrarController
+from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.description import RobotDescription
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+from crar_drake.simulation.diagram import AddCrarController, MakeCrarDiagram
+from crar_drake.simulation.disturbances import Disturbances
+from crar_drake.simulation.scenario import load_scenario, parse_scenario
+
+STEP = 1e-3  # time step of the discrete plants [s]
+PERIOD = 5 * STEP
+TARGET = np.r_[0.5, 0.5, 0.2, np.zeros(6)]
+START = np.array([0.3, 0.01, 0.9, -0.02])  # nearly stretched: velocities are large
+URDF = chain_urdf("zyzy", damping=0.5)
+LOGGED = ("actuation", "desired_acceleration", "torque_limit", "diagnostics")
+
+
+class Loop:
+    """A closed loop around a small robot that is drawn to a target."""
+
+    def __init__(
+        self, time_step: float = STEP, effort: float | None = None, **changes
+    ) -> None:
+        builder = DiagramBuilder()
+        urdf = URDF
+        if effort is not None:
+            urdf = URDF.replace("<limit ", f'<limit effort="{effort}" ')
+        self.plant, scene_graph = add_plant(builder, urdf, time_step=time_step)
+        self.controller = AddCrarController(
+            builder,
+            self.plant,
+            scene_graph,
+            RobotDescription(pairs=[["l3", "post"]]),
+            [Task(frame="tip")],
+            CrarParameters(**({"period": PERIOD, "blend_time": 0.02} | changes)),
+        )
+        target = builder.AddSystem(ConstantVectorSource(TARGET))
+        builder.Connect(
+            target.get_output_port(), self.controller.get_input_port_desired_tasks()
+        )
+        self.logs: dict[str, VectorLogSink] = {
+            port: LogVectorOutput(self.controller.GetOutputPort(port), builder, STEP)
+            for port in LOGGED
+        }
+        self.logs["state"] = LogVectorOutput(
+            self.plant.get_state_output_port(), builder, STEP
+        )
+        self.diagram: Diagram = builder.Build()
+
+    def start(self, time: float = 0.0) -> Simulator:
+        simulator = Simulator(self.diagram)
+        context = simulator.get_mutable_context()
+        context.SetTime(time)
+        self.plant.SetPositions(self.plant.GetMyMutableContextFromRoot(context), START)
+        simulator.Initialize()
+        return simulator
+
+    def state(self, context: Context) -> np.ndarray:
+        return self.plant.GetPositionsAndVelocities(
+            self.plant.GetMyContextFromRoot(context)
+        )
+
+    def out(self, port: str, context: Context) -> np.ndarray:
+        return (
+            self.controller.GetOutputPort(port)
+            .Eval(self.controller.GetMyContextFromRoot(context))
+            .copy()
+        )
+
+    def logged(self, simulator: Simulator) -> dict[str, np.ndarray]:
+        return {
+            name: log.FindLog(simulator.get_context()).data().T
+            for name, log in self.logs.items()
+        }
+
+
+def count(monkeypatch: pytest.MonkeyPatch, owner: type, name: str) -> list[str]:
+    """A list that grows with each call of the method."""
+    calls: list[str] = []
+    method = getattr(owner, name)
+
+    def counted(*args, **kwargs):
+        calls.append(name)
+        return method(*args, **kwargs)
+
+    monkeypatch.setattr(owner, name, counted)
+    return calls
+
+
+@pytest.mark.parametrize("constraints", ["lookahead", "paper", "none"])
+def test_the_plant_accelerates_as_commanded_at_every_step(constraints):
+    """And not where the torque is what is held, on the same way."""
+    off = {}
+    for torque_period in (None, PERIOD):
+        loop = Loop(constraints=constraints, torque_period=torque_period)
+        simulator = loop.start()
+        simulator.AdvanceTo(0.4)
+        data = loop.logged(simulator)
+        reached = np.diff(data["state"][:, 4:], axis=0) / STEP
+        commanded = data["desired_acceleration"][:-1]
+        assert (commanded[:-1] == commanded[1:]).all(axis=1).sum() >= 0.79 * 400
+        off[torque_period] = np.abs(reached - commanded).max()
+    assert off[None] < 1e-8
+    assert off[PERIOD] > 1.0
+
+
+@pytest.mark.parametrize("ratio", [1, 2, 5, 10])
+def test_position_command_is_the_state_a_period_later(ratio):
+    loop = Loop(period=ratio * STEP)
+    simulator = loop.start()
+    context = simulator.get_context()
+    fastest = 0.0
+    for k in range(20):
+        command = loop.out("position_command", context)
+        simulator.AdvanceTo((k + 1) * ratio * STEP)
+        np.testing.assert_allclose(loop.state(context), command, atol=1e-9)
+        fastest = max(fastest, np.abs(command[4:]).max())
+    assert fastest > 1.0
+
+
+def test_position_command_of_a_continuous_plant():
+    """The nearer to the truth, the more often the torque is computed."""
+    errors = {}
+    for ticks in (1, 5, 50):
+        loop = Loop(0.0, torque_period=PERIOD / ticks, blend_time=0.5)
+        simulator = loop.start()
+        simulator.get_mutable_integrator().set_target_accuracy(1e-9)
+        context, worst = simulator.get_context(), 0.0
+        for k in range(20):
+            simulator.AdvanceTo((k + 0.1 / ticks) * PERIOD)
+            command = loop.out("position_command", context)
+            simulator.AdvanceTo((k + 1) * PERIOD)
+            worst = max(worst, np.abs(loop.state(context) - command).max())
+        errors[ticks] = worst
+    assert errors[5] < 0.35 * errors[1]
+    assert errors[50] < 0.15 * errors[5]
+    assert errors[50] < 1e-3
+
+
+@pytest.mark.parametrize("time_step", [STEP, 0.0], ids=["discrete", "continuous"])
+@pytest.mark.parametrize("ticks", [1, 5])
+def test_every_torque_is_that_of_its_instant(time_step, ticks):
+    """Law first, then torque: as a loop of ControlLaw.step and ControlLaw.torque on the
+    states of the log has it. A continuous plant's log is of just before the update."""
+    loop = Loop(time_step, torque_period=PERIOD / ticks)
+    simulator = loop.start()
+    simulator.AdvanceTo(0.1)
+    data = loop.logged(simulator)
+    law = ControlLaw(loop.controller.model, loop.controller.law.parameters)
+    late = 0 if time_step else 1
+    torques = []
+    for j, (q, v) in enumerate(np.split(x, 2) for x in data["state"][: 101 - late]):
+        if j % 5 == 0:
+            solution = law.step(q, v, TARGET)
+            torque = solution.actuation
+        elif ticks > 1:
+            torque = law.torque(q, v)
+        close = dict(rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(data["actuation"][j + late], torque, **close)
+        np.testing.assert_allclose(
+            data["desired_acceleration"][j + late], solution.acceleration, **close
+        )
+        torques.append(torque)
+    place = loop.controller.diagnostics_slices["actuation"]
+    np.testing.assert_array_equal(data["diagnostics"][:, place], data["actuation"])
+    changes = np.abs(np.diff(torques, axis=0)).max(axis=1) > 1e-6
+    inside = np.arange(1, len(torques)) % 5 != 0
+    inside[:5] = False  # it starts at rest
+    assert (changes[inside] == (ticks > 1)).all()
+
+
+@pytest.mark.parametrize("time_step", [STEP, 0.0], ids=["discrete", "continuous"])
+@pytest.mark.parametrize(
+    "changes, solves, torques",
+    [
+        (dict(period=STEP), 100, 100),
+        (dict(), 20, 100),
+        (dict(torque_period=PERIOD), 20, 20),
+    ],
+    ids=["1 ms", "5 ms", "5 ms, torque held"],
+)
+def test_nothing_is_computed_twice(time_step, changes, solves, torques, monkeypatch):
+    loop = Loop(time_step, **changes)
+    solved = count(monkeypatch, ControlLaw, "solve")
+    computed = count(monkeypatch, ControlModel, "inverse_dynamics")
+    simulator = loop.start()
+    simulator.AdvanceTo(0.1)
+    # The last sample of a discrete plant's log is of a tick that is yet to come.
+    last = 1 if time_step else 0
+    assert (len(solved), len(computed)) == (solves + last, torques + last)
+
+
+@pytest.mark.parametrize(
+    "step, ratio, torque_steps",
+    [(1 / 700, 3, None), (1 / 6000, 30, None), (7e-4, 9, None), (7e-4, 9, 3)],
+)
+def test_periods_whose_multiples_round_differently(
+    step, ratio, torque_steps, monkeypatch
+):
+    """Each torque once, of the state that the plant's step starts from."""
+    torque_period = torque_steps and torque_steps * step
+    builder = DiagramBuilder()
+    plant, scene_graph = add_plant(builder, chain_urdf("zz"), time_step=step)
+    parameters = CrarParameters(period=ratio * step, torque_period=torque_period)
+    controller = AddCrarController(
+        builder, plant, scene_graph, RobotDescription(), [Task(frame="tip")], parameters
+    )
+    target = builder.AddSystem(ConstantVectorSource(np.r_[0.3, 0.3, np.zeros(7)]))
+    builder.Connect(target.get_output_port(), controller.get_input_port_desired_tasks())
+    diagram = builder.Build()
+    apart = ratio // parameters.torque_ticks(step)  # plant steps between two torques
+    assert apart == (torque_steps or max(n for n in (1, 6) if n * step < 1.5e-3))
+    model, seen = controller.model, []
+    inverse_dynamics = ControlModel.inverse_dynamics
+
+    def recorded(self, workspace, vdot):
+        seen.append(model.plant.GetPositionsAndVelocities(workspace.plant_context))
+        return inverse_dynamics(self, workspace, vdot)
+
+    monkeypatch.setattr(ControlModel, "inverse_dynamics", recorded)
+    simulator = Simulator(diagram)
+    context, states = simulator.get_context(), []
+    for k in range(300):
+        # Half a step before the tick the plant has the tick's state already.
+        simulator.AdvanceTo(max(k * apart - 0.5, 0.0) * step)
+        states.append(context.get_discrete_state_vector().CopyToVector())
+    np.testing.assert_array_equal(seen[:299], states[:299])
+
+
+def test_time_set_back_within_a_control_period_starts_afresh():
+    loop = Loop()
+    simulator = loop.start()
+    simulator.AdvanceTo(0.0538)
+    context = simulator.get_mutable_context()
+    x = loop.state(context)
+    context.SetTime(0.0512)
+    fresh = loop.diagram.CreateDefaultContext()
+    fresh.SetTime(0.0512)
+    loop.plant.SetPositionsAndVelocities(
+        loop.plant.GetMyMutableContextFromRoot(fresh), x
+    )
+    assert loop.out("status", context) == 1.0  # it blends in again
+    for port in LOGGED:
+        np.testing.assert_array_equal(loop.out(port, context), loop.out(port, fresh))
+    simulator.Initialize()
+    simulator.AdvanceTo(0.06)
+    assert np.isfinite(loop.state(context)).all()
+
+
+@pytest.mark.parametrize("time_step", [STEP, 0.0], ids=["discrete", "continuous"])
+def test_a_run_may_begin_between_control_ticks(time_step, monkeypatch):
+    """It holds what it solved there until the next control tick; that one does not
+    take the shorter time for a whole period."""
+    loop = Loop(time_step)
+    solve, calls = ControlLaw.solve, []
+
+    def recorded(self, workspace, memory, tick, time, q, v, targets):
+        calls.append((tick, round(time, 6), memory.qdot is None))
+        return solve(self, workspace, memory, tick, time, q, v, targets)
+
+    monkeypatch.setattr(ControlLaw, "solve", recorded)
+    simulator = loop.start(0.052)
+    simulator.AdvanceTo(0.0615)
+    # Until its first update a continuous plant's controller follows the state.
+    once = list(dict.fromkeys(calls))
+    assert once == [(10, 0.052, True), (11, 0.055, True), (12, 0.06, False)]
+    assert time_step == 0.0 or len(calls) == 3
+
+
+def test_targets_are_looked_at_in_control_ticks_only_and_the_state_in_all():
+    """A NaN in the state is told at the torque tick that meets it."""
+    loop = Loop()
+    simulator = loop.start()
+    simulator.AdvanceTo(0.0515)
+    context = simulator.get_mutable_context()
+    context.get_mutable_discrete_state_vector().SetAtIndex(5, np.nan)
+    with pytest.raises(InputError, match=r"estimated_state.*0\.052 s.*entries 5"):
+        simulator.AdvanceTo(0.06)
+
+
+def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told():
+    """What the limits allow of the wish is decided at the control tick."""
+    effort = 60.0
+    loop = Loop(effort=effort, respect_effort_limits=True, period=10 * STEP, Kp=2e3)
+    simulator = loop.start()
+    simulator.AdvanceTo(0.4)
+    data = loop.logged(simulator)
+    torque, (theta, excess) = data["actuation"], data["torque_limit"].T
+    assert np.abs(torque).max() == effort
+    between = np.arange(len(theta)) % 10 != 0
+    for start in range(0, 400, 10):
+        assert len(set(theta[start : start + 10])) == 1
+    model, workspace = loop.controller.model, loop.controller.model.MakeWorkspace()
+    for x, a, told in zip(
+        data["state"][between],
+        data["desired_acceleration"][between],
+        excess[between],
+        strict=True,
+    ):
+        model.evaluate(workspace, *np.split(x, 2))
+        wished = model.inverse_dynamics(workspace, a)
+        beyond = max(0.0, np.abs(wished).max() / effort - 1.0)
+        assert told == pytest.approx(beyond, abs=1e-9)
+    assert (excess[between] > 0.01).any() and (excess[between] == 0.0).any()
+
+
+# --- a user's own loop ------------------------------------------------------------
+
+
+def test_torque_in_a_loop_of_ones_own():
+    """Of the last step's accelerations, by Drake's own inverse dynamics."""
+    model = make_model(chain_urdf("zyzy"))
+    law = ControlLaw(model, CrarParameters(blend_time=0.0))
+    q, v = START, np.array([0.5, -0.2, 0.1, 0.4])
+    with pytest.raises(InputError, match="step first"):
+        law.torque(q, v)
+    solution = law.step(q, v, TARGET)
+    np.testing.assert_allclose(law.torque(q, v), solution.actuation, rtol=1e-12)
+    q, v = q + 0.1, v - 1.0
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, np.r_[q, v])
+    M = plant.CalcMassMatrix(context)
+    bias = plant.CalcBiasTerm(context) - plant.CalcGravityGeneralizedForces(context)
+    by_hand = plant.MakeActuationMatrix().T @ (M @ solution.acceleration + bias)
+    torque = law.torque(q, v)
+    np.testing.assert_allclose(torque, by_hand, rtol=1e-9)
+    assert np.abs(torque - solution.actuation).max() > 1.0
+    # It is no step: the next one is the second.
+    law.step(q, v, TARGET)
+    alone = ControlLaw(model, CrarParameters(blend_time=0.0))
+    alone.step(START, np.array([0.5, -0.2, 0.1, 0.4]), TARGET)
+    np.testing.assert_array_equal(
+        law.step(q, v, TARGET).acceleration,
+        [alone.step(q, v, TARGET) for _ in range(2)][1].acceleration,
+    )
+    law.reset()
+    with pytest.raises(InputError, match="step first"):
+        law.torque(q, v)
+
+
+@pytest.mark.parametrize(
+    "q, v, words",
+    [
+        (START[:3], START, r"q has shape \(3,\)"),
+        (START, np.r_[START, 0.0], r"v has shape \(5,\)"),
+        (START + np.nan, START, "q has a NaN"),
+        (START, np.r_[START[:3], np.inf], "v has a NaN or infinite.*entries 3"),
+    ],
+)
+def test_bad_states_are_named(q, v, words):
+    law = ControlLaw(make_model(chain_urdf("zyzy")))
+    law.step(START, np.zeros(4), TARGET)
+    with pytest.raises(InputError, match=words):
+        law.torque(q, v)
+
+
+def test_torque_within_effort_limits():
+    urdf = chain_urdf("zyzy").replace("<limit ", '<limit effort="100" ')
+    model = make_model(urdf)
+    q, v = START, np.full(4, 20.0)
+    torques = []
+    for respect in (True, False):
+        law = ControlLaw(model, CrarParameters(respect_effort_limits=respect))
+        law.step(START, np.zeros(4), TARGET)
+        torques.append(law.torque(q, v))
+    limited, free = torques
+    assert np.abs(free).max() > 150.0
+    np.testing.assert_array_equal(limited, np.clip(free, -100.0, 100.0))
+
+
+# --- the parameter ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "period, plant_step, expected",
+    [
+        (1e-3, 1e-3, 1e-3),
+        (5e-3, 1e-3, 1e-3),
+        (5e-3, 0.0, 1e-3),
+        (0.5e-3, 0.0, 0.5e-3),
+        (0.5e-3, 1e-4, 0.5e-3),
+        (10e-3, 2e-3, 2e-3),  # a coarse plant's own step
+        (5e-3, 1e-4, 1e-3),
+        (2.5e-3, 0.0, 2.5e-3 / 3),  # no 1 ms: it must divide the period
+        (2.5e-3, 5e-4, 5e-4),
+        (6.3e-3, 7e-4, 7e-4),
+        (1.1e-3, 1e-4, 1e-4),  # eleven steps can be parted into single ones only
+        (20e-3, 20e-3, 20e-3),
+    ],
+)
+def test_torque_period_by_default(period, plant_step, expected):
+    parameters = CrarParameters(period=period)
+    parameters.validate()
+    assert parameters.torque_period_for(plant_step) == pytest.approx(expected, rel=1e-9)
+    ticks = parameters.torque_ticks(plant_step)
+    assert ticks * expected == pytest.approx(period, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "torque_period, words",
+    [
+        (0.01, ["0.01 s does not divide", "controller.period, 0.005 s", "choose"]),
+        (2e-3, ["0.002 s does not divide", "choose e.g. 0.0025"]),
+        (0.0, ["must be positive"]),
+        (-1e-3, ["must be positive"]),
+        (np.nan, ["positive and finite"]),
+        (np.inf, ["positive and finite"]),
+    ],
+)
+def test_torque_periods_that_are_refused(torque_period, words):
+    with pytest.raises(ScenarioError, match="controller.torque_period") as caught:
+        CrarController(
+            make_model(URDF), CrarParameters(period=5e-3, torque_period=torque_period)
+        )
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_torque_period_between_the_plants_steps_is_refused():
+    with pytest.raises(ScenarioError, match=r"torque_period: 0\.0005 s.*step 0\.001 s"):
+        Loop(torque_period=5e-4)
+    Loop(0.0, torque_period=5e-4)  # a continuous plant takes any
+    text = "motion: dance\nexperiment: wrists\ncontroller: {torque_period: 0.0005}\n"
+    with pytest.raises(ScenarioError, match=r"my\.yaml: .*torque_period"):
+        parse_scenario(text, "my.yaml")
+    text = re.sub("0.0005", "0.001", text)
+    assert parse_scenario(text, "my.yaml").controller.torque_period == 1e-3
+
+
+def test_measurements_come_at_torque_ticks():
+    """A late state is late by whole control periods, and yet moves in between."""
+    scenario = load_scenario("obstacle_arm")
+    scenario.controller.period, scenario.log_period = PERIOD, STEP
+    scenario.disturbances = Disturbances(delay_periods=2)
+    diagram = MakeCrarDiagram(scenario)
+    measured = diagram.GetSubsystemByName("measurement").get_output_port()
+    simulator = Simulator(diagram)
+    context = simulator.get_context()
+    states, seen = [], []
+    for k in range(200):
+        simulator.AdvanceTo((k + 0.5) * STEP)
+        seen.append(measured.Eval(measured.get_system().GetMyContextFromRoot(context)))
+        states.append(diagram.GetOutputPort("state").Eval(context))
+    # Half a step after a tick the plant is one step on.
+    np.testing.assert_array_equal(seen[20:], states[10:-10])
+    assert (np.abs(np.diff(states[20:], axis=0)).max(axis=1) > 0.0).all()

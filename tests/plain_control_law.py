@@ -346,12 +346,12 @@ class PlainControlLaw:
         constraints = []  # g, drift, weight, retreat
         smallest = np.inf
         for d, gradient, d_there, gradient_there in zip(*here, *there, strict=True):
+            smallest = min(smallest, d_there)
             curvature = (gradient_there - gradient) @ v  # of L4's rate, by the secant
             for h, by_joint, more in (
                 (d + T * gradient @ v, gradient, curvature),  # L4
                 (d_there, gradient_there, 0.0),  # L3
             ):
-                smallest = min(smallest, h)
                 if h >= ahead.influence_distance:
                     continue
                 g = by_joint[c]

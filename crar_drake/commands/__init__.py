@@ -54,6 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
+    code = 0
     try:
         arguments = parse(argv)
         with collected_warnings(verbose=arguments.verbose):

@@ -100,6 +100,7 @@ def compiled(function: Callable | None = None, *, loops: Callable | None = None)
     theirs = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_CACHE_FOLDER)
     chosen = function if loops is None else loops
+    chosen.__doc__ = function.__doc__
     try:
         return numba.njit(cache=True, error_model="numpy")(chosen)
     except RuntimeError:  # nothing can be written there: compile in every process
@@ -143,11 +144,19 @@ if IS_COMPILED:
         def __new__(cls, value: Any):
             return hold(value)
 
+        @property
+        def value(self) -> Any:
+            return _held(self)
+
     structref.define_proxy(Held, HeldType, ["value"])
 
     @compiled
     def hold(value):
         return Held(value)
+
+    @compiled
+    def _held(holder):
+        return holder.value
 
 
 @contextmanager

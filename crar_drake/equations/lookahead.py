@@ -657,8 +657,8 @@ def lookahead_step(
             nothing slipped.
 
     Returns:
-        The answer; (n,) slip; (2,) smallest margins of pairs [m] and limits [rad];
-        (4,) of `admit`.
+        The answer; (n,) slip; (2,) the smallest distance [m] and the smallest margin
+        to a limit [rad] at q_s; (4,) of `admit`.
     """
     r, numbers = robot.value, mode.value
     limits, gains = numbers.limits.value, numbers.gains
@@ -697,7 +697,7 @@ def lookahead_step(
     )
     margins = np.full(2, np.inf)
     if len(h):
-        margins[0] = h.min()
+        margins[0] = state.d[1].min()
     if len(at_limits.h):
         margins[1] = at_limits.h.min()
     d = state.d[0]

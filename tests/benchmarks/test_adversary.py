@@ -311,11 +311,11 @@ def test_a_law_that_stands_still_is_not_accused(monkeypatch):
 
 @pytest.mark.parametrize("attack", ["moving", "fast_start", "wild"])
 def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
-    """The wish of today's law, scaled towards braking until the next path is clear."""
+    """The law's wish, scaled towards braking until the judge finds the path clear."""
     from crar_drake.control.law import ControlLaw
 
     judge, step = load_subject("jaw").judge, ControlLaw.step
-    scaled = []
+    held_back = []
 
     def shielded(self, q, v, *targets):
         solution = step(self, q, v, *targets)
@@ -327,14 +327,14 @@ def test_a_law_that_keeps_the_invariant_passes(attack, monkeypatch):
             there = judge.path_is_clear(q_next, v_next, T, 1e-4)
             if there and judge.path_is_clear(q, v_next, period, 1e-4):
                 break
-        scaled.append(share)
+        held_back.append(share < 1.0 or solution.admission[0] > 0.0)
         return replace(solution, position_command=np.concatenate([q_next, v_next]))
 
     monkeypatch.setattr(ControlLaw, "step", shielded)
     result = run_case(Case("jaw", attack, 0.02, steps=150))
     assert not result.error and not result.unsafe, result
     assert result.steps >= 150 and result.paths > 10
-    assert min(scaled) < 1.0  # the attack was one
+    assert any(held_back)  # the attack was one
 
 
 def test_what_the_law_tells_of_its_admission_is_counted(monkeypatch):

@@ -60,7 +60,7 @@ def test_nothing_is_violated(run):
 
 
 def test_certificate_is_what_the_log_says(run):
-    """Referee's distances at q + T q_dot, those of q with their rate, and limits."""
+    """The referee's smallest distance at q + T q_dot, and the limits' there."""
     log, model, referee = run.log, run.setup.model, referee_of(run)
     gains = parse_scenario(log.scenario).controller
     T = gains.braking_horizon
@@ -69,12 +69,7 @@ def test_certificate_is_what_the_log_says(run):
     for k in ticks[:: max(1, len(ticks) // 25)]:
         q, v = log.q[k], log.v[k]
         q_s = q + T * v
-        # The rate of the distances by differences along v.
-        step = 1e-6
-        rate = (referee.distances(q + step * v) - referee.distances(q - step * v)) / (
-            2.0 * step
-        )
-        h = min(referee.distances(q_s).min(), (referee.distances(q) + T * rate).min())
+        h = referee.distances(q_s).min()
         c = model.controlled
         margin = min((referee.upper - q_s)[c].min(), (q_s - referee.lower)[c].min())
         np.testing.assert_allclose(log.resting_margins[k], [h, margin], atol=1e-7)

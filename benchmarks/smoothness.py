@@ -172,9 +172,7 @@ def make_report(
             old = None
             if before is not None and (before / name).exists():
                 old = measure(SimulationLog.load(before / name), period)
-                ratios.append(
-                    [getattr(now, k) / getattr(old, k) for k in _COMPARED]
-                )
+                ratios.append([getattr(now, k) / getattr(old, k) for k in _COMPARED])
             figures = [
                 f"{getattr(now, k):.3g}"
                 + (f" ({getattr(old, k):.3g})" if old is not None else "")

@@ -47,18 +47,31 @@ def test_shipped_choices_fit_the_urdf(robot_data, robot):
     assert len(set(pairs)) == len(pairs)
 
 
+@pytest.fixture(scope="module")
+def imported(robot_data, tmp_path_factory):
+    """The folder of a shipped robot's choices, imported once."""
+    folders: dict[str, Path] = {}
+
+    def folder(robot: str) -> Path:
+        if robot not in folders:
+            folders[robot] = tmp_path_factory.mktemp(robot)
+            text = import_file(robot).read_text()
+            (folders[robot] / "import.yaml").write_text(text + "most_capsules: 3\n")
+            import_robot("", folders[robot])
+        return folders[robot]
+
+    return folder
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "robot, name",
     [("g1", "g1_dance"), ("g1", "g1_dance_hands"), ("talos", "talos_boxing")],
 )
-def test_a_second_of_a_real_motion(robot_data, cmu, tmp_path, robot, name):
+def test_a_second_of_a_real_motion(imported, cmu, robot, name):
     """Untouched by referee and real hulls, within limits, and efforts if asked for."""
-    text = import_file(robot).read_text()
-    (tmp_path / "import.yaml").write_text(text + "most_capsules: 3\n")
-    import_robot("", tmp_path)
     scenario: Scenario = load_scenario(name)
-    scenario.robot, scenario.duration = str(Path(tmp_path)), 1.0
+    scenario.robot, scenario.duration = str(imported(robot)), 1.0
     result = run_scenario(scenario, record=False)
     model, q = result.setup.model, result.log.q
     judged = Referee(model.plant, model.scene_graph, model.description.pairs)

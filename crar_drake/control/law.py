@@ -26,7 +26,12 @@ from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
 from crar_drake.equations.tasks import task_error, unpack_tasks
-from crar_drake.equations.torque_limit import clip_torque, limit_torque
+from crar_drake.equations.torque_limit import (
+    clip_torque,
+    limit_torque,
+    nearest_accelerations,
+    share_of_wish,
+)
 from crar_drake.errors import CrarError
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -203,6 +208,7 @@ class ControlLaw:
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.effort_limits(model)
+        self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         # Without limits the inertias would be computed for nothing.
         self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         task_gains = TaskGains(
@@ -469,24 +475,16 @@ class ControlLaw:
         diagnostics = resolved.diagnostics
         actuation = model.inverse_dynamics(workspace, vdot)
         if self._limits_efforts:
-            vdot, actuation, torque_limit = limit_torque(
-                vdot,
-                actuation,
-                model.effort_per_acceleration(workspace),
-                measured.v,
-                model.controlled,
-                self.effort_limits,
-                self._braking_horizon,
-                period,
+            inertia = model.effort_per_acceleration(workspace)
+            wish = vdot
+            vdot, actuation, torque_limit = self._slow_down(
+                measured, wish, actuation, inertia
             )
             if torque_limit[0] < 1.0 and status != STATUS_BRAKING:
-                within = vdot
-                vdot, told = self.mode.admit_again(measured, within)
+                vdot, actuation, torque_limit, told = self._within_efforts(
+                    workspace, measured, wish, inertia
+                )
                 diagnostics = {**diagnostics, **told}
-                if not np.array_equal(vdot, within):
-                    actuation = model.inverse_dynamics(workspace, vdot)
-                    actuation, excess = clip_torque(actuation, self.effort_limits)
-                    torque_limit = np.array([torque_limit[0], excess])
         after = next_state(measured.q[0], measured.v, vdot, period, self._plant_step)
         return Solution(
             actuation=actuation,
@@ -499,6 +497,55 @@ class ControlLaw:
             status=np.array([status]),
             torque_limit=torque_limit,
             of_mode=diagnostics,
+        )
+
+    def _within_efforts(
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        wish: np.ndarray,
+        inertia: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Mapping[str, np.ndarray]]:
+        """Accelerations near the wish within efforts, as the mode allows them; with
+        their torque, `Solution.torque_limit`, and what the mode tells of it."""
+        model, mode, T = self.model, self.mode, self._braking_horizon
+        near = nearest_accelerations(
+            wish,
+            model.inverse_dynamics(workspace, wish),
+            inertia,
+            measured.v,
+            model.controlled,
+            self.effort_limits,
+            *(mode.acceleration_bounds(measured) or self._unbounded),
+            T,
+            self._period,
+        )
+        actuation = model.inverse_dynamics(workspace, near)
+        within, actuation, limit = self._slow_down(measured, near, actuation, inertia)
+        vdot, told = mode.admit_again(measured, within)
+        if not np.array_equal(vdot, within):
+            actuation = model.inverse_dynamics(workspace, vdot)
+            actuation, limit[1] = clip_torque(actuation, self.effort_limits)
+        limit[0] = share_of_wish(vdot, wish, measured.v, model.controlled, T)
+        return vdot, actuation, limit, told
+
+    def _slow_down(
+        self,
+        measured: Measured,
+        vdot: np.ndarray,
+        actuation: np.ndarray,
+        inertia: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`limit_torque` at the state."""
+        return limit_torque(
+            vdot,
+            actuation,
+            inertia,
+            measured.v,
+            self.model.controlled,
+            self.effort_limits,
+            self._braking_horizon,
+            self._period,
         )
 
 

@@ -26,6 +26,11 @@ METRICS = ("identity", "inertia")
 _TORQUE_PERIOD = 1e-3
 
 
+# The braking horizon, in time constants of the velocity loop, unless it is given. A
+# short one asks of motors what they do not have; a long one stops far from obstacles.
+_BRAKING_TIMES = 2.5
+
+
 @dataclass
 class TargetGovernor:
     """Bounds on the targets before the law sees them, see `equations.governor`.
@@ -309,4 +314,4 @@ class CrarParameters:
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
         horizon = self.lookahead.horizon
-        return 1.5 / self.Gv if horizon is None else horizon
+        return _BRAKING_TIMES / self.Gv if horizon is None else horizon

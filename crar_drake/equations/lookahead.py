@@ -47,6 +47,7 @@ from crar_drake.equations.kinematics import (
     join_joints,
     row_distances,
 )
+from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.references import (
     Answer,
     TaskGains,
@@ -71,11 +72,6 @@ ONE_SIDED_RANGE = 2.0 * np.pi
 
 # q_s is not asked to move by more than this in a period [rad or m].
 LONGEST_MOVE = 0.15
-
-# The one-sided problems are solved exactly, usually in two or three passes.
-_PASSES = 100
-# A way as short as this, relative to where it leads, is rounding.
-_NO_WAY = 1e-13
 
 # A step is corrected so often before it is scaled.
 _CORRECTIONS = 4
@@ -350,76 +346,6 @@ class LookaheadNumbers(NamedTuple):
 
 
 @compiled
-def one_sided_minimum(
-    M: np.ndarray, right: np.ndarray, rows: np.ndarray, wish: np.ndarray, x: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """argmin x^T M x - 2 right^T x + sum max(0, wish_j - rows_j x)^2, (n,).
-
-    Convex with a continuous gradient, so there is one minimum, and it is continuous in
-    all that is given. Newton's method: each pass solves for the rows that are violated
-    where the last one led, and ends where these are the same, which is exact. Until
-    then it goes as far towards its solution as it leads downwards, by which it always
-    comes to an end.
-
-    Args:
-        M: (n, n) symmetric positive definite.
-        right: (n,).
-        rows, wish: (C, n), (C,).
-        x: (n,) where to begin: the minimum without rows.
-
-    Returns:
-        (n,) the minimum; (C,) bool, the rows that are violated there; the passes.
-    """
-    active = times(rows, x) < wish
-    passes = 0
-    if not active.any():
-        return x, active, passes
-    while passes < _PASSES:
-        passes += 1
-        A = np.flatnonzero(active)
-        some = rows[A]
-        y = cholesky_solve(
-            cholesky(M + gram(some)), right + transposed_times(some, wish[A])
-        )
-        violated = times(rows, y) < wish
-        if (violated == active).all():
-            return y, active, passes
-        way = y - x
-        if not np.abs(way).max() > _NO_WAY * np.abs(y).max():
-            return y, active, passes  # rows that just hold, to rounding, or NaN
-        x = x + _lowest_on_way(M, right, rows, wish, x, way) * way
-        active = times(rows, x) < wish
-    return x, active, passes
-
-
-@compiled
-def _lowest_on_way(M, right, rows, wish, x, way):
-    """The share of the way to where the function of `one_sided_minimum` is lowest.
-
-    Half its derivative by the share is continuous, grows, and is linear between the
-    shares at which a row's violation begins or ends.
-    """
-    gap, rate = wish - times(rows, x), times(rows, way)
-    active = gap > 0.0
-    force = np.where(active, rate * gap, 0.0)
-    slope = (way * (times(M, x) - right)).sum() - force.sum()
-    curvature = (way * times(M, way)).sum()
-    curvature += np.where(active, rate * rate, 0.0).sum()
-    at = np.full(len(rate), np.inf)
-    for j in range(len(rate)):
-        if active[j] == (rate[j] > 0.0) and rate[j] != 0.0:
-            at[j] = max(gap[j] / rate[j], 0.0)
-    share = 0.0
-    for j in np.argsort(at):
-        next_slope = slope + (at[j] - share) * curvature
-        if not next_slope < 0.0:
-            break
-        slope, share = next_slope, at[j]
-        curvature += -rate[j] * rate[j] if active[j] else rate[j] * rate[j]
-    return share - slope / curvature
-
-
-@compiled
 def wish_velocity(
     J: np.ndarray,
     v_r: np.ndarray,
@@ -556,6 +482,42 @@ def correction(
 
 
 @compiled
+def step_bounds(
+    q: np.ndarray, v: np.ndarray, n: int, limits: Limits, admission: AdmissionGains
+) -> tuple[np.ndarray, np.ndarray]:
+    """(A2) of the controlled joints, the first n: (n,), (n,) smallest and largest s."""
+    return velocity_bounds(
+        q[:n],
+        v[:n],
+        limits.lower,
+        limits.upper,
+        limits.fastest,
+        admission.T,
+        admission.period,
+        admission.step,
+    )
+
+
+@compiled
+def share_within(s: np.ndarray, lowest: np.ndarray, highest: np.ndarray) -> float:
+    """The largest share of s that is within bounds with 0 between them.
+
+    Args:
+        s: (nv,) [rad/s].
+        lowest, highest: (n,) bounds of the first n [rad/s].
+
+    Returns:
+        in [0, 1].
+    """
+    share = 1.0
+    for i in range(len(lowest)):
+        bound = highest[i] if s[i] > 0.0 else lowest[i]
+        if abs(s[i]) > abs(bound):
+            share = min(share, bound / s[i])
+    return share
+
+
+@compiled
 def admit(
     s_0: np.ndarray,
     s_p: np.ndarray,
@@ -589,16 +551,7 @@ def admit(
     n = len(s_0)
     limits, reaches = numbers.limits.value, numbers.reaches
     admission = numbers.admission
-    lowest, highest = velocity_bounds(
-        q[:n],
-        v[:n],
-        limits.lower,
-        limits.upper,
-        limits.fastest,
-        admission.T,
-        admission.period,
-        admission.step,
-    )
+    lowest, highest = step_bounds(q, v, n, limits, admission)
     s = np.concatenate((np.minimum(np.maximum(s_1, lowest), highest), s_p))
     how, share = AS_WISHED, 1.0
     present = examine_present(q, v, s, d, r, reaches, admission)
@@ -713,13 +666,24 @@ def lookahead_step(
 
 
 @compiled
+def acceleration_bounds(
+    measured: Measured, robot: Held, mode: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """`step_bounds` as accelerations, (n,), (n,) [rad/s^2]; arguments as below."""
+    r, numbers = robot.value, mode.value
+    q, v = measured.q[0][r.order], measured.v[r.order]
+    lowest, highest = step_bounds(q, v, r.n, numbers.limits.value, numbers.admission)
+    qdot, T = v[: r.n], numbers.admission.T
+    return (lowest - qdot) / T, (highest - qdot) / T
+
+
+@compiled
 def scale_acceleration(
     measured: Measured, vdot: np.ndarray, robot: Held, mode: Held
 ) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations whose step is clear, between the given ones and braking.
 
-    For what the effort limits have changed after `admit`; speed and joint limits hold
-    for whatever lies between an admitted step and braking.
+    For what the effort limits have changed after `admit`.
 
     Args:
         measured: the state, and q_s.
@@ -733,14 +697,19 @@ def scale_acceleration(
     admission, reaches = numbers.admission, numbers.reaches
     T, v = admission.T, measured.v[r.order]
     q, s = measured.q[0][r.order], resting_velocity(v, vdot[r.order], admission.T)
+    limits = numbers.limits.value
+    inside = share_within(s, *step_bounds(q, v, r.n, limits, admission))
+    s = inside * s
     d = row_distances(measured, r)
     present = examine_present(q, v, s, d, r, reaches, admission)
     checked = check_step(q, v, s, present, r, reaches, admission)
     how, share, clearance = AS_WISHED, 1.0, checked.clearance
     if not checked.clear:
-        how = SCALED
         share, clearance = scale_step(q, v, s, present, r, reaches, admission)
         s = share * s
+    share *= inside
+    if share < 1.0:
+        how = SCALED
         qddot = (s - v) / T
         vdot = join_joints(qddot[: r.n], qddot[r.n :], r.order)
     clearance = min(clearance, present.low.min()) if len(present.low) else np.inf

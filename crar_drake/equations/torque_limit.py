@@ -1,8 +1,13 @@
-"""A torque limit without a QP: scale the velocity of the resting point.
+"""A torque limit without a QP: the nearest accelerations, then slower ones.
 
-The paper names torque limits as its next extension. In the words of
-`equations.lookahead`, choosing an acceleration is choosing s, the velocity of the point
-where the robot would come to rest. With
+The paper names torque limits as its next extension. The torque is affine in the
+accelerations, and each actuator's is to lie in an interval: within its limit, and such
+that braking stays possible. First come the accelerations nearest to the wish that are
+in all intervals, by one-sided least squares: where one motor is weak, its joint lags
+and the others go on. What is left beyond, where intervals contradict each other, is
+taken away by slowing down altogether. In the words of `equations.lookahead`, choosing
+an acceleration is choosing s, the velocity of the point where the robot would come to
+rest. With
 
     alpha(theta) = (theta s - q_dot) / T,    0 <= theta <= 1,
 
@@ -10,10 +15,10 @@ the torque is affine in theta: tau(theta) = tau_b + theta (tau - tau_b), between
 braking, tau_b, and that of the wish, tau. The largest theta whose torque respects the
 limits is taken. A constraint with g·s >= 0 keeps g·(theta s) >= 0.
 
-So that braking stays possible, theta is also bounded by the braking torque of the next
-step, which is affine in theta, too: the velocity grows by dt alpha(theta), and
+So that braking stays possible, the torque is also bounded by the braking torque of the
+next step, which is affine in it, too: the velocity grows by dt alpha, and
 
-    tau_b+ = tau_b - (dt / T) (tau(theta) - tau_0),
+    tau_b+ = tau_b - (dt / T) (tau - tau_0),
 
 with tau_0 the torque of no acceleration. A robot whose braking torque comes near its
 limit (80 % of it: gravity and Coriolis forces change on the way) gets no faster.
@@ -26,10 +31,17 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.vectors import times
 
 # Share of a limit that braking in the next step may need [1].
 _RESERVE = 0.8
+
+
+# Weight of being outside an interval, against the distance from the wish [1], and by
+# which share intervals are taken to end earlier, so that what is found is within.
+_WEIGHT = 1e4
+_INSIDE = 1e-6
 
 
 class TorqueScale(NamedTuple):
@@ -72,9 +84,7 @@ def torque_scale(
     if low > high:
         return _least_excess(tau_b, slope, L)
     c = period_over_horizon
-    # What is beyond already must come back, as fast as braking alone would bring it.
-    usual = _RESERVE * L
-    reserve = usual + (1.0 - c) * np.maximum(0.0, np.abs(tau_b) - usual)
+    reserve = _reserve(tau_b, L, c)
     next_low, next_high = _interval(
         tau_b - c * (tau_b - tau_still[limited]), -c * slope, reserve
     )
@@ -126,6 +136,99 @@ def _least_excess(start, slope, bound):
             if (a + b * theta).max() < least:
                 best, least = theta, (a + b * theta).max()
     return TorqueScale(best, max(0.0, least - 1.0))
+
+
+@compiled
+def _reserve(tau_brake, limits, c):
+    """What braking in the next step may need, (nu,).
+
+    What is beyond already must come back, as fast as braking alone would bring it.
+    """
+    usual = _RESERVE * limits
+    return usual + (1.0 - c) * np.maximum(0.0, np.abs(tau_brake) - usual)
+
+
+def share_of_wish(
+    vdot: np.ndarray, wish: np.ndarray, v: np.ndarray, controlled: np.ndarray, T: float
+) -> float:
+    """How much is left of the way from braking to the wish: theta, if it was scaled.
+
+    Args:
+        vdot, wish, v, controlled, T: accelerations, and as in `limit_torque`.
+
+    Returns:
+        1 - |wish - vdot| / |wish - braking|, in [0, 1], below 1 if they differ.
+    """
+    way = np.linalg.norm(wish[controlled] + v[controlled] / T)
+    lost = np.linalg.norm(wish[controlled] - vdot[controlled])
+    return float(np.clip(1.0 - lost / way, 0.0, np.nextafter(1.0, 0.0)))
+
+
+@compiled
+def nearest_accelerations(
+    vdot: np.ndarray,
+    tau: np.ndarray,
+    inertia: np.ndarray,
+    v: np.ndarray,
+    controlled: np.ndarray,
+    limits: np.ndarray,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    T: float,
+    period: float,
+) -> np.ndarray:
+    """The accelerations nearest to the wish whose torques are in their intervals.
+
+        x = argmin |x - wish|^2 + w sum max(0, beyond_i(x))^2
+
+    with each actuator's excess over its interval, in terms of accelerations, each
+    joint's over its bounds, and a weight that leaves next to none of either where there
+    are such accelerations.
+
+    Args:
+        vdot, tau, inertia, v, controlled, limits, T, period: as in `limit_torque`.
+        lowest, highest: (n,) bounds of the controlled joints' accelerations, infinite
+            where there is none [rad/s^2].
+
+    Returns:
+        (nv,) accelerations; of the other joints the wish's.
+    """
+    c, n = period / T, len(controlled)
+    wish, M = vdot[controlled], np.ascontiguousarray(inertia[:, controlled])
+    tau_brake = tau - times(M, v[controlled] / T + wish)
+    tau_still = tau - times(M, wish)
+    size = np.sqrt((M * M).sum(axis=1))
+    some = np.flatnonzero(np.isfinite(limits) & (size > 0.0))
+    L, size, brake = limits[some], size[some], tau_brake[some]
+    room = _reserve(brake, L, c)
+    # Where both cannot be had, the limits count.
+    inside = L * (1.0 - _INSIDE)
+    low = np.minimum(np.maximum(tau_still[some] + (brake - room) / c, -inside), inside)
+    high = np.minimum(np.maximum(tau_still[some] + (brake + room) / c, -inside), inside)
+    below, above = np.isfinite(lowest), np.isfinite(highest)
+    spare = _INSIDE * np.minimum(highest - lowest, 1.0)
+    lowest, highest = lowest + spare, highest - spare
+    rows = M[some] / size[:, np.newaxis]
+    there = times(rows, wish)
+    unit = np.eye(n)
+    x, _, _ = one_sided_minimum(
+        unit,
+        wish,
+        _WEIGHT * np.concatenate((rows, -rows, unit[below], -unit[above])),
+        _WEIGHT
+        * np.concatenate(
+            (
+                there + (low - tau[some]) / size,
+                (tau[some] - high) / size - there,
+                lowest[below],
+                -highest[above],
+            )
+        ),
+        wish,
+    )
+    nearest = vdot.copy()
+    nearest[controlled] = x
+    return nearest
 
 
 @compiled

@@ -18,6 +18,7 @@ from crar_drake.equations.lookahead import (
     LookaheadGains,
     LookaheadMemory,
     LookaheadNumbers,
+    acceleration_bounds,
     find_limits,
     lookahead_step,
     scale_acceleration,
@@ -41,7 +42,7 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; by default 1.5 / Gv.
+        horizon: T, over which the robot could brake [s]; by default 2.5 / Gv.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
@@ -204,6 +205,9 @@ class LookaheadMode(Mode):
         )
         told = {"resting_margins": margins, "admission": admission}
         return Resolved(answer, slip, told)
+
+    def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+        return acceleration_bounds(measured, self._model.robot_ahead, self._numbers)
 
     def admit_again(
         self, measured: Measured, vdot: np.ndarray

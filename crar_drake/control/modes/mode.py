@@ -84,6 +84,20 @@ class Mode(ABC):
     def check(parameters: CrarParameters) -> None:
         """Raises ScenarioError where a parameter does not go with this mode."""
 
+    def acceleration_bounds(
+        self, measured: Measured
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """What the effort limits may not change an acceleration beyond.
+
+        Args:
+            measured: the state, as in `resolve`.
+
+        Returns:
+            (n,), (n,) smallest and largest of the controlled joints [rad/s^2]; None if
+            the mode has no such bounds.
+        """
+        return None
+
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
@@ -111,8 +125,8 @@ class Mode(ABC):
 
         Args:
             workspace: of the model, at the state.
-            drake: its numbers of the state, and where the robot comes to rest,
-                q + T q_dot, if there is a `horizon`.
+            measured: the state, and where the robot comes to rest, q + T q_dot, if
+                there is a `horizon`.
             wanted: the targets.
             before: the control step before; None at the first step, and after
                 braking without targets.

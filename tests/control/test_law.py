@@ -766,6 +766,28 @@ def test_effort_limits_are_respected_when_asked_for():
     assert np.linalg.norm(results[True][-1].task_error) < 0.03
 
 
+def test_weak_actuators_break_no_other_limit():
+    """Other accelerations than those that were admitted are admitted anew."""
+    urdf = chain_urdf("zyzyz", limits=(-1.2, 1.2))
+    urdf = urdf.replace("<limit ", '<limit effort="150" velocity="6" ')
+    model = make_model(urdf)
+    rng = np.random.default_rng(7)
+    q, v = np.array([0.5, 0.7, -0.9, 0.6, 0.2]), np.zeros(5)
+    law = ControlLaw(model, CrarParameters(period=0.01, blend_time=0.0))
+    shares, farthest, clipped = [], 0.0, 0
+    for k in range(400):
+        if k % 25 == 0:
+            target = rng.uniform(-1.5, 1.5, (1, 3))
+        solution = law.step(q, v, hold(model, target))
+        q, v = np.split(solution.position_command, 2)
+        shares.append(solution.torque_limit[0])
+        clipped += solution.torque_limit[1] > 0.0
+        farthest = max(farthest, np.abs(q).max())
+        assert np.abs(v).max() <= 6.0 + 1e-9
+    assert 1.1 < farthest <= 1.2 + 1e-9
+    assert 20 < np.sum(np.array(shares) < 1.0) < 380 and clipped == 0
+
+
 def test_wide_effort_limits_change_nothing():
     model = limited_model(1e6)
     q, v = random_state(model, 3)

@@ -31,6 +31,7 @@ from crar_drake.equations.lookahead import (
     resting_velocity,
     retreat_speed,
     row_weights,
+    share_within,
     slip_velocity,
     wish_velocity,
 )
@@ -870,3 +871,16 @@ def test_pairs_beyond_the_influence_distance_do_not_count(h: float) -> None:
     assert rows.h.tolist() == ([0.1, h] if h < 0.3 else [0.1])
     assert rows.drift.tolist() == ([-0.1, -0.2] if h < 0.3 else [-0.1])
     assert len(rows.g) == len(rows.weight) == len(rows.retreat) == len(rows.h)
+
+
+def test_the_largest_share_within_bounds():
+    lowest, highest = np.array([-1.0, -2.0, 0.0]), np.array([3.0, 0.0, 5.0])
+    for s, share in (
+        ([2.0, -1.0, 4.0, 1e9], 1.0),  # the last has no bounds
+        ([-4.0, -1.0, 4.0, 0.0], 0.25),
+        ([6.0, -8.0, 4.0, 0.0], 0.25),
+        ([1.0, 1e-6, 1.0, 0.0], 0.0),
+        ([0.0, 0.0, 0.0, 0.0], 1.0),
+        ([3.0, -2.0, 5.0, 0.0], 1.0),
+    ):
+        assert share_within(np.array(s), lowest, highest) == share

@@ -11,6 +11,8 @@ from hypothesis.extra.numpy import arrays
 from crar_drake.equations.torque_limit import (
     clip_torque,
     limit_torque,
+    nearest_accelerations,
+    share_of_wish,
     torque_scale,
 )
 
@@ -211,6 +213,20 @@ class Arm(NamedTuple):
             self.period,
         )
 
+    def nearest(self, limits, lowest=-np.inf, highest=np.inf) -> np.ndarray:
+        return nearest_accelerations(
+            self.wish,
+            self.torque(self.wish),
+            self.H,
+            self.v,
+            np.array([0, 1]),
+            np.asarray(limits, float),
+            np.broadcast_to(lowest, 2) + np.zeros(2),
+            np.broadcast_to(highest, 2) + np.zeros(2),
+            self.horizon,
+            self.period,
+        )
+
     def slowed(self, theta: float) -> np.ndarray:
         """Accelerations (theta s - v) / T of the controlled joints, s = v + T vdot."""
         s = self.v + self.horizon * self.wish
@@ -295,6 +311,85 @@ def test_torque_that_no_share_limits_is_clipped(arm):
     free = arm.torque(arm.slowed(theta))
     assert (np.abs(free) / limits).max() == pytest.approx(1.0 + excess)
     np.testing.assert_allclose(tau, np.clip(free, -limits, limits), rtol=1e-9)
+
+
+def nearest_in(A: np.ndarray, b: np.ndarray, wish: np.ndarray) -> np.ndarray:
+    """The point of the plane nearest to the wish with A x <= b, by trying: it is the
+    wish, on one line, or where two of them meet."""
+    tried = [wish]
+    for i, a in enumerate(A):
+        tried.append(wish - (a @ wish - b[i]) / (a @ a) * a)
+        for j in range(i):
+            pair = A[[i, j]]
+            if abs(np.linalg.det(pair)) > 1e-9:
+                tried.append(np.linalg.solve(pair, b[[i, j]]))
+    allowed = [x for x in tried if (A @ x <= b + 1e-9 * (1.0 + abs(b))).all()]
+    return min(allowed, key=lambda x: np.linalg.norm(x - wish))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_nearest_accelerations_are_those_of_a_quadratic_program(seed):
+    """With intervals and bounds as they are meant."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 3))
+    arm = Arm(
+        H=root @ root.T + np.eye(3),
+        bias=rng.normal(size=3),
+        v=0.3 * rng.normal(size=3),
+        wish=30.0 * rng.normal(size=3),
+        period=10.0 ** rng.uniform(-3.0, -2.0),
+    )
+    c, M = arm.period / arm.horizon, arm.H[:, :2]
+    brake, still = arm.wish.copy(), arm.wish.copy()
+    brake[:2], still[:2] = -arm.v[:2] / arm.horizon, 0.0
+    tau_brake, tau_still = arm.torque(brake), arm.torque(still)
+    limits = rng.uniform(1.3, 3.0, 3) * np.maximum(abs(tau_brake), abs(tau_still))
+    lowest = np.minimum(brake[:2], 0.0) - rng.uniform(0.5, 40.0, 2)
+    highest = np.maximum(brake[:2], 0.0) + rng.uniform(0.5, 40.0, 2)
+
+    known = arm.bias + arm.H[:, 2] * arm.wish[2]
+    # tau_b - c (tau - tau_still), of which tau - tau_still = M x.
+    sides = [
+        (M, limits - known),
+        (-M, limits + known),
+        (-c * M, 0.8 * limits - tau_brake),
+        (c * M, 0.8 * limits + tau_brake),
+        (np.eye(2), highest),
+        (-np.eye(2), -lowest),
+    ]
+    A, b = (np.concatenate(part) for part in zip(*sides, strict=True))
+    found = arm.nearest(limits, lowest, highest)
+    np.testing.assert_allclose(found[:2], nearest_in(A, b, arm.wish[:2]), atol=2e-3)
+    assert found[2] == arm.wish[2]
+    # Next to nothing is outside: the rest of the way is clipped or slowed down.
+    assert (np.abs(arm.torque(found)) <= limits).all()
+    assert (lowest <= found[:2]).all() and (found[:2] <= highest).all()
+
+
+def test_the_wish_itself_is_the_nearest_where_it_is_allowed(arm):
+    np.testing.assert_array_equal(arm.nearest([1e4, np.inf, 1e4]), arm.wish)
+
+
+def test_a_weak_motor_leaves_the_other_joints_alone():
+    arm = Arm(
+        H=np.diag([2.0, 3.0, 1.0]),
+        bias=np.zeros(3),
+        v=np.zeros(3),
+        wish=np.array([30.0, -20.0, 5.0]),
+    )
+    np.testing.assert_allclose(
+        arm.nearest([10.0, 1e3, 1e3]), [5.0, -20.0, 5.0], rtol=1e-5
+    )
+
+
+def test_the_share_of_the_wish_is_theta_where_it_was_slowed_down(arm):
+    joints = np.array([0, 1])
+    for theta in (0.0, 0.3, 0.9):
+        vdot = arm.slowed(theta)
+        share = share_of_wish(vdot, arm.wish, arm.v, joints, arm.horizon)
+        assert share == pytest.approx(theta, abs=1e-12)
+    far = arm.wish - 3.0 * (arm.wish - arm.slowed(0.0))
+    assert share_of_wish(far, arm.wish, arm.v, joints, arm.horizon) == 0.0
 
 
 def test_a_clipped_torque_and_its_excess():

@@ -124,8 +124,8 @@ class Solution:
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
         torque_limit: (2,) how much the effort limits left of the way from braking to
-            the wish, 1 where they are not active or not respected; and by which share of
-            its limit the worst actuator was beyond it before clipping, see
+            the wish, 1 where they are not active or not respected; and by which share
+            of its limit the worst actuator was beyond it before clipping, see
             `equations.torque_limit`. The share is decided in the control step; the
             excess is that of `actuation`.
         of_mode: the constraint mode's own diagnostics, by name.

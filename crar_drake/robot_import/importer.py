@@ -23,6 +23,7 @@ from crar_drake.robot.description import (
     find_joint,
 )
 from crar_drake.robot_import.anatomy import (
+    elbow_index,
     find_anatomy,
     guess_frames,
     guess_locked,
@@ -34,6 +35,7 @@ from crar_drake.robot_import.choices import (
     load_choices,
     save_choices,
 )
+from crar_drake.robot_import.facing import guess_facing, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.meshes import (
@@ -47,6 +49,7 @@ from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.source_urdf import (
     PACKAGE_SCHEME,
+    WORLD,
     SourceRobot,
     find_urdf,
     read_urdf,
@@ -64,8 +67,6 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "picture.png",
     "report.txt",
 )
-
-WORLD = "world"  # the link that Drake takes for its own world
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -90,6 +91,7 @@ class ImportReport:
         fits: link to its capsules.
         covered: link without capsules to the link whose capsules enclose it.
         notes: everything else that the user should know, one line each.
+        warnings: what is likely to be wrong, or leaves the robot unprotected.
     """
 
     folder: Path
@@ -98,6 +100,7 @@ class ImportReport:
     fits: dict[str, Fit] = field(default_factory=dict)
     covered: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     def lines(self) -> list[str]:
         """The report as text."""
@@ -114,6 +117,8 @@ class ImportReport:
             )
         pairs = self.choices.pairs or []
         lines += ["", f"watched pairs: {len(pairs)}"]
+        if self.warnings:
+            lines += ["", *(f"WARNING: {warning}" for warning in self.warnings)]
         if self.notes:
             lines += ["", *self.notes]
         if self.guessed:
@@ -164,15 +169,17 @@ def import_robot(
     progress("reading", 0.0)
     robot = read_urdf(path, [Path(p) for p in (*package_paths, *choices.package_paths)])
     choices = replace(choices, name=choices.name or robot.name)
-    report = ImportReport(out, choices)
-    _guess_structure(robot, choices, report)
+    robot = _without_world(robot, choices)
+    report = ImportReport(out, choices, notes=list(robot.notes))
+    parts = {name: link_parts(link) for name, link in robot.links.items()}
+    robot = _face(robot, parts, choices, report)
+    _guess_structure(robot, parts, choices, report)
     try:
         locked = _check_structure(robot, choices, file)
     except ModelError:
         save_choices(file, choices, report.guessed)  # so that it can be corrected
         raise
 
-    parts = {name: link_parts(link) for name, link in robot.links.items()}
     segments = _merge_segments(robot, locked, parts, choices)
     cache = FitCache(out / "meshes" / "fits.json")
     for index, (name, of_segment) in enumerate(segments.items()):
@@ -195,6 +202,7 @@ def import_robot(
     _write_hulls(out, segments)
     cache.save()
     prescribed = choices.base == "prescribed"
+    turned_away = choices.facing != "+x"  # the file welds it as it is to face
     welded_itself = robot.root == WORLD  # to Drake that link is the world
     write_urdf(
         out / URDF,
@@ -210,7 +218,7 @@ def import_robot(
     description = RobotDescription(
         name=choices.name,
         model=URDF,
-        base="" if prescribed or welded_itself else robot.root,
+        base="" if prescribed or welded_itself or turned_away else robot.root,
         prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
         if prescribed
         else {},
@@ -271,8 +279,40 @@ def _locate(source: str, out: Path) -> Path:
     return find_urdf(beside if beside.is_file() else source)[0]
 
 
+def _without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
+    """A humanoid's root is what stands in the world, not a link of that name."""
+    bare = robot.without_world()
+    if bare is None or choices.base == "fixed":
+        return robot
+    if choices.base is None and find_anatomy(bare) is None:
+        return robot
+    note = f"the root link {WORLD!r} is left out: {bare.root} is the root"
+    return replace(bare, notes=(*robot.notes, note))
+
+
+def _face(robot, parts, choices: ImportChoices, report: ImportReport) -> SourceRobot:
+    """The robot in a frame whose x axis is its front."""
+    if choices.facing is None:
+        guess = guess_facing(robot, parts)
+        choices.facing = guess.facing
+        report.guessed["facing"] = guess.why
+        if guess.doubt:
+            report.warnings.append(f"facing: {guess.doubt}")
+        if guess.facing != "+x":
+            report.notes.append(
+                f"the robot faces {guess.facing} of its root link, {guess.why}: it was "
+                "turned to face +x"
+            )
+    if choices.facing != "+x" and robot.root == WORLD:
+        raise ModelError(
+            f"{report.folder / IMPORT_FILE}: facing: the root link is named {WORLD!r}, "
+            "which cannot turn; write +x, or rename the link in the URDF"
+        )
+    return turned(robot, choices.facing)
+
+
 def _guess_structure(
-    robot: SourceRobot, choices: ImportChoices, report: ImportReport
+    robot: SourceRobot, parts, choices: ImportChoices, report: ImportReport
 ) -> None:
     """Fills in base, locked and frames where the import file leaves them out."""
     anatomy = find_anatomy(robot)
@@ -299,14 +339,19 @@ def _guess_structure(
     if choices.segments is None:
         group = _groups(robot, choices.locked)
         choices.segments = {}
-        for hand in (anatomy.left.hand, anatomy.right.hand) if anatomy else ():
+        X = robot.poses()
+        for arm in (anatomy.left, anatomy.right) if anatomy else ():
+            hand = arm.hand
+            forearm = arm.joints[elbow_index(X, arm)].child
+            if group[hand] == group[forearm]:
+                continue  # no wrist moves: a forearm is no hand
             others = [a for a in robot.links if group[a] == group[hand] and a != hand]
             others = [a for a in others if not robot.is_bare(a)]
             if others and group[hand] != robot.root:
                 choices.segments[hand] = others
         report.guessed["segments"] = "all that is welded to a hand is one with it"
     if choices.frames is None:
-        choices.frames = guess_frames(robot, anatomy) if anatomy else {}
+        choices.frames = guess_frames(robot, anatomy, parts) if anatomy else {}
         report.guessed["frames"] = (
             "from the axes of the arms' joints"
             if anatomy

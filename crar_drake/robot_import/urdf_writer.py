@@ -14,7 +14,7 @@ from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.inertias import Inertia
-from crar_drake.robot_import.source_urdf import SourceRobot
+from crar_drake.robot_import.source_urdf import WORLD, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -70,7 +70,12 @@ def write_urdf(
         )
     )
     if prescribed:
-        _add_base(root, robot.root)
+        _add_base(root, robot)
+    elif not robot.X_FR.IsExactlyIdentity():
+        weld = ElementTree.SubElement(root, "joint", name="world_weld", type="fixed")
+        ElementTree.SubElement(weld, "parent", link=WORLD)
+        ElementTree.SubElement(weld, "child", link=robot.root)
+        _add_origin(weld, robot.X_FR)
     for link in robot.links:
         element = ElementTree.SubElement(root, "link", name=link)
         if link in inertias:
@@ -116,8 +121,8 @@ def write_urdf(
         temporary.write_bytes(ElementTree.tostring(root, xml_declaration=True))
 
 
-def _add_base(root, first_link: str) -> None:
-    parent = "world"
+def _add_base(root, robot: SourceRobot) -> None:
+    parent, first_link = WORLD, robot.root
     children = [f"{name}_carriage" for name in list(BASE_JOINTS)[:-1]] + [first_link]
     for (name, (kind, axis, _)), child in zip(
         BASE_JOINTS.items(), children, strict=True
@@ -129,6 +134,8 @@ def _add_base(root, first_link: str) -> None:
         joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=child)
+        if child == first_link and not robot.X_FR.IsExactlyIdentity():
+            _add_origin(joint, robot.X_FR)
         ElementTree.SubElement(joint, "axis", xyz=axis)
         _add_transmission(root, name)
         parent = child

@@ -14,7 +14,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, whole_set
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import (
     IMPORT_FILE,
@@ -146,6 +146,9 @@ def import_robot(
         package_paths: folders in which the URDF's packages are looked for.
         progress: is told what is being done.
 
+    Nothing of it is written unless all of it can be; only the import file is, where
+    what is guessed has to be corrected first.
+
     Raises:
         ModelError: something in the URDF or the choices is wrong or not supported,
             or a package of the extra `robots` is missing; the message names it.
@@ -189,7 +192,32 @@ def import_robot(
             report.notes.append(f"link {name} is flat: it gets no collision shape")
         else:
             report.fits[name] = fit
+    if file.is_file():
+        cache.save()  # what is refused below need not be fitted again
     _find_covered(robot, locked, segments, report)
+    with whole_set(out, DESCRIPTION) as made:
+        _make(made, robot, locked, parts, segments, choices, report, progress, file)
+        save_choices(file, choices, report.guessed)
+        with whole_file(made / REPORT) as temporary:
+            temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
+        _remove_old_hulls(made, out)
+    cache.save()
+    return report
+
+
+def _make(
+    folder: Path,
+    robot: SourceRobot,
+    locked: dict[str, float],
+    parts: dict[str, list[Part]],
+    segments: dict[str, list[Part]],
+    choices: ImportChoices,
+    report: ImportReport,
+    progress: Progress,
+    file: Path,
+) -> None:
+    """Makes the model, its description, meshes and picture in a folder, and the
+    choices that need them."""
     capsules = {
         name: fit.capsules
         for name, fit in report.fits.items()
@@ -198,17 +226,25 @@ def import_robot(
     inertias = _inertias(robot, locked, parts, report)
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
-    visuals = _write_meshes(out, parts, choices.faces)
-    _write_hulls(out, segments)
-    cache.save()
+    visuals = _write_meshes(folder, parts, choices.faces)
+    _write_hulls(folder, segments)
+    _guess_rest(robot, locked, parts, choices, report)
     prescribed = choices.base == "prescribed"
-    turned_away = choices.facing != "+x"  # the file welds it as it is to face
-    welded_itself = robot.root == WORLD  # to Drake that link is the world
-    write_urdf(
-        out / URDF,
+    # A robot with a waist stands on the floor, although its base is fixed.
+    rest_posture = dict(choices.rest_posture)
+    lifted = not prescribed and "waist_z" not in robot.joints
+    height = rest_posture.pop("waist_z", 0.0) if lifted else 0.0
+    if height and robot.root == WORLD:
+        raise ModelError(
+            f"{file}: rest_posture: waist_z: the root link is named {WORLD!r} and "
+            "cannot be lifted; take waist_z out"
+        )
+    welded_itself = write_urdf(
+        folder / URDF,
         robot,
         choices.name,
         prescribed=prescribed,
+        height=height,
         locked=locked,
         frames=choices.frames,
         visuals=visuals,
@@ -218,36 +254,23 @@ def import_robot(
     description = RobotDescription(
         name=choices.name,
         model=URDF,
-        base="" if prescribed or welded_itself or turned_away else robot.root,
+        base="" if welded_itself else robot.root,
         prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
         if prescribed
         else {},
         task_frames={point: frame_name(point) for point in choices.frames},
-        folder=str(out),
+        rest_posture=rest_posture,
+        folder=str(folder),
     )
     plant = _parse(description)
-    if choices.rest_posture is None:
-        rest = guess_rest(robot, find_anatomy(robot), locked)
-        if prescribed:
-            height = _ground_height(robot, parts, {**locked, **rest})
-            rest = {"waist_z": round(height, 4)} | rest
-        choices.rest_posture = rest
-        report.guessed["rest_posture"] = (
-            "arms a little out, elbows bent, standing on the ground"
-        )
-    description.rest_posture = dict(choices.rest_posture)
-    rest = _rest(plant, choices, file)
+    rest = _rest(plant, rest_posture, file)
     progress("sampling pairs", 1.0)
     _pairs(plant, robot, locked, capsules, rest, choices, report, file)
     description.pairs = choices.pairs
     description.validate()
-    _write_description(out, description)
+    _write_description(folder, description)
     progress("drawing", 1.0)
-    _draw(out, plant, description, rest, parts, capsules)
-    save_choices(file, choices, report.guessed)
-    with whole_file(out / REPORT) as temporary:
-        temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
-    return report
+    _draw(folder, plant, description, rest, parts, capsules)
 
 
 def check_installed() -> None:
@@ -282,9 +305,10 @@ def _locate(source: str, out: Path) -> Path:
 def _without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
     """A humanoid's root is what stands in the world, not a link of that name."""
     bare = robot.without_world()
-    if bare is None or choices.base == "fixed":
+    if bare is None:
         return robot
-    if choices.base is None and find_anatomy(bare) is None:
+    arms = any(find_anatomy(turned(bare, facing)) for facing in ("+x", "+y"))
+    if choices.base != "prescribed" and not arms:
         return robot
     note = f"the root link {WORLD!r} is left out: {bare.root} is the root"
     return replace(bare, notes=(*robot.notes, note))
@@ -554,6 +578,14 @@ def _write_hulls(out: Path, segments: dict[str, list[Part]]) -> None:
             write_obj(hull_file(out, name, index), vertices, triangles)
 
 
+def _remove_old_hulls(made: Path, out: Path) -> None:
+    """An earlier import's hulls would be taken for this one's."""
+    new = {path.name for path in made.glob("hulls/*.obj")}
+    for path in out.glob("hulls/*.obj"):
+        if path.name not in new:
+            path.unlink()
+
+
 def hull_file(folder: Path, link: str, index: int) -> Path:
     """Where the convex hull of a link's mesh number `index` lies."""
     return folder / "hulls" / f"{link.replace('/', '_')}_{index}.obj"
@@ -579,9 +611,25 @@ def _ground_height(robot, parts, positions) -> float:
     return float(-min(lowest, default=0.0))
 
 
-def _rest(plant: MultibodyPlant, choices: ImportChoices, file: Path) -> np.ndarray:
+def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
+    """Fills in the rest posture where the import file leaves it out."""
+    if choices.rest_posture is not None:
+        return
+    anatomy = find_anatomy(robot)
+    rest = guess_rest(robot, anatomy, locked)
+    how = "arms a little out, elbows bent, standing on the ground"
+    if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
+        height = _ground_height(robot, parts, {**locked, **rest})
+        rest = {"waist_z": round(height, 4)} | rest
+    choices.rest_posture = rest
+    report.guessed["rest_posture"] = how
+
+
+def _rest(
+    plant: MultibodyPlant, rest_posture: dict[str, float], file: Path
+) -> np.ndarray:
     q = plant.GetPositions(plant.CreateDefaultContext())
-    for name, value in choices.rest_posture.items():
+    for name, value in rest_posture.items():
         try:
             joint = find_joint(plant, name)
         except ModelError as error:

@@ -45,12 +45,13 @@ def write_urdf(
     name: str,
     *,
     prescribed: bool,
+    height: float = 0.0,
     locked: Mapping[str, float],
     frames: Mapping[str, FrameChoice],
     visuals: Mapping[str, Sequence[VisualMesh]],
     capsules: Mapping[str, Sequence[FittedCapsule]],
     inertias: Mapping[str, Inertia],
-) -> None:
+) -> bool:
     """Writes the generated URDF.
 
     Args:
@@ -58,9 +59,13 @@ def write_urdf(
         robot: the source.
         name: of the robot.
         prescribed: whether joints that the motion drives carry the root link.
+        height: of a root link that nothing carries, above the ground [m].
         locked: joint to the position at which it is welded [rad or m].
         frames: the motion's points.
         visuals, capsules, inertias: by link; links that are in none are bare.
+
+    Returns:
+        Whether the file connects the root link with the world.
     """
     root = ElementTree.Element("robot", name=name)
     root.set("xmlns:drake", "http://drake.mit.edu")
@@ -71,11 +76,13 @@ def write_urdf(
     )
     if prescribed:
         _add_base(root, robot)
-    elif not robot.X_FR.IsExactlyIdentity():
+    X_WR = RigidTransform(np.array([0.0, 0.0, height])) @ robot.X_FR
+    welded = not (prescribed or robot.root == WORLD or X_WR.IsExactlyIdentity())
+    if welded:
         weld = ElementTree.SubElement(root, "joint", name="world_weld", type="fixed")
         ElementTree.SubElement(weld, "parent", link=WORLD)
         ElementTree.SubElement(weld, "child", link=robot.root)
-        _add_origin(weld, robot.X_FR)
+        _add_origin(weld, X_WR)
     for link in robot.links:
         element = ElementTree.SubElement(root, "link", name=link)
         if link in inertias:
@@ -119,6 +126,7 @@ def write_urdf(
     ElementTree.indent(root)
     with whole_file(path) as temporary:
         temporary.write_bytes(ElementTree.tostring(root, xml_declaration=True))
+    return prescribed or welded or robot.root == WORLD
 
 
 def _add_base(root, robot: SourceRobot) -> None:

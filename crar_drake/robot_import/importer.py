@@ -22,6 +22,7 @@ from crar_drake.robot.description import (
     add_robot,
     find_joint,
 )
+from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
@@ -264,8 +265,17 @@ def _make(
     )
     plant = _parse(description)
     rest = _rest(plant, rest_posture, file)
+    report.warnings += limb_alarms(robot, choices.frames)
+    anatomy = find_anatomy(robot)
+    if anatomy is not None:
+        height = choices.rest_posture.get("waist_z", 0.0)
+        posture = {**rest_posture, **locked}
+        report.warnings += floor_alarms(robot, parts, posture, height, anatomy)
     progress("sampling pairs", 1.0)
-    _pairs(plant, robot, locked, capsules, rest, choices, report, file)
+    overlapping = _pairs(plant, robot, locked, capsules, rest, choices, report, file)
+    report.warnings += pair_alarms(
+        robot, locked, segments, rest_posture, choices.pairs, overlapping
+    )
     description.pairs = choices.pairs
     description.validate()
     _write_description(folder, description)
@@ -443,7 +453,7 @@ def _check_structure(
         if not joint.lower - 1e-3 <= position <= joint.upper + 1e-3:
             raise ModelError(
                 f"{file}: locked: {name}: {position:g} is beyond the joint's limits, "
-                f"{joint.lower:g} to {joint.upper:g}"
+                f"{joint.lower:g} to {joint.upper:g} {joint.unit}"
             )
     if all(j.kind == "fixed" or j.name in locked for j in robot.joints.values()):
         raise ModelError(f"{file}: no joint is left to control; take some from locked")
@@ -542,6 +552,12 @@ def _inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
 def _note_joints(robot, locked, report: ImportReport) -> None:
     moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
     report.notes.append(f"controlled joints: {', '.join(j.name for j in moving)}")
+    sliding = [j for j in moving if j.kind == "prismatic"]
+    if sliding:
+        report.notes.append(
+            "joints that slide, with positions in m, speeds in m/s and efforts in N: "
+            + ", ".join(f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding)
+        )
     unlimited = [j.name for j in moving if not np.isfinite(j.lower)]
     if unlimited:
         report.notes.append(f"joints without limits: {', '.join(unlimited)}")
@@ -640,7 +656,10 @@ def _rest(
     return q
 
 
-def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
+def _pairs(
+    plant, robot, locked, capsules, rest, choices, report, file
+) -> list[list[str]]:
+    """Fills in the watched pairs; returns those left out since they touch at rest."""
     known = set(capsules)
     for pair in choices.pairs or []:
         for link in pair:
@@ -650,7 +669,7 @@ def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
                     f"{nearest(link, known)}"
                 )
     if choices.pairs is not None:
-        return
+        return []
     found = sample_pairs(plant, capsules, rest, _adjacent(robot, locked, capsules))
     choices.pairs = found.watched
     report.guessed["pairs"] = (
@@ -666,6 +685,7 @@ def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
             "not watched, since they nearly always touch: "
             + ", ".join(" - ".join(pair) for pair in found.always)
         )
+    return found.overlapping
 
 
 def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:

@@ -103,6 +103,11 @@ class Joint:
         """Whether it has a single axis to move about or along."""
         return self.kind in _MOVING
 
+    @property
+    def unit(self) -> str:
+        """Of its positions: "m" or "rad"."""
+        return "m" if self.kind == "prismatic" else "rad"
+
     def transform(self, position: float) -> RigidTransform:
         """X_PC at a position [rad or m]."""
         if self.kind == "prismatic":

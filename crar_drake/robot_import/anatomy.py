@@ -18,6 +18,7 @@ from crar_drake.robot_import.meshes import Part
 from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 
 _FEWEST_JOINTS = 4  # of an arm
+_TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
 _AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
 _MIRROR_TOLERANCE = 0.03  # [m]
@@ -193,6 +194,39 @@ def guess_frames(
     return {name: frames[name] for name in (*order, *sorted(set(frames) - set(order)))}
 
 
+def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
+    """The tool of a robot with one arm: the end of its only longest chain.
+
+    It is what is welded there and named so, else the last link without geometry,
+    else the hand. Robots without such a chain of four or more joints have none.
+    """
+    ways = {
+        end: [joint for joint in robot.path_to(end) if joint.moves]
+        for end in _chain_ends(robot)
+    }
+    longest = max(map(len, ways.values()))
+    ends = [end for end, way in ways.items() if len(way) == longest]
+    if longest < _FEWEST_JOINTS or len(ends) != 1:
+        return {}
+    (end,) = ends
+    welded = _welded_below(robot, ways[end][-1].child)
+    for word in _TOOLS:
+        for link in welded:
+            if word in link.lower():
+                return {"tool": FrameChoice(link)}
+    bare = [link for link in welded if robot.is_bare(link)]
+    return {"tool": FrameChoice(bare[-1] if bare else end)}
+
+
+def _welded_below(robot: SourceRobot, link: str) -> list[str]:
+    """Links that hang on a link by fixed joints."""
+    found = []
+    for joint in robot.children(link):
+        if joint.kind == "fixed":
+            found += [joint.child, *_welded_below(robot, joint.child)]
+    return found
+
+
 def guess_locked(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, float]:
     """Joints that no arm needs, at zero or where their limits let them be nearest."""
     needed = set()
@@ -213,10 +247,15 @@ def guess_rest(
     robot: SourceRobot, anatomy: Anatomy | None, locked: dict[str, float]
 ) -> dict[str, float]:
     """Arms a little away from the trunk and elbows bent: clear of limits, of the
-    trunk, and of the singular pose of a straight arm."""
+    trunk, and of the singular pose of a straight arm. A robot without a pair of arms
+    has its joints in the middle of their ranges."""
     rest = {}
     for joint in robot.joints.values():
-        if joint.moves and joint.name not in locked:
+        if not joint.moves or joint.name in locked:
+            continue
+        if anatomy is None and np.isfinite(joint.upper - joint.lower):
+            rest[joint.name] = (joint.lower + joint.upper) / 2.0
+        else:
             inside = min(0.05, (joint.upper - joint.lower) / 4.0)
             rest[joint.name] = float(
                 np.clip(0.0, joint.lower + inside, joint.upper - inside)

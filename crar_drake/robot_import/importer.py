@@ -29,6 +29,7 @@ from crar_drake.robot_import.anatomy import (
     guess_frames,
     guess_locked,
     guess_rest,
+    guess_tool,
 )
 from crar_drake.robot_import.capsule_fitting import Fit, coverage
 from crar_drake.robot_import.choices import (
@@ -385,13 +386,18 @@ def _guess_structure(
                 choices.segments[hand] = others
         report.guessed["segments"] = "all that is welded to a hand is one with it"
     if choices.frames is None:
-        choices.frames = guess_frames(robot, anatomy, parts) if anatomy else {}
-        report.guessed["frames"] = (
-            "from the axes of the arms' joints"
-            if anatomy
-            else "none; a motion needs waist, neck and both arms' shoulder, elbow and "
-            "wrist, keyframes only what your tasks name"
+        missing = (
+            "a motion needs waist, neck and both arms' shoulder, elbow and wrist, "
+            "keyframes only what your tasks name"
         )
+        if anatomy:
+            choices.frames = guess_frames(robot, anatomy, parts)
+            how = "from the axes of the arms' joints"
+        else:
+            choices.frames = guess_tool(robot)
+            found = "the tool at the end of the longest chain"
+            how = f"{found if choices.frames else 'none'}; {missing}"
+        report.guessed["frames"] = how
 
 
 def _check_structure(
@@ -633,7 +639,11 @@ def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
         return
     anatomy = find_anatomy(robot)
     rest = guess_rest(robot, anatomy, locked)
-    how = "arms a little out, elbows bent, standing on the ground"
+    how = (
+        "arms a little out, elbows bent, standing on the ground"
+        if anatomy
+        else "the middle of each joint's range"
+    )
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
         height = _ground_height(robot, parts, {**locked, **rest})
         rest = {"waist_z": round(height, 4)} | rest

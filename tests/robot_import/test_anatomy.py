@@ -9,6 +9,8 @@ from crar_drake.robot_import.anatomy import (
     find_anatomy,
     guess_frames,
     guess_locked,
+    guess_rest,
+    guess_tool,
 )
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
@@ -228,3 +230,54 @@ def test_the_waist_is_not_on_wheels(tmp_path, root, turns, height):
     waist = guess_frames(read, find_anatomy(read), parts)["waist"]
     assert waist.link == root
     np.testing.assert_allclose(waist.point, [0, 0, height], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "welded, tool",
+    [
+        (["flange", "hand_tcp", "camera"], "hand_tcp"),
+        (["flange", "camera"], "camera"),
+        ([], "l4"),
+    ],
+)
+def test_a_single_arm_has_a_tool_and_rests_in_the_middle(tmp_path, welded, tool):
+    """As Panda's, whose fourth joint has zero beside its limit."""
+    parts = [link("base", '<sphere radius="0.1"/>')]
+    below = "base"
+    for index in range(5):
+        limits = 'lower="-3.0" upper="-0.1"' if index == 3 else 'lower="-2" upper="2"'
+        parts += [
+            link(f"l{index}", '<sphere radius="0.03"/>'),
+            joint(f"j{index}", below, f"l{index}", xyz="0 0 0.2", limits=limits),
+        ]
+        below = f"l{index}"
+    for name in welded:
+        parts += [link(name), joint(f"{name}_weld", below, name, kind="fixed")]
+        below = name
+    read = read_urdf(write(tmp_path, robot(parts)))
+    assert find_anatomy(read) is None
+    assert guess_tool(read)["tool"].link == tool
+    assert guess_rest(read, None, {}) == {"j3": -1.55}
+
+
+def test_no_chain_is_the_only_longest(tmp_path):
+    parts = [link("base")]
+    for leg in range(3):
+        below = "base"
+        for index in range(4):
+            name = f"leg{leg}_{index}"
+            parts += [link(name), joint(f"{name}_j", below, name, xyz="0.1 0.2 -0.1")]
+            below = name
+    assert guess_tool(read_urdf(write(tmp_path, robot(parts)))) == {}
+
+
+@pytest.mark.parametrize(
+    "name, tool", [("panda", "panda_hand_tcp"), ("ur5_robot", "tool0")]
+)
+def test_real_tools(robot_data, name, tool):
+    read = read_urdf(find_urdf(name)[0])
+    assert guess_tool(read)["tool"].link == tool
+    rest = guess_rest(read, None, guess_locked(read, None))
+    for joint_name, q in rest.items():
+        here = read.joints[joint_name]
+        assert min(q - here.lower, here.upper - q) > 0.2 * (here.upper - here.lower)

@@ -139,7 +139,7 @@ def test_locked_joints_are_welded_where_the_file_says(imported, tmp_path):
     assert pose.IsNearlyEqualTo(expected, 1e-6)
 
 
-def test_an_arm_is_fixed_and_has_no_frames(tmp_path):
+def test_an_arm_is_fixed_and_has_a_tool(tmp_path):
     parts = [link("base", '<sphere radius="0.1"/>')]
     names = ["base", *(f"l{i}" for i in range(5))]
     for i, name in enumerate(names[1:]):
@@ -151,10 +151,15 @@ def test_an_arm_is_fixed_and_has_no_frames(tmp_path):
     (tmp_path / "out").mkdir()
     report = import_robot(path, tmp_path / "out")
     description = load_robot_description(tmp_path / "out")
-    assert description.base == "base" and not description.task_frames
+    assert description.base == "base"
+    assert description.task_frames == {"tool": "tool_point"}
+    assert report.choices.frames["tool"].link == "l4"
     # The first link had no mass although it moves.
     assert any("l0" in note and "moves" in note for note in report.notes)
-    assert any("none; a motion needs waist" in how for how in report.guessed.values())
+    assert any(
+        "the tool at the end" in how and "needs waist" in how
+        for how in report.guessed.values()
+    )
 
 
 def test_a_root_named_world_is_the_world(tmp_path):

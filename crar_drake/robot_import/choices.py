@@ -15,6 +15,7 @@ from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "fixed")
 FACINGS = ("+x", "-x", "+y", "-y")
+UP_AXES = ("z", "file")
 
 _HEADER = """\
 # What `crar-drake import-robot` decided about this robot. Correct it and import
@@ -25,6 +26,7 @@ _HEADER = """\
 # What is written above each key.
 _COMMENTS = {
     "source": "the robot's own URDF",
+    "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
     "facing": "axis of the root link that points ahead: +x, -x, +y or -y",
     "base": "prescribed: the motion moves and turns the root link; fixed: welded",
     "locked": "joint -> position [rad or m] at which it is welded",
@@ -60,6 +62,8 @@ class ImportChoices:
             `example-robot-data:` and its path in that package.
         package_paths: folders in which the URDF's packages are looked for.
         name: of the robot.
+        up_axis: "z" if all meshes have z up, whatever they say, or "file" if DAE
+            meshes are to be turned as they say; None where none says anything else.
         facing: axis of the root link that points ahead: "+x", "-x", "+y" or "-y".
         base: "prescribed" (three prismatic joints and a heading between world and
             root link, driven by the motion) or "fixed".
@@ -76,6 +80,7 @@ class ImportChoices:
     source: str = ""
     package_paths: list[str] = field(default_factory=list)
     name: str = ""
+    up_axis: str | None = None
     facing: str | None = None
     base: str | None = None
     locked: dict[str, float] | None = None
@@ -97,6 +102,10 @@ class ImportChoices:
         if self.facing is not None and self.facing not in FACINGS:
             raise ModelError(
                 f"{where}: facing: {self.facing!r} is none of {', '.join(FACINGS)}"
+            )
+        if self.up_axis is not None and self.up_axis not in UP_AXES:
+            raise ModelError(
+                f"{where}: up_axis: {self.up_axis!r} is none of {', '.join(UP_AXES)}"
             )
         if self.base is not None and self.base not in BASES:
             raise ModelError(

@@ -43,6 +43,7 @@ from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, st
 from crar_drake.robot_import.meshes import (
     Part,
     convex_hulls,
+    guess_up_axis,
     link_parts,
     simplified,
     write_obj,
@@ -176,7 +177,10 @@ def import_robot(
     choices = replace(choices, name=choices.name or robot.name)
     robot = _without_world(robot, choices)
     report = ImportReport(out, choices, notes=list(robot.notes))
-    parts = {name: link_parts(link) for name, link in robot.links.items()}
+    if choices.up_axis is None and (guess := guess_up_axis(robot)) is not None:
+        choices.up_axis, report.guessed["up_axis"] = guess
+    up_axis = choices.up_axis or "z"
+    parts = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
     robot = _face(robot, parts, choices, report)
     _guess_structure(robot, parts, choices, report)
     try:

@@ -25,6 +25,7 @@ _BELOW = 0.01  # [m] that a foot may be below the floor
 _TOUCH = 0.01  # [m] between points on two surfaces that touch
 _SAMPLES = 3000  # of a part's surface
 _NEIGHBOURS = 2  # joints apart, at most
+_REMEDY = "change rest_posture, raise most_capsules, or list the pair"
 
 
 def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[str]:
@@ -118,8 +119,8 @@ def pair_alarms(
 ) -> list[str]:
     """Pairs that nobody watches although they could hurt.
 
-    Neighbours, not more than two joints apart, whose real shapes are in each other
-    are as they should be. All others that are left out are named here.
+    Links one joint apart always touch, and neighbours two joints apart may, if their
+    real shapes do. All others that are left out are named here.
 
     Args:
         robot: as it was read.
@@ -136,20 +137,29 @@ def pair_alarms(
             "into itself"
         )
     X = robot.poses({**locked, **rest})
+    thick = []
     for a, b in overlapping:
         count = _joints_between(robot, locked, a, b)
+        if count < _NEIGHBOURS:
+            continue
         touch = _gap(X, segments, a, b) < _TOUCH
-        if touch and count <= _NEIGHBOURS:
+        if count == _NEIGHBOURS:
+            thick += [] if touch else [f"{a} - {b}"]
             continue
         why = (
             "their real shapes touch, too: change rest_posture"
             if touch
-            else "their real shapes do not, so that the capsules are too thick there: "
-            "change rest_posture, raise most_capsules or list the pair"
+            else f"their real shapes do not: {_REMEDY}"
         )
         found.append(
             f"pairs: {a} - {b} is NOT watched, {count} joints apart: their capsules "
             f"touch in the rest posture; {why}"
+        )
+    if thick:
+        found.append(
+            f"pairs: {', '.join(thick)}: NOT watched, {_NEIGHBOURS} joints apart: "
+            "their capsules touch in the rest posture; their real shapes do not: "
+            f"{_REMEDY}"
         )
     return found
 

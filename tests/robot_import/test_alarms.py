@@ -89,10 +89,12 @@ def chain(sizes: list[float]) -> tuple:
     [
         # Shoulders are in each other: two joints apart, and really so.
         ([0.1, 0.1, 0.72], ("l0", "l2"), {}, None),
-        ([0.1, 0.1, 0.1], ("l0", "l2"), {}, ["2 joints", "too thick"]),
+        ([0.1, 0.1, 0.1], ("l0", "l1"), {}, None),
+        ([0.1, 0.1, 0.1], ("l0", "l2"), {"j1": 0.0}, None),
+        ([0.1, 0.1, 0.1], ("l0", "l2"), {}, ["2 joints", "do not: change"]),
         ([0.1, 0.1, 0.1, 1.12], ("l0", "l3"), {}, ["3 joints", "touch, too"]),
         ([0.1, 0.1, 0.1, 1.12], ("l0", "l3"), {"j1": 0.0}, None),
-        ([0.1, 0.1, 0.1, 0.1], ("l0", "l3"), {}, ["NOT watched", "3 joints", "thick"]),
+        ([0.1, 0.1, 0.1, 0.1], ("l0", "l3"), {}, ["NOT watched", "3 joints", "do not"]),
     ],
 )
 def test_pairs_that_nobody_watches(tmp_path, sizes, pair, locked, words):

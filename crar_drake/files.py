@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import shutil
 import socket
 import stat
 import tempfile
@@ -48,6 +49,36 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+
+
+@contextmanager
+def whole_set(folder: str | os.PathLike[str], last: str = "") -> Iterator[Path]:
+    """Yields a temporary folder whose files go into `folder` on success.
+
+    They keep their places below it and replace what stands there; other files of
+    `folder` stay. If the block raises, `folder` is as it was before.
+
+    Args:
+        folder: it need not be there yet.
+        last: the file that is moved after all others: who finds it finds them, too.
+
+    Raises:
+        WriteError: the system refuses to write here.
+    """
+    target = Path(folder)
+    with _folder(target):
+        with _writing(target):
+            temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=target))
+        try:
+            yield temporary
+            with _writing(target):
+                files = [path for path in temporary.rglob("*") if path.is_file()]
+                for path in sorted(files, key=lambda path: (path.name == last, path)):
+                    place = target / path.relative_to(temporary)
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    os.replace(path, place)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def check_folder(folder: str | os.PathLike[str]) -> None:

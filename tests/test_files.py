@@ -18,6 +18,7 @@ from crar_drake.files import (
     sole_writer,
     turn_to_write,
     whole_file,
+    whole_set,
 )
 
 WAIT = 60.0  # [s] longer than any process here needs
@@ -185,3 +186,27 @@ def test_a_set_of_files_is_written_in_turn(tmp_path, hold):
     assert entered.wait(WAIT)
     thread.join(WAIT)
     assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_a_set_of_files_appears_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "a" / "b"
+    with pytest.raises(RuntimeError), whole_set(folder) as made:
+        (made / "one.txt").write_text("1")
+        raise RuntimeError
+    assert not (tmp_path / "a").exists()
+    folder.mkdir(parents=True)
+    (folder / "kept.txt").write_text("kept")
+    (folder / "one.txt").write_text("old")
+    with whole_set(folder, "last.txt") as made:
+        (made / "below").mkdir()
+        (made / "below" / "two.txt").write_text("2")
+        (made / "one.txt").write_text("1")
+        (made / "last.txt").write_text("3")
+        assert (folder / "one.txt").read_text() == "old"
+    found = {p.name: p.read_text() for p in folder.rglob("*") if p.is_file()}
+    assert found == {
+        "kept.txt": "kept",
+        "one.txt": "1",
+        "two.txt": "2",
+        "last.txt": "3",
+    }

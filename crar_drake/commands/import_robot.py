@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot.description import IMPORT_FILE, import_file
     from crar_drake.robot_import import check_installed, import_robot, load_choices
-    from crar_drake.robot_import.source_urdf import find_urdf
+    from crar_drake.robot_import.source_urdf import default_name, find_urdf
 
     # What is missing is told before a file is written.
     check_installed()
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> None:
     elif (Path(given) / IMPORT_FILE).is_file():
         robot, out = "", out or Path(given)
     elif out is None:
-        out = imported_robots_folder() / Path(given).stem
+        out = imported_robots_folder() / default_name(find_urdf(given)[0])
     with _import_bar() as progress:
         report = import_robot(
             robot,

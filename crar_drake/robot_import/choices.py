@@ -14,6 +14,8 @@ from crar_drake.files import whole_file
 from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "fixed")
+FACINGS = ("+x", "-x", "+y", "-y")
+UP_AXES = ("z", "file")
 
 _HEADER = """\
 # What `crar-drake import-robot` decided about this robot. Correct it and import
@@ -24,6 +26,8 @@ _HEADER = """\
 # What is written above each key.
 _COMMENTS = {
     "source": "the robot's own URDF",
+    "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
+    "facing": "axis of the root link that points ahead: +x, -x, +y or -y",
     "base": "prescribed: the motion moves and turns the root link; fixed: welded",
     "locked": "joint -> position [rad or m] at which it is welded",
     "segments": "link -> links welded to it that share its capsules",
@@ -58,6 +62,9 @@ class ImportChoices:
             `example-robot-data:` and its path in that package.
         package_paths: folders in which the URDF's packages are looked for.
         name: of the robot.
+        up_axis: "z" if all meshes have z up, whatever they say, or "file" if DAE
+            meshes are to be turned as they say; None where none says anything else.
+        facing: axis of the root link that points ahead: "+x", "-x", "+y" or "-y".
         base: "prescribed" (three prismatic joints and a heading between world and
             root link, driven by the motion) or "fixed".
         locked: joint to the position [rad or m] at which it is welded.
@@ -73,6 +80,8 @@ class ImportChoices:
     source: str = ""
     package_paths: list[str] = field(default_factory=list)
     name: str = ""
+    up_axis: str | None = None
+    facing: str | None = None
     base: str | None = None
     locked: dict[str, float] | None = None
     segments: dict[str, list[str]] | None = None
@@ -90,6 +99,14 @@ class ImportChoices:
         """
         if not self.source:
             raise ModelError(f"{where}: source: name the robot's URDF")
+        if self.facing is not None and self.facing not in FACINGS:
+            raise ModelError(
+                f"{where}: facing: {self.facing!r} is none of {', '.join(FACINGS)}"
+            )
+        if self.up_axis is not None and self.up_axis not in UP_AXES:
+            raise ModelError(
+                f"{where}: up_axis: {self.up_axis!r} is none of {', '.join(UP_AXES)}"
+            )
         if self.base is not None and self.base not in BASES:
             raise ModelError(
                 f"{where}: base: {self.base!r} is none of {', '.join(BASES)}"

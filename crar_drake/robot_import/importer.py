@@ -14,7 +14,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import whole_file, whole_set
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import (
     IMPORT_FILE,
@@ -22,11 +22,14 @@ from crar_drake.robot.description import (
     add_robot,
     find_joint,
 )
+from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
 from crar_drake.robot_import.anatomy import (
+    elbow_index,
     find_anatomy,
     guess_frames,
     guess_locked,
     guess_rest,
+    guess_tool,
 )
 from crar_drake.robot_import.capsule_fitting import Fit, coverage
 from crar_drake.robot_import.choices import (
@@ -34,11 +37,13 @@ from crar_drake.robot_import.choices import (
     load_choices,
     save_choices,
 )
+from crar_drake.robot_import.facing import guess_facing, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.meshes import (
     Part,
     convex_hulls,
+    guess_up_axis,
     link_parts,
     simplified,
     write_obj,
@@ -47,6 +52,7 @@ from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.source_urdf import (
     PACKAGE_SCHEME,
+    WORLD,
     SourceRobot,
     find_urdf,
     read_urdf,
@@ -64,8 +70,6 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "picture.png",
     "report.txt",
 )
-
-WORLD = "world"  # the link that Drake takes for its own world
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -90,6 +94,7 @@ class ImportReport:
         fits: link to its capsules.
         covered: link without capsules to the link whose capsules enclose it.
         notes: everything else that the user should know, one line each.
+        warnings: what is likely to be wrong, or leaves the robot unprotected.
     """
 
     folder: Path
@@ -98,6 +103,7 @@ class ImportReport:
     fits: dict[str, Fit] = field(default_factory=dict)
     covered: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     def lines(self) -> list[str]:
         """The report as text."""
@@ -114,6 +120,8 @@ class ImportReport:
             )
         pairs = self.choices.pairs or []
         lines += ["", f"watched pairs: {len(pairs)}"]
+        if self.warnings:
+            lines += ["", *(f"WARNING: {warning}" for warning in self.warnings)]
         if self.notes:
             lines += ["", *self.notes]
         if self.guessed:
@@ -141,6 +149,9 @@ def import_robot(
         package_paths: folders in which the URDF's packages are looked for.
         progress: is told what is being done.
 
+    Nothing of it is written unless all of it can be; only the import file is, where
+    what is guessed has to be corrected first.
+
     Raises:
         ModelError: something in the URDF or the choices is wrong or not supported,
             or a package of the extra `robots` is missing; the message names it.
@@ -164,15 +175,20 @@ def import_robot(
     progress("reading", 0.0)
     robot = read_urdf(path, [Path(p) for p in (*package_paths, *choices.package_paths)])
     choices = replace(choices, name=choices.name or robot.name)
-    report = ImportReport(out, choices)
-    _guess_structure(robot, choices, report)
+    robot = _without_world(robot, choices)
+    report = ImportReport(out, choices, notes=list(robot.notes))
+    if choices.up_axis is None and (guess := guess_up_axis(robot)) is not None:
+        choices.up_axis, report.guessed["up_axis"] = guess
+    up_axis = choices.up_axis or "z"
+    parts = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
+    robot = _face(robot, parts, choices, report)
+    _guess_structure(robot, parts, choices, report)
     try:
         locked = _check_structure(robot, choices, file)
     except ModelError:
         save_choices(file, choices, report.guessed)  # so that it can be corrected
         raise
 
-    parts = {name: link_parts(link) for name, link in robot.links.items()}
     segments = _merge_segments(robot, locked, parts, choices)
     cache = FitCache(out / "meshes" / "fits.json")
     for index, (name, of_segment) in enumerate(segments.items()):
@@ -182,7 +198,32 @@ def import_robot(
             report.notes.append(f"link {name} is flat: it gets no collision shape")
         else:
             report.fits[name] = fit
+    if file.is_file():
+        cache.save()  # what is refused below need not be fitted again
     _find_covered(robot, locked, segments, report)
+    with whole_set(out, DESCRIPTION) as made:
+        _make(made, robot, locked, parts, segments, choices, report, progress, file)
+        save_choices(file, choices, report.guessed)
+        with whole_file(made / REPORT) as temporary:
+            temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
+        _remove_old_hulls(made, out)
+    cache.save()
+    return report
+
+
+def _make(
+    folder: Path,
+    robot: SourceRobot,
+    locked: dict[str, float],
+    parts: dict[str, list[Part]],
+    segments: dict[str, list[Part]],
+    choices: ImportChoices,
+    report: ImportReport,
+    progress: Progress,
+    file: Path,
+) -> None:
+    """Makes the model, its description, meshes and picture in a folder, and the
+    choices that need them."""
     capsules = {
         name: fit.capsules
         for name, fit in report.fits.items()
@@ -191,16 +232,25 @@ def import_robot(
     inertias = _inertias(robot, locked, parts, report)
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
-    visuals = _write_meshes(out, parts, choices.faces)
-    _write_hulls(out, segments)
-    cache.save()
+    visuals = _write_meshes(folder, parts, choices.faces)
+    _write_hulls(folder, segments)
+    _guess_rest(robot, locked, parts, choices, report)
     prescribed = choices.base == "prescribed"
-    welded_itself = robot.root == WORLD  # to Drake that link is the world
-    write_urdf(
-        out / URDF,
+    # A robot with a waist stands on the floor, although its base is fixed.
+    rest_posture = dict(choices.rest_posture)
+    lifted = not prescribed and "waist_z" not in robot.joints
+    height = rest_posture.pop("waist_z", 0.0) if lifted else 0.0
+    if height and robot.root == WORLD:
+        raise ModelError(
+            f"{file}: rest_posture: waist_z: the root link is named {WORLD!r} and "
+            "cannot be lifted; take waist_z out"
+        )
+    welded_itself = write_urdf(
+        folder / URDF,
         robot,
         choices.name,
         prescribed=prescribed,
+        height=height,
         locked=locked,
         frames=choices.frames,
         visuals=visuals,
@@ -210,36 +260,32 @@ def import_robot(
     description = RobotDescription(
         name=choices.name,
         model=URDF,
-        base="" if prescribed or welded_itself else robot.root,
+        base="" if welded_itself else robot.root,
         prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
         if prescribed
         else {},
         task_frames={point: frame_name(point) for point in choices.frames},
-        folder=str(out),
+        rest_posture=rest_posture,
+        folder=str(folder),
     )
     plant = _parse(description)
-    if choices.rest_posture is None:
-        rest = guess_rest(robot, find_anatomy(robot), locked)
-        if prescribed:
-            height = _ground_height(robot, parts, {**locked, **rest})
-            rest = {"waist_z": round(height, 4)} | rest
-        choices.rest_posture = rest
-        report.guessed["rest_posture"] = (
-            "arms a little out, elbows bent, standing on the ground"
-        )
-    description.rest_posture = dict(choices.rest_posture)
-    rest = _rest(plant, choices, file)
+    rest = _rest(plant, rest_posture, file)
+    report.warnings += limb_alarms(robot, choices.frames)
+    anatomy = find_anatomy(robot)
+    if anatomy is not None:
+        height = choices.rest_posture.get("waist_z", 0.0)
+        posture = {**rest_posture, **locked}
+        report.warnings += floor_alarms(robot, parts, posture, height, anatomy)
     progress("sampling pairs", 1.0)
-    _pairs(plant, robot, locked, capsules, rest, choices, report, file)
+    overlapping = _pairs(plant, robot, locked, capsules, rest, choices, report, file)
+    report.warnings += pair_alarms(
+        robot, locked, segments, rest_posture, choices.pairs, overlapping
+    )
     description.pairs = choices.pairs
     description.validate()
-    _write_description(out, description)
+    _write_description(folder, description)
     progress("drawing", 1.0)
-    _draw(out, plant, description, rest, parts, capsules)
-    save_choices(file, choices, report.guessed)
-    with whole_file(out / REPORT) as temporary:
-        temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
-    return report
+    _draw(folder, plant, description, rest, parts, capsules)
 
 
 def check_installed() -> None:
@@ -271,8 +317,41 @@ def _locate(source: str, out: Path) -> Path:
     return find_urdf(beside if beside.is_file() else source)[0]
 
 
+def _without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
+    """A humanoid's root is what stands in the world, not a link of that name."""
+    bare = robot.without_world()
+    if bare is None:
+        return robot
+    arms = any(find_anatomy(turned(bare, facing)) for facing in ("+x", "+y"))
+    if choices.base != "prescribed" and not arms:
+        return robot
+    note = f"the root link {WORLD!r} is left out: {bare.root} is the root"
+    return replace(bare, notes=(*robot.notes, note))
+
+
+def _face(robot, parts, choices: ImportChoices, report: ImportReport) -> SourceRobot:
+    """The robot in a frame whose x axis is its front."""
+    if choices.facing is None:
+        guess = guess_facing(robot, parts)
+        choices.facing = guess.facing
+        report.guessed["facing"] = guess.why
+        if guess.doubt:
+            report.warnings.append(f"facing: {guess.doubt}")
+        if guess.facing != "+x":
+            report.notes.append(
+                f"the robot faces {guess.facing} of its root link, {guess.why}: it was "
+                "turned to face +x"
+            )
+    if choices.facing != "+x" and robot.root == WORLD:
+        raise ModelError(
+            f"{report.folder / IMPORT_FILE}: facing: the root link is named {WORLD!r}, "
+            "which cannot turn; write +x, or rename the link in the URDF"
+        )
+    return turned(robot, choices.facing)
+
+
 def _guess_structure(
-    robot: SourceRobot, choices: ImportChoices, report: ImportReport
+    robot: SourceRobot, parts, choices: ImportChoices, report: ImportReport
 ) -> None:
     """Fills in base, locked and frames where the import file leaves them out."""
     anatomy = find_anatomy(robot)
@@ -299,20 +378,30 @@ def _guess_structure(
     if choices.segments is None:
         group = _groups(robot, choices.locked)
         choices.segments = {}
-        for hand in (anatomy.left.hand, anatomy.right.hand) if anatomy else ():
+        X = robot.poses()
+        for arm in (anatomy.left, anatomy.right) if anatomy else ():
+            hand = arm.hand
+            forearm = arm.joints[elbow_index(X, arm)].child
+            if group[hand] == group[forearm]:
+                continue  # no wrist moves: a forearm is no hand
             others = [a for a in robot.links if group[a] == group[hand] and a != hand]
             others = [a for a in others if not robot.is_bare(a)]
             if others and group[hand] != robot.root:
                 choices.segments[hand] = others
         report.guessed["segments"] = "all that is welded to a hand is one with it"
     if choices.frames is None:
-        choices.frames = guess_frames(robot, anatomy) if anatomy else {}
-        report.guessed["frames"] = (
-            "from the axes of the arms' joints"
-            if anatomy
-            else "none; a motion needs waist, neck and both arms' shoulder, elbow and "
-            "wrist, keyframes only what your tasks name"
+        missing = (
+            "a motion needs waist, neck and both arms' shoulder, elbow and wrist, "
+            "keyframes only what your tasks name"
         )
+        if anatomy:
+            choices.frames = guess_frames(robot, anatomy, parts)
+            how = "from the axes of the arms' joints"
+        else:
+            choices.frames = guess_tool(robot)
+            found = "the tool at the end of the longest chain"
+            how = f"{found if choices.frames else 'none'}; {missing}"
+        report.guessed["frames"] = how
 
 
 def _check_structure(
@@ -374,7 +463,7 @@ def _check_structure(
         if not joint.lower - 1e-3 <= position <= joint.upper + 1e-3:
             raise ModelError(
                 f"{file}: locked: {name}: {position:g} is beyond the joint's limits, "
-                f"{joint.lower:g} to {joint.upper:g}"
+                f"{joint.lower:g} to {joint.upper:g} {joint.unit}"
             )
     if all(j.kind == "fixed" or j.name in locked for j in robot.joints.values()):
         raise ModelError(f"{file}: no joint is left to control; take some from locked")
@@ -473,6 +562,12 @@ def _inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
 def _note_joints(robot, locked, report: ImportReport) -> None:
     moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
     report.notes.append(f"controlled joints: {', '.join(j.name for j in moving)}")
+    sliding = [j for j in moving if j.kind == "prismatic"]
+    if sliding:
+        report.notes.append(
+            "joints that slide, with positions in m, speeds in m/s and efforts in N: "
+            + ", ".join(f"{j.name} ({j.lower:g} to {j.upper:g} m)" for j in sliding)
+        )
     unlimited = [j.name for j in moving if not np.isfinite(j.lower)]
     if unlimited:
         report.notes.append(f"joints without limits: {', '.join(unlimited)}")
@@ -509,6 +604,14 @@ def _write_hulls(out: Path, segments: dict[str, list[Part]]) -> None:
             write_obj(hull_file(out, name, index), vertices, triangles)
 
 
+def _remove_old_hulls(made: Path, out: Path) -> None:
+    """An earlier import's hulls would be taken for this one's."""
+    new = {path.name for path in made.glob("hulls/*.obj")}
+    for path in out.glob("hulls/*.obj"):
+        if path.name not in new:
+            path.unlink()
+
+
 def hull_file(folder: Path, link: str, index: int) -> Path:
     """Where the convex hull of a link's mesh number `index` lies."""
     return folder / "hulls" / f"{link.replace('/', '_')}_{index}.obj"
@@ -534,9 +637,29 @@ def _ground_height(robot, parts, positions) -> float:
     return float(-min(lowest, default=0.0))
 
 
-def _rest(plant: MultibodyPlant, choices: ImportChoices, file: Path) -> np.ndarray:
+def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
+    """Fills in the rest posture where the import file leaves it out."""
+    if choices.rest_posture is not None:
+        return
+    anatomy = find_anatomy(robot)
+    rest = guess_rest(robot, anatomy, locked)
+    how = (
+        "arms a little out, elbows bent, standing on the ground"
+        if anatomy
+        else "the middle of each joint's range"
+    )
+    if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
+        height = _ground_height(robot, parts, {**locked, **rest})
+        rest = {"waist_z": round(height, 4)} | rest
+    choices.rest_posture = rest
+    report.guessed["rest_posture"] = how
+
+
+def _rest(
+    plant: MultibodyPlant, rest_posture: dict[str, float], file: Path
+) -> np.ndarray:
     q = plant.GetPositions(plant.CreateDefaultContext())
-    for name, value in choices.rest_posture.items():
+    for name, value in rest_posture.items():
         try:
             joint = find_joint(plant, name)
         except ModelError as error:
@@ -547,7 +670,10 @@ def _rest(plant: MultibodyPlant, choices: ImportChoices, file: Path) -> np.ndarr
     return q
 
 
-def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
+def _pairs(
+    plant, robot, locked, capsules, rest, choices, report, file
+) -> list[list[str]]:
+    """Fills in the watched pairs; returns those left out since they touch at rest."""
     known = set(capsules)
     for pair in choices.pairs or []:
         for link in pair:
@@ -557,7 +683,7 @@ def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
                     f"{nearest(link, known)}"
                 )
     if choices.pairs is not None:
-        return
+        return []
     found = sample_pairs(plant, capsules, rest, _adjacent(robot, locked, capsules))
     choices.pairs = found.watched
     report.guessed["pairs"] = (
@@ -573,6 +699,7 @@ def _pairs(plant, robot, locked, capsules, rest, choices, report, file) -> None:
             "not watched, since they nearly always touch: "
             + ", ".join(" - ".join(pair) for pair in found.always)
         )
+    return found.overlapping
 
 
 def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
 from crar_drake.robot_import.meshes import Part, convex_hulls
-from crar_drake.robot_import.source_urdf import Link
+from crar_drake.robot_import.source_urdf import Link, one_number, vector_of
 
 _DENSITY = 500.0  # [kg/m^3] of a link without a mass: a hollow shell
 _SMALL_MASS = 1e-3  # [kg]
@@ -37,19 +37,16 @@ def read_inertia(link: Link) -> tuple[Inertia | None, str]:
     mass_element = None if element is None else element.find("mass")
     if mass_element is None:
         return None, "has no inertia"
-    mass = float(mass_element.get("value", 0.0))
+    mass = one_number(mass_element.get("value", "0"))
     if mass <= 0.0:
         return None, "has no mass"
     origin, matrix = element.find("origin"), element.find("inertia")
     xyz = rpy = np.zeros(3)
     if origin is not None:
-        xyz, rpy = (
-            np.array([float(c) for c in origin.get(key, "0 0 0").split()])
-            for key in ("xyz", "rpy")
-        )
+        xyz, rpy = (vector_of(origin.get(key, "0 0 0")) for key in ("xyz", "rpy"))
     X = RigidTransform(RollPitchYaw(rpy), xyz)
     ixx, iyy, izz, ixy, ixz, iyz = (
-        float(matrix.get(key, 0.0)) if matrix is not None else 0.0
+        one_number(matrix.get(key, "0")) if matrix is not None else 0.0
         for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     )
     moments = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
@@ -63,7 +60,7 @@ def read_inertia(link: Link) -> tuple[Inertia | None, str]:
 def own_mass(link: Link) -> float:
     """The mass that the URDF gives [kg]; 0 if none."""
     mass = None if link.inertial is None else link.inertial.find("mass")
-    return 0.0 if mass is None else max(0.0, float(mass.get("value", 0.0)))
+    return 0.0 if mass is None else max(0.0, one_number(mass.get("value", "0")))
 
 
 def stand_in(parts: list[Part], mass: float) -> Inertia:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,18 @@ from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
-from crar_drake.robot_import.source_urdf import Link, Mesh, Shape
+from crar_drake.robot_import.source_urdf import Link, Mesh, Shape, SourceRobot
 
 # A recorded page carries every mesh; this keeps a whole robot below 10 MB.
 DEFAULT_FACES = 2500
 
+_HEAD = 20_000  # bytes of a DAE file, which its asset element is within
+# What is up in a file -> rotation to z up, as COLLADA defines it.
+_Z_UP = {
+    "x": np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]]),
+    "y": np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]),
+    "z": np.eye(4),
+}
 _GREY = (0.7, 0.7, 0.7, 1.0)
 
 
@@ -39,21 +47,77 @@ class Part:
         return Part(vertices, self.faces, self.rgba)
 
 
-def link_parts(link: Link) -> list[Part]:
+def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     """The link's real look: its visual elements, else its collision elements.
+
+    Args:
+        link: of the source.
+        up_axis: "z" if all meshes have z up, whatever they say; "file" if a DAE file
+            is to be turned as its up_axis says.
 
     Raises:
         ModelError: a mesh cannot be read.
     """
     shapes = link.visual or link.collision
-    return [part for shape in shapes for part in _shape_parts(shape, link.name)]
+    return [
+        part for shape in shapes for part in _shape_parts(shape, link.name, up_axis)
+    ]
 
 
-def _shape_parts(shape: Shape, link: str) -> list[Part]:
+def dae_up_axis(path: Path) -> str:
+    """What a DAE file says is up: "x", "y" or "z"; "z" for other files."""
+    if path.suffix.lower() != ".dae":
+        return "z"
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    found = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
+    return found.group(1).decode().lower() if found else "y"  # COLLADA's default
+
+
+def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
+    """Whether DAE files tell the truth about what is up.
+
+    A link's mesh reaches from its own joint to those that it carries: of both readings
+    that one is taken whose meshes are nearer to the joints.
+
+    Args:
+        robot: with its joints.
+
+    Returns:
+        "file" or "z" (`link_parts`), and how that was found; None where no mesh says
+        anything but z.
+    """
+    apart = {"z": 0.0, "file": 0.0}
+    told = False
+    for name, link in robot.links.items():
+        meshes = [s.mesh for s in link.visual or link.collision if s.mesh is not None]
+        if not any(dae_up_axis(mesh.path) != "z" for mesh in meshes):
+            continue
+        told = True
+        joints = [joint.X_PC.translation() for joint in robot.children(name)]
+        p_L = np.array([np.zeros(3), *joints])
+        for reading in apart:
+            parts = link_parts(link, reading)
+            lower = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
+            upper = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
+            outside = np.maximum(np.maximum(lower - p_L, p_L - upper), 0.0)
+            apart[reading] += float(np.linalg.norm(outside, axis=1).sum())
+    if not told:
+        return None
+    reading = "file" if apart["file"] < 0.9 * apart["z"] else "z"
+    why = "turned as they say" if reading == "file" else "whatever they say"
+    return reading, (
+        f"DAE meshes are nearest to their joints {why}: "
+        f"{apart['file']:.2f} m turned, {apart['z']:.2f} m not"
+    )
+
+
+def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     import trimesh
 
     if shape.kind == "mesh":
-        pieces = _load(shape.mesh, link)
+        up = dae_up_axis(shape.mesh.path) if up_axis == "file" else "z"
+        pieces = _load(shape.mesh, link, up)
     else:
         makers = {
             "box": lambda: trimesh.creation.box(extents=shape.size),
@@ -80,8 +144,8 @@ def _shape_parts(shape: Shape, link: str) -> list[Part]:
     return parts
 
 
-def _load(source: Mesh, link: str) -> list[tuple]:
-    """The file's meshes, scaled, one for each colour, with that colour."""
+def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
+    """The file's meshes, turned z up, scaled, one for each colour, with that colour."""
     import trimesh
 
     try:
@@ -105,6 +169,8 @@ def _load(source: Mesh, link: str) -> list[tuple]:
         mesh = trimesh.util.concatenate(
             [trimesh.Trimesh(m.vertices, m.faces, process=False) for m in members]
         )
+        if up != "z":
+            mesh.apply_transform(_Z_UP[up])
         # A mirroring scale turns triangles inside out; trimesh turns them back.
         mesh.apply_transform(np.diag([*source.scale, 1.0]))
         mesh.merge_vertices(merge_norm=True, merge_tex=True)

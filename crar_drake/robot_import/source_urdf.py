@@ -6,7 +6,8 @@ import importlib.metadata
 import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,11 @@ from crar_drake.nearest import nearest
 # How an import names a URDF of that package, wherever it is installed.
 PACKAGE_SCHEME = "example-robot-data:"
 
+WORLD = "world"  # the link that Drake takes for its own world
+
 _MOVING = ("revolute", "continuous", "prismatic")
+# Names of files and folders that many robots share.
+_SAYS_NOTHING = ("model", "robot", "main", "urdf", "robots", "description", "models")
 # Drake's elements that close a chain, which the controller's model has no part for.
 _LOOPS = (
     "drake:linear_bushing_rpy",
@@ -98,6 +103,11 @@ class Joint:
         """Whether it has a single axis to move about or along."""
         return self.kind in _MOVING
 
+    @property
+    def unit(self) -> str:
+        """Of its positions: "m" or "rad"."""
+        return "m" if self.kind == "prismatic" else "rad"
+
     def transform(self, position: float) -> RigidTransform:
         """X_PC at a position [rad or m]."""
         if self.kind == "prismatic":
@@ -117,6 +127,9 @@ class SourceRobot:
         links: by name, in the file's order.
         joints: by name, in the file's order.
         root: the link without a parent.
+        notes: what was left out or read otherwise than it stands there.
+        X_FR: pose of the root link in the frame F that all poses are given in: z
+            up, x the robot's front (`facing`).
     """
 
     name: str
@@ -125,6 +138,8 @@ class SourceRobot:
     joints: dict[str, Joint]
     root: str
     _parents: dict[str, Joint] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    X_FR: RigidTransform = field(default_factory=RigidTransform)
 
     def parent_joint(self, link: str) -> Joint | None:
         """The joint that carries a link; None for the root."""
@@ -147,9 +162,9 @@ class SourceRobot:
         return way[::-1]
 
     def poses(self, positions: dict[str, float] | None = None) -> dict:
-        """X_RootLink of every link, with joints at zero or where `positions` says."""
+        """X_FL of every link L, with joints at zero or where `positions` says."""
         positions = positions or {}
-        X = {self.root: RigidTransform()}
+        X = {self.root: self.X_FR}
         for link in self.below(self.root):
             if link != self.root:
                 joint = self._parents[link]
@@ -162,6 +177,26 @@ class SourceRobot:
         yield link
         for joint in self.children(link):
             yield from self.below(joint.child)
+
+    def without_world(self) -> SourceRobot | None:
+        """The robot without a root link that only says where it stands.
+
+        None where the root is not of that kind: a link named world, without
+        geometry, that carries one link by a joint that is fixed or floating.
+        """
+        joints = self.children(self.root)
+        if self.root != WORLD or not self.is_bare(self.root) or len(joints) != 1:
+            return None
+        (joint,) = joints
+        if joint.kind not in ("fixed", "floating"):
+            return None
+        return replace(
+            self,
+            links={name: v for name, v in self.links.items() if name != self.root},
+            joints={name: v for name, v in self.joints.items() if v is not joint},
+            root=joint.child,
+            _parents={k: v for k, v in self._parents.items() if v is not joint},
+        )
 
 
 def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
@@ -254,22 +289,74 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         if (colour := material.find("color")) is not None
     }
     meshes = _MeshFinder(path, package_paths)
+    notes: list[str] = []
     links = {}
     for element in root.findall("link"):
-        link = _read_link(element, colours, meshes, path)
+        with _naming(path, "link", element):
+            link = _read_link(element, colours, meshes, path, notes)
         if link.name in links:
             raise ModelError(f"{path}: two links are named {link.name!r}")
         links[link.name] = link
     meshes.check()
     joints = {}
     for element in root.findall("joint"):
-        joint = _read_joint(element, path)
+        with _naming(path, "joint", element):
+            joint = _read_joint(element, path)
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
     parents = _check_tree(path, links, joints)
     (top,) = [name for name in links if name not in parents]
-    return SourceRobot(root.get("name", path.stem), path, links, joints, top, parents)
+    if any("," in text for text in _number_texts(root)):
+        notes.append(
+            "numbers with commas: 1,5 was read as 1.5, and a comma before a space as "
+            "nothing"
+        )
+    return SourceRobot(
+        _robot_name(root.get("name") or "", path),
+        path,
+        links,
+        joints,
+        top,
+        parents,
+        tuple(notes),
+    )
+
+
+def default_name(path: Path) -> str:
+    """What a robot is called after its file: the file's name, or where that says
+    nothing (model.urdf) the folder's, or the robot element's."""
+    for name in (path.stem, *(folder.name for folder in path.absolute().parents[:2])):
+        if name and name.lower() not in _SAYS_NOTHING:
+            return name
+    try:
+        name = ElementTree.fromstring(_without_prefix_errors(path)).get("name")
+    except (ElementTree.ParseError, UnicodeDecodeError, OSError):
+        name = None  # it is refused where it is read
+    return (name or path.stem).replace("/", "_").replace(" ", "_")
+
+
+def _robot_name(name: str, path: Path) -> str:
+    return default_name(path) if name.lower() in ("", *_SAYS_NOTHING) else name
+
+
+@contextmanager
+def _naming(path: Path, what: str, element: ElementTree.Element) -> Iterator[None]:
+    """Numbers that are none become an error that names the element."""
+    try:
+        yield
+    except ValueError as error:
+        name = element.get("name") or ""
+        raise ModelError(f"{path}: {what} {name!r}: {error}") from error
+
+
+def _number_texts(root: ElementTree.Element) -> Iterator[str]:
+    """The attributes that are numbers, of all elements."""
+    words = ("xyz", "rpy", "size", "radius", "length", "scale", "value", "lower")
+    for element in root.iter():
+        for key in (*words, "upper", "effort", "velocity"):
+            if (text := element.get(key)) is not None:
+                yield text
 
 
 def _without_prefix_errors(path: Path) -> str:
@@ -321,20 +408,32 @@ def _check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, 
     return parents
 
 
-def _read_link(element, colours, meshes, path) -> Link:
+def _read_link(element, colours, meshes, path, notes) -> Link:
     name = element.get("name") or ""
     shapes = {
         kind: tuple(
             shape
             for entry in element.findall(kind)
-            if (shape := _read_shape(entry, name, colours, meshes, path)) is not None
+            if (shape := _read_shape(entry, name, colours, meshes, path, notes))
         )
         for kind in ("visual", "collision")
     }
-    return Link(name, shapes["visual"], shapes["collision"], element.find("inertial"))
+    inertial = element.find("inertial")
+    if inertial is not None:
+        _check_numbers(inertial)
+    return Link(name, shapes["visual"], shapes["collision"], inertial)
 
 
-def _read_shape(element, link, colours, meshes, path) -> Shape | None:
+def _check_numbers(inertial: ElementTree.Element) -> None:
+    """What is read later; ValueError where it is no number."""
+    _origin(inertial)
+    for element in inertial:
+        for key in ("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+            if (text := element.get(key)) is not None:
+                one_number(text)
+
+
+def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
     geometry = element.find("geometry")
     if geometry is None or not len(geometry):
         return None
@@ -351,7 +450,10 @@ def _read_shape(element, link, colours, meshes, path) -> Shape | None:
     X_LG = _origin(element)
     kind = shape.tag.removeprefix("_drake_")
     if kind == "mesh":
-        scale = tuple(_floats(shape.get("scale", "1 1 1")))
+        scale = _three(shape.get("scale", "1 1 1"))
+        if not all(scale):
+            notes.append(f"link {link}: a mesh with a scale of zero is left out")
+            return None
         found = meshes.find(shape.get("filename", ""), link)
         return Shape(X_LG, kind, Mesh(found, scale), rgba=rgba)
     sizes = {"box": ("size",), "sphere": ("radius",)}
@@ -361,6 +463,9 @@ def _read_shape(element, link, colours, meshes, path) -> Shape | None:
     size = tuple(v for name in names for v in _floats(shape.get(name, "")))
     if len(size) != {"box": 3, "sphere": 1}.get(kind, 2):
         raise ModelError(f"{path}: link {link!r}: <{kind}> has no valid size")
+    if not min(size) > 0.0:
+        notes.append(f"link {link}: a {kind} without volume is left out")
+        return None
     return Shape(X_LG, kind, size=size, rgba=rgba)
 
 
@@ -374,13 +479,15 @@ def _read_joint(element, path: Path) -> Joint:
         raise ModelError(f"{path}: joint {name!r} lacks its parent or child")
     limit, mimic = element.find("limit"), element.find("mimic")
     dynamics, axis = element.find("dynamics"), element.find("axis")
-    vector = np.array(_floats(axis.get("xyz")) if axis is not None else (1, 0, 0.0))
+    vector = np.array(_three(axis.get("xyz")) if axis is not None else (1, 0, 0.0))
     length = np.linalg.norm(vector)
     if kind in _MOVING and not length > 0.0:
         raise ModelError(f"{path}: joint {name!r} has an axis of no length")
 
     def number(of, key: str) -> float | None:
-        return None if of is None or of.get(key) is None else float(of.get(key))
+        if of is None or of.get(key) is None:
+            return None
+        return one_number(of.get(key))
 
     lower, upper = number(limit, "lower"), number(limit, "upper")
     if kind == "continuous" or lower is None or upper is None:
@@ -410,13 +517,47 @@ def _origin(element) -> RigidTransform:
     if origin is None:
         return RigidTransform()
     return RigidTransform(
-        RollPitchYaw(_floats(origin.get("rpy", "0 0 0"))),
-        _floats(origin.get("xyz", "0 0 0")),
+        RollPitchYaw(_three(origin.get("rpy", "0 0 0"))),
+        _three(origin.get("xyz", "0 0 0")),
     )
 
 
 def _floats(text: str | None) -> tuple[float, ...]:
-    return tuple(float(part) for part in (text or "").split())
+    """Numbers in a text, also those that were written with commas.
+
+    "1.5 2 3", "1.5, 2, 3" and "1.5,2,3" are three numbers, "1,5" is one.
+    """
+    words = [word.strip(",") for word in (text or "").split()]
+    numbers = []
+    for word in words:
+        decimal = word.count(",") == 1 and "." not in word
+        pieces = [word.replace(",", ".")] if decimal else word.split(",")
+        for piece in pieces:
+            try:
+                numbers.append(float(piece))
+            except ValueError:
+                raise ValueError(f"{text!r} is not made of numbers") from None
+    return tuple(numbers)
+
+
+def _three(text: str | None) -> tuple[float, ...]:
+    numbers = _floats(text)
+    if len(numbers) != 3:
+        raise ValueError(f"{text!r} is not three numbers")
+    return numbers
+
+
+def one_number(text: str) -> float:
+    """The number that an attribute is; "1,5" is 1.5. ValueError if it is none."""
+    numbers = _floats(text)
+    if len(numbers) != 1:
+        raise ValueError(f"{text!r} is not a number")
+    return numbers[0]
+
+
+def vector_of(text: str) -> np.ndarray:
+    """(3,) the numbers that an attribute is; ValueError if it is none."""
+    return np.array(_three(text))
 
 
 def _rotation(axis: np.ndarray, angle: float):

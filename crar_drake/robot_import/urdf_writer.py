@@ -14,7 +14,7 @@ from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.inertias import Inertia
-from crar_drake.robot_import.source_urdf import SourceRobot
+from crar_drake.robot_import.source_urdf import WORLD, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -45,12 +45,13 @@ def write_urdf(
     name: str,
     *,
     prescribed: bool,
+    height: float = 0.0,
     locked: Mapping[str, float],
     frames: Mapping[str, FrameChoice],
     visuals: Mapping[str, Sequence[VisualMesh]],
     capsules: Mapping[str, Sequence[FittedCapsule]],
     inertias: Mapping[str, Inertia],
-) -> None:
+) -> bool:
     """Writes the generated URDF.
 
     Args:
@@ -58,9 +59,13 @@ def write_urdf(
         robot: the source.
         name: of the robot.
         prescribed: whether joints that the motion drives carry the root link.
+        height: of a root link that nothing carries, above the ground [m].
         locked: joint to the position at which it is welded [rad or m].
         frames: the motion's points.
         visuals, capsules, inertias: by link; links that are in none are bare.
+
+    Returns:
+        Whether the file connects the root link with the world.
     """
     root = ElementTree.Element("robot", name=name)
     root.set("xmlns:drake", "http://drake.mit.edu")
@@ -70,7 +75,14 @@ def write_urdf(
         )
     )
     if prescribed:
-        _add_base(root, robot.root)
+        _add_base(root, robot)
+    X_WR = RigidTransform(np.array([0.0, 0.0, height])) @ robot.X_FR
+    welded = not (prescribed or robot.root == WORLD or X_WR.IsExactlyIdentity())
+    if welded:
+        weld = ElementTree.SubElement(root, "joint", name="world_weld", type="fixed")
+        ElementTree.SubElement(weld, "parent", link=WORLD)
+        ElementTree.SubElement(weld, "child", link=robot.root)
+        _add_origin(weld, X_WR)
     for link in robot.links:
         element = ElementTree.SubElement(root, "link", name=link)
         if link in inertias:
@@ -114,10 +126,11 @@ def write_urdf(
     ElementTree.indent(root)
     with whole_file(path) as temporary:
         temporary.write_bytes(ElementTree.tostring(root, xml_declaration=True))
+    return prescribed or welded or robot.root == WORLD
 
 
-def _add_base(root, first_link: str) -> None:
-    parent = "world"
+def _add_base(root, robot: SourceRobot) -> None:
+    parent, first_link = WORLD, robot.root
     children = [f"{name}_carriage" for name in list(BASE_JOINTS)[:-1]] + [first_link]
     for (name, (kind, axis, _)), child in zip(
         BASE_JOINTS.items(), children, strict=True
@@ -129,6 +142,8 @@ def _add_base(root, first_link: str) -> None:
         joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=child)
+        if child == first_link and not robot.X_FR.IsExactlyIdentity():
+            _add_origin(joint, robot.X_FR)
         ElementTree.SubElement(joint, "axis", xyz=axis)
         _add_transmission(root, name)
         parent = child

@@ -18,6 +18,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.importer import DESCRIPTION, PICTURE, REPORT, URDF
+from crar_drake.targets.motion import segment_lengths
 
 TASKS = position_tasks(EXPERIMENTS["upper-body"])
 WAIST = ["waist_x", "waist_y", "waist_z", "waist_heading"]
@@ -138,7 +139,7 @@ def test_locked_joints_are_welded_where_the_file_says(imported, tmp_path):
     assert pose.IsNearlyEqualTo(expected, 1e-6)
 
 
-def test_an_arm_is_fixed_and_has_no_frames(tmp_path):
+def test_an_arm_is_fixed_and_has_a_tool(tmp_path):
     parts = [link("base", '<sphere radius="0.1"/>')]
     names = ["base", *(f"l{i}" for i in range(5))]
     for i, name in enumerate(names[1:]):
@@ -150,10 +151,15 @@ def test_an_arm_is_fixed_and_has_no_frames(tmp_path):
     (tmp_path / "out").mkdir()
     report = import_robot(path, tmp_path / "out")
     description = load_robot_description(tmp_path / "out")
-    assert description.base == "base" and not description.task_frames
+    assert description.base == "base"
+    assert description.task_frames == {"tool": "tool_point"}
+    assert report.choices.frames["tool"].link == "l4"
     # The first link had no mass although it moves.
     assert any("l0" in note and "moves" in note for note in report.notes)
-    assert any("none; a motion needs waist" in how for how in report.guessed.values())
+    assert any(
+        "the tool at the end" in how and "needs waist" in how
+        for how in report.guessed.values()
+    )
 
 
 def test_a_root_named_world_is_the_world(tmp_path):
@@ -223,3 +229,89 @@ def test_a_folder_belongs_to_one_robot(imported, tmp_path):
     other = write(tmp_path, humanoid(), "other.urdf")
     with pytest.raises(ModelError, match="was made from small.urdf"):
         import_robot(other, imported.folder)
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    "key, wrong",
+    [
+        ("rest_posture", "rest_posture: {left_arm_9: 0.1}"),
+        ("pairs", "pairs: [[torso, nothing]]"),
+        ("base", "base: hanging"),
+        ("locked", "locked: {left_hip: 9.0}"),
+        ("frames", "frames: {waist: {link: torso, point: [0, 0]}}"),
+    ],
+)
+def test_a_refused_import_changes_nothing(imported, tmp_path, key, wrong):
+    """Not even where most of the files had been made before it was refused."""
+    folder = tmp_path / "again"
+    shutil.copytree(imported.folder, folder)
+    file = folder / "import.yaml"
+    lines = file.read_text().splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith(f"{key}:"))
+    end = start + 1
+    while end < len(lines) and lines[end].startswith(" "):
+        end += 1
+    file.write_text("\n".join([*lines[:start], *lines[end:], wrong]) + "\n")
+    before = contents(folder)
+    with pytest.raises(ModelError):
+        import_robot("", folder)
+    assert contents(folder) == before
+
+
+def test_a_robot_that_cannot_be_read_leaves_no_folder(tmp_path):
+    bad = link("a", '<mesh filename="bad.stl"/>')
+    (tmp_path / "bad.stl").write_text("solid nothing")
+    path = write(tmp_path, robot([bad, link("b"), joint("j", "a", "b")]))
+    with pytest.raises(ModelError, match="'a'.*bad.stl"):
+        import_robot(path, tmp_path / "new" / "out")
+    assert not (tmp_path / "new").exists()
+
+
+def test_hulls_of_an_earlier_import_go(imported, tmp_path):
+    folder = tmp_path / "again"
+    shutil.copytree(imported.folder, folder)
+    old = folder / "hulls" / "head_1.obj"
+    assert not old.exists()
+    old.write_text("v 0 0 0\n")
+    import_robot("", folder)
+    assert not old.exists() and (folder / "hulls" / "head_0.obj").exists()
+
+
+@pytest.mark.parametrize("root", ["pelvis", "world"])
+def test_two_arms_on_a_fixed_base(tmp_path, root):
+    """As Baxter's: it stands on the floor, so that its waist has a height."""
+    text = humanoid()
+    if root == "world":
+        weld = joint("weld", "world", "pelvis", xyz="0 0 3", kind="fixed")
+        text = text.replace("</robot>", link("world", mass=0.0) + weld + "</robot>")
+    write(tmp_path, text)
+    file = tmp_path / "import.yaml"
+    file.write_text("source: small.urdf\nmost_capsules: 1\nbase: fixed\npairs: []\n")
+    report = import_robot("", tmp_path)
+    assert report.choices.rest_posture["waist_z"] == pytest.approx(0.8)
+    again = file.read_text()
+    import_robot("", tmp_path)
+    assert file.read_text() == again
+    model = load_robot_model(tmp_path)
+    assert model.n_p == 0
+    lengths = segment_lengths(model)
+    assert lengths.waist_height == pytest.approx(0.8)
+    assert lengths.waist_neck == pytest.approx(0.4)
+
+
+def test_a_humanoid_on_a_root_named_world_moves(tmp_path):
+    """As orcabot's: the link is left out, and the motion drives the robot."""
+    weld = joint("weld", "world", "pelvis", kind="fixed")
+    text = humanoid().replace("</robot>", link("world", mass=0.0) + weld + "</robot>")
+    write(tmp_path, text)
+    file = tmp_path / "import.yaml"
+    file.write_text("source: small.urdf\nmost_capsules: 1\npairs: []\n")
+    report = import_robot("", tmp_path)
+    assert report.choices.base == "prescribed"
+    assert report.choices.frames["waist"].link == "pelvis"
+    assert any("'world' is left out" in note for note in report.notes)
+    assert set(load_robot_model(tmp_path).prescribed_names) == set(WAIST)

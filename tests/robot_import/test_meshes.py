@@ -4,16 +4,19 @@ import numpy as np
 import pytest
 import trimesh
 from pydrake.math import RigidTransform
+from small_urdfs import joint, link, robot, write
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.meshes import (
     Part,
     convex_hulls,
+    dae_up_axis,
+    guess_up_axis,
     link_parts,
     simplified,
     write_obj,
 )
-from crar_drake.robot_import.source_urdf import Link, Mesh, Shape
+from crar_drake.robot_import.source_urdf import Link, Mesh, Shape, read_urdf
 
 
 def one(shape: Shape):
@@ -39,6 +42,52 @@ def test_a_collada_file_in_millimetres(tmp_path):
     path.write_text(head + '<unit name="millimeter" meter="0.001"/>' + asset + rest)
     part = one(Shape(RigidTransform(), "mesh", Mesh(path)))
     np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [0.1, 0.2, 0.3])
+
+
+def long_box(path, up: str, size=(0.1, 0.2, 0.6)):
+    """A DAE file with a box from its origin to its far corner, and what it says."""
+    box = trimesh.creation.box(extents=size)
+    box.apply_translation(np.array(size) / 2.0)
+    box.export(path)
+    text = path.read_text()
+    assert "<up_axis>Y_UP</up_axis>" in text
+    path.write_text(text.replace("<up_axis>Y_UP</up_axis>", up))
+
+
+@pytest.mark.parametrize(
+    "up, axis, far",
+    [
+        ("<up_axis>Y_UP</up_axis>", "y", [0.1, -0.6, 0.2]),
+        ("<up_axis> X_UP</up_axis>", "x", [-0.2, -0.6, 0.1]),
+        ("<up_axis>Z_UP</up_axis>", "z", [0.1, 0.2, 0.6]),
+        ("", "y", [0.1, -0.6, 0.2]),  # as COLLADA has it
+    ],
+)
+def test_what_a_collada_file_calls_up(tmp_path, up, axis, far):
+    path = tmp_path / "box.dae"
+    long_box(path, up)
+    assert dae_up_axis(path) == axis
+    shape = Shape(RigidTransform(), "mesh", Mesh(path))
+    for reading, corner in (("file", far), ("z", [0.1, 0.2, 0.6])):
+        (part,) = link_parts(Link("l", (shape,), (), None), reading)
+        reach = np.array(corner)
+        there = np.where(
+            reach > 0, part.vertices.max(axis=0), part.vertices.min(axis=0)
+        )
+        np.testing.assert_allclose(there, reach, atol=1e-9)
+        assert trimesh.Trimesh(part.vertices, part.faces).volume > 0.0
+
+
+@pytest.mark.parametrize("way, reading", [("0 0 0.6", "z"), ("0 -0.6 0", "file")])
+def test_whether_a_file_lies_is_seen_from_the_joints(tmp_path, way, reading):
+    """iCub's files tell the truth, those of others do not."""
+    long_box(tmp_path / "box.dae", "<up_axis>Y_UP</up_axis>")
+    parts = [link("a", '<mesh filename="box.dae"/>'), link("b")]
+    text = robot([*parts, joint("j", "a", "b", xyz=way)])
+    guess, how = guess_up_axis(read_urdf(write(tmp_path, text)))
+    assert guess == reading and "0.00 m" in how
+    long_box(tmp_path / "box.dae", "<up_axis>Z_UP</up_axis>")
+    assert guess_up_axis(read_urdf(write(tmp_path, text))) is None
 
 
 def test_a_mirroring_scale_keeps_triangles_outside_out(tmp_path):

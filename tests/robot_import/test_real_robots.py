@@ -41,7 +41,15 @@ def test_shipped_choices_fit_the_urdf(robot_data, robot):
     mimics = {j.name for j in read.joints.values() if j.mimic}
     assert mimics <= set(choices.locked)
     # Nothing is left to be guessed.
-    for key in ("base", "locked", "segments", "frames", "rest_posture", "pairs"):
+    for key in (
+        "facing",
+        "base",
+        "locked",
+        "segments",
+        "frames",
+        "rest_posture",
+        "pairs",
+    ):
         assert getattr(choices, key) is not None
     pairs = [frozenset(pair) for pair in choices.pairs]
     assert len(set(pairs)) == len(pairs)

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.source_urdf import default_name, find_urdf, read_urdf
 
 MESH = '<mesh filename="{}"/>'
 
@@ -122,3 +122,79 @@ def test_without_the_package_names_are_refused(monkeypatch):
     monkeypatch.setattr(source_urdf, "robot_data_folder", lambda: None)
     with pytest.raises(ModelError, match=r"pip install 'crar-drake\[robots\]'"):
         find_urdf("panda")
+
+
+@pytest.mark.parametrize("xyz", ["1.5 2 -3", "1.5, 2, -3", "1.5,2,-3", "1,5 2 -3"])
+def test_numbers_with_commas(tmp_path, xyz):
+    """ARMAR-6 has them."""
+    text = robot([link("a"), link("b"), joint("j", "a", "b", xyz=xyz)])
+    read = read_urdf(write(tmp_path, text))
+    np.testing.assert_array_equal(read.joints["j"].X_PC.translation(), [1.5, 2.0, -3.0])
+    assert any("commas" in note for note in read.notes) == ("," in xyz)
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (joint("j", "a", "b", xyz="1 2"), ["joint 'j'", "'1 2' is not three numbers"]),
+        (joint("j", "a", "b", axis="0 0 up"), ["joint 'j'", "not made of numbers"]),
+        (joint("j", "a", "b", limits='lower="-1" upper=""'), ["'' is not a number"]),
+        (link("c", mass="heavy"), ["link 'c'", "'heavy'"]),
+        (link("c", '<sphere radius="big"/>'), ["link 'c'", "'big'"]),
+    ],
+)
+def test_what_is_no_number_is_named(tmp_path, text, words):
+    path = write(tmp_path, robot([link("a"), link("b"), text]))
+    with pytest.raises(ModelError) as caught:
+        read_urdf(path)
+    for word in [str(path), *words]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        '<sphere radius="0.0"/>',
+        '<box size="0 0.1 0.1"/>',
+        '<cylinder radius="0.1" length="0"/>',
+    ],
+)
+def test_shapes_without_size_are_left_out(tmp_path, shape):
+    """ARMAR-4 has spheres of radius 0."""
+    read = read_urdf(write(tmp_path, robot([link("a", shape)])))
+    assert read.is_bare("a")
+    assert "link a" in read.notes[0] and "left out" in read.notes[0]
+
+
+def test_a_bare_root_named_world_can_be_taken_off(tmp_path):
+    text = robot(
+        [link("world", mass=0.0), link("a"), link("b")]
+        + [joint("weld", "world", "a", kind="fixed"), joint("j", "a", "b")]
+    )
+    read = read_urdf(write(tmp_path, text))
+    bare = read.without_world()
+    assert bare.root == "a" and set(bare.joints) == {"j"}
+    assert set(bare.poses()) == {"a", "b"} and bare.parent_joint("a") is None
+    # A joint that moves it, or geometry of its own, is another thing.
+    moving = text.replace('"fixed"', '"revolute"')
+    assert read_urdf(write(tmp_path, moving, "m.urdf")).without_world() is None
+    assert bare.without_world() is None
+
+
+@pytest.mark.parametrize(
+    "file, element, name",
+    [
+        ("hugo.urdf", "other", "hugo"),
+        ("hugo_v2/model.urdf", "other", "hugo_v2"),
+        ("hugo_v2/urdf/robot.urdf", "other", "hugo_v2"),
+        ("urdf/robots/model.urdf", "a hugo", "a_hugo"),
+    ],
+)
+def test_default_names(tmp_path, file, element, name):
+    path = write(tmp_path, robot([link("a")], element), file)
+    assert default_name(path) == name
+
+
+def test_a_robot_element_that_says_nothing(tmp_path):
+    path = write(tmp_path, robot([link("a")], "model"), "hugo/model.urdf")
+    assert read_urdf(path).name == "hugo"

@@ -1,0 +1,192 @@
+"""What in an import looks wrong, or leaves the robot unprotected: said aloud."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from crar_drake.robot_import.anatomy import Anatomy
+from crar_drake.robot_import.choices import FrameChoice
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_urdf import SourceRobot
+
+# Ratios of lengths that the limbs of a person, and of the robots that are like one,
+# are far inside of.
+_LIMBS = (
+    ("{}_shoulder", "{}_elbow", "{}_elbow", "{}_wrist", 0.5, 2.0),
+    ("waist", "neck", "{}_shoulder", "{}_elbow", 0.5, 4.0),
+    ("neck", "{}_shoulder", "{}_shoulder", "{}_elbow", 0.1, 1.8),
+)
+_SHORTEST = 0.01  # [m] of a limb
+_APART = 0.02  # [m] that left and right may differ by
+_BELOW = 0.01  # [m] that a foot may be below the floor
+_TOUCH = 0.01  # [m] between points on two surfaces that touch
+_SAMPLES = 3000  # of a part's surface
+_NEIGHBOURS = 2  # joints apart, at most
+_REMEDY = "change rest_posture, raise most_capsules, or list the pair"
+
+
+def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[str]:
+    """Limb lengths between the motion's points that no body has, one line each.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        frames: the motion's points; those that are missing are not asked about.
+    """
+    X = robot.poses()
+    p = {
+        name: X[frame.link].multiply(np.array(frame.point, dtype=float))
+        for name, frame in frames.items()
+    }
+    found = []
+    for side in ("left", "right"):
+        for *ends, least, most in _LIMBS:
+            a, b, c, d = (end.format(side) for end in ends)
+            if not {a, b, c, d} <= set(p):
+                continue
+            one, other = np.linalg.norm(p[b] - p[a]), np.linalg.norm(p[d] - p[c])
+            if min(one, other) < _SHORTEST or not least < one / other < most:
+                found.append(
+                    f"frames: {a} to {b} is {one:.3f} m, {c} to {d} {other:.3f} m: no "
+                    "body is like that; correct the points"
+                )
+    for name in p:
+        twin = name.replace("left_", "right_")
+        if twin != name and twin in p:
+            if np.abs(p[name] * [1, -1, 1] - p[twin]).max() > _APART:
+                found.append(f"frames: {name} and {twin} are not each other's mirror")
+    if "left_shoulder" in p and p["left_shoulder"][1] < 0.0:
+        found.append(
+            "frames: the left shoulder is on the right of what `facing` calls ahead"
+        )
+    return found
+
+
+def floor_alarms(
+    robot: SourceRobot,
+    parts: Mapping[str, Sequence[Part]],
+    positions: Mapping[str, float],
+    height: float,
+    anatomy: Anatomy,
+) -> list[str]:
+    """What of a robot with arms is below the floor in the rest posture, or that it
+    stands on its hands.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        parts: link to its real look, in its frame.
+        positions: joint to position, at rest [rad or m].
+        height: of the root link above the floor [m].
+        anatomy: its arms.
+    """
+    X = robot.poses(dict(positions))
+    lowest = {
+        link: min(X[link].multiply(part.vertices.T)[2].min() for part in of_link)
+        + height
+        for link, of_link in parts.items()
+        if of_link
+    }
+    if not lowest:
+        return []
+    link = min(lowest, key=lowest.get)
+    if lowest[link] < -_BELOW:
+        return [
+            f"rest_posture: {link} is {-1e3 * lowest[link]:.0f} mm below the floor; "
+            "correct waist_z"
+        ]
+    hands = {
+        below
+        for arm in (anatomy.left, anatomy.right)
+        for below in robot.below(arm.joints[0].child)
+    }
+    if link in hands and abs(lowest[link]) < _BELOW:
+        return [
+            f"rest_posture: nothing is lower than {link}, so that the robot stands on "
+            "its hands; set waist_z to the height of a waist"
+        ]
+    return []
+
+
+def pair_alarms(
+    robot: SourceRobot,
+    locked: Mapping[str, float],
+    segments: Mapping[str, Sequence[Part]],
+    rest: Mapping[str, float],
+    pairs: Sequence[Sequence[str]],
+    overlapping: Sequence[Sequence[str]],
+) -> list[str]:
+    """Pairs that nobody watches although they could hurt.
+
+    Links one joint apart always touch, and neighbours two joints apart may, if their
+    real shapes do. All others that are left out are named here.
+
+    Args:
+        robot: as it was read.
+        locked: joint to the position at which it is welded [rad or m].
+        segments: link to its real look, in its frame.
+        rest: joint to position [rad or m].
+        pairs: watched.
+        overlapping: not watched, since their capsules touch in the rest posture.
+    """
+    found = []
+    if not pairs:
+        found.append(
+            "pairs: no pair of links is watched: nothing keeps the robot from running "
+            "into itself"
+        )
+    X = robot.poses({**locked, **rest})
+    thick = []
+    for a, b in overlapping:
+        count = _joints_between(robot, locked, a, b)
+        if count < _NEIGHBOURS:
+            continue
+        touch = _gap(X, segments, a, b) < _TOUCH
+        if count == _NEIGHBOURS:
+            thick += [] if touch else [f"{a} - {b}"]
+            continue
+        why = (
+            "their real shapes touch, too: change rest_posture"
+            if touch
+            else f"their real shapes do not: {_REMEDY}"
+        )
+        found.append(
+            f"pairs: {a} - {b} is NOT watched, {count} joints apart: their capsules "
+            f"touch in the rest posture; {why}"
+        )
+    if thick:
+        found.append(
+            f"pairs: {', '.join(thick)}: NOT watched, {_NEIGHBOURS} joints apart: "
+            "their capsules touch in the rest posture; their real shapes do not: "
+            f"{_REMEDY}"
+        )
+    return found
+
+
+def _joints_between(robot: SourceRobot, locked, a: str, b: str) -> int:
+    """Joints that move, on the way from one link to the other."""
+    ways = [{joint.name for joint in robot.path_to(link)} for link in (a, b)]
+    between = ways[0] ^ ways[1]
+    return sum(robot.joints[j].moves and j not in locked for j in between)
+
+
+def _gap(X, segments, a: str, b: str) -> float:
+    """About how far the surfaces of two links are apart [m]."""
+    points = [
+        np.concatenate(
+            [X[link].multiply(_surface(part).T).T for part in segments[link]]
+        )
+        for link in (a, b)
+    ]
+    distances, _ = cKDTree(points[0]).query(points[1])
+    return float(distances.min())
+
+
+def _surface(part: Part) -> np.ndarray:
+    """The part's vertices, and points between them."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    sampled, _ = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)
+    return np.concatenate([part.vertices, np.asarray(sampled)])

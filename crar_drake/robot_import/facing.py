@@ -1,0 +1,159 @@
+"""Which way a robot looks: from the symmetry of its arms, their names, and its feet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from crar_drake.robot_import.anatomy import Anatomy, find_anatomy, mirrored_chains
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_urdf import SourceRobot
+
+# Yaw of the front in the root's frame [rad].
+_YAW = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
+
+_BEHIND = {"+x": "-x", "-x": "+x", "+y": "-y", "-y": "+y"}
+_TOES = 0.08  # share of a foot's length by which its middle is ahead of the ankle
+
+
+@dataclass(frozen=True)
+class FacingGuess:
+    """Where a robot's front is.
+
+    Attributes:
+        facing: one of `choices.FACINGS`: the axis of the root link that points ahead.
+        why: what says so.
+        doubt: what speaks against it; "" if nothing.
+    """
+
+    facing: str
+    why: str
+    doubt: str = ""
+
+
+def turned(robot: SourceRobot, facing: str) -> SourceRobot:
+    """The robot with poses in a frame whose x axis is its front.
+
+    Args:
+        robot: as the URDF has it.
+        facing: one of `choices.FACINGS`.
+    """
+    R_FR = RotationMatrix.MakeZRotation(-_YAW[facing])
+    X_FR = RigidTransform() if facing == "+x" else RigidTransform(R_FR, np.zeros(3))
+    return replace(robot, X_FR=X_FR)
+
+
+def guess_facing(
+    robot: SourceRobot, parts: Mapping[str, Sequence[Part]]
+) -> FacingGuess:
+    """The axis of the root link that the robot looks along.
+
+    Arms that mirror each other leave two directions; which of them is the front is
+    said by what is called left and right, else by the feet, whose toes are ahead of
+    the ankles.
+
+    Args:
+        robot: as the URDF has it.
+        parts: link to its real look, in its frame.
+    """
+    for facing in ("+x", "+y"):
+        there = turned(robot, facing)
+        anatomy = find_anatomy(there)
+        if anatomy is not None:
+            break
+    else:
+        return FacingGuess("+x", "no pair of mirrored arms was found")
+    named, toes = _named_left(anatomy), _toes(there, anatomy, parts)
+    votes = {"the names of left and right": named, "the feet": toes}
+    said = [what for what, sign in votes.items() if sign]
+    if not said:
+        return FacingGuess(
+            facing,
+            "assumed, since neither names nor feet tell front from back",
+            "neither names nor feet tell front from back; look at picture.png",
+        )
+    sign = named or toes
+    doubt = ""
+    if named and toes and named != toes:
+        doubt = (
+            "the names of left and right and the feet contradict each other; the "
+            "names were believed"
+        )
+        said = said[:1]
+    return FacingGuess(
+        facing if sign > 0 else _BEHIND[facing], f"from {' and '.join(said)}", doubt
+    )
+
+
+def _named_left(anatomy: Anatomy) -> int:
+    """1 if what is at +y is called left, -1 if it is called right, 0 if neither."""
+    votes = [
+        side_of_names(a.name, b.name)
+        for a, b in zip(anatomy.left.joints, anatomy.right.joints, strict=True)
+    ]
+    votes.append(side_of_names(anatomy.left.hand, anatomy.right.hand))
+    return int(np.sign(sum(votes)))
+
+
+def side_of_names(a: str, b: str) -> int:
+    """What two mirrored things' names say: 1 if `a` is the left one, -1 if `b` is."""
+    a, b = a.lower(), b.lower()
+    start = 0
+    while start < min(len(a), len(b)) and a[start] == b[start]:
+        start += 1
+    first = (a[start : start + 1], b[start : start + 1])
+    return {("l", "r"): 1, ("r", "l"): -1}.get(first, 0)
+
+
+def _toes(
+    robot: SourceRobot, anatomy: Anatomy, parts: Mapping[str, Sequence[Part]]
+) -> int:
+    """1 if both feet reach farther to +x than to -x, -1 the other way, else 0."""
+    signs = set()
+    for leg in find_legs(robot, anatomy):
+        X = robot.poses()
+        points = [
+            X[link].multiply(part.vertices.T).T
+            for link in _welded_to(robot, leg)
+            for part in parts.get(link, ())
+        ]
+        if not points:
+            return 0
+        x = np.concatenate(points)[:, 0] - X[leg].translation()[0]
+        ahead = (x.max() + x.min()) / 2.0
+        long = x.max() - x.min()
+        signs.add(int(np.sign(ahead)) if abs(ahead) > _TOES * long else 0)
+    return signs.pop() if len(signs) == 1 else 0
+
+
+def find_legs(robot: SourceRobot, anatomy: Anatomy | None) -> list[str]:
+    """The foot's moving link of the left leg and of the right one, or nothing.
+
+    Legs are the lowest pair of mirrored chains with three or more joints that are
+    not the arms and end below where they begin.
+    """
+    X = robot.poses()
+    arms = set()
+    if anatomy is not None:
+        arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    found = []
+    for pair in mirrored_chains(robot, fewest=3):
+        if any(joint.name in arms for chain in pair for joint in chain.joints):
+            continue
+        feet = [chain.joints[-1].child for chain in pair]
+        height = X[feet[0]].translation()[2]
+        if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
+            found.append((height, feet))
+    return min(found)[1] if found else []
+
+
+def _welded_to(robot: SourceRobot, link: str) -> list[str]:
+    """A link and all that hangs on it by fixed joints."""
+    found = [link]
+    for joint in robot.children(link):
+        if joint.kind == "fixed":
+            found += _welded_to(robot, joint.child)
+    return found

@@ -485,7 +485,7 @@ def correction(
 def step_bounds(
     q: np.ndarray, v: np.ndarray, n: int, limits: Limits, admission: AdmissionGains
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(A2) of the controlled joints, the first n: (n,), (n,) smallest and largest s."""
+    """`velocity_bounds` of the controlled joints, the first n: (n,), (n,) [rad/s]."""
     return velocity_bounds(
         q[:n],
         v[:n],

@@ -506,6 +506,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "page.md").is_file()
 
 
+@pytest.mark.slow
 def test_the_command_takes_one_thread(tmp_path):
     """Whatever the environment says: it starts itself again."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -73,7 +73,7 @@ def shifted(model: ControlModel, by: float, q=START) -> np.ndarray:
                 "respect_effort_limits": False,
                 "velocity_scale": np.inf,
             },
-            0.25,
+            0.3,
         ),
     ],
     ids=["paper", "lookahead"],

@@ -29,7 +29,7 @@ from crar_drake.targets.desired_motion import DesiredMotion
 
 STEP = 1e-3
 BLENDING = 0.2  # [s]
-HORIZON = 2.5 / 30.0  # 2.5 / Gv [s]
+HORIZON = 0.05  # [s]
 START = np.array([-0.1, 0.2, 0.9, -0.6])  # rail, then three joints
 URDF = chain_urdf("zyz", rail="y", limits=(-2, 2))
 PAIRS = [["l2", "post"], ["l1", "post"]]
@@ -90,7 +90,9 @@ def simulate(
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, URDF)
     parameters = CrarParameters(
-        blend_time=BLENDING, period=period, lookahead=LookaheadParameters(**ahead)
+        blend_time=BLENDING,
+        period=period,
+        lookahead=LookaheadParameters(**{"horizon": HORIZON} | ahead),
     )
     controller = AddCrarController(
         builder, plant, scene_graph, DESCRIPTION, [Task(frame="tip")], parameters

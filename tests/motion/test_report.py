@@ -415,6 +415,7 @@ def _load(amc: Path, **options) -> Clip:
     return read_amc(amc, read_asf(amc.parent / f"{amc.parent.name}.asf"), **options)
 
 
+@pytest.mark.slow
 def test_no_real_trial_is_doubted_as_a_whole(cmu: Path) -> None:
     for amc in _all_trials(cmu):
         report = inspect(_load(amc))
@@ -422,6 +423,7 @@ def test_no_real_trial_is_doubted_as_a_whole(cmu: Path) -> None:
         assert 1.4 < report.height < 1.7
 
 
+@pytest.mark.slow
 def test_fast_trials_are_doubted_at_a_wrong_rate(cmu: Path) -> None:
     """Runs and dances at twice, nearly everything at four times their rate."""
     for trial in ("05_07", "09_06", "127_23"):

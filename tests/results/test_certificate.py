@@ -158,6 +158,7 @@ def test_of_a_continuous_plant_the_log_tells_of_the_step_before():
     assert judge(wrong, step=PERIOD).undercut == 0
 
 
+@pytest.mark.slow
 def test_a_long_log_is_judged_in_part_but_always_where_it_is_near():
     size, lie = 1500, 1231
     q = np.zeros(size)

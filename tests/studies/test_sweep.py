@@ -390,6 +390,7 @@ def comparable(results: list[Result]) -> list[str]:
     return [repr(replace(result, wall_time=0.0)) for result in results]
 
 
+@pytest.mark.slow
 def test_any_executor_runs_the_same_sweep_and_a_bad_file_is_not_fatal(tmp_path):
     cases = tiny_cases(tmp_path)
     # Without an executor each case has a process of its own.

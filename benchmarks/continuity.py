@@ -103,18 +103,18 @@ def make_report(results: dict[str, Continuity]) -> str:
     header = ["run"]
     for manner in MANNERS:
         header += [f"steps {manner}", "largest change [rad/s²]"]
+    columns = range(len(MANNERS))
+    everything = Continuity(
+        tuple(sum(result.steps[k] for result in results.values()) for k in columns),
+        tuple(max(result.largest[k] for result in results.values()) for k in columns),
+        sum(result.changed for result in results.values()),
+    )
     rows = []
-    for name, result in results.items():
+    for name, result in {**results, "all": everything}.items():
         row = [name]
         for count, change in zip(result.steps, result.largest, strict=True):
             row += [str(count), f"{change:.1e}" if count else "–"]
-        rows.append(row + [str(result.changed)])
-    total = [sum(result.steps[k] for result in results.values()) for k in range(3)]
-    worst = [max(result.largest[k] for result in results.values()) for k in range(3)]
-    row = ["all"]
-    for count, change in zip(total, worst, strict=True):
-        row += [str(count), f"{change:.1e}" if count else "–"]
-    rows.append(row + [str(sum(result.changed for result in results.values()))])
+        rows.append([*row, str(result.changed)])
     return markdown_table([*header, "another manner"], rows)
 
 

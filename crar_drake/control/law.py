@@ -476,13 +476,13 @@ class ControlLaw:
         actuation = model.inverse_dynamics(workspace, vdot)
         if self._limits_efforts:
             inertia = model.effort_per_acceleration(workspace)
-            wish = vdot
+            wish, effort = vdot, actuation
             vdot, actuation, torque_limit = self._slow_down(
-                measured, wish, actuation, inertia
+                measured, wish, effort, inertia
             )
             if torque_limit[0] < 1.0 and status != STATUS_BRAKING:
                 vdot, actuation, torque_limit, told = self._within_efforts(
-                    workspace, measured, wish, inertia
+                    workspace, measured, wish, effort, inertia
                 )
                 diagnostics = {**diagnostics, **told}
         after = next_state(measured.q[0], measured.v, vdot, period, self._plant_step)
@@ -504,14 +504,16 @@ class ControlLaw:
         workspace: Workspace,
         measured: Measured,
         wish: np.ndarray,
+        effort: np.ndarray,
         inertia: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Mapping[str, np.ndarray]]:
-        """Accelerations near the wish within efforts, as the mode allows them; with
-        their torque, `Solution.torque_limit`, and what the mode tells of it."""
+        """Accelerations near the wish, which takes `effort`, within the limits, as the
+        mode allows them; with their torque, `Solution.torque_limit`, and what the mode
+        tells of it."""
         model, mode, T = self.model, self.mode, self._braking_horizon
         near = nearest_accelerations(
             wish,
-            model.inverse_dynamics(workspace, wish),
+            effort,
             inertia,
             measured.v,
             model.controlled,

@@ -209,7 +209,7 @@ def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
     if longest < _FEWEST_JOINTS or len(ends) != 1:
         return {}
     (end,) = ends
-    welded = _welded_below(robot, ways[end][-1].child)
+    welded = welded_below(robot, ways[end][-1].child)
     for word in _TOOLS:
         for link in welded:
             if word in link.lower():
@@ -218,12 +218,12 @@ def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
     return {"tool": FrameChoice(bare[-1] if bare else end)}
 
 
-def _welded_below(robot: SourceRobot, link: str) -> list[str]:
+def welded_below(robot: SourceRobot, link: str) -> list[str]:
     """Links that hang on a link by fixed joints."""
     found = []
     for joint in robot.children(link):
         if joint.kind == "fixed":
-            found += [joint.child, *_welded_below(robot, joint.child)]
+            found += [joint.child, *welded_below(robot, joint.child)]
     return found
 
 

@@ -8,7 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
-from crar_drake.robot_import.anatomy import Anatomy, find_anatomy, mirrored_chains
+from crar_drake.robot_import.anatomy import (
+    Anatomy,
+    find_anatomy,
+    mirrored_chains,
+    welded_below,
+)
 from crar_drake.robot_import.meshes import Part
 from crar_drake.robot_import.source_urdf import SourceRobot
 
@@ -112,12 +117,11 @@ def _toes(
     robot: SourceRobot, anatomy: Anatomy, parts: Mapping[str, Sequence[Part]]
 ) -> int:
     """1 if both feet reach farther to +x than to -x, -1 the other way, else 0."""
-    signs = set()
+    signs, X = set(), robot.poses()
     for leg in find_legs(robot, anatomy):
-        X = robot.poses()
         points = [
             X[link].multiply(part.vertices.T).T
-            for link in _welded_to(robot, leg)
+            for link in (leg, *welded_below(robot, leg))
             for part in parts.get(link, ())
         ]
         if not points:
@@ -148,12 +152,3 @@ def find_legs(robot: SourceRobot, anatomy: Anatomy | None) -> list[str]:
         if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
             found.append((height, feet))
     return min(found)[1] if found else []
-
-
-def _welded_to(robot: SourceRobot, link: str) -> list[str]:
-    """A link and all that hangs on it by fixed joints."""
-    found = [link]
-    for joint in robot.children(link):
-        if joint.kind == "fixed":
-            found += _welded_to(robot, joint.child)
-    return found

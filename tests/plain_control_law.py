@@ -205,6 +205,19 @@ class PlainControlLaw:
             q = q + period / steps * v
         return q, v
 
+    def _rest(self, q) -> np.ndarray:
+        """Joint by joint, of those that have limits on both sides."""
+        plant, wanted = self.model.plant, np.array(q)
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            if joint.num_positions() != 1:
+                continue
+            limits = (*joint.position_lower_limits(), *joint.position_upper_limits())
+            if np.isfinite(limits).all():
+                rest = self.model.description.rest_posture.get(joint.name(), 0.0)
+                wanted[joint.position_start()] = rest
+        return wanted[self.model.controlled]
+
     def step(self, q, v, desired, prescribed, nominal=None) -> PlainStep:
         model, gains = self.model, self.gains
         c, p = model.controlled, model.prescribed
@@ -223,10 +236,10 @@ class PlainControlLaw:
 
         margins = np.full(2, np.nan)
         if gains.constraints == "lookahead":
-            posture = np.zeros(model.n)
-            if nominal is not None:
-                k = gains.nominal_posture_gain
-                posture = k * (nominal - q[c]) - 2.0 * np.sqrt(k) * v[c]
+            k = gains.posture_gain
+            if nominal is None:
+                nominal = self._rest(q)
+            posture = k * (nominal - q[c]) - 2.0 * np.sqrt(k) * v[c]
             qddot, qdot_c, W, margins = self._lookahead(
                 q, v, J, v_r, a_r, vdot_p, posture
             )

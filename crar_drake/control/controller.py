@@ -84,7 +84,9 @@ class CrarController(LeafSystem):
         desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
             and accelerations of the joints `model.prescribed_names`, in that order
             [rad or m]; only if there are prescribed joints.
-        nominal_posture: (n,); only if `nominal_posture_gain` is set.
+        nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
+            robot's rest posture where nothing is connected; absent if
+            `CrarParameters.nominal_posture_gain` is 0.
 
     Output ports, all of one solve but for the torque:
         actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
@@ -170,7 +172,7 @@ class CrarController(LeafSystem):
             self._prescribed_port = self.DeclareVectorInputPort(
                 "desired_prescribed", 3 * model.n_p
             )
-        if self.law.parameters.nominal_posture_gain:
+        if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
 
         nothing_yet = ControlStep(None, Memory())
@@ -243,7 +245,7 @@ class CrarController(LeafSystem):
         return self._prescribed_port
 
     def get_input_port_nominal_posture(self) -> InputPort | None:
-        """Port (n,); None unless `nominal_posture_gain` is set."""
+        """Port (n,), may be left open; None if `nominal_posture_gain` is 0."""
         return self._posture_port
 
     def get_output_port_actuation(self) -> OutputPort:
@@ -341,7 +343,7 @@ class CrarController(LeafSystem):
         targets = Targets(
             tasks=self._EvalPort(self._tasks_port, context),
             prescribed=self._EvalPort(self._prescribed_port, context),
-            nominal_posture=self._EvalPort(self._posture_port, context),
+            nominal_posture=self._EvalPosture(context, q),
             names=self._target_names,
         )
         step = self.law.solve(
@@ -365,6 +367,12 @@ class CrarController(LeafSystem):
             raise InputError(
                 f"input port {port.get_name()} of {self.get_name()} is not connected"
             ) from error
+
+    def _EvalPosture(self, context: Context, q: np.ndarray) -> np.ndarray:
+        port = self._posture_port
+        if port is None or port.HasValue(context):
+            return self._EvalPort(port, context)
+        return self.law.default_posture(q)
 
     def _GetHeld(self, context: Context) -> ControlStep:
         return context.get_abstract_state(self._held_index).get_value()

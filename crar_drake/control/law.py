@@ -56,8 +56,8 @@ class Targets:
     Attributes:
         tasks: (layout.size,) [x_d; v_d; a_d], see `TaskLayout`.
         prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p] of the prescribed joints.
-        nominal_posture: (n,) positions that the null space is drawn to; (0,) unless
-            the parameter `nominal_posture_gain` is set.
+        nominal_posture: (n,) positions that the null space is drawn to; (0,) if the
+            parameter `nominal_posture_gain` is 0.
         names: of the three, for errors.
     """
 
@@ -204,7 +204,9 @@ class ControlLaw:
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
         self._plant_step = float(model.plant.time_step())
-        self._with_posture = gains.nominal_posture_gain > 0.0
+        self._rest = model.rest_positions()
+        self._has_rest = np.isfinite(model.upper - model.lower)
+        self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
         self.effort_limits = gains.effort_limits(model)
@@ -215,7 +217,7 @@ class ControlLaw:
             float(gains.K),
             float(gains.Kp),
             float(gains.velocity_gain),
-            float(gains.nominal_posture_gain),
+            float(gains.posture_gain),
             model.row_weights if model.weighs_rows else _NOTHING,
         )
         self.mode = MODES[gains.constraints](model, gains, task_gains)
@@ -224,14 +226,30 @@ class ControlLaw:
     def compile(self) -> None:
         """Compiles what has yet to be, by a step at rest that leaves nothing behind."""
         model = self.model
-        q = model.rest_positions()
+        q = self._rest
         v = np.zeros(model.plant.num_velocities())
-        posture = q[model.controlled] if self._with_posture else _NOTHING
         prescribed = np.concatenate((q[model.prescribed], np.zeros(2 * model.n_p)))
-        targets = Targets(model.tasks_at(q), prescribed, posture)
+        targets = Targets(model.tasks_at(q), prescribed, self.default_posture(q))
         workspace = model.MakeWorkspace()
         step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
         self.hold(workspace, step, 1, q, v)
+
+    def default_posture(self, q: np.ndarray) -> np.ndarray:
+        """The nominal posture where none is given: the robot's rest posture.
+
+        A joint without limits, which may have turned round, has none.
+
+        Args:
+            q: (nq,) measured positions of the whole plant.
+
+        Returns:
+            (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
+            `nominal_posture_gain` is 0.
+        """
+        if not self._with_posture:
+            return _NOTHING
+        controlled = self.model.controlled
+        return np.where(self._has_rest, self._rest[controlled], q[controlled])
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
@@ -256,15 +274,20 @@ class ControlLaw:
             v: (nv,) measured velocities.
             tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
             prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any.
-            nominal_posture: (n,) if `nominal_posture_gain` is set.
+            nominal_posture: (n,) that the null space is drawn to, unless
+                `nominal_posture_gain` is 0; by default `default_posture`.
 
         Raises:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
         model, memory = self.model, self._step.memory
-        q, v, *targets = _of_sizes(
+        q, v = _of_sizes(
             ("q", q, model.plant.num_positions()),
             ("v", v, model.plant.num_velocities()),
+        )
+        if nominal_posture is None:
+            nominal_posture = self.default_posture(q)
+        targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
             ("prescribed", prescribed, 3 * model.n_p),
             ("nominal_posture", nominal_posture, model.n * self._with_posture),

@@ -26,6 +26,9 @@ METRICS = ("identity", "inertia")
 _TORQUE_PERIOD = 1e-3
 
 
+# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first.
+_POSTURE_GAIN = 30.0
+
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
 _BRAKING_TIMES = 2.5
@@ -101,9 +104,13 @@ class CrarParameters:
         limit_share: a of Eq. (27); by default 1 / (Nc + 1), Eq. (28).
         blend_time: time over which the targets are blended in from the measured
             pose [s].
-        nominal_posture_gain: stiffness towards the input port "nominal_posture"
-            in the null space [1/s^2], with damping of its own besides GvN's; 0 leaves
-            the port out.
+        nominal_posture_gain: stiffness towards a nominal posture in the null space
+            [1/s^2], with damping of its own besides GvN's: where fewer task rows than
+            joints leave a choice, elbows stay bent and joints off their limits. The
+            posture is the input port "nominal_posture", or where nothing is connected
+            the robot's rest posture; 0 leaves the port out. By default 30 with
+            constraints "lookahead" and 0 with the others, which are the paper to the
+            letter.
         respect_effort_limits: whether the commanded torque stays within the effort
             limits of the controlled joints, see `equations.torque_limit`; by default
             with constraints "lookahead" alone, for the others are the paper to the
@@ -136,7 +143,7 @@ class CrarParameters:
     beta: float = 2.0
     limit_share: float | None = None
     blend_time: float = 0.5  # [s]
-    nominal_posture_gain: float = 0.0  # [1/s^2]
+    nominal_posture_gain: float | None = None  # [1/s^2]
     respect_effort_limits: bool | None = None
     velocity_scale: float = 1.0
     velocity_limits: dict[str, float] = field(default_factory=dict)
@@ -252,6 +259,13 @@ class CrarParameters:
     def null_space_gain(self) -> float:
         """GvN of Eq. (33) [1/s]."""
         return self.Gv if self.GvN is None else self.GvN
+
+    @property
+    def posture_gain(self) -> float:
+        """Stiffness towards the nominal posture [1/s^2]; 0 for none."""
+        if self.nominal_posture_gain is None:
+            return _POSTURE_GAIN if self.constraints == "lookahead" else 0.0
+        return self.nominal_posture_gain
 
     @property
     def limits_efforts(self) -> bool:

@@ -453,7 +453,7 @@ def test_diagnostics_are_the_other_ports(lone):
 
 def test_no_ports_without_need():
     model = make_model(chain_urdf("zz"))
-    controller = CrarController(model)
+    controller = CrarController(model, CrarParameters(nominal_posture_gain=0.0))
     assert controller.get_input_port_desired_prescribed() is None
     assert controller.get_input_port_nominal_posture() is None
     assert controller.num_input_ports() == 2
@@ -478,8 +478,17 @@ def test_bad_inputs_are_named(lone, name):
     bad.SetTime(1.25)
     with pytest.raises(InputError, match=f"{name}.*t = 1.25 s"):
         lone.get_output_port_actuation().Eval(bad)
+    absent = fixed_context(lone, **{name: None})
+    if name == "nominal_posture":  # that of the robot
+        torque = lone.get_output_port_actuation().Eval(absent)
+        rest = lone.law.default_posture(START)
+        there = fixed_context(lone, nominal_posture=rest)
+        np.testing.assert_array_equal(
+            torque, lone.get_output_port_actuation().Eval(there)
+        )
+        return
     with pytest.raises(InputError, match=f"{name}.*not connected"):
-        lone.get_output_port_actuation().Eval(fixed_context(lone, **{name: None}))
+        lone.get_output_port_actuation().Eval(absent)
 
 
 def test_zero_quaternion_is_named(lone):

@@ -159,7 +159,7 @@ def test_the_fast_path_is_the_plain_one(kinematics, mode):
 
 def posture_of(law: ControlLaw, seed: int) -> np.ndarray | None:
     if not law.parameters.nominal_posture_gain:
-        return None
+        return None  # none, or the law's own
     return np.random.default_rng([seed, 1]).uniform(-1.0, 1.0, law.model.n)
 
 

@@ -450,6 +450,42 @@ def test_nominal_posture_moves_the_null_space_only(spatial):
     assert np.abs(N @ (posture - now)).max() < 0.02
 
 
+def test_the_default_posture_is_the_rest_posture(on_rail):
+    """Of the joints with limits; without targets of its own, nothing else changes."""
+    q, v = np.array([0.1, 0.5, 0.7, -0.9, 0.6]), np.array([0.0, 0.3, -0.4, 0.2, 0.1])
+    target, stays = hold(on_rail, [[0.8, 0.3, 0.2]]), np.zeros(3)
+
+    def acceleration(**changes):
+        gains, given = CrarParameters(blend_time=0.0), {}
+        if "posture" in changes:
+            given["nominal_posture"] = changes.pop("posture")
+        law = ControlLaw(on_rail, replace(gains, **changes))
+        return law.step(q, v, target, stays, **given).acceleration
+
+    rest = on_rail.rest_positions()[on_rail.controlled]
+    default = acceleration()
+    np.testing.assert_array_equal(default, acceleration(nominal_posture_gain=30.0))
+    np.testing.assert_array_equal(default, acceleration(posture=rest))
+    # In the null space of the point's position, three of four rows.
+    free = acceleration(nominal_posture_gain=0.0)
+    assert np.abs(default - free).max() > 1.0
+    assert CrarParameters(constraints="paper").posture_gain == 0.0
+    assert CrarParameters(constraints="none").posture_gain == 0.0
+
+
+def test_a_joint_without_limits_is_not_drawn_back():
+    """It may have turned round: there is no posture that is its own."""
+    model = ControlModel.FromDescription(
+        load_robot_description("upper_body"), [Task(frame="left_hand")]
+    )
+    law = ControlLaw(model)
+    q = model.rest_positions() + 6.5
+    first = model.controlled[0]  # the torso's turn, the only one without limits
+    expected = model.rest_positions()
+    expected[first] += 6.5
+    np.testing.assert_array_equal(law.default_posture(q), expected[model.controlled])
+
+
 @pytest.mark.parametrize("level", LEVELS)
 def test_task_stays_in_the_world_while_the_waist_moves(on_rail, level):
     """J_p q_dot_p and J_p q_ddot_p are moved to the right-hand side."""
@@ -655,7 +691,7 @@ def test_step_takes_plain_lists(on_rail):
         ({"q": np.zeros(4)}, ["q ", "(5,)"]),
         ({"tasks": np.zeros((3, 3))}, ["tasks", "(9,)"]),
         ({"prescribed": None}, ["prescribed", "(3,)"]),
-        ({"nominal_posture": None}, ["nominal_posture", "(4,)"]),
+        ({"nominal_posture": np.zeros(3)}, ["nominal_posture", "(4,)"]),
         ({"nominal_posture": np.full(4, np.nan)}, ["nominal_posture"]),
     ],
 )

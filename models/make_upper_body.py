@@ -283,7 +283,7 @@ def _side_joints(side: str) -> list[Joint]:
             link("upper_arm"),
             link("forearm"),
             "y",
-            (-145, 5),
+            (-145, 0),  # beyond straight an arm can only be stuck
             50,
             37,
             (0, 0, -UPPER_ARM),

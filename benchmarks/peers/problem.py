@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -74,16 +75,45 @@ def write_problem(folder: Path) -> None:
     }
     _write(folder / "problem.json", json.dumps(problem, indent=1))
     for name, motion in joint_motions(model).items():
-        time = SAMPLE * np.arange(round(motion.duration / SAMPLE) + 1)
-        q, v, a = motion.at(time)
-        with whole_file(folder / f"{name}.npz") as temporary:
-            np.savez(
-                temporary,
-                time=time,
-                q_start=q[0],
-                q_reference=q,
-                **task_targets(model, q, v, a),
-            )
+        _write_case(folder / f"{name}.npz", model, motion)
+
+
+def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
+    """Writes a random crossing for each seed, to a folder that has the problem.
+
+    Returns:
+        The names of the cases.
+    """
+    model = ControlModel.FromDescription(
+        describe(folder, load_robot_description(ROBOT)),
+        position_tasks(EXPERIMENTS["upper-body"]),
+    )
+    workspace, rest = model.MakeWorkspace(), model.rest_positions()
+
+    def smallest(q: np.ndarray) -> float:
+        return float(model.evaluate_distances(workspace, q).d.min())
+
+    names = []
+    for seed in seeds:
+        (motion,) = motions.random_crossings(
+            seed, rest, model.lower, model.upper, smallest
+        )
+        names.append(f"crossing_{seed}")
+        _write_case(folder / f"{names[-1]}.npz", model, motion)
+    return names
+
+
+def _write_case(path: Path, model: ControlModel, motion: motions.JointMotion) -> None:
+    time = SAMPLE * np.arange(round(motion.duration / SAMPLE) + 1)
+    q, v, a = motion.at(time)
+    with whole_file(path) as temporary:
+        np.savez(
+            temporary,
+            time=time,
+            q_start=q[0],
+            q_reference=q,
+            **task_targets(model, q, v, a),
+        )
 
 
 def describe(folder: Path, shipped: RobotDescription) -> RobotDescription:

@@ -47,8 +47,11 @@ class Crar(Controller):
         self.description = describe(
             problem.folder, load_robot_description(problem.robot)
         )
+        # What the law predicts is what the loop does: its step, or the plant's.
         model = ControlModel.FromDescription(
-            self.description, position_tasks(problem.links), time_step=PLANT_STEP
+            self.description,
+            position_tasks(problem.links),
+            time_step=PLANT_STEP if self.torque else period,
         )
         assert list(model.joint_names) == problem.joints
         # No controller of the comparison knows of efforts.

@@ -1,0 +1,127 @@
+"""Many random crossings: every controller with one set of settings for all of them.
+
+    python -m benchmarks.peers.crossings --seeds 12
+
+The motions are `motions.random_crossings` of the shipped upper body, that nobody was
+tuned for. The peers keep the settings that `compare --tune` chose for hands swung
+through each other; of ours there are the defaults, the defaults with higher gains, and
+the settings of the comparison.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.peers.compare import COMPILED, Entry, drive, environment, job
+from benchmarks.peers.judge import Figures, Judge
+from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS
+from benchmarks.peers.problem import write_crossings, write_problem
+from benchmarks.peers.tuning import load_settings
+from crar_drake import CrarError
+from crar_drake.files import whole_file
+from crar_drake.studies.tables import markdown_table
+
+TUNED_FOR = "crossing"
+HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0}
+HEADER = (
+    "controller",
+    "held",
+    "smallest distance",
+    "median rms error",
+    "of the best that holds",
+    "median rms acceleration",
+)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/crossings"))
+    parser.add_argument(
+        "--environments",
+        type=Path,
+        default=Path("out/peers/environments"),
+        help="of the peers; made where they are not there",
+    )
+    parser.add_argument("--seeds", type=int, default=12, help="how many motions")
+    arguments = parser.parse_args(argv)
+    if arguments.seeds < 1:
+        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
+    out = arguments.out.resolve()
+    folder = out / "problem"
+    write_problem(folder)
+    cases = write_crossings(folder, range(arguments.seeds))
+    data = json.loads((folder / "problem.json").read_text())
+    judge = Judge(data["robot"], data["joints"], data["tasks"])
+    figures = {}
+    for entry in track(entries(cases), "controllers"):
+        python = environment(
+            arguments.environments.resolve(),
+            entry.peer.environment,
+            ENVIRONMENTS[entry.peer.environment],
+        )
+        jobs = [
+            job(case, entry.settings[case], out / "runs" / f"{entry.name} {case}.npz")
+            for case in cases
+        ]
+        drive(entry.peer, {entry.peer.environment: python}, folder, jobs)
+        figures[entry.name] = [judge.figures(dict(np.load(j["out"]))) for j in jobs]
+    with whole_file(out / "crossings.json") as temporary:
+        found = {name: [asdict(f) for f in each] for name, each in figures.items()}
+        temporary.write_text(json.dumps(found, indent=1))
+    Console().print(markdown_table(HEADER, rows(figures)), markup=False, soft_wrap=True)
+
+
+def entries(cases: Sequence[str]) -> list[Entry]:
+    """Every controller, with the same settings for all cases."""
+    settings = load_settings()
+    chosen = [
+        (peer.name, peer, settings[peer.name][TUNED_FOR]["settings"]) for peer in PEERS
+    ]
+    ours = settings[OURS.name][TUNED_FOR]["settings"]
+    chosen += [
+        ("lookahead, defaults", OURS, COMPILED),
+        ("lookahead, higher gains", OURS, HIGHER_GAINS | COMPILED),
+        ("lookahead, tuned", OURS, ours | COMPILED),
+    ]
+    return [Entry(name, peer, dict.fromkeys(cases, one)) for name, peer, one in chosen]
+
+
+def rows(figures: dict[str, list[Figures]]) -> list[list[str]]:
+    """A row per controller: medians over the motions, and the ratio of its error to
+    the least of all *peers* that hold there, motion by motion."""
+    peers = [figures[peer.name] for peer in PEERS if peer.name in figures]
+    best = [
+        min((f.error for f in at if f.holds), default=np.nan)
+        for at in zip(*peers, strict=True)
+    ]
+    made = []
+    for name, each in figures.items():
+        ratios = [f.error / least for f, least in zip(each, best, strict=True)]
+        made.append(
+            [
+                name,
+                f"{sum(f.holds for f in each)} of {len(each)}",
+                f"{1e3 * min(f.smallest_distance for f in each):.1f} mm",
+                f"{1e3 * np.median([f.error for f in each]):.1f} mm",
+                f"{np.nanmedian(ratios):.2f}",
+                f"{np.median([f.rms_acceleration for f in each]):.1f} rad/s²",
+            ]
+        )
+    return made
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except CrarError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

@@ -372,9 +372,12 @@ class ControlLaw:
         tasks, governed = targets.tasks, None
         if self._target_bounds is not None:
             tasks = governed = self._govern(memory, tick, measured, targets.tasks)
-        wanted = Wanted(
-            tasks, targets.prescribed, targets.nominal_posture, start, blend
-        )
+        posture = targets.nominal_posture
+        if self._with_posture:
+            # As the targets, lest the first step be a jerk.
+            here = q[model.controlled]
+            posture = posture if blend[0] == 1.0 else here + blend[0] * (posture - here)
+        wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
         before = None
         if memory.qdot is not None:
             follows = tick == memory.tick + 1

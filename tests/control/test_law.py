@@ -473,6 +473,19 @@ def test_the_default_posture_is_the_rest_posture(on_rail):
     assert CrarParameters(constraints="none").posture_gain == 0.0
 
 
+def test_the_posture_is_blended_in(on_rail):
+    """At rest, on its targets, away from its posture: no jerk at the first step."""
+    q, v, stays = np.array([0.1, 0.5, 0.7, -0.9, 0.6]), np.zeros(5), np.zeros(3)
+    stays[0] = q[on_rail.prescribed[0]]
+    law = ControlLaw(on_rail, CrarParameters(blend_time=0.2))
+    target, accelerations = on_rail.tasks_at(q), []
+    for _ in range(250):  # it is held where it is
+        accelerations.append(np.abs(law.step(q, v, target, stays).acceleration).max())
+    assert accelerations[0] < 1e-9
+    assert max(np.diff(accelerations)) < 0.1 < 1.0 < accelerations[200]
+    assert accelerations[-1] == pytest.approx(accelerations[200], rel=1e-3)
+
+
 def test_a_joint_without_limits_is_not_drawn_back():
     """It may have turned round: there is no posture that is its own."""
     model = ControlModel.FromDescription(

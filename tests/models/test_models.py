@@ -159,7 +159,7 @@ def test_limits(robot: Loaded) -> None:
         if joint.name() == "torso_yaw":
             assert lower == -np.inf and upper == np.inf
         elif joint.name() not in WAIST:
-            assert -np.pi - 1e-6 <= lower < 0 < upper <= np.pi
+            assert -np.pi - 1e-6 <= lower < 0 <= upper <= np.pi
     q_rest = robot.positions(robot.description["rest_posture"])
     assert np.all(q_rest > robot.plant.GetPositionLowerLimits())
     assert np.all(q_rest < robot.plant.GetPositionUpperLimits())

@@ -71,6 +71,9 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "report.txt",
 )
 
+# The folder of the meshes with all their triangles, which `mesh_judge` reads.
+TRIANGLES = "triangles"
+
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
     "trimesh": "trimesh",
@@ -206,7 +209,8 @@ def import_robot(
         save_choices(file, choices, report.guessed)
         with whole_file(made / REPORT) as temporary:
             temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
-        _remove_old_hulls(made, out)
+        _remove_old(made, out, "hulls")
+        _remove_old(made, out, TRIANGLES)
     cache.save()
     return report
 
@@ -593,6 +597,9 @@ def _write_meshes(
             small = simplified(part, share)
             file = f"meshes/{safe}_{index}.obj"
             write_obj(out / file, small.vertices, small.faces)
+            # What is drawn is coarser than what judges.
+            whole = triangles_file(out / file)
+            write_obj(whole, part.vertices, part.faces)
             visuals.setdefault(name, []).append(VisualMesh(file, part.rgba))
     return visuals
 
@@ -604,12 +611,17 @@ def _write_hulls(out: Path, segments: dict[str, list[Part]]) -> None:
             write_obj(hull_file(out, name, index), vertices, triangles)
 
 
-def _remove_old_hulls(made: Path, out: Path) -> None:
-    """An earlier import's hulls would be taken for this one's."""
-    new = {path.name for path in made.glob("hulls/*.obj")}
-    for path in out.glob("hulls/*.obj"):
+def _remove_old(made: Path, out: Path, kind: str) -> None:
+    """An earlier import's hulls or triangles would be taken for this one's."""
+    new = {path.name for path in made.glob(f"{kind}/*.obj")}
+    for path in out.glob(f"{kind}/*.obj"):
         if path.name not in new:
             path.unlink()
+
+
+def triangles_file(drawn: Path) -> Path:
+    """Where all triangles of the mesh lie that is drawn from the file `drawn`."""
+    return drawn.parent.parent / TRIANGLES / drawn.name
 
 
 def hull_file(folder: Path, link: str, index: int) -> Path:

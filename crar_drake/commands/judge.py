@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from crar_drake.results.mesh_judge import MeshVerdict, Nearest, PairContact
     from crar_drake.robot.description import RobotDescription
 
-# Pairs that are told one by one.
+# Pairs (and links) that are told one by one.
 _MOST_LINES = 5
 
 
@@ -207,8 +207,8 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
         times: (T,) of the samples [s].
     """
     lines = [
-        f"real meshes, triangles, {verdict.num_samples} samples, {verdict.num_pairs} "
-        f"pairs of links more than one joint apart: {verdict.num_penetrating} in "
+        f"real meshes, triangles, {_counted(verdict.num_samples, 'sample')}, "
+        f"{_counted(verdict.num_pairs, 'pair')} of links more than one joint apart: {verdict.num_penetrating} in "
         "penetration" + _nearest(verdict.nearest, times),
         f"real meshes, convex hulls, the same samples and pairs: "
         f"{verdict.num_hulls_touching} in penetration"
@@ -217,7 +217,7 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     for contact in verdict.penetrations[:_MOST_LINES]:
         lines.append(
             f"  {contact.pair[0]} - {contact.pair[1]}: meshes penetrate in "
-            f"{_samples(contact.num_samples)}; deepest at "
+            f"{_counted(contact.num_samples, 'sample')}; deepest at "
             f"{times[contact.index]:.3f} s, where a shift of "
             f"{-1e3 * contact.mesh_distance:.1f} mm would part them"
         )
@@ -225,7 +225,7 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     for contact in verdict.refuted[:_MOST_LINES]:
         lines.append(
             f"  {contact.pair[0]} - {contact.pair[1]}: only hulls penetrate, in "
-            f"{_samples(contact.num_samples)}; deepest at "
+            f"{_counted(contact.num_samples, 'sample')}; deepest at "
             f"{times[contact.index]:.3f} s, hulls "
             f"{1e3 * contact.hull_distance:.1f} mm, meshes "
             f"{1e3 * contact.mesh_distance:.1f} mm: they overestimate by "
@@ -240,12 +240,12 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
     if verdict.open_links:
         lines.append(
             "meshes that are not closed, so that what is inside of them is where they "
-            f"wind around at least half: {', '.join(verdict.open_links)}"
+            f"wind around at least half: {_some(verdict.open_links)}"
         )
     if verdict.coarse_links:
         lines.append(
             "only simplified meshes are there, of an import by an earlier version; "
-            f"import again: {', '.join(verdict.coarse_links)}"
+            f"import again: {_some(verdict.coarse_links)}"
         )
     return lines
 
@@ -259,8 +259,14 @@ def _nearest(nearest: Nearest, times: np.ndarray) -> str:
     )
 
 
-def _samples(number: int) -> str:
-    return f"{number} sample{'s' if number > 1 else ''}"
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - _MOST_LINES
+    shown = ", ".join(names[:_MOST_LINES])
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def _more(contacts: list[PairContact], which: str) -> list[str]:

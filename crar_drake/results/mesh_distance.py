@@ -73,12 +73,14 @@ class TriangleMesh:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether each edge is that of two triangles, which turn opposite ways."""
+        """Whether each edge is there as often one way as the other.
+
+        Then winding numbers are whole, also where closed pieces share edges.
+        """
         start, end = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).T
         size = len(self.vertices)
         there, back = np.sort(start * size + end), np.sort(end * size + start)
-        once = (np.diff(there) > 0).all()
-        return bool(once and np.array_equal(there, back))
+        return bool(np.array_equal(there, back))
 
     @cached_property
     def one_vertex_each(self) -> np.ndarray:

@@ -23,6 +23,9 @@ from crar_drake.results.link_meshes import LinkMesh, read_link_meshes
 from crar_drake.results.mesh_distance import TriangleMesh, mesh_distance
 from crar_drake.robot.description import RobotDescription, add_robot, find_joint
 
+# Drake's distance of hulls was seen to be up to 0.08 mm beyond the exact one [m].
+_HULL_ERROR = 1e-3
+
 # A flat part's points are moved apart by this, for it to have a hull; all parts' are,
 # for the hull to hold the part in spite of rounding [m].
 _HULL_MARGIN = 1e-5
@@ -142,7 +145,7 @@ class MeshJudge:
 
     @property
     def open_links(self) -> list[str]:
-        """Links whose surface has holes or edges of more than two triangles."""
+        """Links whose surface has holes, or triangles that are the wrong way around."""
         meshes = zip(self.links, self._meshes, strict=True)
         return [name for name, mesh in meshes if not mesh.is_closed]
 
@@ -193,14 +196,14 @@ class MeshJudge:
         self._hulls.place(poses)
         # Hulls are never farther than meshes: what is beyond the nearest meshes so far
         # is of no interest to either.
-        rows = self._near_balls(poses, max(tally.meshes.distance, 0.0))
+        rows = self._near_balls(poses, max(tally.meshes.distance, _HULL_ERROR))
         near = sorted((self._hulls.distance(*self._indices[row]), row) for row in rows)
         if near:
             tally.hulls.take(*near[0], index)
             tally.num_hulls_touching += near[0][0] < 0.0
         penetrating = False
         for hull_distance, row in near:
-            if hull_distance > max(tally.meshes.distance, 0.0):
+            if hull_distance - _HULL_ERROR > max(tally.meshes.distance, 0.0):
                 break
             i, j = self._indices[row]
             motion = _Motion(poses[i], poses[j], self._meshes[j])
@@ -257,7 +260,7 @@ class MeshJudge:
             for row in np.flatnonzero(meet):
                 i, j = self._indices[row]
                 meet[row] = (
-                    self._hulls.distance(i, j) <= 0.0
+                    self._hulls.distance(i, j) <= _HULL_ERROR
                     and self._mesh_distance(poses, i, j) < 0.0
                 )
         pairs = self.pairs

@@ -206,11 +206,14 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
         verdict: on a trajectory of T samples.
         times: (T,) of the samples [s].
     """
+    judged = (
+        f"{_counted(verdict.num_samples, 'sample')}, "
+        f"{_counted(verdict.num_pairs, 'pair')} of links more than one joint apart"
+    )
     lines = [
-        f"real meshes, triangles, {_counted(verdict.num_samples, 'sample')}, "
-        f"{_counted(verdict.num_pairs, 'pair')} of links more than one joint apart: {verdict.num_penetrating} in "
-        "penetration" + _nearest(verdict.nearest, times),
-        f"real meshes, convex hulls, the same samples and pairs: "
+        f"real meshes, triangles, {judged}: {verdict.num_penetrating} in penetration"
+        + _nearest(verdict.nearest, times),
+        "real meshes, convex hulls, the same samples and pairs: "
         f"{verdict.num_hulls_touching} in penetration"
         + _nearest(verdict.hulls_nearest, times),
     ]

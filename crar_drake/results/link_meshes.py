@@ -154,7 +154,8 @@ def _shape(
     if type(shape).__name__ == "HalfSpace":
         return None, False
     raise ModelError(
-        f"link {link!r}: cannot be judged by meshes: it has a {type(shape).__name__}"
+        f"link {link!r}: cannot be judged by meshes: it has a {type(shape).__name__} "
+        "(judge by the collision shapes alone: --no-meshes)"
     )
 
 

@@ -162,6 +162,20 @@ def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> flo
     Returns:
         The signed distance [m].
     """
+    gap = distance_apart(a, b, X_AB)
+    return gap if gap > 0.0 else -penetration_depth(a, b, X_AB)
+
+
+def distance_apart(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:
+    """Distance of the nearest triangles; 0 where meshes meet (`meshes_meet`).
+
+    Args:
+        a, b: the meshes, each in its own frame, A and B.
+        X_AB: pose of B in A.
+
+    Returns:
+        The distance [m].
+    """
     gap = fcl.distance(
         a.placed(RigidTransform()),
         b.placed(X_AB),
@@ -170,7 +184,7 @@ def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> flo
     )
     if gap > 0.0 and not _one_holds_other(a, b, X_AB):
         return float(gap)
-    return -penetration_depth(a, b, X_AB)
+    return 0.0
 
 
 def meshes_meet(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> bool:

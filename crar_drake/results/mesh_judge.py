@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.geometry import Convex
+from pydrake.geometry import Convex, GeometryId
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
@@ -20,11 +20,12 @@ from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.results.judged_pairs import pairs_beyond_one_joint
 from crar_drake.results.link_meshes import LinkMesh, read_link_meshes
-from crar_drake.results.mesh_distance import TriangleMesh, mesh_distance
+from crar_drake.results.mesh_distance import (
+    TriangleMesh,
+    distance_apart,
+    mesh_distance,
+)
 from crar_drake.robot.description import RobotDescription, add_robot, find_joint
-
-# Drake's distance of hulls was seen to be up to 0.08 mm beyond the exact one [m].
-_HULL_ERROR = 1e-3
 
 # A flat part's points are moved apart by this, for it to have a hull; all parts' are,
 # for the hull to hold the part in spite of rounding [m].
@@ -196,14 +197,14 @@ class MeshJudge:
         self._hulls.place(poses)
         # Hulls are never farther than meshes: what is beyond the nearest meshes so far
         # is of no interest to either.
-        rows = self._near_balls(poses, max(tally.meshes.distance, _HULL_ERROR))
+        rows = self._near_balls(poses, max(tally.meshes.distance, 0.0))
         near = sorted((self._hulls.distance(*self._indices[row]), row) for row in rows)
         if near:
             tally.hulls.take(*near[0], index)
             tally.num_hulls_touching += near[0][0] < 0.0
         penetrating = False
         for hull_distance, row in near:
-            if hull_distance - _HULL_ERROR > max(tally.meshes.distance, 0.0):
+            if hull_distance > max(tally.meshes.distance, 0.0):
                 break
             i, j = self._indices[row]
             motion = _Motion(poses[i], poses[j], self._meshes[j])
@@ -260,7 +261,7 @@ class MeshJudge:
             for row in np.flatnonzero(meet):
                 i, j = self._indices[row]
                 meet[row] = (
-                    self._hulls.distance(i, j) <= _HULL_ERROR
+                    self._hulls.distance(i, j) <= 0.0
                     and self._mesh_distance(poses, i, j) < 0.0
                 )
         pairs = self.pairs
@@ -376,7 +377,11 @@ class _Tally:
 
 
 class _Hulls:
-    """Signed distances between the links' convex hulls, one for each part of a link."""
+    """Signed distances between the links' convex hulls, one for each part of a link.
+
+    Drake knows how deep convex shapes penetrate. Apart, its distances of large hulls
+    were seen to be off by up to 11 mm, so that there FCL measures the hulls' faces.
+    """
 
     def __init__(self, links: list[LinkMesh]) -> None:
         # In a plant of their own, of free bodies: their poses are known, and the
@@ -389,13 +394,7 @@ class _Hulls:
             self._bodies.append(body)
             self._parts.append(
                 [
-                    self._plant.RegisterCollisionGeometry(
-                        body,
-                        RigidTransform(),
-                        Convex(_hull_points(part.vertices).T, link.name),
-                        f"hull_{index}_{number}",
-                        CoulombFriction(0.0, 0.0),
-                    )
+                    self._hull(body, part.vertices, f"{index}_{number}")
                     for number, part in enumerate(link.parts)
                 ]
             )
@@ -407,6 +406,7 @@ class _Hulls:
 
     def place(self, poses: list[RigidTransform]) -> None:
         """Moves the links there (X_WL)."""
+        self._poses = poses
         for body, pose in zip(self._bodies, poses, strict=True):
             self._plant.SetFreeBodyPose(self._context, body, pose)
         port = self._scene_graph.get_query_output_port()
@@ -414,11 +414,46 @@ class _Hulls:
 
     def distance(self, i: int, j: int) -> float:
         """Of the links number i and j: the smallest over their parts [m]."""
+        X_AB = self._poses[i].InvertAndCompose(self._poses[j])
         return min(
-            self._query.ComputeSignedDistancePairClosestPoints(a, b).distance
+            self._part_distance(a, b, X_AB)
             for a in self._parts[i]
             for b in self._parts[j]
         )
+
+    def _hull(self, body, vertices: np.ndarray, name: str) -> _Hull:
+        points = _hull_points(vertices)
+        geometry = self._plant.RegisterCollisionGeometry(
+            body,
+            RigidTransform(),
+            Convex(points.T, name),
+            name,
+            CoulombFriction(0.0, 0.0),
+        )
+        return _Hull(geometry, _hull_mesh(points))
+
+    def _part_distance(self, a: _Hull, b: _Hull, X_AB: RigidTransform) -> float:
+        gap = distance_apart(a.mesh, b.mesh, X_AB)
+        if gap > 0.0:
+            return gap
+        query = self._query.ComputeSignedDistancePairClosestPoints
+        return min(0.0, query(a.geometry, b.geometry).distance)
+
+
+@dataclass(frozen=True)
+class _Hull:
+    """A part's hull, for Drake and as triangles."""
+
+    geometry: GeometryId
+    mesh: TriangleMesh
+
+
+def _hull_mesh(points: np.ndarray) -> TriangleMesh:
+    hull = ConvexHull(points)
+    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
+    outward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
+    faces = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
+    return TriangleMesh(points, faces)
 
 
 def _hull_points(vertices: np.ndarray) -> np.ndarray:

@@ -11,9 +11,15 @@ from crar_drake.commands.options import add_command, add_robot, count, positive
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from crar_drake.results.certificate import CertificateVerdict, Place
     from crar_drake.results.log import SimulationLog
+    from crar_drake.results.mesh_judge import MeshVerdict, Nearest, PairContact
     from crar_drake.robot.description import RobotDescription
+
+# Pairs (and links) that are told one by one.
+_MOST_LINES = 5
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -23,10 +29,11 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "judge",
         run,
         "Count the collisions and passed joint and speed limits of a saved log, "
-        "independently of the controller; of imported robots also by the hulls of "
-        "their meshes. A log with constraints lookahead says of its every control "
-        "step how it could brake: whether that is true is told, and the exit code is "
-        "1 if it is not, or if a constraint is violated.",
+        "independently of the controller; of robots with meshes also by the triangles "
+        "of these, for all links more than one joint apart. A log with constraints "
+        "lookahead says of its every control step how it could brake: whether that is "
+        "true is told, and the exit code is 1 if it is not, or if a constraint is "
+        "violated, or if meshes penetrate.",
     )
     parser.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
     add_robot(parser)
@@ -35,7 +42,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         type=positive,
         default=0.02,
         metavar="S",
-        help="look at the meshes' hulls every S seconds (default: %(default)s)",
+        help="look at the meshes every S seconds (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--no-meshes",
+        action="store_true",
+        help="judge by the collision shapes alone, which takes less time",
     )
     parser.add_argument(
         "--paths-every",
@@ -50,13 +62,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Does what the arguments say.
 
     Returns:
-        The exit code: 1 if the log has a certificate, and that is not true or
-        a constraint is violated; else 0. What logs without one violate is counted.
+        The exit code: 1 if the log has a certificate, and that is not true, a
+        constraint is violated or meshes penetrate; else 0. What logs without one
+        violate is counted.
     """
     import numpy as np
 
     from crar_drake.results.certificate import has_certificate, judge_certificate
-    from crar_drake.results.hull_judge import has_hulls
+    from crar_drake.results.link_meshes import has_meshes
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.results.referee import Referee
@@ -68,6 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
     description = load_logged_robot(log, arguments.robot or "")
     model = ControlModel.FromDescription(description, scenario.task_list())
     check_logged_robot(log, model.plant, description)
+    meshes = None
+    if not arguments.no_meshes and has_meshes(model.plant, model.scene_graph):
+        meshes = _judge_meshes(log, description, arguments.every)
     try:
         speeds = scenario.controller.speed_limits(model)
         referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)
@@ -99,12 +115,14 @@ def run(arguments: argparse.Namespace) -> int:
     if verdict is not None:
         for line in certificate_lines(verdict):
             print(line)
-    if has_hulls(description):
-        _judge_hulls(log, description, arguments.every)
+    if meshes is not None:
+        for line in mesh_lines(*meshes):
+            print(line)
     if verdict is None:
         return 0
     violated = capsules.num_violated or capsules.num_beyond_speed or verdict.violated
-    return int(bool(violated) or not verdict.true)
+    penetrating = meshes is not None and meshes[0].num_penetrating
+    return int(bool(violated or penetrating) or not verdict.true)
 
 
 def certificate_lines(verdict: CertificateVerdict) -> list[str]:
@@ -163,23 +181,100 @@ def _near(place: Place, before: str, nothing: str = "") -> str:
     )
 
 
-def _judge_hulls(
+def _judge_meshes(
     log: SimulationLog, description: RobotDescription, period: float
-) -> None:
-    """Prints what the hulls of the meshes say."""
-    from crar_drake.results.hull_judge import HullJudge
+) -> tuple[MeshVerdict, np.ndarray]:
+    """What the meshes say, and when the samples are that were judged [s].
+
+    It is asked for before anything else, for a mesh that cannot be read to be told at
+    once.
+    """
+    from crar_drake.results.link_meshes import check_installed
+
+    check_installed()
+    from crar_drake.results.mesh_judge import MeshJudge
 
     steps = max(1, len(log.time) - 1)
     every = max(1, round(period * steps / (log.time[-1] - log.time[0] or period)))
-    hulls = HullJudge(description).judge(log.q[::every])
-    print(
-        f"convex hulls of the real meshes, {hulls.num_samples} samples: "
-        f"{hulls.num_penetrating} in penetration, smallest distance "
-        f"{1e3 * hulls.smallest_distance:.1f} mm"
-        + _of_pair(hulls.smallest_distance_pair)
+    return MeshJudge(description).judge(log.q[::every]), log.time[::every]
+
+
+def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
+    """The verdict of the meshes in words.
+
+    Args:
+        verdict: on a trajectory of T samples.
+        times: (T,) of the samples [s].
+    """
+    judged = (
+        f"{_counted(verdict.num_samples, 'sample')}, "
+        f"{_counted(verdict.num_pairs, 'pair')} of links more than one joint apart"
     )
-    for a, b in hulls.left_out:
-        print(f"left out, since their hulls overlap in the rest posture: {a} - {b}")
+    lines = [
+        f"real meshes, triangles, {judged}: {verdict.num_penetrating} in penetration"
+        + _nearest(verdict.nearest, times),
+        "real meshes, convex hulls, the same samples and pairs: "
+        f"{verdict.num_hulls_touching} in penetration"
+        + _nearest(verdict.hulls_nearest, times),
+    ]
+    for contact in verdict.penetrations[:_MOST_LINES]:
+        lines.append(
+            f"  {contact.pair[0]} - {contact.pair[1]}: meshes penetrate in "
+            f"{_counted(contact.num_samples, 'sample')}; deepest at "
+            f"{times[contact.index]:.3f} s, where a shift of "
+            f"{-1e3 * contact.mesh_distance:.1f} mm would part them"
+        )
+    lines += _more(verdict.penetrations, "whose meshes penetrate")
+    for contact in verdict.refuted[:_MOST_LINES]:
+        lines.append(
+            f"  {contact.pair[0]} - {contact.pair[1]}: only hulls penetrate, in "
+            f"{_counted(contact.num_samples, 'sample')}; deepest at "
+            f"{times[contact.index]:.3f} s, hulls "
+            f"{1e3 * contact.hull_distance:.1f} mm, meshes "
+            f"{1e3 * contact.mesh_distance:.1f} mm: they overestimate by "
+            f"{1e3 * contact.overestimate:.1f} mm"
+        )
+    lines += _more(verdict.refuted, "of which only hulls penetrate")
+    if verdict.left_out:
+        lines.append(
+            "left out, since their meshes meet both at zero and in the rest posture: "
+            + ", ".join(f"{a} - {b}" for a, b in verdict.left_out)
+        )
+    if verdict.open_links:
+        lines.append(
+            "meshes that are not closed, so that what is inside of them is where they "
+            f"wind around at least half: {_some(verdict.open_links)}"
+        )
+    if verdict.coarse_links:
+        lines.append(
+            "only simplified meshes are there, of an import by an earlier version; "
+            f"import again: {_some(verdict.coarse_links)}"
+        )
+    return lines
+
+
+def _nearest(nearest: Nearest, times: np.ndarray) -> str:
+    if nearest.pair is None:
+        return ""
+    return (
+        f", smallest distance {1e3 * nearest.distance:.1f} mm"
+        f"{_of_pair(nearest.pair)} at {times[nearest.index]:.3f} s"
+    )
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - _MOST_LINES
+    shown = ", ".join(names[:_MOST_LINES])
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+def _more(contacts: list[PairContact], which: str) -> list[str]:
+    more = len(contacts) - _MOST_LINES
+    return [f"  and {more} more {which}"] if more > 0 else []
 
 
 def _of_pair(pair: tuple[str, str] | None) -> str:

@@ -42,7 +42,6 @@ from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.meshes import (
     Part,
-    convex_hulls,
     guess_up_axis,
     link_parts,
     simplified,
@@ -70,6 +69,9 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
     "picture.png",
     "report.txt",
 )
+
+# The folder of the meshes with all their triangles, which `mesh_judge` reads.
+TRIANGLES = "triangles"
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -206,7 +208,7 @@ def import_robot(
         save_choices(file, choices, report.guessed)
         with whole_file(made / REPORT) as temporary:
             temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
-        _remove_old_hulls(made, out)
+        _remove_old_triangles(made, out)
     cache.save()
     return report
 
@@ -233,7 +235,6 @@ def _make(
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
     visuals = _write_meshes(folder, parts, choices.faces)
-    _write_hulls(folder, segments)
     _guess_rest(robot, locked, parts, choices, report)
     prescribed = choices.base == "prescribed"
     # A robot with a waist stands on the floor, although its base is fixed.
@@ -593,28 +594,23 @@ def _write_meshes(
             small = simplified(part, share)
             file = f"meshes/{safe}_{index}.obj"
             write_obj(out / file, small.vertices, small.faces)
+            # What is drawn is coarser than what judges.
+            write_obj(triangles_file(out / file), part.vertices, part.faces)
             visuals.setdefault(name, []).append(VisualMesh(file, part.rgba))
     return visuals
 
 
-def _write_hulls(out: Path, segments: dict[str, list[Part]]) -> None:
-    """The real meshes' hulls, which `hull_judge` asks for distances."""
-    for name, of_segment in segments.items():
-        for index, (vertices, triangles) in enumerate(convex_hulls(of_segment)):
-            write_obj(hull_file(out, name, index), vertices, triangles)
-
-
-def _remove_old_hulls(made: Path, out: Path) -> None:
-    """An earlier import's hulls would be taken for this one's."""
-    new = {path.name for path in made.glob("hulls/*.obj")}
-    for path in out.glob("hulls/*.obj"):
+def _remove_old_triangles(made: Path, out: Path) -> None:
+    """An earlier import's are of no use any more."""
+    new = {path.name for path in made.glob(f"{TRIANGLES}/*.obj")}
+    for path in out.glob(f"{TRIANGLES}/*.obj"):
         if path.name not in new:
             path.unlink()
 
 
-def hull_file(folder: Path, link: str, index: int) -> Path:
-    """Where the convex hull of a link's mesh number `index` lies."""
-    return folder / "hulls" / f"{link.replace('/', '_')}_{index}.obj"
+def triangles_file(drawn: Path) -> Path:
+    """Where all triangles of the mesh lie that is drawn from the file `drawn`."""
+    return drawn.parent.parent / TRIANGLES / drawn.name
 
 
 def _parse(description: RobotDescription) -> MultibodyPlant:

@@ -271,14 +271,14 @@ def test_a_robot_that_cannot_be_read_leaves_no_folder(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_hulls_of_an_earlier_import_go(imported, tmp_path):
+def test_triangles_of_an_earlier_import_go(imported, tmp_path):
     folder = tmp_path / "again"
     shutil.copytree(imported.folder, folder)
-    old = folder / "hulls" / "head_1.obj"
+    old = folder / "triangles" / "head_1.obj"
     assert not old.exists()
     old.write_text("v 0 0 0\n")
     import_robot("", folder)
-    assert not old.exists() and (folder / "hulls" / "head_0.obj").exists()
+    assert not old.exists() and (folder / "triangles" / "head_0.obj").exists()
 
 
 @pytest.mark.parametrize("root", ["pelvis", "world"])

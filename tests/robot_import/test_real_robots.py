@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.results.hull_judge import HullJudge
+from crar_drake.results.mesh_judge import MeshJudge
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, load_choices
@@ -77,14 +77,14 @@ def imported(robot_data, tmp_path_factory):
     [("g1", "g1_dance"), ("g1", "g1_dance_hands"), ("talos", "talos_boxing")],
 )
 def test_a_second_of_a_real_motion(imported, cmu, robot, name):
-    """Untouched by referee and real hulls, within limits, and efforts if asked for."""
+    """Untouched by referee and real meshes, within limits, and efforts if asked for."""
     scenario: Scenario = load_scenario(name)
     scenario.robot, scenario.duration = str(imported(robot)), 1.0
     result = run_scenario(scenario, record=False)
     model, q = result.setup.model, result.log.q
     judged = Referee(model.plant, model.scene_graph, model.description.pairs)
     assert judged.violations(q[::10]).num_violated == 0
-    assert HullJudge(model.description).judge(q[::50]).num_penetrating == 0
+    assert MeshJudge(model.description).judge(q[::50]).num_penetrating == 0
     if scenario.controller.limits_efforts:
         assert (np.abs(result.log.actuation) <= model.actuator_limits + 1e-9).all()
     assert result.summary.rms_task_error < 0.25

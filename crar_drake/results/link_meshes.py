@@ -1,0 +1,184 @@
+"""The real shape of each link of a plant, as triangles."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Mesh,
+    Role,
+    SceneGraph,
+    SceneGraphInspector,
+    Sphere,
+)
+from pydrake.geometry import Shape as DrakeShape
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.importer import TRIANGLES, triangles_file
+from crar_drake.robot_import.meshes import Part, link_parts
+from crar_drake.robot_import.source_urdf import Link, Shape
+from crar_drake.robot_import.source_urdf import Mesh as MeshFile
+
+# Module to the package that brings it.
+_PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl"}
+
+
+@dataclass(frozen=True)
+class LinkMesh:
+    """What a link looks like.
+
+    Attributes:
+        name: of the link; `model::link` where several models have one of that name.
+        body: of the plant.
+        parts: triangles by mesh file or primitive, in the link's frame.
+        coarse: whether a mesh was read that the import had simplified.
+    """
+
+    name: str
+    body: BodyIndex
+    parts: list[Part]
+    coarse: bool
+
+
+def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
+    """Whether a link has a mesh; primitives alone are what the referee knows.
+
+    Args:
+        plant: finalized.
+        scene_graph: where it is registered.
+    """
+    inspector = scene_graph.model_inspector()
+    return any(
+        isinstance(inspector.GetShape(geometry), Mesh | Convex)
+        for body in _bodies(plant)
+        for geometry in _geometries(plant, inspector, body)
+    )
+
+
+def check_installed() -> None:
+    """Asks for what meshes are read and compared with, before a long judgement.
+
+    Raises:
+        ModelError: a package of the extra `robots` is not installed, or is broken.
+    """
+    missing = []
+    for module, package in _PACKAGES.items():
+        try:
+            importlib.import_module(module)
+        except ImportError:
+            missing.append(package)
+    if missing:
+        raise ModelError(
+            f"judging by meshes needs {', '.join(missing)}: pip install "
+            "'crar-drake[robots]' (or judge by the collision shapes alone: --no-meshes)"
+        )
+
+
+def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[LinkMesh]:
+    """Reads the visual shapes of each link, or if it has none its collision shapes.
+
+    Of a robot that `crar-drake import-robot` made, all triangles of its meshes are
+    read, not the simplified ones that are drawn. Primitives become triangles as the
+    import makes them. A half space has none and is left out.
+
+    Args:
+        plant: finalized.
+        scene_graph: where it is registered.
+
+    Returns:
+        One entry for each link that has a shape, the world among them.
+
+    Raises:
+        ModelError: a mesh file is not there, cannot be read, or has no triangles; the
+            message names link and file.
+    """
+    inspector = scene_graph.model_inspector()
+    meshes = []
+    for body in _bodies(plant):
+        name = _name(plant, body)
+        shapes, coarse = [], False
+        for geometry in _geometries(plant, inspector, body):
+            pose = inspector.GetPoseInFrame(geometry)
+            shape, simplified = _shape(inspector.GetShape(geometry), pose, name)
+            coarse |= simplified
+            if shape is not None:
+                shapes.append(shape)
+        if shapes:
+            parts = link_parts(Link(name, tuple(shapes), (), None))
+            meshes.append(LinkMesh(name, body.index(), parts, coarse))
+    return meshes
+
+
+def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
+    return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+
+
+def _geometries(plant, inspector: SceneGraphInspector, body: RigidBody) -> list:
+    frame = plant.GetBodyFrameIdOrThrow(body.index())
+    for role in (Role.kIllustration, Role.kProximity):
+        found = inspector.GetGeometries(frame, role)
+        if found:
+            return found
+    return []
+
+
+def _name(plant: MultibodyPlant, body: RigidBody) -> str:
+    if plant.NumBodiesWithName(body.name()) > 1:
+        return str(body.scoped_name())
+    return body.name()
+
+
+def _shape(
+    shape: DrakeShape, X_LG: RigidTransform, link: str
+) -> tuple[Shape | None, bool]:
+    """What the import calls the shape, and whether it is a simplified mesh."""
+    if isinstance(shape, Mesh | Convex):
+        path, coarse = _file(shape, link)
+        return Shape(X_LG, "mesh", MeshFile(path, tuple(shape.scale3()))), coarse
+    if isinstance(shape, Box):
+        return Shape(X_LG, "box", size=tuple(shape.size())), False
+    if isinstance(shape, Sphere):
+        return Shape(X_LG, "sphere", size=(shape.radius(),)), False
+    if isinstance(shape, Cylinder | Capsule):
+        kind = "cylinder" if isinstance(shape, Cylinder) else "capsule"
+        return Shape(X_LG, kind, size=(shape.radius(), shape.length())), False
+    if type(shape).__name__ == "HalfSpace":
+        return None, False
+    raise ModelError(
+        f"link {link!r}: cannot be judged by meshes: it has a {type(shape).__name__} "
+        "(judge by the collision shapes alone: --no-meshes)"
+    )
+
+
+def _file(shape: Mesh | Convex, link: str) -> tuple[Path, bool]:
+    """The file of a mesh with all its triangles, and whether there is only a coarse
+    one: what earlier versions imported."""
+    if not shape.source().is_path():
+        raise ModelError(f"link {link!r}: its mesh is not in a file")
+    path = Path(shape.source().path())
+    imported = (
+        path.parent.name == "meshes" and (path.parent.parent / "import.yaml").is_file()
+    )
+    if not imported:
+        return _existing(path, link), False
+    if not (path.parent.parent / TRIANGLES).is_dir():
+        return _existing(path, link), True
+    return _existing(triangles_file(path), link), False
+
+
+def _existing(path: Path, link: str) -> Path:
+    if not path.is_file():
+        raise ModelError(
+            f"link {link!r}: its mesh {path} is not there; of an imported robot, "
+            "import it again"
+        )
+    return path

@@ -1,0 +1,476 @@
+"""A second judge of a motion: the triangles of the robot's real meshes.
+
+The controller and the referee know only capsules, and the pairs that somebody listed.
+This judge asks for all links that more than one joint is between. Convex hulls of their
+meshes bound the distances from below, which spares most questions; where hulls touch,
+or might be nearer than the nearest meshes so far, the triangles decide.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.geometry import Convex, GeometryId
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.results.judged_pairs import pairs_beyond_one_joint
+from crar_drake.results.link_meshes import LinkMesh, read_link_meshes
+from crar_drake.results.mesh_distance import (
+    TriangleMesh,
+    distance_apart,
+    mesh_distance,
+)
+from crar_drake.robot.description import RobotDescription, add_robot, find_joint
+
+# A flat part's points are moved apart by this, for it to have a hull; all parts' are,
+# for the hull to hold the part in spite of rounding [m].
+_HULL_MARGIN = 1e-5
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Where two links come nearest.
+
+    Attributes:
+        distance: signed [m]; infinite without pairs.
+        pair: the two links; None without pairs.
+        index: the first sample where it is reached; None without pairs.
+    """
+
+    distance: float = np.inf
+    pair: tuple[str, str] | None = None
+    index: int | None = None
+
+
+@dataclass(frozen=True)
+class PairContact:
+    """A pair whose hulls or meshes meet in some samples of a trajectory.
+
+    Attributes:
+        pair: the two links.
+        num_samples: with contact.
+        index: the sample where it is deepest.
+        hull_distance: of the hulls in that sample [m].
+        mesh_distance: of the meshes in that sample [m].
+    """
+
+    pair: tuple[str, str]
+    num_samples: int
+    index: int
+    hull_distance: float
+    mesh_distance: float
+
+    @property
+    def overestimate(self) -> float:
+        """By how much the hulls are nearer than the meshes [m]."""
+        return self.mesh_distance - self.hull_distance
+
+
+@dataclass(frozen=True)
+class MeshVerdict:
+    """What the meshes say of a trajectory.
+
+    Attributes:
+        num_samples: that were judged.
+        num_pairs: that were judged.
+        num_penetrating: samples with a pair of meshes in penetration.
+        nearest: the smallest distance of meshes.
+        num_hulls_touching: samples with a pair of hulls in penetration.
+        hulls_nearest: the smallest distance of hulls.
+        penetrations: pairs whose meshes penetrate, the deepest first.
+        refuted: pairs whose hulls are in penetration where their meshes are apart, by
+            samples in which that is so; those that overestimate most first.
+        left_out: pairs whose meshes meet in the zero and in the rest posture: they do
+            as they are built.
+        open_links: links whose surface is not closed, so that what is inside of it is
+            a matter of its winding number.
+        coarse_links: links of which there are only simplified triangles.
+    """
+
+    num_samples: int
+    num_pairs: int
+    num_penetrating: int
+    nearest: Nearest
+    num_hulls_touching: int
+    hulls_nearest: Nearest
+    penetrations: list[PairContact]
+    refuted: list[PairContact]
+    left_out: list[tuple[str, str]]
+    open_links: list[str]
+    coarse_links: list[str]
+
+
+class MeshJudge:
+    """Signed distances between the meshes of all links that can meet.
+
+    Attributes:
+        links: names of the links that have a shape.
+        pairs: (Nc) pairs of links that are judged.
+        left_out: pairs whose meshes meet in the zero and in the rest posture.
+    """
+
+    def __init__(self, description: RobotDescription) -> None:
+        """
+        Args:
+            description: of a robot, imported or not.
+
+        Raises:
+            ModelError: its model or one of its meshes cannot be read, or there is no
+                joint that the rest posture names.
+        """
+        builder = DiagramBuilder()
+        self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        add_robot(self._plant, description)
+        self._plant.Finalize()
+        of_links = read_link_meshes(self._plant, self._scene_graph)
+        self.links = [link.name for link in of_links]
+        self.coarse_links = [link.name for link in of_links if link.coarse]
+        self._bodies = [link.body for link in of_links]
+        self._meshes = [_one_mesh(link) for link in of_links]
+        self._indices = np.array(
+            pairs_beyond_one_joint(self._plant, self._bodies), dtype=int
+        ).reshape(-1, 2)
+        self._context = self._plant.CreateDefaultContext()
+        self._hulls = _Hulls(of_links)
+        self._set_left_out(description)
+
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """(Nc) the pairs of links that are judged."""
+        return [(self.links[i], self.links[j]) for i, j in self._indices]
+
+    @property
+    def open_links(self) -> list[str]:
+        """Links whose surface has holes, or triangles that are the wrong way around."""
+        meshes = zip(self.links, self._meshes, strict=True)
+        return [name for name, mesh in meshes if not mesh.is_closed]
+
+    def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distances of all pairs by hulls and by meshes; slow.
+
+        Args:
+            q: (nq,) positions of the plant.
+
+        Returns:
+            (Nc,) distances of the hulls and (Nc,) of the meshes [m].
+        """
+        poses = self._poses(q)
+        self._hulls.place(poses)
+        return (
+            np.array([self._hulls.distance(i, j) for i, j in self._indices]),
+            np.array([self._mesh_distance(poses, i, j) for i, j in self._indices]),
+        )
+
+    def judge(self, q_trajectory: np.ndarray) -> MeshVerdict:
+        """Judges every sample of a (T, nq) trajectory [rad or m]."""
+        tally = _Tally(len(self._indices))
+        for index, q in enumerate(q_trajectory):
+            self._judge_sample(tally, index, q)
+        pairs = self.pairs
+        return MeshVerdict(
+            num_samples=len(q_trajectory),
+            num_pairs=len(pairs),
+            num_penetrating=tally.num_penetrating,
+            nearest=tally.meshes.named(pairs),
+            num_hulls_touching=tally.num_hulls_touching,
+            hulls_nearest=tally.hulls.named(pairs),
+            penetrations=sorted(
+                (each.named(pairs[row]) for row, each in tally.penetrations.items()),
+                key=lambda contact: contact.mesh_distance,
+            ),
+            refuted=sorted(
+                (each.named(pairs[row]) for row, each in tally.refuted.items()),
+                key=lambda contact: -contact.overestimate,
+            ),
+            left_out=self.left_out,
+            open_links=self.open_links,
+            coarse_links=self.coarse_links,
+        )
+
+    def _judge_sample(self, tally: _Tally, index: int, q: np.ndarray) -> None:
+        poses = self._poses(q)
+        self._hulls.place(poses)
+        # Hulls are never farther than meshes: what is beyond the nearest meshes so far
+        # is of no interest to either.
+        rows = self._near_balls(poses, max(tally.meshes.distance, 0.0))
+        near = sorted((self._hulls.distance(*self._indices[row]), row) for row in rows)
+        if near:
+            tally.hulls.take(*near[0], index)
+            tally.num_hulls_touching += near[0][0] < 0.0
+        penetrating = False
+        for hull_distance, row in near:
+            if hull_distance > max(tally.meshes.distance, 0.0):
+                break
+            i, j = self._indices[row]
+            motion = _Motion(poses[i], poses[j], self._meshes[j])
+            deepest = tally.is_deepest(row, hull_distance)
+            bound = tally.bound(row, motion)
+            if not deepest and bound > max(tally.meshes.distance, 0.0):
+                tally.refute(row, index, hull_distance, None)
+                continue
+            d = mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
+            tally.last[row] = (motion, d)
+            tally.meshes.take(d, row, index)
+            if d < 0.0:
+                penetrating = True
+                tally.penetrate(row, index, hull_distance, d)
+            else:
+                tally.refute(row, index, hull_distance, d)
+        tally.num_penetrating += penetrating
+
+    def _poses(self, q: np.ndarray) -> list[RigidTransform]:
+        """Of each link in the world."""
+        self._plant.SetPositions(self._context, q)
+        return [
+            self._plant.EvalBodyPoseInWorld(self._context, self._plant.get_body(body))
+            for body in self._bodies
+        ]
+
+    def _near_balls(self, poses: list[RigidTransform], bound: float) -> np.ndarray:
+        """Rows of the pairs whose bounding balls are nearer than a bound."""
+        centres = np.array(
+            [X.multiply(m.centre) for X, m in zip(poses, self._meshes, strict=True)]
+        ).reshape(-1, 3)
+        radii = np.array([mesh.radius for mesh in self._meshes])
+        i, j = self._indices.T
+        gaps = np.linalg.norm(centres[i] - centres[j], axis=1) - radii[i] - radii[j]
+        return np.flatnonzero(gaps < bound)
+
+    def _mesh_distance(self, poses: list[RigidTransform], i: int, j: int) -> float:
+        X_AB = poses[i].InvertAndCompose(poses[j])
+        return mesh_distance(self._meshes[i], self._meshes[j], X_AB)
+
+    def _set_left_out(self, description: RobotDescription) -> None:
+        zero = np.clip(
+            np.zeros(self._plant.num_positions()),
+            self._plant.GetPositionLowerLimits(),
+            self._plant.GetPositionUpperLimits(),
+        )
+        rest = zero.copy()
+        for name, value in description.rest_posture.items():
+            rest[find_joint(self._plant, name).position_start()] = value
+        meet = np.ones(len(self._indices), dtype=bool)
+        for q in (rest, zero):
+            poses = self._poses(q)
+            self._hulls.place(poses)
+            for row in np.flatnonzero(meet):
+                i, j = self._indices[row]
+                meet[row] = (
+                    self._hulls.distance(i, j) <= 0.0
+                    and self._mesh_distance(poses, i, j) < 0.0
+                )
+        pairs = self.pairs
+        self.left_out = [pairs[row] for row in np.flatnonzero(meet)]
+        self._indices = self._indices[~meet]
+
+
+class _Motion:
+    """Where link B is in the frame of link A, and how far that is from elsewhere."""
+
+    def __init__(self, X_WA: RigidTransform, X_WB: RigidTransform, b: TriangleMesh):
+        self.X_AB = X_WA.InvertAndCompose(X_WB)
+        self._p_AC = self.X_AB.multiply(b.centre)
+        self._radius = b.radius
+
+    def since(self, other: _Motion) -> float:
+        """How far any point of B has moved in A at most [m]."""
+        turn: RotationMatrix = self.X_AB.rotation().InvertAndCompose(
+            other.X_AB.rotation()
+        )
+        # The chord of an angle t at radius r is 2 r sin(t / 2); trace R = 1 + 2 cos t.
+        sine = np.sqrt(max(0.0, (3.0 - np.trace(turn.matrix())) / 4.0))
+        return float(
+            np.linalg.norm(self._p_AC - other._p_AC) + 2.0 * self._radius * sine
+        )
+
+
+@dataclass
+class _Least:
+    """The smallest distance so far [m]."""
+
+    distance: float = np.inf
+    row: int | None = None
+    index: int | None = None
+
+    def take(self, distance: float, row: int, index: int) -> None:
+        if distance < self.distance:
+            self.distance, self.row, self.index = float(distance), row, index
+
+    def named(self, pairs: list[tuple[str, str]]) -> Nearest:
+        pair = None if self.row is None else pairs[self.row]
+        return Nearest(self.distance, pair, self.index)
+
+
+@dataclass
+class _Contact:
+    """A pair's samples in contact, and the deepest of them."""
+
+    num_samples: int = 0
+    index: int = 0
+    hull_distance: float = np.inf
+    mesh_distance: float = np.inf
+
+    def named(self, pair: tuple[str, str]) -> PairContact:
+        return PairContact(
+            pair, self.num_samples, self.index, self.hull_distance, self.mesh_distance
+        )
+
+
+@dataclass
+class _Tally:
+    """What is known of the samples so far, with pairs by their rows.
+
+    Attributes:
+        last: where a pair's meshes were measured, and their distance there.
+    """
+
+    num_pairs: int
+    num_penetrating: int = 0
+    num_hulls_touching: int = 0
+    meshes: _Least = field(default_factory=_Least)
+    hulls: _Least = field(default_factory=_Least)
+    penetrations: dict[int, _Contact] = field(default_factory=dict)
+    refuted: dict[int, _Contact] = field(default_factory=dict)
+    last: dict[int, tuple[_Motion, float]] = field(default_factory=dict)
+
+    def bound(self, row: int, motion: _Motion) -> float:
+        """What a pair's meshes are apart at least, as far as is known [m].
+
+        Where it is positive, nothing was touched on the way, so that neither mesh is
+        inside the other.
+        """
+        if row not in self.last:
+            return -np.inf
+        before, distance = self.last[row]
+        return distance - motion.since(before)
+
+    def is_deepest(self, row: int, hull_distance: float) -> bool:
+        """Whether hulls penetrate deeper than where they were refuted before."""
+        known = self.refuted.get(row)
+        return hull_distance < min(0.0, known.hull_distance if known else 0.0)
+
+    def refute(
+        self, row: int, index: int, hull_distance: float, mesh_distance: float | None
+    ) -> None:
+        """The meshes are apart, by a distance that may not have been asked for."""
+        if not hull_distance < 0.0:
+            return
+        contact = self.refuted.setdefault(row, _Contact())
+        contact.num_samples += 1
+        if mesh_distance is not None and hull_distance < contact.hull_distance:
+            contact.index, contact.hull_distance = index, hull_distance
+            contact.mesh_distance = mesh_distance
+
+    def penetrate(
+        self, row: int, index: int, hull_distance: float, mesh_distance: float
+    ) -> None:
+        contact = self.penetrations.setdefault(row, _Contact())
+        contact.num_samples += 1
+        if mesh_distance < contact.mesh_distance:
+            contact.index, contact.hull_distance = index, hull_distance
+            contact.mesh_distance = mesh_distance
+
+
+class _Hulls:
+    """Signed distances between the links' convex hulls, one for each part of a link.
+
+    Drake knows how deep convex shapes penetrate. Apart, its distances of large hulls
+    were seen to be off by up to 11 mm, so that there FCL measures the hulls' faces.
+    """
+
+    def __init__(self, links: list[LinkMesh]) -> None:
+        # In a plant of their own, of free bodies: their poses are known, and the
+        # robot's own collision shapes and filters play no part.
+        builder = DiagramBuilder()
+        self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+        self._bodies, self._parts = [], []
+        for index, link in enumerate(links):
+            body = self._plant.AddRigidBody(f"link_{index}")
+            self._bodies.append(body)
+            self._parts.append(
+                [
+                    self._hull(body, part.vertices, f"{index}_{number}")
+                    for number, part in enumerate(link.parts)
+                ]
+            )
+        self._plant.Finalize()
+        self._diagram = builder.Build()
+        self._root = self._diagram.CreateDefaultContext()
+        self._context = self._plant.GetMyMutableContextFromRoot(self._root)
+        self._graph_context = self._scene_graph.GetMyContextFromRoot(self._root)
+
+    def place(self, poses: list[RigidTransform]) -> None:
+        """Moves the links there (X_WL)."""
+        self._poses = poses
+        for body, pose in zip(self._bodies, poses, strict=True):
+            self._plant.SetFreeBodyPose(self._context, body, pose)
+        port = self._scene_graph.get_query_output_port()
+        self._query = port.Eval(self._graph_context)
+
+    def distance(self, i: int, j: int) -> float:
+        """Of the links number i and j: the smallest over their parts [m]."""
+        X_AB = self._poses[i].InvertAndCompose(self._poses[j])
+        return min(
+            self._part_distance(a, b, X_AB)
+            for a in self._parts[i]
+            for b in self._parts[j]
+        )
+
+    def _hull(self, body, vertices: np.ndarray, name: str) -> _Hull:
+        points = _hull_points(vertices)
+        geometry = self._plant.RegisterCollisionGeometry(
+            body,
+            RigidTransform(),
+            Convex(points.T, name),
+            name,
+            CoulombFriction(0.0, 0.0),
+        )
+        return _Hull(geometry, _hull_mesh(points))
+
+    def _part_distance(self, a: _Hull, b: _Hull, X_AB: RigidTransform) -> float:
+        gap = distance_apart(a.mesh, b.mesh, X_AB)
+        if gap > 0.0:
+            return gap
+        query = self._query.ComputeSignedDistancePairClosestPoints
+        return min(0.0, query(a.geometry, b.geometry).distance)
+
+
+@dataclass(frozen=True)
+class _Hull:
+    """A part's hull, for Drake and as triangles."""
+
+    geometry: GeometryId
+    mesh: TriangleMesh
+
+
+def _hull_mesh(points: np.ndarray) -> TriangleMesh:
+    hull = ConvexHull(points)
+    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
+    outward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
+    faces = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
+    return TriangleMesh(points, faces)
+
+
+def _hull_points(vertices: np.ndarray) -> np.ndarray:
+    """(N, 3) points whose hull has a volume and holds the vertices."""
+    with suppress(QhullError):  # it is flat, or a needle
+        vertices = vertices[ConvexHull(vertices).vertices]
+    steps = _HULL_MARGIN * np.concatenate([np.eye(3), -np.eye(3)])
+    points = (vertices[:, None] + steps).reshape(-1, 3)
+    return points[ConvexHull(points).vertices]
+
+
+def _one_mesh(link: LinkMesh) -> TriangleMesh:
+    """The triangles of all parts of a link."""
+    first = np.cumsum([0] + [len(part.vertices) for part in link.parts])
+    return TriangleMesh(
+        np.concatenate([part.vertices for part in link.parts]),
+        np.concatenate(
+            [part.faces + n for part, n in zip(link.parts, first, strict=False)]
+        ),
+    )

@@ -1,0 +1,262 @@
+"""A slide with two joints: an L on it and one that stands, whose distances are known.
+
+The standing L fills x from 0 to 0.3 at z from 0 to 0.1, and z up to 0.3 at x up to 0.1.
+The other one is turned upside down; at q = (0, 0) both reach past each other, 0.02
+apart, while their hulls overlap by 0.03 / sqrt(2).
+"""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from small_logs import small_log
+from small_urdfs import joint, link, robot, write
+
+from crar_drake.commands import main
+from crar_drake.errors import ModelError
+from crar_drake.results.mesh_judge import MeshJudge
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel, names_by_joint
+from crar_drake.robot.task import position_tasks
+
+LIMITS = 'lower="-1" upper="1" effort="9" velocity="9"'
+YAML = """
+name: hooks
+model: hooks.urdf
+task_frames: {tool: hook}
+pairs: [[stand, hook]]
+"""
+SCENARIO = """
+robot: ROBOT
+tasks: [{frame: tool}]
+keyframes: {tool: [{time: 0, xyz: [0, 0, 0]}, {time: 1, xyz: [0, 0, 0]}]}
+controller: {constraints: none, period: 0.01}
+"""
+
+
+def hook() -> trimesh.Trimesh:
+    """An L of two boxes, 0.1 thick, as one file may have it: two closed pieces."""
+    foot = trimesh.creation.box(bounds=[(0, 0, 0), (0.3, 0.1, 0.1)])
+    upright = trimesh.creation.box(bounds=[(0, 0, 0), (0.1, 0.1, 0.3)])
+    return trimesh.util.concatenate([foot, upright])
+
+
+def ball(name: str, z: float) -> str:
+    """A collision shape that is never near another."""
+    return (
+        f'<collision name="{name}"><origin xyz="0 9 {z}"/>'
+        '<geometry><sphere radius="0.1"/></geometry></collision></link>'
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A robot of two slides, with meshes; the carriage between them has no shape."""
+    hook().export(tmp_path / "hook.obj")
+    mesh = '<mesh filename="hook.obj"/>'
+    stand = link("stand", mesh, mass=0.0).replace("</link>", ball("s", 0.0))
+    moving = link("hook", mesh).replace("</link>", ball("h", 5.0))
+    actuators = [
+        f'<transmission name="{name}_drive"><type>SimpleTransmission</type>'
+        f'<joint name="{name}"/><actuator name="{name}"/></transmission>'
+        for name in ("slide", "lift")
+    ]
+    parts = [
+        '<link name="world"/>',
+        stand,
+        joint("stands", "world", "stand", kind="fixed"),
+        link("carriage"),
+        joint(
+            "slide",
+            "stand",
+            "carriage",
+            "1 0 0",
+            "0.42 0 0.35",
+            "prismatic",
+            "",
+            LIMITS,
+        ),
+        moving,
+        joint("lift", "carriage", "hook", "0 0 -1", "0 0 0", "prismatic", "", LIMITS),
+        *actuators,
+    ]
+    text = robot(parts, "hooks").replace(
+        '<child link="hook"/><origin xyz="0 0 0"/>',
+        f'<child link="hook"/><origin xyz="0 0 0" rpy="0 {np.pi} 0"/>',
+    )
+    write(tmp_path, text, "hooks.urdf")
+    (tmp_path / "robot.yaml").write_text(YAML)
+    return tmp_path
+
+
+def log_of(folder: Path, q: np.ndarray):
+    """A log of the robot in the folder with these positions, every 10 ms."""
+    description = load_robot_description(folder)
+    model = ControlModel.FromDescription(description, position_tasks(["tool"]))
+    size = len(q)
+    return replace(
+        small_log(),
+        time=0.01 * np.arange(size),
+        q=np.asarray(q, dtype=float),
+        v=np.zeros((size, 2)),
+        actuation=np.zeros((size, 2)),
+        desired_acceleration=np.zeros((size, 2)),
+        desired_tasks=np.zeros((size, 9)),
+        task_error=np.zeros((size, 3)),
+        signed_distances=np.ones((size, 1)),
+        constraint_weights=np.ones((size, 2)),
+        status=np.zeros((size, 1)),
+        resting_margins=np.full((size, 2), np.nan),
+        admission=np.full((size, 4), np.nan),
+        torque_limit=np.ones((size, 2)),
+        position_names=np.array(names_by_joint(model.plant)),
+        actuator_names=np.array(["slide", "lift"]),
+        controlled_names=np.array(["slide", "lift"]),
+        task_names=np.array(["tool"]),
+        task_kinds=np.array(["position"]),
+        pair_names=np.array(["stand - hook"]),
+        lower=-np.ones(2),
+        upper=np.ones(2),
+        velocity_limits=np.full(2, 9.0),
+        scenario=SCENARIO.replace("ROBOT", str(folder)),
+    )
+
+
+def test_hulls_and_meshes_at_rest(folder):
+    judge = MeshJudge(load_robot_description(folder))
+    assert judge.pairs == [("stand", "hook")] and judge.left_out == []
+    assert judge.open_links == [], "two closed pieces that share edges are closed"
+    hulls, meshes = judge.distances(np.zeros(2))
+    assert hulls == pytest.approx([-0.03 / np.sqrt(2)], abs=1e-4)
+    assert meshes == pytest.approx([0.02], abs=1e-6)
+
+
+def test_a_trajectory(folder):
+    """0.01 nearer, then 0.02 beyond contact, then far away."""
+    q = np.array([[0, 0], [-0.01, 0], [-0.04, 0], [0.5, 0], [0.9, 0]], float)
+    verdict = MeshJudge(load_robot_description(folder)).judge(q)
+    assert verdict.num_samples == 5 and verdict.num_pairs == 1
+    assert verdict.num_penetrating == 1
+    assert verdict.nearest.pair == ("stand", "hook") and verdict.nearest.index == 2
+    assert verdict.nearest.distance == pytest.approx(-0.02, abs=2e-5)
+    assert verdict.num_hulls_touching == 3 and verdict.hulls_nearest.index == 2
+    (penetration,) = verdict.penetrations
+    assert penetration.num_samples == 1 and penetration.index == 2
+    (refuted,) = verdict.refuted
+    assert refuted.num_samples == 2 and refuted.index == 1
+    assert refuted.mesh_distance == pytest.approx(0.01, abs=1e-6)
+    assert refuted.hull_distance == pytest.approx(-0.04 / np.sqrt(2), abs=1e-4)
+    assert refuted.overestimate == pytest.approx(0.01 + 0.04 / np.sqrt(2), abs=1e-4)
+
+
+def test_the_same_as_asking_for_every_pair(folder):
+    """What is not asked for, since it cannot be nearer, is not."""
+    judge = MeshJudge(load_robot_description(folder))
+    t = np.linspace(0.0, 20.0, 200)
+    q = np.column_stack([0.12 * np.sin(t), 0.1 * np.sin(2.3 * t)])
+    verdict = judge.judge(q)
+    hulls, meshes = np.array([judge.distances(each) for each in q])[:, :, 0].T
+    assert 0 < verdict.num_penetrating == (meshes < 0.0).sum()
+    assert verdict.num_hulls_touching == (hulls < 0.0).sum()
+    assert verdict.nearest.distance == meshes.min()
+    assert verdict.nearest.index == meshes.argmin()
+    assert verdict.hulls_nearest.distance == hulls.min()
+    refuted = (hulls < 0.0) & (meshes > 0.0)
+    assert verdict.refuted[0].num_samples == refuted.sum()
+    assert verdict.refuted[0].hull_distance == hulls[refuted].min()
+
+
+def test_pairs_that_meet_as_they_are_built_are_left_out(folder):
+    """In the zero and in the rest posture; in one of them they are judged."""
+    urdf = folder / "hooks.urdf"
+    text = urdf.read_text()
+    urdf.write_text(text.replace("0.42 0 0.35", "0.35 0 0.35"))
+    judge = MeshJudge(load_robot_description(folder))
+    assert judge.left_out == [("stand", "hook")] and judge.pairs == []
+    verdict = judge.judge(np.zeros((2, 2)))
+    assert verdict.num_penetrating == 0 and verdict.nearest.pair is None
+    (folder / "robot.yaml").write_text(YAML + "rest_posture: {slide: 0.5}\n")
+    judge = MeshJudge(load_robot_description(folder))
+    assert judge.left_out == [] and judge.pairs == [("stand", "hook")]
+
+
+def test_links_one_joint_apart_are_not_judged(folder):
+    urdf = folder / "hooks.urdf"
+    urdf.write_text(
+        urdf.read_text().replace('"lift" type="prismatic"', '"lift" type="fixed"')
+    )
+    assert MeshJudge(load_robot_description(folder)).pairs == []
+
+
+def judged(capsys, folder: Path, q: list, *options: str, **changes) -> tuple[int, str]:
+    log = replace(log_of(folder, np.array(q, float)), **changes)
+    log.save(folder / "log.npz")
+    code = main(["judge", str(folder / "log.npz"), *options])
+    return code, capsys.readouterr().out
+
+
+def test_judging_a_log(folder, capsys):
+    q = [[0, 0], [-0.01, 0], [-0.02 + 0.005, 0], [0.5, 0]]
+    code, told = judged(capsys, folder, q, "--every", "0.01")
+    assert code == 0
+    assert (
+        "real meshes, triangles, 4 samples, 1 pair of links more than one joint "
+        "apart: 0 in penetration, smallest distance 5.0 mm (stand - hook) at 0.020 s\n"
+    ) in told
+    assert "convex hulls, the same samples and pairs: 3 in penetration" in told
+    assert (
+        "stand - hook: only hulls penetrate, in 3 samples; deepest at 0.020 s, hulls "
+        "-31.8 mm, meshes 5.0 mm: they overestimate by 36.8 mm"
+    ) in told
+    code, told = judged(capsys, folder, q, "--no-meshes")
+    assert code == 0 and "meshes" not in told
+
+
+def test_judging_a_log_with_a_penetration(folder, capsys):
+    code, told = judged(capsys, folder, [[0, 0], [-0.05, 0]], "--every", "0.01")
+    assert "1 in penetration, smallest distance -30.0 mm (stand - hook)" in told
+    assert "a shift of 30.0 mm would part them" in told
+    assert code == 0, "it is counted, since the log claims nothing"
+
+
+def test_robots_of_primitives_are_judged_by_these_alone(folder, capsys):
+    urdf = folder / "hooks.urdf"
+    text = urdf.read_text().replace(
+        '<mesh filename="hook.obj"/>', '<box size="1 1 1"/>'
+    )
+    urdf.write_text(text)
+    code, told = judged(capsys, folder, [[0, 0]])
+    assert code == 0 and told.count("\n") == 1 and "collision shapes" in told
+
+
+@pytest.mark.parametrize(
+    "content", [None, "v 0 0 nonsense\nf 1 2 3\n", "", "v 0 0 0\n"]
+)
+def test_a_mesh_that_cannot_be_read(folder, capsys, content):
+    log_of(folder, np.zeros((2, 2))).save(folder / "log.npz")
+    mesh = folder / "hook.obj"
+    mesh.unlink()
+    if content is not None:
+        mesh.write_text(content)
+    assert main(["judge", str(folder / "log.npz")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "hook.obj" in error
+
+
+def test_all_triangles_of_an_imported_robot(imported, tmp_path):
+    """Not those that are drawn; of one that has none, the drawn ones, and that is
+    told; one that went missing is named."""
+    folder = tmp_path / "it"
+    shutil.copytree(imported.folder, folder)
+    file = folder / "triangles" / "torso_0.obj"
+    assert file.is_file()
+    description = load_robot_description(folder)
+    assert MeshJudge(description).coarse_links == []
+    file.unlink()
+    with pytest.raises(ModelError, match="'torso'.*triangles/torso_0.obj is not there"):
+        MeshJudge(description)
+    shutil.rmtree(folder / "triangles")
+    assert "torso" in MeshJudge(description).coarse_links

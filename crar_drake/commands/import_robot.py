@@ -1,4 +1,4 @@
-"""`crar-drake import-robot`: a robot that scenarios can name, from its URDF."""
+"""`crar-drake import-robot`: a robot that scenarios can name, from its own file."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "import-robot",
         run,
-        "Make a robot that scenarios can name, from its URDF (docs/your-robot.md). "
+        "Make a robot that scenarios can name, from its URDF or MJCF "
+        "(docs/your-robot.md). "
         "Needs crar-drake[robots].",
     )
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help="a URDF file, g1, talos, the name of another robot of the package "
+        help="a URDF or MJCF file, g1, talos, the name of another robot of the package "
         "example-robot-data, or a folder that was imported before",
     )
     parser.add_argument(

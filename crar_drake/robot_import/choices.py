@@ -25,7 +25,7 @@ _HEADER = """\
 
 # What is written above each key.
 _COMMENTS = {
-    "source": "the robot's own URDF",
+    "source": "the robot's own file, URDF or MJCF",
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
     "facing": "axis of the root link that points ahead: +x, -x, +y or -y",
     "base": "prescribed: the motion moves and turns the root link; fixed: welded",
@@ -58,7 +58,7 @@ class ImportChoices:
     """The keys of an import file; None is a key that is left out.
 
     Attributes:
-        source: path of the URDF (relative to the file), or
+        source: path of the URDF or MJCF (relative to the file), or
             `example-robot-data:` and its path in that package.
         package_paths: folders in which the URDF's packages are looked for.
         name: of the robot.
@@ -98,7 +98,7 @@ class ImportChoices:
             ModelError: names the file, the key and what it may be.
         """
         if not self.source:
-            raise ModelError(f"{where}: source: name the robot's URDF")
+            raise ModelError(f"{where}: source: name the robot's URDF or MJCF")
         if self.facing is not None and self.facing not in FACINGS:
             raise ModelError(
                 f"{where}: facing: {self.facing!r} is none of {', '.join(FACINGS)}"

@@ -1,4 +1,4 @@
-"""The whole way from a robot's URDF to a folder that the controller can use."""
+"""The whole way from a robot's file to a folder that the controller can use."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ from crar_drake.robot_import.meshes import (
 )
 from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.picture import draw_robot
+from crar_drake.robot_import.source_file import read_robot
 from crar_drake.robot_import.source_urdf import (
     PACKAGE_SCHEME,
     WORLD,
     SourceRobot,
     find_urdf,
-    read_urdf,
 )
 from crar_drake.robot_import.urdf_writer import (
     BASE_JOINTS,
@@ -137,14 +137,14 @@ def import_robot(
     package_paths: tuple[str, ...] = (),
     progress: Progress | None = None,
 ) -> ImportReport:
-    """Turns a URDF into a folder with everything that a scenario's `robot` needs.
+    """Turns a robot's own file into a folder with all that a scenario's `robot` needs.
 
     The folder then holds import.yaml (what was decided; kept if it is there),
     robot.urdf, robot.yaml, meshes/, picture.png and report.txt.
 
     Args:
-        source: path of a URDF, or the name of one in example-robot-data; "" where
-            `out` has an import.yaml that says it.
+        source: path of a URDF or MJCF, or the name of one in example-robot-data; ""
+            where `out` has an import.yaml that says it.
         out: the folder.
         package_paths: folders in which the URDF's packages are looked for.
         progress: is told what is being done.
@@ -153,7 +153,7 @@ def import_robot(
     what is guessed has to be corrected first.
 
     Raises:
-        ModelError: something in the URDF or the choices is wrong or not supported,
+        ModelError: something in the file or the choices is wrong or not supported,
             or a package of the extra `robots` is missing; the message names it.
     """
     check_installed()
@@ -173,7 +173,9 @@ def import_robot(
     choices.validate(str(file))
     path = _locate(choices.source, out)
     progress("reading", 0.0)
-    robot = read_urdf(path, [Path(p) for p in (*package_paths, *choices.package_paths)])
+    robot = read_robot(
+        path, [Path(p) for p in (*package_paths, *choices.package_paths)]
+    )
     choices = replace(choices, name=choices.name or robot.name)
     robot = _without_world(robot, choices)
     report = ImportReport(out, choices, notes=list(robot.notes))
@@ -438,7 +440,7 @@ def _check_structure(
                 )
             taken.add(link)
     for joint in robot.joints.values():
-        if joint.kind in ("floating", "planar") and joint.name not in locked:
+        if joint.kind in ("floating", "planar", "ball") and joint.name not in locked:
             raise ModelError(
                 f"{file}: joint {joint.name!r} is {joint.kind}, which the controller "
                 "does not support; add it to locked"
@@ -458,6 +460,12 @@ def _check_structure(
         if joint.name not in choices.locked or choices.locked[joint.name] == 0.0:
             leader = locked.get(joint.mimic, 0.0)
             locked[joint.name] = joint.multiplier * leader + joint.offset
+    for loop in robot.loops:
+        if open_joints := [name for name in loop.joints if name not in locked]:
+            raise ModelError(
+                f"{file}: {loop.name!r} closes a chain, which the controller does not "
+                f"support; add to locked: {', '.join(open_joints)}"
+            )
     for name, position in locked.items():
         joint = robot.joints[name]
         if not joint.lower - 1e-3 <= position <= joint.upper + 1e-3:

@@ -63,6 +63,28 @@ def find_anatomy(robot: SourceRobot) -> Anatomy | None:
     return Anatomy(*max(pairs, key=height))
 
 
+def find_leg_chains(
+    robot: SourceRobot, anatomy: Anatomy | None
+) -> tuple[Arm, Arm] | None:
+    """The left leg and the right one, as chains; None where there are none.
+
+    Legs are the lowest pair of mirrored chains with three or more joints that are
+    not the arms and end below where they begin.
+    """
+    X = robot.poses()
+    arms = set()
+    if anatomy is not None:
+        arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    found = {}
+    for pair in mirrored_chains(robot, fewest=3):
+        if any(joint.name in arms for chain in pair for joint in chain.joints):
+            continue
+        height = X[pair[0].joints[-1].child].translation()[2]
+        if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
+            found[height] = pair
+    return found[min(found)] if found else None
+
+
 def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     """Pairs of chains that mirror each other, that at +y first.
 
@@ -71,7 +93,7 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
         fewest: joints that each has at least.
     """
     X = robot.poses()
-    ends = _chain_ends(robot)
+    ends = chain_ends(robot)
     ways = {end: [j for j in robot.path_to(end) if j.moves] for end in ends}
     found = []
     for a in ends:
@@ -96,7 +118,7 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     return found
 
 
-def _chain_ends(robot: SourceRobot) -> list[str]:
+def chain_ends(robot: SourceRobot) -> list[str]:
     """Links where a chain stops: at its tip, or at a hand that carries fingers."""
 
     def moving_below(link: str) -> list[Joint]:
@@ -202,7 +224,7 @@ def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
     """
     ways = {
         end: [joint for joint in robot.path_to(end) if joint.moves]
-        for end in _chain_ends(robot)
+        for end in chain_ends(robot)
     }
     longest = max(map(len, ways.values()))
     ends = [end for end, way in ways.items() if len(way) == longest]
@@ -225,22 +247,6 @@ def welded_below(robot: SourceRobot, link: str) -> list[str]:
         if joint.kind == "fixed":
             found += [joint.child, *welded_below(robot, joint.child)]
     return found
-
-
-def guess_locked(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, float]:
-    """Joints that no arm needs, at zero or where their limits let them be nearest."""
-    needed = set()
-    if anatomy is not None:
-        for arm in (anatomy.left, anatomy.right):
-            needed |= {j.name for j in robot.path_to(arm.joints[-1].child)}
-    else:
-        for end in _chain_ends(robot):
-            needed |= {joint.name for joint in robot.path_to(end)}
-    return {
-        joint.name: float(np.clip(0.0, joint.lower, joint.upper))
-        for joint in robot.joints.values()
-        if joint.kind != "fixed" and (joint.name not in needed or not joint.moves)
-    }
 
 
 def guess_rest(

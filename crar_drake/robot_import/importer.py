@@ -40,6 +40,7 @@ from crar_drake.robot_import.facing import guess_facing, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
+from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
 from crar_drake.robot_import.meshes import (
     Part,
     convex_hulls,
@@ -410,8 +411,11 @@ def _guess_structure(
             "keyframes only what your tasks name"
         )
         if anatomy:
-            choices.frames = guess_frames(robot, anatomy, parts)
-            how = "from the axes of the arms' joints"
+            others, lacking = guess_leg_and_head_frames(robot, anatomy, parts)
+            choices.frames = guess_frames(robot, anatomy, parts) | others
+            how = "from the axes of the joints"
+            if lacking:
+                how += f"; not found: {', '.join(lacking)}"
         else:
             choices.frames = guess_tool(robot)
             found = "the tool at the end of the longest chain"

@@ -1,4 +1,4 @@
-"""`crar-drake import-robot`: a robot that scenarios can name, from its URDF."""
+"""`crar-drake import-robot`: a robot that scenarios can name, from its own file."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "import-robot",
         run,
-        "Make a robot that scenarios can name, from its URDF (docs/your-robot.md). "
+        "Make a robot that scenarios can name, from its URDF or MJCF "
+        "(docs/your-robot.md). "
         "Needs crar-drake[robots].",
     )
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help="a URDF file, g1, talos, the name of another robot of the package "
+        help="a URDF or MJCF file, g1, talos, the name of another robot of the package "
         "example-robot-data, or a folder that was imported before",
     )
     parser.add_argument(
@@ -38,10 +39,23 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="DIR",
         help="folder in which the packages of package:// addresses lie",
     )
+    locked = parser.add_mutually_exclusive_group()
+    locked.add_argument(
+        "--lock",
+        metavar="GROUPS",
+        help="groups of joints to lock, with commas between: legs, arms, hands, head, "
+        "trunk, other (default: all but the arms and what carries them)",
+    )
+    locked.add_argument(
+        "--whole-body",
+        action="store_true",
+        help="lock no joint that can be controlled",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
+    from crar_drake.errors import ModelError
     from crar_drake.files import whole_file
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot.description import IMPORT_FILE, import_file
@@ -50,12 +64,17 @@ def run(arguments: argparse.Namespace) -> None:
 
     # What is missing is told before a file is written.
     check_installed()
-    given = arguments.robot
+    given, lock = arguments.robot, _groups_to_lock(arguments)
     robot, out = given, arguments.out
     shipped = import_file(given)
     if shipped is not None:
         robot = ""
-        find_urdf(load_choices(shipped).source)
+        source, _ = find_urdf(load_choices(shipped).source)
+        if lock is not None:
+            raise ModelError(
+                f"the robot {given} comes with its locked joints; import its own file "
+                f"with that option: {source.stem}"
+            )
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:
@@ -70,6 +89,7 @@ def run(arguments: argparse.Namespace) -> None:
             robot,
             out,
             package_paths=tuple(arguments.package_path or ()),
+            lock=lock,
             progress=progress,
         )
     for line in report.lines():
@@ -77,6 +97,15 @@ def run(arguments: argparse.Namespace) -> None:
     print()
     for name in (IMPORT_FILE, "robot.yaml", "robot.urdf", "picture.png", "report.txt"):
         print(out / name)
+
+
+def _groups_to_lock(arguments: argparse.Namespace) -> tuple[str, ...] | None:
+    """None where no option says it."""
+    if arguments.whole_body:
+        return ()
+    if arguments.lock is None:
+        return None
+    return tuple(group.strip() for group in arguments.lock.split(","))
 
 
 @contextmanager

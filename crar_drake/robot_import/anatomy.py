@@ -63,6 +63,28 @@ def find_anatomy(robot: SourceRobot) -> Anatomy | None:
     return Anatomy(*max(pairs, key=height))
 
 
+def find_leg_chains(
+    robot: SourceRobot, anatomy: Anatomy | None
+) -> tuple[Arm, Arm] | None:
+    """The left leg and the right one, as chains; None where there are none.
+
+    Legs are the lowest pair of mirrored chains with three or more joints that are
+    not the arms and end below where they begin.
+    """
+    X = robot.poses()
+    arms = set()
+    if anatomy is not None:
+        arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    found = {}
+    for pair in mirrored_chains(robot, fewest=3):
+        if any(joint.name in arms for chain in pair for joint in chain.joints):
+            continue
+        height = X[pair[0].joints[-1].child].translation()[2]
+        if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
+            found[height] = pair
+    return found[min(found)] if found else None
+
+
 def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     """Pairs of chains that mirror each other, that at +y first.
 
@@ -71,7 +93,7 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
         fewest: joints that each has at least.
     """
     X = robot.poses()
-    ends = _chain_ends(robot)
+    ends = chain_ends(robot)
     ways = {end: [j for j in robot.path_to(end) if j.moves] for end in ends}
     found = []
     for a in ends:
@@ -96,7 +118,7 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     return found
 
 
-def _chain_ends(robot: SourceRobot) -> list[str]:
+def chain_ends(robot: SourceRobot) -> list[str]:
     """Links where a chain stops: at its tip, or at a hand that carries fingers."""
 
     def moving_below(link: str) -> list[Joint]:
@@ -171,24 +193,24 @@ def guess_frames(
     for side, arm in (("left", anatomy.left), ("right", anatomy.right)):
         joints = arm.joints
         elbow = elbow_index(X, arm)
-        p_shoulder = _crossing(X, joints[1], joints[2])
+        p_shoulder = axes_crossing(X, joints[1], joints[2])
         wrist = _wrist(X, arm, elbow)
         shoulders.append(p_shoulder)
-        frames[f"{side}_shoulder"] = _at(X, joints[1].parent, p_shoulder)
+        frames[f"{side}_shoulder"] = frame_at(X, joints[1].parent, p_shoulder)
         frames[f"{side}_elbow"] = FrameChoice(joints[elbow].child)
         if wrist is not None:
             p_wrist = X[wrist.child].translation()
-            frames[f"{side}_wrist"] = _at(X, wrist.parent, p_wrist)
+            frames[f"{side}_wrist"] = frame_at(X, wrist.parent, p_wrist)
         elif (tip := _forearm_tip(X, arm, elbow, parts)) is not None:
-            frames[f"{side}_wrist"] = _at(X, arm.hand, tip)
+            frames[f"{side}_wrist"] = frame_at(X, arm.hand, tip)
         else:
             frames[f"{side}_wrist"] = FrameChoice(arm.hand)
         frames[f"{side}_hand"] = FrameChoice(arm.hand)
     p_neck = np.mean(shoulders, axis=0)
-    frames["neck"] = _at(X, anatomy.left.trunk, p_neck)
+    frames["neck"] = frame_at(X, anatomy.left.trunk, p_neck)
     p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)
     frames["waist"] = (
-        FrameChoice(robot.root) if p_waist is None else _at(X, robot.root, p_waist)
+        FrameChoice(robot.root) if p_waist is None else frame_at(X, robot.root, p_waist)
     )
     order = ("waist", "neck")
     return {name: frames[name] for name in (*order, *sorted(set(frames) - set(order)))}
@@ -202,7 +224,7 @@ def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
     """
     ways = {
         end: [joint for joint in robot.path_to(end) if joint.moves]
-        for end in _chain_ends(robot)
+        for end in chain_ends(robot)
     }
     longest = max(map(len, ways.values()))
     ends = [end for end, way in ways.items() if len(way) == longest]
@@ -225,22 +247,6 @@ def welded_below(robot: SourceRobot, link: str) -> list[str]:
         if joint.kind == "fixed":
             found += [joint.child, *welded_below(robot, joint.child)]
     return found
-
-
-def guess_locked(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, float]:
-    """Joints that no arm needs, at zero or where their limits let them be nearest."""
-    needed = set()
-    if anatomy is not None:
-        for arm in (anatomy.left, anatomy.right):
-            needed |= {j.name for j in robot.path_to(arm.joints[-1].child)}
-    else:
-        for end in _chain_ends(robot):
-            needed |= {joint.name for joint in robot.path_to(end)}
-    return {
-        joint.name: float(np.clip(0.0, joint.lower, joint.upper))
-        for joint in robot.joints.values()
-        if joint.kind != "fixed" and (joint.name not in needed or not joint.moves)
-    }
 
 
 def guess_rest(
@@ -296,7 +302,7 @@ def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:
     joints = arm.joints
     named = [i for i, j in enumerate(joints) if "elbow" in j.name.lower() and i >= 2]
     usual = [*named, min(3, len(joints) - 1)]
-    p_shoulder = _crossing(X, joints[1], joints[2])
+    p_shoulder = axes_crossing(X, joints[1], joints[2])
     uneven = {}
     for index in range(2, len(joints)):
         p_elbow = X[joints[index].child].translation()
@@ -307,7 +313,7 @@ def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:
         if min(lengths) < 1e-3:
             continue
         ratio = abs(np.log(lengths[0] / lengths[1]))
-        across = abs(_axis(X, joints[index]) @ forearm) < 0.5 * lengths[1]
+        across = abs(joint_axis(X, joints[index]) @ forearm) < 0.5 * lengths[1]
         if across and ratio < np.log(_UNEVEN):
             uneven[index] = ratio
     for index in usual:
@@ -326,8 +332,8 @@ def _wrist(X, arm: Arm, elbow: int) -> Joint | None:
     along = p_last - p_wrist
     far = np.linalg.norm(along) > 0.03
     # A joint that twists the forearm may sit anywhere along it.
-    if far and abs(_axis(X, wrist) @ along) > 0.9 * np.linalg.norm(along):
-        if abs(_axis(X, last) @ along) < 0.5 * np.linalg.norm(along):
+    if far and abs(joint_axis(X, wrist) @ along) > 0.9 * np.linalg.norm(along):
+        if abs(joint_axis(X, last) @ along) < 0.5 * np.linalg.norm(along):
             return last
     return wrist
 
@@ -388,20 +394,21 @@ def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | 
     return np.array([p_neck[0], p_neck[1], bottom + _WAIST_SHARE * tall])
 
 
-def _crossing(X: dict, a: Joint, b: Joint) -> np.ndarray:
+def axes_crossing(X: dict, a: Joint, b: Joint) -> np.ndarray:
     """The point on b's axis that is nearest to a's, in the root's frame."""
     p_a, p_b = X[a.child].translation(), X[b.child].translation()
-    u, v = _axis(X, a), _axis(X, b)
+    u, v = joint_axis(X, a), joint_axis(X, b)
     matrix = np.stack([u, -v], axis=1)
     (_, t), *_ = np.linalg.lstsq(matrix, p_b - p_a, rcond=None)
     # Parallel axes cross nowhere in particular.
     return p_b if np.linalg.norm(np.cross(u, v)) < 0.1 else p_b + t * v
 
 
-def _axis(X, joint: Joint) -> np.ndarray:
+def joint_axis(X, joint: Joint) -> np.ndarray:
+    """A joint's axis in the root's frame."""
     return X[joint.child].rotation().multiply(joint.axis)
 
 
-def _at(X: dict, link: str, p_root: np.ndarray) -> FrameChoice:
+def frame_at(X: dict, link: str, p_root: np.ndarray) -> FrameChoice:
     point = X[link].inverse().multiply(p_root)
     return FrameChoice(link, [float(c) for c in np.round(point, 5)])

@@ -16,6 +16,8 @@ from crar_drake.yaml_files import load_yaml, read_text
 BASES = ("prescribed", "fixed")
 FACINGS = ("+x", "-x", "+y", "-y")
 UP_AXES = ("z", "file")
+# Parts of the body whose joints can be locked together.
+GROUPS = ("legs", "arms", "hands", "head", "trunk", "other")
 
 _HEADER = """\
 # What `crar-drake import-robot` decided about this robot. Correct it and import
@@ -25,10 +27,11 @@ _HEADER = """\
 
 # What is written above each key.
 _COMMENTS = {
-    "source": "the robot's own URDF",
+    "source": "the robot's own file, URDF or MJCF",
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
     "facing": "axis of the root link that points ahead: +x, -x, +y or -y",
     "base": "prescribed: the motion moves and turns the root link; fixed: welded",
+    "lock": f"groups of joints to lock: {', '.join(GROUPS)}",
     "locked": "joint -> position [rad or m] at which it is welded",
     "segments": "link -> links welded to it that share its capsules",
     "frames": "the motion's point -> link, and where in it [m]; rpy [rad] turns it",
@@ -58,7 +61,7 @@ class ImportChoices:
     """The keys of an import file; None is a key that is left out.
 
     Attributes:
-        source: path of the URDF (relative to the file), or
+        source: path of the URDF or MJCF (relative to the file), or
             `example-robot-data:` and its path in that package.
         package_paths: folders in which the URDF's packages are looked for.
         name: of the robot.
@@ -67,6 +70,8 @@ class ImportChoices:
         facing: axis of the root link that points ahead: "+x", "-x", "+y" or "-y".
         base: "prescribed" (three prismatic joints and a heading between world and
             root link, driven by the motion) or "fixed".
+        lock: groups (`GROUPS`) whose joints are locked where `locked` is guessed; None
+            is all that no arm needs.
         locked: joint to the position [rad or m] at which it is welded.
         segments: link to the links welded to it that are one segment with it: they
             get common capsules, which are its own.
@@ -83,6 +88,7 @@ class ImportChoices:
     up_axis: str | None = None
     facing: str | None = None
     base: str | None = None
+    lock: list[str] | None = None
     locked: dict[str, float] | None = None
     segments: dict[str, list[str]] | None = None
     frames: dict[str, FrameChoice] | None = None
@@ -98,7 +104,7 @@ class ImportChoices:
             ModelError: names the file, the key and what it may be.
         """
         if not self.source:
-            raise ModelError(f"{where}: source: name the robot's URDF")
+            raise ModelError(f"{where}: source: name the robot's URDF or MJCF")
         if self.facing is not None and self.facing not in FACINGS:
             raise ModelError(
                 f"{where}: facing: {self.facing!r} is none of {', '.join(FACINGS)}"
@@ -111,6 +117,11 @@ class ImportChoices:
             raise ModelError(
                 f"{where}: base: {self.base!r} is none of {', '.join(BASES)}"
             )
+        for group in self.lock or []:
+            if group not in GROUPS:
+                raise ModelError(
+                    f"{where}: lock: {group!r} is none of {', '.join(GROUPS)}"
+                )
         for key in ("locked", "rest_posture"):
             for joint, value in (getattr(self, key) or {}).items():
                 if not math.isfinite(value):
@@ -156,9 +167,10 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
         text = _HEADER
-        for key in ("source", "package_paths", "name"):
-            if getattr(choices, key):
-                text += "\n" + _block(key, getattr(choices, key), "")
+        for key in ("source", "package_paths", "name", "lock"):
+            value = getattr(choices, key)
+            if value or (key == "lock" and value is not None):
+                text += "\n" + _block(key, value, "")
     elif not guessed:
         return
     for key, how in guessed.items():

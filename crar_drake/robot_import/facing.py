@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from crar_drake.robot_import.anatomy import (
     Anatomy,
     find_anatomy,
-    mirrored_chains,
+    find_leg_chains,
     welded_below,
 )
 from crar_drake.robot_import.meshes import Part
@@ -134,21 +134,6 @@ def _toes(
 
 
 def find_legs(robot: SourceRobot, anatomy: Anatomy | None) -> list[str]:
-    """The foot's moving link of the left leg and of the right one, or nothing.
-
-    Legs are the lowest pair of mirrored chains with three or more joints that are
-    not the arms and end below where they begin.
-    """
-    X = robot.poses()
-    arms = set()
-    if anatomy is not None:
-        arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
-    found = []
-    for pair in mirrored_chains(robot, fewest=3):
-        if any(joint.name in arms for chain in pair for joint in chain.joints):
-            continue
-        feet = [chain.joints[-1].child for chain in pair]
-        height = X[feet[0]].translation()[2]
-        if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
-            found.append((height, feet))
-    return min(found)[1] if found else []
+    """The foot's moving link of the left leg and of the right one, or nothing."""
+    legs = find_leg_chains(robot, anatomy)
+    return [leg.joints[-1].child for leg in legs] if legs else []

@@ -1,4 +1,4 @@
-"""The whole way from a robot's URDF to a folder that the controller can use."""
+"""The whole way from a robot's file to a folder that the controller can use."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
     guess_frames,
-    guess_locked,
     guess_rest,
     guess_tool,
 )
@@ -40,6 +39,8 @@ from crar_drake.robot_import.choices import (
 from crar_drake.robot_import.facing import guess_facing, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
+from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
+from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
 from crar_drake.robot_import.meshes import (
     Part,
     guess_up_axis,
@@ -49,12 +50,12 @@ from crar_drake.robot_import.meshes import (
 )
 from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.picture import draw_robot
+from crar_drake.robot_import.source_file import read_robot
 from crar_drake.robot_import.source_urdf import (
     PACKAGE_SCHEME,
     WORLD,
     SourceRobot,
     find_urdf,
-    read_urdf,
 )
 from crar_drake.robot_import.urdf_writer import (
     BASE_JOINTS,
@@ -137,25 +138,27 @@ def import_robot(
     out: Path,
     *,
     package_paths: tuple[str, ...] = (),
+    lock: tuple[str, ...] | None = None,
     progress: Progress | None = None,
 ) -> ImportReport:
-    """Turns a URDF into a folder with everything that a scenario's `robot` needs.
+    """Turns a robot's own file into a folder with all that a scenario's `robot` needs.
 
     The folder then holds import.yaml (what was decided; kept if it is there),
     robot.urdf, robot.yaml, meshes/, picture.png and report.txt.
 
     Args:
-        source: path of a URDF, or the name of one in example-robot-data; "" where
-            `out` has an import.yaml that says it.
+        source: path of a URDF or MJCF, or the name of one in example-robot-data; ""
+            where `out` has an import.yaml that says it.
         out: the folder.
         package_paths: folders in which the URDF's packages are looked for.
+        lock: groups of joints to lock (`choices.GROUPS`), on a first import.
         progress: is told what is being done.
 
     Nothing of it is written unless all of it can be; only the import file is, where
     what is guessed has to be corrected first.
 
     Raises:
-        ModelError: something in the URDF or the choices is wrong or not supported,
+        ModelError: something in the file or the choices is wrong or not supported,
             or a package of the extra `robots` is missing; the message names it.
     """
     check_installed()
@@ -169,13 +172,17 @@ def import_robot(
                 f"{file} was made from {choices.source}; to import another robot give "
                 "another --out, or remove that file"
             )
+        _check_lock(choices, lock, file)
     if choices is None:
         path, name = find_urdf(source)
         choices = ImportChoices(source=name, package_paths=list(package_paths))
+        choices.lock = None if lock is None else list(lock)
     choices.validate(str(file))
     path = _locate(choices.source, out)
     progress("reading", 0.0)
-    robot = read_urdf(path, [Path(p) for p in (*package_paths, *choices.package_paths)])
+    robot = read_robot(
+        path, [Path(p) for p in (*package_paths, *choices.package_paths)]
+    )
     choices = replace(choices, name=choices.name or robot.name)
     robot = _without_world(robot, choices)
     report = ImportReport(out, choices, notes=list(robot.notes))
@@ -311,6 +318,18 @@ def check_installed() -> None:
         )
 
 
+def _check_lock(
+    choices: ImportChoices, lock: tuple[str, ...] | None, file: Path
+) -> None:
+    """What an import file says about locked joints is changed there, nowhere else."""
+    if lock is None or (choices.lock is not None and set(choices.lock) == set(lock)):
+        return
+    raise ModelError(
+        f"{file} is there already: write lock: [{', '.join(lock)}] into it, take out "
+        "locked, segments, rest_posture and pairs, and import again without the option"
+    )
+
+
 def _locate(source: str, out: Path) -> Path:
     if source.startswith(PACKAGE_SCHEME) or Path(source).is_absolute():
         return find_urdf(source)[0]
@@ -370,12 +389,9 @@ def _guess_structure(
             "which cannot move; write fixed, or rename the link in the URDF"
         )
     if choices.locked is None:
-        choices.locked = guess_locked(robot, anatomy)
-        report.guessed["locked"] = (
-            "all joints that are not between the root and a hand"
-            if anatomy
-            else "joints that mimic or are mimicked, and fingers"
-        )
+        lock = DEFAULT_LOCK if choices.lock is None else choices.lock
+        choices.locked = guess_locked(robot, anatomy, parts, lock)
+        report.guessed["locked"] = _how_locked(choices, anatomy is not None)
     if choices.segments is None:
         group = _groups(robot, choices.locked)
         choices.segments = {}
@@ -396,13 +412,27 @@ def _guess_structure(
             "keyframes only what your tasks name"
         )
         if anatomy:
-            choices.frames = guess_frames(robot, anatomy, parts)
-            how = "from the axes of the arms' joints"
+            others, lacking = guess_leg_and_head_frames(robot, anatomy, parts)
+            choices.frames = guess_frames(robot, anatomy, parts) | others
+            how = "from the axes of the joints"
+            if lacking:
+                how += f"; not found: {', '.join(lacking)}"
         else:
             choices.frames = guess_tool(robot)
             found = "the tool at the end of the longest chain"
             how = f"{found if choices.frames else 'none'}; {missing}"
         report.guessed["frames"] = how
+
+
+def _how_locked(choices: ImportChoices, arms: bool) -> str:
+    if choices.lock is not None:
+        return (
+            f"joints of {', '.join(choices.lock) or 'no group'}, and those that cannot "
+            "be controlled"
+        )
+    if arms:
+        return "all joints that are not between the root and a hand"
+    return "joints that mimic or are mimicked, and fingers"
 
 
 def _check_structure(
@@ -439,7 +469,7 @@ def _check_structure(
                 )
             taken.add(link)
     for joint in robot.joints.values():
-        if joint.kind in ("floating", "planar") and joint.name not in locked:
+        if joint.kind in ("floating", "planar", "ball") and joint.name not in locked:
             raise ModelError(
                 f"{file}: joint {joint.name!r} is {joint.kind}, which the controller "
                 "does not support; add it to locked"
@@ -459,6 +489,12 @@ def _check_structure(
         if joint.name not in choices.locked or choices.locked[joint.name] == 0.0:
             leader = locked.get(joint.mimic, 0.0)
             locked[joint.name] = joint.multiplier * leader + joint.offset
+    for loop in robot.loops:
+        if open_joints := [name for name in loop.joints if name not in locked]:
+            raise ModelError(
+                f"{file}: {loop.name!r} closes a chain, which the controller does not "
+                f"support; add to locked: {', '.join(open_joints)}"
+            )
     for name, position in locked.items():
         joint = robot.joints[name]
         if not joint.lower - 1e-3 <= position <= joint.upper + 1e-3:
@@ -539,23 +575,32 @@ def _inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
         else:
             wrong[name] = complaint
     massive = {group[name] for name in inertias}
-    left_alone = []
+    left_alone, bare = [], []
     for name, complaint in wrong.items():
         if group[name] in massive or group[name] == robot.root:
             left_alone.append(name)
             continue
         inertias[name] = stand_in(parts[name], 0.0)
         massive.add(group[name])
+        if not parts[name]:
+            bare.append(name)
+            continue
         report.notes.append(
             f"inertia: link {name} {complaint} but moves: given "
             f"{inertias[name].mass:.3g} kg from its convex hull"
+        )
+    if bare:
+        report.notes.append(
+            "inertia: without mass and geometry but moving, given "
+            f"{inertias[bare[0]].mass:g} kg each: {', '.join(bare)}"
         )
     if left_alone:
         report.notes.append(
             "inertia: without mass, and left so since they are welded to links that "
             f"have one: {', '.join(left_alone)}"
         )
-    if robot.root not in massive:
+    # Drake's own world, which a link of that name is, takes no mass.
+    if robot.root not in massive and robot.root != WORLD:
         inertias[robot.root] = stand_in([], 0.0)
     return inertias
 

@@ -118,6 +118,8 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
     if shape.kind == "mesh":
         up = dae_up_axis(shape.mesh.path) if up_axis == "file" else "z"
         pieces = _load(shape.mesh, link, up)
+    elif shape.kind == "triangles":
+        pieces = [(trimesh.Trimesh(*shape.triangles), None)]
     else:
         makers = {
             "box": lambda: trimesh.creation.box(extents=shape.size),
@@ -128,6 +130,7 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
             "capsule": lambda: trimesh.creation.capsule(
                 radius=shape.size[0], height=shape.size[1]
             ),
+            "ellipsoid": lambda: trimesh.creation.icosphere(3).apply_scale(shape.size),
         }
         pieces = [(makers[shape.kind](), None)]
     X_LG = shape.X_LG.GetAsMatrix4()

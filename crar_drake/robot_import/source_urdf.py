@@ -23,7 +23,10 @@ WORLD = "world"  # the link that Drake takes for its own world
 
 _MOVING = ("revolute", "continuous", "prismatic")
 # Names of files and folders that many robots share.
-_SAYS_NOTHING = ("model", "robot", "main", "urdf", "robots", "description", "models")
+_SAYS_NOTHING = (
+    *("model", "robot", "main", "scene", "urdf", "mjcf", "xml", "xmls"),
+    *("robots", "description", "models"),
+)
 # Drake's elements that close a chain, which the controller's model has no part for.
 _LOOPS = (
     "drake:linear_bushing_rpy",
@@ -48,9 +51,13 @@ class Shape:
     Attributes:
         X_LG: pose of the geometry in the link's frame.
         mesh: the mesh; None for a primitive.
-        kind: "mesh", "box", "cylinder", "sphere" or "capsule".
-        size: a box's edges, or (radius, length), or (radius,) [m].
-        rgba: colour; None if the URDF has none.
+        kind: "mesh", "triangles", "box", "cylinder", "sphere", "capsule" or
+            "ellipsoid".
+        size: a box's edges, or (radius, length), or (radius,), or an ellipsoid's
+            semi-axes [m].
+        rgba: colour; None if the file has none.
+        triangles: vertices (N, 3) [m] and faces (M, 3) of a mesh that was read
+            already.
     """
 
     X_LG: RigidTransform
@@ -58,6 +65,7 @@ class Shape:
     mesh: Mesh | None = None
     size: tuple[float, ...] = ()
     rgba: tuple[float, ...] | None = None
+    triangles: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,9 +80,10 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as the URDF says it.
+    """A joint as the file says it.
 
     Attributes:
+        kind: as in a URDF, or "ball".
         X_PC: pose of the child link in the parent at position zero.
         axis: unit vector in the child's frame.
         lower, upper: [rad or m]; infinite if continuous.
@@ -118,18 +127,27 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Loop:
+    """A closed chain: what ties two links together that joints are between."""
+
+    name: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class SourceRobot:
-    """A tree of links and joints, read from a URDF.
+    """A tree of links and joints, read from a URDF or an MJCF.
 
     Attributes:
         name: of the robot.
-        path: of the URDF.
+        path: of the file.
         links: by name, in the file's order.
         joints: by name, in the file's order.
         root: the link without a parent.
         notes: what was left out or read otherwise than it stands there.
         X_FR: pose of the root link in the frame F that all poses are given in: z
             up, x the robot's front (`facing`).
+        loops: chains that the file closes; the tree has them open.
     """
 
     name: str
@@ -140,6 +158,7 @@ class SourceRobot:
     _parents: dict[str, Joint] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     X_FR: RigidTransform = field(default_factory=RigidTransform)
+    loops: tuple[Loop, ...] = ()
 
     def parent_joint(self, link: str) -> Joint | None:
         """The joint that carries a link; None for the root."""
@@ -200,29 +219,30 @@ class SourceRobot:
 
 
 def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
-    """The URDF of a path, of `example-robot-data:some/path`, or of a file's name there.
+    """The file of a path, of `example-robot-data:some/path`, or of a file's name there.
 
     Args:
-        name: e.g. "robot.urdf", "romeo", "example-robot-data:robots/…/g1.urdf".
+        name: e.g. "robot.urdf", "robot.xml", "romeo",
+            "example-robot-data:robots/…/g1.urdf".
 
     Returns:
         The file, and how an import file names it.
 
     Raises:
-        ModelError: there is no such URDF; the message names what there is.
+        ModelError: there is no such file; the message names what there is.
     """
     text = str(name)
     if Path(text).is_file():
         return Path(text).resolve(), str(Path(text).resolve())
     if not text.startswith(PACKAGE_SCHEME) and (
-        "/" in text or text.endswith((".urdf", ".xacro"))
+        "/" in text or text.endswith((".urdf", ".xacro", ".xml"))
     ):
-        raise ModelError(f"no URDF at {text}")
+        raise ModelError(f"no URDF or MJCF at {text}")
     folder = robot_data_folder()
     if folder is None:
         raise ModelError(
             f"no robot {text!r} without the package example-robot-data: "
-            "pip install 'crar-drake[robots]', or give the path of a URDF"
+            "pip install 'crar-drake[robots]', or give the path of a URDF or MJCF"
         )
     if text.startswith(PACKAGE_SCHEME):
         path = folder / text.removeprefix(PACKAGE_SCHEME)
@@ -330,7 +350,8 @@ def default_name(path: Path) -> str:
         if name and name.lower() not in _SAYS_NOTHING:
             return name
     try:
-        name = ElementTree.fromstring(_without_prefix_errors(path)).get("name")
+        root = ElementTree.fromstring(_without_prefix_errors(path))
+        name = root.get("name") or root.get("model")
     except (ElementTree.ParseError, UnicodeDecodeError, OSError):
         name = None  # it is refused where it is read
     return (name or path.stem).replace("/", "_").replace(" ", "_")

@@ -8,10 +8,10 @@ from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
     guess_frames,
-    guess_locked,
     guess_rest,
     guess_tool,
 )
+from crar_drake.robot_import.joint_groups import guess_locked
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
 

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_mjcfs import humanoid as humanoid_in_mjcf
 from small_urdfs import humanoid, write
 
 # A process in which these modules and their distributions are not installed: no finder
@@ -73,6 +74,19 @@ def test_a_missing_mesh_package_is_named_with_its_extra(module, package, tmp_pat
     finished = run_without({module: package}, *arguments, folder=tmp_path)
     assert only_line(finished) == (
         f"crar-drake: error: importing robots needs {package}: "
+        "pip install 'crar-drake[robots]'"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_mujoco_an_mjcf_names_its_extra(tmp_path):
+    for module in MESH_PACKAGES:
+        pytest.importorskip(module)
+    write(tmp_path, humanoid_in_mjcf(), "small.xml")
+    arguments = ("import-robot", "small.xml", "--out", "out")
+    finished = run_without({"mujoco": "mujoco"}, *arguments, folder=tmp_path)
+    assert only_line(finished) == (
+        "crar-drake: error: importing an MJCF needs mujoco: "
         "pip install 'crar-drake[robots]'"
     )
     assert not (tmp_path / "out").exists()

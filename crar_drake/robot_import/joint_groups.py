@@ -1,0 +1,140 @@
+"""Which part of the body each joint moves, and by that which joints are locked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from crar_drake.robot_import.anatomy import Anatomy, chain_ends
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_urdf import Joint, SourceRobot
+
+# What is locked unless the import file says otherwise: all that no arm needs.
+DEFAULT_LOCK = ("legs", "hands", "head", "other")
+
+# Shares of the height of the shoulders above the lowest point.
+_LEG_LENGTH = 0.3  # that a leg hangs down, at least
+_LEG_START = 0.7  # that a leg starts at, at most
+_HEAD_START = 0.5  # that a neck starts at, at least
+
+
+def joint_groups(
+    robot: SourceRobot,
+    anatomy: Anatomy | None,
+    parts: Mapping[str, Sequence[Part]] | None = None,
+) -> dict[str, str]:
+    """Each joint that is not fixed, to one of `choices.GROUPS`.
+
+    Arms are those of the anatomy, the trunk is what carries both. What branches off
+    the trunk is a leg if it hangs down far from below the shoulders, the head if it
+    reaches above them, else it is other; what branches off an arm's end is a hand. Of a
+    robot without a pair of arms the chains are arms, what is beyond them hands.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms.
+        parts: link to its real look, in its frame; without it a link is a point.
+    """
+    if anatomy is None:
+        limbs = {j.name for end in chain_ends(robot) for j in robot.path_to(end)}
+        return {
+            name: "arms" if name in limbs else "hands"
+            for name, joint in robot.joints.items()
+            if joint.kind != "fixed"
+        }
+    groups: dict[str, str] = {}
+    arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    ends = [arm.joints[-1] for arm in (anatomy.left, anatomy.right)]
+    way = {j.name for end in ends for j in robot.path_to(end.child)}
+    last = {end.name for end in ends}
+    extents = _Extents(robot, anatomy, parts or {})
+    for link in robot.below(robot.root):
+        joint = robot.parent_joint(link)
+        if joint is None or joint.kind == "fixed":
+            continue
+        above = _moving_above(robot, joint)
+        if joint.name in way:
+            group = "arms" if joint.name in arms else "trunk"
+        elif above is not None and above.name not in way:
+            group = groups[above.name]  # farther out on a branch
+        elif above is not None and above.name in arms:
+            group = "hands" if above.name in last else "other"
+        else:
+            group = extents.group(joint)
+        groups[joint.name] = group
+    return groups
+
+
+def guess_locked(
+    robot: SourceRobot,
+    anatomy: Anatomy | None,
+    parts: Mapping[str, Sequence[Part]] | None = None,
+    lock: Sequence[str] = DEFAULT_LOCK,
+) -> dict[str, float]:
+    """The joints of some groups, at zero or where their limits let them be nearest,
+    and those that cannot be controlled.
+
+    Args:
+        robot, anatomy, parts: as `joint_groups` has them.
+        lock: groups of `choices.GROUPS`.
+    """
+    groups = joint_groups(robot, anatomy, parts)
+    bound = uncontrollable(robot)
+    return {
+        joint.name: float(np.clip(0.0, joint.lower, joint.upper))
+        for joint in robot.joints.values()
+        if joint.kind != "fixed" and (groups[joint.name] in lock or joint.name in bound)
+    }
+
+
+def uncontrollable(robot: SourceRobot) -> set[str]:
+    """Joints without a single axis, that follow others or are followed, or in loops."""
+    found = {name for loop in robot.loops for name in loop.joints}
+    for joint in robot.joints.values():
+        if joint.mimic:
+            found |= {joint.name, joint.mimic}
+        if not joint.moves:
+            found.add(joint.name)
+    return {name for name in found if robot.joints[name].kind != "fixed"}
+
+
+def _moving_above(robot: SourceRobot, joint: Joint) -> Joint | None:
+    """The next joint towards the root that is not fixed."""
+    above = robot.parent_joint(joint.parent)
+    while above is not None and above.kind == "fixed":
+        above = robot.parent_joint(above.parent)
+    return above
+
+
+class _Extents:
+    """From where to where the branches of a trunk reach."""
+
+    def __init__(self, robot: SourceRobot, anatomy: Anatomy, parts) -> None:
+        self._robot = robot
+        X = robot.poses()
+        self._start = {link: X[link].translation()[2] for link in robot.links}
+        self._heights = {
+            link: np.concatenate(
+                [[z], *(X[link].multiply(p.vertices.T)[2] for p in parts.get(link, ()))]
+            )
+            for link, z in self._start.items()
+        }
+        shoulders = [
+            self._start[arm.joints[0].child] for arm in (anatomy.left, anatomy.right)
+        ]
+        self._neck = float(np.mean(shoulders))
+        self._floor = float(min(map(np.min, self._heights.values())))
+
+    def group(self, joint: Joint) -> str:
+        """legs, head or other, of a joint that the trunk carries."""
+        heights = [self._heights[link] for link in self._robot.below(joint.child)]
+        bottom, top = min(map(np.min, heights)), max(map(np.max, heights))
+        start, tall = self._start[joint.child], self._neck - self._floor
+        down, up = start - bottom, top - start
+        share = (start - self._floor) / tall if tall > 0.0 else 1.0
+        if share < _LEG_START and down > max(2.0 * up, _LEG_LENGTH * tall):
+            return "legs"
+        if share > _HEAD_START and top > self._neck and up > 0.5 * down:
+            return "head"
+        return "other"

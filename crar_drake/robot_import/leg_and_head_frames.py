@@ -1,0 +1,106 @@
+"""A first guess at a motion's points on legs and head."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from crar_drake.robot_import.anatomy import (
+    Anatomy,
+    Arm,
+    axes_crossing,
+    find_leg_chains,
+    frame_at,
+    joint_axis,
+)
+from crar_drake.robot_import.choices import FrameChoice
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_urdf import SourceRobot
+
+LEG_POINTS = ("hip", "knee", "foot")
+
+_UNEVEN = 2.0  # thigh over shank, or the other way
+_LATERAL = 0.8  # of a knee's axis, along the left
+_ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
+
+
+def guess_leg_and_head_frames(
+    robot: SourceRobot,
+    anatomy: Anatomy,
+    parts: Mapping[str, Sequence[Part]] | None = None,
+) -> tuple[dict[str, FrameChoice], list[str]]:
+    """Hips, knees, feet and head, and which of them were not found.
+
+    Knee: origin of the joint with a lateral axis that divides the leg most evenly.
+    Hip: where the axes of the two joints before the knee come nearest.
+    Foot: origin of the last joint, the ankle.
+    Head: middle of what one link has above the shoulders; the link is neither an arm's
+    nor the trunk, and called head or else the largest.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms.
+        parts: link to its real look, in its frame; without it there is no head.
+    """
+    frames: dict[str, FrameChoice] = {}
+    legs = find_leg_chains(robot, anatomy)
+    for side, leg in zip(("left", "right"), legs or (), strict=False):
+        frames |= {f"{side}_{name}": at for name, at in _of_leg(robot, leg).items()}
+    head = _head(robot, anatomy, parts or {})
+    if head is not None:
+        frames["head"] = head
+    wanted = [f"{side}_{name}" for side in ("left", "right") for name in LEG_POINTS]
+    return frames, [name for name in (*wanted, "head") if name not in frames]
+
+
+def _of_leg(robot: SourceRobot, leg: Arm) -> dict[str, FrameChoice]:
+    X, joints = robot.poses(), leg.joints
+    frames = {"foot": FrameChoice(joints[-1].child)}
+    knee = _knee_index(X, leg)
+    if knee is None:
+        return frames
+    frames["knee"] = FrameChoice(joints[knee].child)
+    p_hip = X[joints[0].child].translation()
+    if knee >= 2:
+        p_hip = axes_crossing(X, joints[knee - 2], joints[knee - 1])
+    frames["hip"] = frame_at(X, joints[knee - 1].child, p_hip)
+    return frames
+
+
+def _knee_index(X, leg: Arm) -> int | None:
+    """Which joint of a leg is the knee; None if none divides it like one."""
+    p = [X[joint.child].translation() for joint in leg.joints]
+    uneven = {}
+    for index in range(1, len(p) - 1):
+        thigh = np.linalg.norm(p[index] - p[0])
+        shank = np.linalg.norm(p[-1] - p[index])
+        lateral = abs(joint_axis(X, leg.joints[index])[1]) > _LATERAL
+        if lateral and min(thigh, shank) > 1e-3:
+            uneven[index] = abs(np.log(thigh / shank))
+    if not uneven:
+        return None
+    best = min(uneven, key=uneven.get)
+    return best if uneven[best] < np.log(_UNEVEN) else None
+
+
+def _head(robot: SourceRobot, anatomy: Anatomy, parts) -> FrameChoice | None:
+    X = robot.poses()
+    arms = (anatomy.left, anatomy.right)
+    shoulders = np.mean([X[arm.joints[0].child].translation()[2] for arm in arms])
+    # Neither the arms nor what carries them.
+    apart = {link for arm in arms for link in robot.below(arm.joints[0].child)}
+    apart |= {joint.parent for arm in arms for joint in robot.path_to(arm.hand)}
+    found = {}
+    for link in robot.below(robot.root):
+        if link in apart or not parts.get(link):
+            continue
+        p = np.concatenate([X[link].multiply(v.vertices.T).T for v in parts[link]])
+        above = p[p[:, 2] > shoulders + _ABOVE]
+        if len(above):
+            size = float(np.prod(np.ptp(above, axis=0)))
+            middle = (above.min(axis=0) + above.max(axis=0)) / 2.0
+            found["head" in link.lower(), size] = (link, middle)
+    if not found:
+        return None
+    return frame_at(X, *found[max(found)])

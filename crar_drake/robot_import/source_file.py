@@ -1,0 +1,45 @@
+"""A robot's own file, whatever its format: URDF or MJCF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.source_mjcf import read_mjcf
+from crar_drake.robot_import.source_urdf import SourceRobot, read_urdf
+
+
+def read_robot(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
+    """Reads a robot by what its file's root element says that it is.
+
+    Args:
+        path: of the file.
+        package_paths: folders that contain the packages of a URDF.
+
+    Raises:
+        ModelError: it is neither URDF nor MJCF, or something in it is wrong or not
+            supported.
+    """
+    root = _root_element(path)
+    if root == "mujoco":
+        return read_mjcf(path)
+    if root == "mujocoinclude":
+        raise ModelError(
+            f"{path}: it is a piece of an MJCF; import the file that includes it"
+        )
+    if path.suffix == ".xml" and root != "robot":
+        what = f"its root element is <{root}>" if root else "it is no XML"
+        raise ModelError(f"{path}: neither a URDF nor an MJCF: {what}")
+    return read_urdf(path, package_paths)
+
+
+def _root_element(path: Path) -> str:
+    """The name of an XML file's root element; "" where it has none."""
+    try:
+        with path.open("rb") as stream:
+            _, element = next(ElementTree.iterparse(stream, ["start"]))
+    except (ElementTree.ParseError, StopIteration):
+        return ""
+    return element.tag

@@ -1,0 +1,504 @@
+"""A robot's own MJCF, MuJoCo's format: read by MuJoCo itself, as a tree of links.
+
+MuJoCo compiles the file, so that defaults, includes, units, orientations, meshes and
+inertias mean here what they mean there. What the compiled model has and a tree of
+links has not is said in the notes, or refused.
+
+A body becomes a link with the body's frame. A joint that is not the only one of its
+body, or is beside the body's origin, gets a link without geometry of its own.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.mjcf_actuators import effort_limits
+from crar_drake.robot_import.source_urdf import (
+    WORLD,
+    Joint,
+    Link,
+    Loop,
+    Shape,
+    SourceRobot,
+    default_name,
+)
+
+_HIDDEN_GROUP = 3  # MuJoCo's viewer shows the geoms of groups below it
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom without a colour
+_UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
+_TINY = 1e-9  # [m] or of a coefficient
+
+
+def read_mjcf(path: Path) -> SourceRobot:
+    """Reads an MJCF.
+
+    Of a scene only the robot is taken: the free body with the most joints, or all
+    that is mounted in the world and has joints.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        ModelError: MuJoCo is not installed or cannot read the file, or the file has no
+            joints that turn or slide.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ModelError(
+            "importing an MJCF needs mujoco: pip install 'crar-drake[robots]'"
+        ) from error
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            spec = mujoco.MjSpec.from_file(str(path))
+            # Both would take away what the import needs: the look, and frames.
+            spec.compiler.discardvisual = False
+            spec.compiler.fusestatic = False
+            model = spec.compile()
+    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        raise ModelError(f"{path}: MuJoCo cannot read it: {_line(error)}") from error
+    notes = [f"MuJoCo says: {_line(warning.message)}" for warning in caught]
+    return _Reader(path, spec.modelname, model, notes).robot()
+
+
+def _line(said: object) -> str:
+    """What MuJoCo says in several lines, in one."""
+    return "; ".join(line for line in str(said).split("\n") if line)
+
+
+class _Reader:
+    """Turns a compiled model into links and joints, and keeps what it meets."""
+
+    def __init__(self, path: Path, name: str, model, notes: list[str]) -> None:
+        self._path, self._name, self._model, self._notes = path, name, model, notes
+        self._links: dict[str, Link] = {}
+        self._joints: dict[str, Joint] = {}
+        self._taken = {WORLD}
+        # Names by MuJoCo's index; bodies and joints may have none.
+        self._bodies = {0: WORLD}
+        self._joint_names: dict[int, str] = {}
+        self._efforts = effort_limits(model)
+
+    def robot(self) -> SourceRobot:
+        """All of it."""
+        trees, left_out = self._select_trees()
+        bodies = [i for i in range(1, self._model.nbody) if self._tree(i) in trees]
+        for body in bodies:
+            self._bodies[body] = self._unique(
+                self._model.body(body).name, f"body_{body}"
+            )
+        for body in bodies:
+            self._name_joints(body)
+        mounted = not self._is_free(trees[0])
+        if mounted:
+            self._links[WORLD] = Link(WORLD, (), (), None)
+        # Parents have smaller indices than their children.
+        for body in bodies:
+            if body in trees:
+                self._add_root(body, mounted)
+            else:
+                parent = self._bodies[self._model.body_parentid[body]]
+                self._add_body(body, parent, _pose(self._model, "body", body))
+        self._add_sites()
+        loops = self._read_equalities()
+        self._note_left_out(left_out)
+        parents = {joint.child: joint for joint in self._joints.values()}
+        (root,) = [link for link in self._links if link not in parents]
+        name = self._name if self._name != _UNNAMED else ""
+        return SourceRobot(
+            (name or default_name(self._path)).replace(" ", "_"),
+            self._path,
+            self._links,
+            self._joints,
+            root,
+            parents,
+            tuple(self._notes),
+            loops=loops,
+        )
+
+    # --- which bodies are the robot -------------------------------------------------
+
+    def _tree(self, body: int) -> int:
+        """The body in the world that a body hangs on."""
+        return int(self._model.body_rootid[body])
+
+    def _is_free(self, root: int) -> bool:
+        return any(self._kind(j) == "free" for j in self._joints_of(root))
+
+    def _joints_of(self, body: int) -> range:
+        first = int(self._model.body_jntadr[body])
+        return range(first, first + int(self._model.body_jntnum[body]))
+
+    def _kind(self, joint: int) -> str:
+        """free, ball, slide or hinge."""
+        import mujoco
+
+        kind = mujoco.mjtJoint(int(self._model.jnt_type[joint]))
+        return kind.name.removeprefix("mjJNT_").lower()
+
+    def _select_trees(self) -> tuple[list[int], list[int]]:
+        """Roots of what is the robot, and of what is not."""
+        model = self._model
+        count = {i: 0 for i in range(1, model.nbody) if model.body_parentid[i] == 0}
+        for joint in range(model.njnt):
+            if self._kind(joint) in ("hinge", "slide"):
+                count[self._tree(model.jnt_bodyid[joint])] += 1
+        moving = [root for root, joints in count.items() if joints]
+        if not moving:
+            raise ModelError(
+                f"{self._path}: it has no joint that turns or slides (a ball or free "
+                "joint is none)"
+            )
+        main = max(moving, key=count.get)
+        trees = [main]
+        if not self._is_free(main):
+            trees = [root for root in moving if not self._is_free(root)]
+        return trees, [root for root in count if root not in trees]
+
+    def _note_left_out(self, left_out: list[int]) -> None:
+        model = self._model
+        names = [model.body(i).name or f"body {i}" for i in left_out]
+        scene = [i for i in range(model.ngeom) if model.geom_bodyid[i] == 0]
+        names += [model.geom(i).name or "a shape of the world" for i in scene]
+        if names:
+            self._notes.append(
+                f"left out, since it is not the robot's: {', '.join(names)}"
+            )
+        if any(self._kind(joint) == "ball" for joint in self._joint_names):
+            balls = [n for j, n in self._joint_names.items() if self._kind(j) == "ball"]
+            self._notes.append(
+                f"ball joints are not supported: {', '.join(balls)} must be locked; "
+                "three hinges in their stead can be controlled"
+            )
+        if model.ntendon:
+            tendons = [model.tendon(i).name or str(i) for i in range(model.ntendon)]
+            self._notes.append(
+                f"tendons are left out, and what pulls at them: {', '.join(tendons)}"
+            )
+        dofs = [
+            int(model.jnt_dofadr[j])
+            for j in self._joint_names
+            if self._kind(j) in ("hinge", "slide")
+        ]
+        lost = {
+            "armature": np.any(model.dof_armature[dofs]),
+            "friction": np.any(model.dof_frictionloss[dofs]),
+            "springs": np.any(model.jnt_stiffness[list(self._joint_names)]),
+        }
+        if any(lost.values()):
+            self._notes.append(
+                "left out of the joints: "
+                + ", ".join(what for what, there in lost.items() if there)
+            )
+        self._notes.append(
+            "MJCF has no speed limits: the joints have none, unless a scenario's "
+            "controller gives velocity_limits"
+        )
+
+    # --- links and joints -----------------------------------------------------------
+
+    def _unique(self, name: str, otherwise: str) -> str:
+        """A name that nothing else in the robot has, and takes it."""
+        name = name or otherwise
+        while name in self._taken:
+            name += "_"
+        self._taken.add(name)
+        return name
+
+    def _name_joints(self, body: int) -> None:
+        joints = [j for j in self._joints_of(body) if self._kind(j) != "free"]
+        for index, joint in enumerate(joints):
+            count = f"_{index + 1}" if len(joints) > 1 else ""
+            otherwise = f"{self._bodies[body]}_joint{count}"
+            self._joint_names[joint] = self._model.joint(joint).name or otherwise
+
+    def _add_root(self, body: int, mounted: bool) -> None:
+        """Adds a body that stands in the world, upright as it stands there.
+
+        A root link is taken to have z up. If it is turned in the world a link that is
+        not carries it.
+        """
+        X_WB = _pose(self._model, "body", body)
+        X_WU, X_UB = RigidTransform(X_WB.translation()), RigidTransform(X_WB.rotation())
+        upright = ""
+        if not X_UB.IsNearlyIdentity(1e-6):
+            upright = self._unique(f"{self._bodies[body]}_upright", "")
+            self._links[upright] = Link(upright, (), (), None)
+            if mounted:
+                self._weld(WORLD, upright, X_WU)
+            self._add_body(body, upright, X_UB)
+        elif mounted:
+            self._add_body(body, WORLD, X_WB)
+        else:
+            self._add_link(body)
+
+    def _add_link(self, body: int) -> None:
+        name = self._bodies[body]
+        visual, collision = self._shapes(body)
+        inertial = _inertial(self._model, body)
+        self._links[name] = Link(name, visual, collision, inertial)
+
+    def _add_body(self, body: int, parent: str, X_PB: RigidTransform) -> None:
+        """Adds a body below a link: its joints, one after the other, and its link."""
+        name = self._bodies[body]
+        joints = [j for j in self._joints_of(body) if self._kind(j) != "free"]
+        X = X_PB
+        for joint in joints:
+            p = RigidTransform(np.array(self._model.jnt_pos[joint]))
+            beside = np.linalg.norm(p.translation()) > _TINY
+            if joint == joints[-1] and not beside:
+                child = name
+                self._add_link(body)
+            else:
+                child = self._unique(f"{self._joint_names[joint]}_link", "")
+                self._links[child] = Link(child, (), (), None)
+            self._add_joint(joint, parent, child, X @ p)
+            parent, X = child, p.inverse()
+        if parent != name:
+            self._add_link(body)
+            self._weld(parent, name, X)
+
+    def _weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
+        name = f"{child}_weld"
+        while name in self._joints or name in self._joint_names.values():
+            name += "_"
+        self._joints[name] = Joint(
+            name,
+            "fixed",
+            parent,
+            child,
+            X_PC,
+            np.zeros(3),
+            -np.inf,
+            np.inf,
+            None,
+            None,
+            0.0,
+        )
+
+    def _add_joint(
+        self, index: int, parent: str, child: str, X: RigidTransform
+    ) -> None:
+        """Adds a joint; X is its child's pose where MuJoCo draws the body."""
+        model, name, kind = self._model, self._joint_names[index], self._kind(index)
+        limited = bool(model.jnt_limited[index]) and kind != "ball"
+        lower, upper = model.jnt_range[index] if limited else (-np.inf, np.inf)
+        axis = np.array(model.jnt_axis[index]) if kind != "ball" else np.zeros(3)
+        turns = "revolute" if limited else "continuous"
+        joint = Joint(
+            name,
+            {"slide": "prismatic", "hinge": turns, "ball": "ball"}[kind],
+            parent,
+            child,
+            X,
+            axis,
+            float(lower),
+            float(upper),
+            self._efforts.get(index),
+            None,
+            float(np.ravel(model.dof_damping[model.jnt_dofadr[index]])[0]),
+        )
+        if joint.moves:
+            # MuJoCo draws the body where the joint is at its reference, not at zero.
+            reference = float(model.qpos0[model.jnt_qposadr[index]])
+            joint = replace(joint, X_PC=joint.transform(-reference))
+        self._joints[name] = joint
+
+    def _add_sites(self) -> None:
+        """Sites become links without geometry, which frames can name."""
+        import mujoco
+
+        model = self._model
+        site_kind = int(mujoco.mjtWrap.mjWRAP_SITE)
+        through = {
+            int(model.wrap_objid[i])
+            for i in range(model.nwrap)
+            if int(model.wrap_type[i]) == site_kind
+        }
+        for site in range(model.nsite):
+            body = int(model.site_bodyid[site])
+            name = model.site(site).name
+            if body == 0 or body not in self._bodies or not name or site in through:
+                continue
+            if name in self._taken:
+                name += "_site"
+            name = self._unique(name, "")
+            self._links[name] = Link(name, (), (), None)
+            self._weld(self._bodies[body], name, _pose(model, "site", site))
+
+    # --- shapes ---------------------------------------------------------------------
+
+    def _shapes(self, body: int) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+        """What is seen of a body, and what collides."""
+        model = self._model
+        first = int(model.body_geomadr[body])
+        seen, hidden, colliding = {}, {}, {}
+        for geom in range(first, first + int(model.body_geomnum[body])):
+            shape = self._shape(geom)
+            if shape is None:
+                continue
+            # The same mesh is often there twice, to be seen and to collide.
+            key = (
+                shape.kind,
+                int(model.geom_dataid[geom]),
+                *np.round(model.geom_size[geom], 6),
+                *np.round(shape.X_LG.GetAsMatrix34().ravel(), 6),
+            )
+            group, alpha = model.geom_group[geom], (shape.rgba or _DEFAULT_RGBA)[3]
+            if group < _HIDDEN_GROUP and alpha > 0.0:
+                seen.setdefault(key, shape)
+            collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
+            (colliding if collides else hidden).setdefault(key, shape)
+        if not seen and not colliding:
+            seen = hidden
+        return tuple(seen.values()), tuple(colliding.values())
+
+    def _shape(self, geom: int) -> Shape | None:
+        """A geom; None where it has no volume of its own."""
+        import mujoco
+
+        model = self._model
+        kind = mujoco.mjtGeom(int(model.geom_type[geom])).name
+        kind = kind.removeprefix("mjGEOM_").lower()
+        a, b, c = (float(v) for v in model.geom_size[geom])
+        sizes = {
+            "sphere": (a,),
+            "capsule": (a, 2 * b),
+            "cylinder": (a, 2 * b),
+            "box": (2 * a, 2 * b, 2 * c),
+            "ellipsoid": (a, b, c),
+            "mesh": (),
+        }
+        if kind not in sizes:
+            link = self._bodies[int(model.geom_bodyid[geom])]
+            self._notes.append(f"link {link}: a shape of kind {kind} is left out")
+            return None
+        X, rgba = _pose(model, "geom", geom), self._colour(geom)
+        if kind == "mesh":
+            return Shape(X, "triangles", triangles=self._triangles(geom), rgba=rgba)
+        return Shape(X, kind, size=sizes[kind], rgba=rgba)
+
+    def _triangles(self, geom: int) -> tuple[np.ndarray, np.ndarray]:
+        """A mesh as MuJoCo has it: scaled, in its own inertial frame."""
+        model, mesh = self._model, int(self._model.geom_dataid[geom])
+        vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+        vertices = model.mesh_vert[vertex : vertex + int(model.mesh_vertnum[mesh])]
+        faces = model.mesh_face[face : face + int(model.mesh_facenum[mesh])]
+        return np.array(vertices, dtype=float), np.array(faces)
+
+    def _colour(self, geom: int) -> tuple[float, ...] | None:
+        """A geom's own colour, else its material's."""
+        model, material = self._model, int(self._model.geom_matid[geom])
+        rgba = tuple(float(v) for v in model.geom_rgba[geom])
+        if np.allclose(rgba, _DEFAULT_RGBA):
+            if material < 0:
+                return None
+            rgba = tuple(float(v) for v in model.mat_rgba[material])
+        return tuple(round(v, 4) for v in rgba)
+
+    # --- equalities -----------------------------------------------------------------
+
+    def _read_equalities(self) -> tuple[Loop, ...]:
+        """Joints that follow others become mimic joints; the rest closes loops."""
+        import mujoco
+
+        model, loops = self._model, []
+        for index in range(model.neq):
+            kind = mujoco.mjtEq(int(model.eq_type[index])).name
+            kind = kind.removeprefix("mjEQ_").lower()
+            name = model.equality(index).name or f"{kind} {index}"
+            if not model.eq_active0[index]:
+                continue
+            if kind == "joint" and self._follow(index):
+                continue
+            joints = self._loop(index) if kind in ("connect", "weld") else []
+            if joints:
+                loops.append(Loop(name, tuple(joints)))
+            else:
+                self._notes.append(f"the equality {name} ({kind}) is left out")
+        return tuple(loops)
+
+    def _follow(self, index: int) -> bool:
+        """Makes one joint mimic another; whether the two are joints of the robot."""
+        model = self._model
+        ids = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+        if not all(j in self._joint_names for j in ids):
+            return False
+        follower, leader = (self._joint_names[j] for j in ids)
+        q_follower, q_leader = (model.qpos0[model.jnt_qposadr[j]] for j in ids)
+        offset, multiplier, *curved = model.eq_data[index][:5]
+        if np.abs(curved).max() > _TINY:
+            self._notes.append(
+                f"{follower} follows {leader} by a curve: read as a straight line"
+            )
+        self._joints[follower] = replace(
+            self._joints[follower],
+            mimic=leader,
+            multiplier=float(multiplier),
+            offset=float(offset + q_follower - multiplier * q_leader),
+        )
+        return True
+
+    def _loop(self, index: int) -> list[str]:
+        """The joints between two bodies of the robot that are tied together."""
+        import mujoco
+
+        model = self._model
+        ends = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+        if int(model.eq_objtype[index]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = tuple(int(model.site_bodyid[site]) for site in ends)
+        if any(body == 0 or body not in self._bodies for body in ends):
+            return []
+        one, other = (set(self._above(body)) for body in ends)
+        return [name for name in self._joints if name in one ^ other]
+
+    def _above(self, body: int) -> Iterator[str]:
+        """The joints that carry a body."""
+        while body:
+            yield from (
+                self._joint_names[j]
+                for j in self._joints_of(body)
+                if j in self._joint_names
+            )
+            body = int(self._model.body_parentid[body])
+
+
+def _pose(model, kind: str, index: int) -> RigidTransform:
+    """Of a body, geom or site, in its body's (a body: its parent's) frame."""
+    wxyz = np.array(getattr(model, f"{kind}_quat")[index])
+    p = np.array(getattr(model, f"{kind}_pos")[index])
+    R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz)))
+    return RigidTransform(R, p)
+
+
+def _inertial(model, body: int) -> ElementTree.Element | None:
+    """A body's mass and central inertia, in the body's axes, as a URDF has them."""
+    mass = float(model.body_mass[body])
+    if not mass > 0.0:
+        return None
+    wxyz = np.array(model.body_iquat[body])
+    R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
+    moments = R @ np.diag(model.body_inertia[body]) @ R.T
+    element = ElementTree.Element("inertial")
+    p = " ".join(repr(float(v)) for v in model.body_ipos[body])
+    ElementTree.SubElement(element, "origin", xyz=p)
+    ElementTree.SubElement(element, "mass", value=repr(mass))
+    ElementTree.SubElement(
+        element,
+        "inertia",
+        **{
+            f"i{a}{b}": repr(float(moments["xyz".index(a), "xyz".index(b)]))
+            for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+        },
+    )
+    return element

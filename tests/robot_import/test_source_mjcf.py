@@ -1,0 +1,348 @@
+"""Reading a robot's MJCF: as Drake and MuJoCo read it, and what is refused."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from small_mjcfs import FEATURES, body, humanoid, mjcf, write_features
+from small_urdfs import write
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import EXPERIMENTS, position_tasks
+from crar_drake.robot_import import import_robot
+from crar_drake.robot_import.inertias import read_inertia, spatial_inertia
+from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.source_file import read_robot
+from crar_drake.robot_import.source_urdf import default_name
+
+mujoco = pytest.importorskip("mujoco")
+
+BODIES = ["base", "turned", "angled", "forearm", "axes", "zaxis"]
+JOINTS = ["turn", "slide", "twist", "bend", "wrist", "side"]
+
+
+def read(tmp_path, text: str):
+    """The text, read as a file small.xml."""
+    return read_robot(write(tmp_path, text, "small.xml"))
+
+
+@pytest.fixture(scope="module")
+def features(tmp_path_factory):
+    """The path of the file with all features, and the robot that is read."""
+    path = write_features(tmp_path_factory.mktemp("features"))
+    return path, read_robot(path)
+
+
+def random_positions(robot) -> dict[str, float]:
+    rng = np.random.default_rng(7)
+    return {
+        joint.name: rng.uniform(max(joint.lower, -3.0), min(joint.upper, 3.0))
+        for joint in robot.joints.values()
+        if joint.moves
+    }
+
+
+def mujoco_poses(path, positions) -> dict[str, RigidTransform]:
+    """Pose of each body in the world, by MuJoCo's own kinematics."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for name, position in positions.items():
+        data.joint(name).qpos = position
+    mujoco.mj_kinematics(model, data)
+    return {
+        model.body(i).name: RigidTransform(
+            RotationMatrix(data.xmat[i].reshape(3, 3)), np.array(data.xpos[i])
+        )
+        for i in range(model.nbody)
+    }
+
+
+def assert_same_poses(mine, theirs, bodies) -> None:
+    """The same, seen from the first of the bodies."""
+    root = bodies[0]
+    for name in bodies:
+        expected = theirs[root].inverse() @ theirs[name]
+        assert (mine[root].inverse() @ mine[name]).IsNearlyEqualTo(expected, 1e-9)
+
+
+def drake_plant(path) -> MultibodyPlant:
+    """The MJCF as Drake reads it itself."""
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModels(str(path))
+    plant.Finalize()
+    return plant
+
+
+def test_it_moves_as_mujoco_says(features):
+    path, robot = features
+    positions = random_positions(robot)
+    assert set(positions) == set(JOINTS)
+    assert_same_poses(robot.poses(positions), mujoco_poses(path, positions), BODIES)
+
+
+def test_it_moves_as_drake_says(features):
+    path, robot = features
+    plant = drake_plant(path)
+    context, positions = plant.CreateDefaultContext(), random_positions(robot)
+    # Of several joints of a body that is turned Drake 1.51 has all but the last one's
+    # axes in the parent; MuJoCo is the judge of those.
+    positions |= {"turn": 0.0, "slide": 0.0}
+    for name, position in positions.items():
+        joint = plant.GetJointByName(name)
+        set_position = getattr(joint, "set_angle", None) or joint.set_translation
+        set_position(context, position)
+    theirs = {
+        name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+        for name in BODIES
+    }
+    assert_same_poses(robot.poses(positions), theirs, BODIES)
+
+
+def test_it_weighs_what_drake_says(features):
+    path, robot = features
+    plant = drake_plant(path)
+    context = plant.CreateDefaultContext()
+    for name in BODIES:
+        there = plant.GetBodyByName(name).CalcSpatialInertiaInBodyFrame(context)
+        inertia, complaint = read_inertia(robot.links[name])
+        assert not complaint
+        np.testing.assert_allclose(
+            spatial_inertia(inertia).CopyToFullMatrix6(),
+            there.CopyToFullMatrix6(),
+            rtol=1e-6,
+            atol=1e-9,
+        )
+
+
+def test_limits_damping_and_efforts(features):
+    joints = features[1].joints
+    assert [joints[name].kind for name in ("turn", "slide", "twist")] == [
+        "revolute",
+        "prismatic",
+        "continuous",
+    ]
+    assert (joints["turn"].lower, joints["turn"].upper) == (-1.0, 2.0)
+    assert (joints["slide"].lower, joints["slide"].upper) == (-0.1, 0.2)
+    assert joints["twist"].upper == np.inf
+    assert (joints["turn"].damping, joints["bend"].damping) == (0.5, 2.0)
+    # The nearer bound, times the gear; a servo without a force range has none.
+    assert joints["turn"].effort == 20.0
+    assert joints["bend"].effort == 14.0
+    assert joints["side"].effort is None
+    assert all(joint.velocity is None for joint in joints.values())
+    assert any("no speed limits" in note for note in features[1].notes)
+
+
+def test_what_a_joint_admits_bounds_its_actuators(tmp_path):
+    joint = '<joint name="a" actuatorfrcrange="-5 5"/>'
+    motors = '<actuator><motor joint="a"/><motor joint="a" gear="2"/></actuator>'
+    robot = read(tmp_path, mjcf(body("link", joint=joint), motors))
+    assert robot.joints["a"].effort == 5.0
+
+
+def test_looks(features):
+    path, robot = features
+    assert [s.kind for s in robot.links["turned"].visual] == ["capsule"]
+    assert not robot.links["turned"].collision
+    # Only what collides, in a hidden group: nothing else shows the link.
+    assert not robot.links["angled"].visual
+    assert [s.kind for s in robot.links["angled"].collision] == ["cylinder", "sphere"]
+    assert robot.links["base"].visual[0].rgba == (0.0, 1.0, 0.0, 1.0)
+    assert robot.links["turned"].visual[0].rgba == (0.2, 0.4, 0.8, 1.0)
+    size = np.ptp(link_parts(robot.links["zaxis"])[0].vertices, axis=0)
+    np.testing.assert_allclose(size, [0.04, 0.06, 0.08], rtol=0.02)
+    # The capsule is from the body's origin to its other end.
+    vertices = link_parts(robot.links["turned"])[0].vertices
+    np.testing.assert_allclose(vertices.mean(axis=0), [0.05, 0.1, 0.15], atol=1e-6)
+
+
+def test_a_mesh_is_where_its_file_says(features):
+    """MuJoCo keeps meshes in frames of their own; scale and place must survive."""
+    (part,) = link_parts(features[1].links["forearm"])
+    expected = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0.02, 0.06, 0.3]])
+    expected += [0.01, 0.02, 0.03]
+    near = np.linalg.norm(part.vertices[:, None] - expected, axis=2)
+    assert (near.min(axis=0) < 1e-6).all() and (near.min(axis=1) < 1e-6).all()
+
+
+def test_a_mesh_with_a_reference(tmp_path):
+    """It is taken off before the mesh is scaled."""
+    text = FEATURES.replace('0.3"/>', '0.3" refpos="0.5 0 0"/>', 1)
+    (part,) = link_parts(read_robot(write_features(tmp_path, text)).links["forearm"])
+    np.testing.assert_allclose(part.vertices[:, 0].min(), 0.01 - 0.05, atol=1e-6)
+
+
+def test_the_same_mesh_twice_is_one(tmp_path):
+    twice = 'mesh="wedge" pos="0.01 0.02 0.03"/>'
+    path = write_features(tmp_path)
+    forearm = tmp_path / "forearm.xml"
+    forearm.write_text(
+        forearm.read_text().replace(
+            twice, f'{twice}<geom class="arm" type="mesh" {twice}'
+        )
+    )
+    link = read_robot(path).links["forearm"]
+    assert len(link.visual) == len(link.collision) == 1
+
+
+def test_references_of_joints(tmp_path):
+    """A joint's coordinate is the file's, although the body is drawn elsewhere."""
+    text = mjcf(
+        body(
+            "a",
+            body("b", joint='<joint name="s" type="slide" axis="1 0 0" ref="0.3"/>'),
+            joint='<joint name="h" axis="0 1 0" pos="0 0 0.1" ref="40" range="0 90"/>',
+        )
+    )
+    path = write(tmp_path, text, "small.xml")
+    robot = read_robot(path)
+    for positions in ({"h": np.deg2rad(40.0), "s": 0.3}, {"h": 0.2, "s": -0.1}):
+        poses = mujoco_poses(path, positions)
+        assert_same_poses(robot.poses(positions), poses, ["world", "a", "b"])
+    assert robot.joints["h"].upper == pytest.approx(np.pi / 2)
+
+
+def test_free_bodies_are_roots_and_mounted_ones_stand_in_the_world(tmp_path):
+    free = body("a", body("b"), joint="<freejoint/>")
+    assert read(tmp_path, mjcf(free)).root == "a"
+    mounted = read(tmp_path, mjcf(body("a", body("b"), joint="")))
+    assert mounted.root == "world"
+    assert mounted.poses()["a"].translation()[2] == pytest.approx(0.2)
+
+
+def test_a_root_that_lies_is_carried_upright(tmp_path):
+    lying = body("a", body("b"), joint="<freejoint/>").replace(
+        "<body", '<body euler="90 0 0"', 1
+    )
+    path = write(tmp_path, mjcf(lying), "small.xml")
+    robot = read_robot(path)
+    assert robot.root == "a_upright"
+    np.testing.assert_allclose(
+        robot.poses()["b"].translation(), [0, -0.2, 0], atol=1e-12
+    )
+
+
+def test_of_a_scene_only_the_robot_is_read(tmp_path):
+    robot = read(
+        tmp_path,
+        mjcf(
+            body("box", joint='<freejoint name="loose"/>')
+            + body("a", body("b"), joint="<freejoint/>")
+            + '<geom name="table" type="box" size="1 1 1"/>'
+        ),
+    )
+    assert set(robot.links) == {"a", "b"}
+    (note,) = [note for note in robot.notes if "not the robot's" in note]
+    assert "box" in note and "table" in note
+
+
+def test_names_that_are_missing_are_given(tmp_path):
+    inside = '<body><joint/><joint axis="1 0 0"/><geom size="0.1"/></body>'
+    robot = read(tmp_path, mjcf(body("a", inside, joint="")))
+    assert set(robot.joints) >= {"body_2_joint_1", "body_2_joint_2"}
+    assert "body_2" in robot.links
+
+
+def test_sites_can_be_tools(tmp_path):
+    chain = body("hand", '<site name="tcp"/>')
+    for name in "dcba":
+        chain = body(name, chain)
+    report = import_small(tmp_path, mjcf(chain))
+    assert report.choices.frames["tool"].link == "tcp"
+
+
+def test_a_joint_that_follows_another_mimics_it(tmp_path):
+    equality = (
+        '<equality><joint joint1="b_joint" joint2="a_joint" polycoef="0.1 -2 0 0 0"/>'
+        "</equality>"
+    )
+    robot = read(tmp_path, mjcf(body("a", body("b")), equality))
+    joint = robot.joints["b_joint"]
+    assert (joint.mimic, joint.multiplier, joint.offset) == ("a_joint", -2.0, 0.1)
+
+
+def import_small(tmp_path, text: str, choices: str = ""):
+    """Imports the text with one capsule a link."""
+    write(tmp_path, text, "small.xml")
+    (tmp_path / "import.yaml").write_text(
+        f"source: small.xml\nmost_capsules: 1\n{choices}"
+    )
+    return import_robot("", tmp_path)
+
+
+LOOP = '<equality><connect name="rod" body1="b" body2="c" anchor="0 0 0"/></equality>'
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("<mujoco><worldbody><thing/></worldbody></mujoco>", ["MuJoCo cannot read it"]),
+        ("<mujocoinclude/>", ["import the file that includes it"]),
+        ("<scene/>", ["neither", "<scene>"]),
+        ("<mujoco", ["neither"]),
+        ('<mujoco><include file="away.xml"/></mujoco>', ["away.xml"]),
+        (
+            mjcf(body("a"), '<asset><mesh file="away.obj"/></asset>'),
+            ["small.xml", "away.obj"],
+        ),
+        (mjcf(body("a", joint="")), ["no joint that turns or slides"]),
+        (mjcf(body("a", joint="<freejoint/>")), ["no joint that turns or slides"]),
+    ],
+)
+def test_refused(tmp_path, text, words):
+    path = write(tmp_path, text, "small.xml")
+    with pytest.raises(ModelError) as caught:
+        import_robot(path, tmp_path / "out")
+    for word in words:
+        assert word in str(caught.value)
+    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+def test_a_closed_chain_has_to_be_locked(tmp_path):
+    text = mjcf(body("a", body("b") + body("c")), LOOP)
+    with pytest.raises(ModelError, match="'rod' closes a chain.*b_joint, c_joint"):
+        import_small(tmp_path, text, "locked: {}\n")
+    report = import_small(tmp_path, text, "locked: {b_joint: 0.0, c_joint: 0.0}\n")
+    assert report.choices.base == "fixed"
+
+
+def test_what_is_left_out_is_said(tmp_path):
+    ball = body("c", joint='<joint name="ball" type="ball"/>')
+    bodies = body("a", body("b", ball) + '<site name="p"/>')
+    more = (
+        '<tendon><fixed name="cord"><joint joint="a_joint" coef="1"/></fixed></tendon>'
+        '<equality><weld name="pin" body1="c"/></equality>'
+    )
+    report = import_small(tmp_path, mjcf(bodies, more))
+    notes = "\n".join(report.notes)
+    for said in ("ball joints are not supported: ball", "cord", "pin (weld)"):
+        assert said in notes
+    assert set(report.choices.locked) == {"ball"}
+    with pytest.raises(ModelError, match="'ball' is ball.*add it to locked"):
+        import_small(tmp_path, mjcf(bodies, more), "locked: {}\n")
+
+
+def test_a_humanoid_is_imported(tmp_path):
+    report = import_small(tmp_path, humanoid(), "pairs: []\n")
+    assert report.choices.base == "prescribed"
+    assert set(report.choices.locked) == {"neck", "left_hip", "right_hip"}
+    assert report.choices.rest_posture["waist_z"] == pytest.approx(0.8)
+    description = load_robot_description(tmp_path)
+    tasks = position_tasks(EXPERIMENTS["upper-body"])
+    model = ControlModel.FromDescription(description, tasks)
+    assert len(model.joint_names) == 13
+    assert np.isinf(model.velocity_limits).all()
+    waist = model.joint_names.index("waist_yaw")
+    assert model.effort_limits[model.controlled[waist]] == 50.0
+
+
+def test_its_name(tmp_path):
+    named = write(tmp_path, mjcf(body("a")), "robots/scene.xml")
+    assert default_name(named) == tmp_path.name
+    assert read_robot(named).name == "small"
+    nameless = mjcf(body("a")).replace(' model="small"', "")
+    assert read_robot(write(tmp_path, nameless, "arm.xml")).name == "arm"

@@ -16,6 +16,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -89,6 +90,15 @@ def main(argv: list[str] | None = None) -> None:
         with whole_file(arguments.page) as temporary:
             temporary.write_text(page(rows, load_settings()))
         console.print(f"{arguments.page} written")
+
+
+def run_command(command: Callable[[], None]) -> None:
+    """Runs a command; its mistakes are told, and the exit code is then 2."""
+    try:
+        command()
+    except CrarError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
 
 
 def environment(folder: Path, name: str, requirements: tuple[str, ...]) -> str:
@@ -281,8 +291,4 @@ def drive(peer: Peer, pythons: dict[str, str], folder: Path, jobs: list[dict]) -
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except CrarError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    run_command(main)

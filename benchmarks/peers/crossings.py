@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -21,12 +20,18 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.peers.compare import COMPILED, Entry, drive, environment, job
+from benchmarks.peers.compare import (
+    COMPILED,
+    Entry,
+    drive,
+    environment,
+    job,
+    run_command,
+)
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS
 from benchmarks.peers.problem import write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
-from crar_drake import CrarError
 from crar_drake.files import whole_file
 from crar_drake.studies.tables import markdown_table
 
@@ -120,8 +125,4 @@ def rows(figures: dict[str, list[Figures]]) -> list[list[str]]:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except CrarError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    run_command(main)

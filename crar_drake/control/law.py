@@ -373,10 +373,10 @@ class ControlLaw:
         if self._target_bounds is not None:
             tasks = governed = self._govern(memory, tick, measured, targets.tasks)
         posture = targets.nominal_posture
-        if self._with_posture:
+        if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
             here = q[model.controlled]
-            posture = posture if blend[0] == 1.0 else here + blend[0] * (posture - here)
+            posture = here + blend[0] * (posture - here)
         wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
         before = None
         if memory.qdot is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.importer import TRIANGLES, triangles_file
 from crar_drake.robot_import.meshes import Part, link_parts
+from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.source_urdf import Link, Shape
 from crar_drake.robot_import.source_urdf import Mesh as MeshFile
 
@@ -70,17 +70,11 @@ def check_installed() -> None:
     Raises:
         ModelError: a package of the extra `robots` is not installed, or is broken.
     """
-    missing = []
-    for module, package in _PACKAGES.items():
-        try:
-            importlib.import_module(module)
-        except ImportError:
-            missing.append(package)
-    if missing:
-        raise ModelError(
-            f"judging by meshes needs {', '.join(missing)}: pip install "
-            "'crar-drake[robots]' (or judge by the collision shapes alone: --no-meshes)"
-        )
+    require_packages(
+        _PACKAGES,
+        "judging by meshes",
+        " (or judge by the collision shapes alone: --no-meshes)",
+    )
 
 
 def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[LinkMesh]:

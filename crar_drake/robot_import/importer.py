@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -48,6 +47,7 @@ from crar_drake.robot_import.meshes import (
     simplified,
     write_obj,
 )
+from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.pair_sampling import sample_pairs
 from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.source_file import read_robot
@@ -305,17 +305,7 @@ def check_installed() -> None:
     Raises:
         ModelError: a package of the extra `robots` is not installed, or is broken.
     """
-    missing = []
-    for module, package in _MESH_PACKAGES.items():
-        try:
-            importlib.import_module(module)
-        except ImportError:
-            missing.append(package)
-    if missing:
-        raise ModelError(
-            f"importing robots needs {', '.join(missing)}: "
-            "pip install 'crar-drake[robots]'"
-        )
+    require_packages(_MESH_PACKAGES, "importing robots")
 
 
 def _check_lock(

@@ -22,6 +22,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.mjcf_actuators import effort_limits
+from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.source_urdf import (
     WORLD,
     Joint,
@@ -51,12 +52,9 @@ def read_mjcf(path: Path) -> SourceRobot:
         ModelError: MuJoCo is not installed or cannot read the file, or the file has no
             joints that turn or slide.
     """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ModelError(
-            "importing an MJCF needs mujoco: pip install 'crar-drake[robots]'"
-        ) from error
+    require_packages({"mujoco": "mujoco"}, "importing an MJCF")
+    import mujoco
+
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

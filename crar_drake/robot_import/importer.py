@@ -241,7 +241,7 @@ def _make(
     inertias = _inertias(robot, locked, parts, report)
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
-    visuals = _write_meshes(folder, parts, choices.faces)
+    visuals, drawn = _write_meshes(folder, parts, choices.faces)
     _guess_rest(robot, locked, parts, choices, report)
     prescribed = choices.base == "prescribed"
     # A robot with a waist stands on the floor, although its base is fixed.
@@ -293,7 +293,7 @@ def _make(
     description.validate()
     _write_description(folder, description)
     progress("drawing", 1.0)
-    _draw(folder, plant, description, rest, parts, capsules)
+    _draw(folder, plant, description, rest, drawn, capsules)
 
 
 def check_installed() -> None:
@@ -618,8 +618,10 @@ def _note_joints(robot, locked, report: ImportReport) -> None:
 
 def _write_meshes(
     out: Path, parts: dict[str, list[Part]], faces: int
-) -> dict[str, list[VisualMesh]]:
+) -> tuple[dict[str, list[VisualMesh]], dict[str, list[Part]]]:
+    """Returns the files that are drawn, and what is in them."""
     visuals: dict[str, list[VisualMesh]] = {}
+    drawn: dict[str, list[Part]] = {name: [] for name in parts}
     for name, of_link in parts.items():
         # One budget a link: parts share it by their number of triangles.
         total = sum(len(part.faces) for part in of_link)
@@ -632,7 +634,8 @@ def _write_meshes(
             # What is drawn is coarser than what judges.
             write_obj(triangles_file(out / file), part.vertices, part.faces)
             visuals.setdefault(name, []).append(VisualMesh(file, part.rgba))
-    return visuals
+            drawn[name].append(small)
+    return visuals, drawn
 
 
 def _remove_old_triangles(made: Path, out: Path) -> None:

@@ -22,6 +22,7 @@ from crar_drake.commands import (
     playback,
     reproduce,
     run,
+    serve,
     sweep,
 )
 from crar_drake.commands.options import Parser, nearest
@@ -39,6 +40,7 @@ COMMANDS = (
     import_robot,
     judge,
     playback,
+    serve,
 )
 
 

@@ -224,7 +224,11 @@ class ControlLaw:
         self.reset()
 
     def compile(self) -> None:
-        """Compiles what has yet to be, by a step at rest that leaves nothing behind."""
+        """Compiles what has yet to be, by a step at rest that leaves nothing behind.
+
+        What only some steps need is among it, lest the first of these stop the robot's
+        control for a fifth of a second.
+        """
         model = self.model
         q = self._rest
         v = np.zeros(model.plant.num_velocities())
@@ -232,6 +236,14 @@ class ControlLaw:
         targets = Targets(model.tasks_at(q), prescribed, self.default_posture(q))
         workspace = model.MakeWorkspace()
         step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
+        if self._limits_efforts:
+            horizon = self.mode.horizon
+            q_s = None if horizon is None else resting_configuration(q, v, horizon)
+            measured = self.model.measure(workspace, q, v, q_s)
+            inertia = model.effort_per_acceleration(workspace)
+            wish = np.ones_like(v)
+            effort = model.inverse_dynamics(workspace, wish)
+            self._within_efforts(workspace, measured, wish, effort, inertia)
         self.hold(workspace, step, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:

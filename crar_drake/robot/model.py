@@ -441,17 +441,19 @@ class ControlModel:
             q[joint.position_start()] = value
         return q
 
-    def tasks_at(self, q: np.ndarray) -> np.ndarray:
+    def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
         """The targets that the robot fulfils where it is, at rest.
 
         Args:
             q: (nq,) positions of the whole plant.
+            workspace: of this model, left at rest there; by default a new one.
 
         Returns:
             (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
         """
         zero = np.zeros(self.plant.num_velocities())
-        state = self.evaluate(self.MakeWorkspace(), np.asarray(q, dtype=float), zero)
+        workspace = workspace or self.MakeWorkspace()
+        state = self.evaluate(workspace, np.asarray(q, dtype=float), zero)
         return self.layout.pack(state.R, state.p)
 
     def _set_joints(self) -> None:

@@ -693,6 +693,7 @@ COMMANDS = {
     "import-robot": ["g1"],
     "judge": ["log.npz"],
     "playback": ["log.npz"],
+    "serve": [],
 }
 
 

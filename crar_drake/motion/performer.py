@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
 
 # Joint centre: the one that it hangs on. "head" is where the head turns on the neck,
 # "toe" where the toes begin.
@@ -161,3 +164,13 @@ def turning(R: np.ndarray) -> np.ndarray:
 def repeated(values: np.ndarray) -> np.ndarray:
     """(T - 1,) whether a row of (T, k) values equals the one before."""
     return np.all(values[1:] == values[:-1], axis=1)
+
+
+def sides_swapped(mapping: Mapping[str, T]) -> dict[str, T]:
+    """A mapping by joints with left and right exchanged."""
+    other = {"left": "right", "right": "left"}
+    return {
+        f"{other[side]}_{part}" if (side := key.partition("_")[0]) in other else key: v
+        for key, v in mapping.items()
+        for part in [key.partition("_")[2]]
+    }

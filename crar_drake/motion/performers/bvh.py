@@ -1,0 +1,257 @@
+"""The performer of a BVH file, whatever its names, unit and axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.file_frame import body_forward, seems_mirrored
+from crar_drake.motion.formats.bvh import (
+    Bvh,
+    BvhPoses,
+    bvh_kinematics,
+    rest_positions,
+)
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import (
+    JOINTS,
+    SIDES,
+    Fact,
+    Performer,
+    repeated,
+    sides_swapped,
+    turning,
+)
+from crar_drake.motion.performers.assemble import (
+    MIRRORED,
+    Recording,
+    assemble,
+    first_is_apart,
+)
+from crar_drake.motion.performers.bvh_joints import SHORT, JointMatch
+
+# In a standing rest pose, legs point away from the neck by more than this.
+_AWAY = -0.8  # cosine
+
+
+def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
+    """Returns the performer of a BVH.
+
+    Args:
+        bvh: the file's contents.
+        name: what the user calls the motion.
+        options: what the user says of it.
+
+    Raises:
+        MotionError: it has no two arms and legs, too few frames, or lengths that are
+            a person's in no unit; the message says what was found.
+    """
+    if bvh.num_frames < 2:
+        raise MotionError(
+            f"motion {name}: it has a single frame; at least 2 are needed"
+        )
+    poses = bvh_kinematics(bvh)
+    found = JointMatch(bvh, poses, name, options).joints()
+    notes, doubts = [], []
+    guessed = frozenset({"neck"} - set(found))
+
+    def points_of(p: np.ndarray) -> dict[str, np.ndarray]:
+        points = {joint: p[i] for joint, i in found.items() if joint in JOINTS}
+        if guessed:
+            points["neck"] = (points["left_shoulder"] + points["right_shoulder"]) / 2.0
+        return points
+
+    points = points_of(poses.positions)
+    if seems_mirrored(points) and not options.joints:
+        found = sides_swapped(found)
+        doubts.append(MIRRORED)
+        points = points_of(poses.positions)
+    rate = 1.0 / bvh.frame_time
+    first = 0
+    if first_is_apart(points, rate):
+        first = 1
+        notes.append("frame 1 is a pose apart (often a T-pose): left out")
+    points = {joint: q[first:] for joint, q in points.items()}
+    rotations = {
+        joint: poses.rotations[i][first:]
+        for joint, i in found.items()
+        if joint in points
+    }
+    labels = {
+        joint: bvh.joints[i].name or f"end of {bvh.joints[bvh.joints[i].parent].name}"
+        for joint, i in found.items()
+        if joint in points
+    }
+    if guessed:
+        labels["neck"] = "between the shoulders"
+    rest = points_of(rest_positions(bvh, poses))
+    standing = _stands(rest)
+    hands, hands_obstacle = _hands(bvh, poses, found, rest if standing else {}, name)
+    turns = {
+        _bone(bvh, j): turning(poses.local[j][first:])
+        for j, joint in enumerate(bvh.joints)
+        if any(channel.endswith("rotation") for channel in joint.channels)
+    }
+    return assemble(
+        Recording(
+            name=name,
+            format="BVH",
+            frame_rate=_exact_rate(rate)
+            if options.frame_rate is None
+            else options.frame_rate,
+            rate_source="file" if options.frame_rate is None else "given",
+            positions=points,
+            joints=labels,
+            guessed=guessed,
+            rest=rest if standing else {},
+            rotations=rotations,
+            pelvis_up=_pelvis_up(bvh, poses, found, points)[first:],
+            hands={
+                hand: tuple(v[first:] for v in vectors)
+                for hand, vectors in hands.items()
+            },
+            hands_obstacle=hands_obstacle,
+            bones=sum(bool(joint.name) for joint in bvh.joints),
+            bones_called="joints",
+            turns=turns,
+            carriers={
+                joint: frozenset(_bone(bvh, k) for k in bvh.path(i)[:-1])
+                for joint, i in found.items()
+            },
+            same=repeated(bvh.values[first:]),
+            doubts=tuple(doubts),
+            notes=tuple(notes),
+            facts=(_pose_fact(rest if standing else {}),),
+        ),
+        options,
+    )
+
+
+def _bone(bvh: Bvh, index: int) -> str:
+    return bvh.joints[index].name or f"joint {index + 1}"
+
+
+def _exact_rate(rate: float) -> float:
+    """Frame times are rounded: 0.0083333 s is 120 Hz [Hz]."""
+    near = round(rate)
+    return float(near) if near and abs(rate / near - 1.0) < 1e-3 else rate
+
+
+def _stands(rest: Mapping[str, np.ndarray]) -> bool:
+    """Whether the rest pose is a person's that stands: legs away from the neck."""
+    up = rest["neck"] - rest["pelvis"]
+    hips = rest["left_hip"] - rest["right_hip"]
+    legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
+    if min(np.linalg.norm(v) for v in (up, hips, *legs)) < 1e-9:
+        return False
+    up, hips = up / np.linalg.norm(up), hips / np.linalg.norm(hips)
+    return abs(hips @ up) < 0.5 and all(
+        leg @ up / np.linalg.norm(leg) < _AWAY for leg in legs
+    )
+
+
+def _pose_fact(rest: Mapping[str, np.ndarray]) -> Fact:
+    if not rest:
+        return Fact("rest pose", "not a standing person's", "inferred")
+    up = rest["neck"] - rest["pelvis"]
+    left = rest["left_wrist"] - rest["left_shoulder"]
+    cosine = float(up @ left / np.linalg.norm(up) / np.linalg.norm(left))
+    spread = np.degrees(math.acos(max(-1.0, min(1.0, -cosine))))
+    pose = (
+        "T-pose"
+        if 65.0 < spread < 115.0
+        else ("arms hanging" if spread <= 25.0 else f"arms at {spread:.0f} degrees")
+    )
+    return Fact("rest pose", pose, "file")
+
+
+def _pelvis_up(
+    bvh: Bvh, poses: BvhPoses, found: Mapping[str, int], points: Mapping
+) -> np.ndarray:
+    """(T, 3) from between the hips to the first joint above the pelvis."""
+    hips = (
+        poses.positions[found["left_hip"]] + poses.positions[found["right_hip"]]
+    ) / 2
+    above = found.get("neck", found["left_shoulder"])
+    path = bvh.path(above)
+    spine = path[path.index(found["pelvis"]) :] if found["pelvis"] in path else [above]
+    least = SHORT * np.linalg.norm(bvh.joints[found["left_knee"]].offset)
+    for index in spine:
+        reach = poses.positions[index] - poses.positions[found["pelvis"]]
+        if np.linalg.norm(reach, axis=1).min() > least:
+            return poses.positions[index] - hips
+    return poses.positions[above] - hips
+
+
+# --- hands ------------------------------------------------------------------------
+
+
+def _hands(
+    bvh: Bvh,
+    poses: BvhPoses,
+    found: Mapping[str, int],
+    rest: Mapping[str, np.ndarray],
+    name: str,
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], str]:
+    """Per hand (T, 3) to the fingertips and to the thumb's side, in the file's axes.
+
+    To the fingertips points the mean of what hangs on the wrist but the thumb, or else
+    the forearm; the thumb's side is the thumb's, or the front of a standing rest pose.
+    """
+    children: dict[int, list[int]] = {}
+    for j, joint in enumerate(bvh.joints):
+        children.setdefault(joint.parent, []).append(j)
+
+    def below(index: int) -> list[int]:
+        result = []
+        for child in children.get(index, []):
+            result += [child, *below(child)]
+        return result
+
+    result = {}
+    for side in SIDES:
+        wrist, elbow = found[f"{side}_wrist"], found[f"{side}_elbow"]
+        R = poses.rotations[wrist]
+        p = poses.positions
+        thumb = found.get(f"{side}_thumb")
+        thumbs = [thumb, *below(thumb)] if thumb is not None else []
+
+        least = SHORT * float(np.linalg.norm(p[wrist, 0] - p[elbow, 0]))
+        others = [i for i in below(wrist) if i not in thumbs]
+        fingers = _rigid(poses, wrist, others, least)
+        x = (
+            np.einsum("tij,j->ti", R, fingers)
+            if fingers is not None
+            else p[wrist] - p[elbow]
+        )
+        to_thumb = _rigid(poses, wrist, thumbs, least)
+        if to_thumb is None and rest:
+            to_thumb = body_forward(rest)
+            at_rest = fingers
+            if at_rest is None:
+                at_rest = rest[f"{side}_wrist"] - rest[f"{side}_elbow"]
+            if abs(at_rest @ to_thumb) > 0.85 * np.linalg.norm(at_rest):
+                to_thumb = None
+        if to_thumb is None:
+            return {}, (
+                f"motion {name}: {bvh.joints[wrist].name} has no thumb, and the "
+                "skeleton at rest does not tell the thumb's side; track positions only"
+            )
+        result[f"{side}_hand"] = x, np.einsum("tij,j->ti", R, to_thumb)
+    return result, ""
+
+
+def _rigid(
+    poses: BvhPoses, joint: int, others: list[int], least: float
+) -> np.ndarray | None:
+    """(3,) mean, in a joint's own axes, of those farther from it than `least`."""
+    offsets = []
+    for i in others:
+        p = poses.positions[i] - poses.positions[joint]
+        q = np.einsum("tji,tj->ti", poses.rotations[joint], p)
+        if np.linalg.norm(q[0]) > least:
+            offsets.append(np.median(q, axis=0))
+    return np.mean(offsets, axis=0) if offsets else None

@@ -117,6 +117,7 @@ def find_frame(
     name: str,
     *,
     up_stated: str = "",
+    unit_fact: Fact | None = None,
 ) -> FileFrame:
     """Infers unit, up and facing, but for what the user says.
 
@@ -127,11 +128,15 @@ def find_frame(
         options: of the user.
         name: of the motion.
         up_stated: up axis that the file states, or "".
+        unit_fact: where the unit comes from, if p is in metres.
 
     Raises:
         MotionError: no unit makes a person, or facing is along up.
     """
-    metres, unit, doubts = find_unit(p, stated, options, name)
+    if unit_fact is not None:
+        metres, unit, doubts = 1.0, unit_fact, ()
+    else:
+        metres, unit, doubts = find_unit(p, stated, options, name)
     up, up_fact, up_doubts = _find_up(p, rest, options, up_stated)
     facing, facing_fact = _find_facing(p, rest, options, up, name)
     z, x = _vector(up), _vector(facing)

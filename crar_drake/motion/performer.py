@@ -63,7 +63,8 @@ class Fact:
     def __str__(self) -> str:
         source = {"file": "of the file", "database": "of the database"}
         said = source.get(self.source, self.source)
-        return f"{self.what} {self.value} ({said}{': ' if self.why else ''}{self.why})"
+        subject = f"{self.what} {self.value}".strip()
+        return f"{subject} ({said}{': ' if self.why else ''}{self.why})"
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,7 @@ class Recording:
         hands: hand to the vectors (T, 3) to its fingertips and to its thumb's side.
         hands_obstacle: why there are none.
         unit: what the file states, a key of `options.UNITS`, or "".
+        unit_fact: where the unit comes from, if the positions are in metres already.
         up: axis that the file states, or "".
         bones, bones_called, turns, carriers, same, doubts, notes, facts: as in
             `Performer`.
@@ -75,6 +76,7 @@ class Recording:
     hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     hands_obstacle: str = ""
     unit: str = ""
+    unit_fact: Fact | None = None
     up: str = ""
     bones: int = 0
     bones_called: str = "bones"
@@ -107,7 +109,13 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
         )
     mirrored = seems_mirrored(p)
     frame = find_frame(
-        p, recording.rest, recording.unit, options, name, up_stated=recording.up
+        p,
+        recording.rest,
+        recording.unit,
+        options,
+        name,
+        up_stated=recording.up,
+        unit_fact=recording.unit_fact,
     )
     doubts = [*recording.doubts, *frame.doubts]
     if mirrored:

@@ -87,9 +87,17 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
     }
     if guessed:
         labels["neck"] = "between the shoulders"
-    rest = points_of(rest_positions(bvh, poses))
+    rest_all = rest_positions(bvh, poses)
+    rest = points_of(rest_all)
     standing = _stands(rest)
-    hands, hands_obstacle = _hands(bvh, poses, found, rest if standing else {}, name)
+    hands, hands_obstacle = _hands(
+        bvh,
+        poses,
+        found,
+        rest if standing else {},
+        rest_all if standing else None,
+        name,
+    )
     turns = {
         _bone(bvh, j): turning(poses.local[j][first:])
         for j, joint in enumerate(bvh.joints)
@@ -194,6 +202,7 @@ def _hands(
     poses: BvhPoses,
     found: Mapping[str, int],
     rest: Mapping[str, np.ndarray],
+    rest_all: np.ndarray | None,
     name: str,
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], str]:
     """Per hand (T, 3) to the fingertips and to the thumb's side, in the file's axes.
@@ -221,20 +230,20 @@ def _hands(
 
         least = SHORT * float(np.linalg.norm(p[wrist, 0] - p[elbow, 0]))
         others = [i for i in below(wrist) if i not in thumbs]
-        fingers = _rigid(poses, wrist, others, least)
+        fingers = _rigid(poses, rest_all, wrist, others, least)
         x = (
             np.einsum("tij,j->ti", R, fingers)
             if fingers is not None
             else p[wrist] - p[elbow]
         )
-        to_thumb = _rigid(poses, wrist, thumbs, least)
-        if to_thumb is None and rest:
+        ahead = fingers
+        if ahead is None:
+            ahead = np.median(np.einsum("tji,tj->ti", R, x), axis=0)
+        to_thumb = _rigid(poses, rest_all, wrist, thumbs, least)
+        if _along(to_thumb, ahead) and rest:
             to_thumb = body_forward(rest)
-            at_rest = fingers
-            if at_rest is None:
-                at_rest = rest[f"{side}_wrist"] - rest[f"{side}_elbow"]
-            if abs(at_rest @ to_thumb) > 0.85 * np.linalg.norm(at_rest):
-                to_thumb = None
+        if _along(to_thumb, ahead):
+            to_thumb = None
         if to_thumb is None:
             return {}, (
                 f"motion {name}: {bvh.joints[wrist].name} has no thumb, and the "
@@ -244,14 +253,29 @@ def _hands(
     return result, ""
 
 
+def _along(v: np.ndarray | None, x: np.ndarray) -> bool:
+    """Whether v is no direction, or one that hardly leaves that of x."""
+    if v is None:
+        return True
+    return bool(abs(v @ x) > 0.9 * np.linalg.norm(v) * np.linalg.norm(x))
+
+
 def _rigid(
-    poses: BvhPoses, joint: int, others: list[int], least: float
+    poses: BvhPoses, rest: np.ndarray | None, joint: int, others: list[int], least
 ) -> np.ndarray | None:
-    """(3,) mean, in a joint's own axes, of those farther from it than `least`."""
+    """(3,) mean, in a joint's own axes, of those farther from it than `least`.
+
+    It is that of the standing rest pose, where there is one: a bent thumb points where
+    the fingers do.
+    """
     offsets = []
     for i in others:
-        p = poses.positions[i] - poses.positions[joint]
-        q = np.einsum("tji,tj->ti", poses.rotations[joint], p)
-        if np.linalg.norm(q[0]) > least:
-            offsets.append(np.median(q, axis=0))
+        if rest is not None:
+            q = rest[i] - rest[joint]
+        else:
+            p = poses.positions[i] - poses.positions[joint]
+            p_J = np.einsum("tji,tj->ti", poses.rotations[joint], p)
+            q = np.median(p_J, axis=0)
+        if np.linalg.norm(q) > least:
+            offsets.append(q)
     return np.mean(offsets, axis=0) if offsets else None

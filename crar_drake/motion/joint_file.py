@@ -1,7 +1,6 @@
 """The YAML file by which a user says which joint of a motion file is which."""
 
-from __future__ import annotations
-
+# YAML loading reads the types of the fields, so no postponed annotations here.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 

@@ -179,19 +179,23 @@ def _pose_fact(rest: Mapping[str, np.ndarray]) -> Fact:
 def _pelvis_up(
     bvh: Bvh, poses: BvhPoses, found: Mapping[str, int], points: Mapping
 ) -> np.ndarray:
-    """(T, 3) from between the hips to the first joint above the pelvis."""
-    hips = (
-        poses.positions[found["left_hip"]] + poses.positions[found["right_hip"]]
-    ) / 2
-    above = found.get("neck", found["left_shoulder"])
+    """(T, 3) up in the pelvis: from between the hips to what is fixed above them.
+
+    That is the spine's first joint, unless it lies in the pelvis itself: what comes
+    after it turns against the pelvis. Then it is the pelvis's own origin, unless that
+    lies between the hips.
+    """
+    p = poses.positions
+    hips = (p[found["left_hip"]] + p[found["right_hip"]]) / 2.0
+    pelvis, above = found["pelvis"], found.get("neck", found["left_shoulder"])
+    least = SHORT * np.linalg.norm(p[found["left_knee"], 0] - p[found["left_hip"], 0])
     path = bvh.path(above)
-    spine = path[path.index(found["pelvis"]) :] if found["pelvis"] in path else [above]
-    least = SHORT * np.linalg.norm(bvh.joints[found["left_knee"]].offset)
-    for index in spine:
-        reach = poses.positions[index] - poses.positions[found["pelvis"]]
-        if np.linalg.norm(reach, axis=1).min() > least:
-            return poses.positions[index] - hips
-    return poses.positions[above] - hips
+    spine = path[path.index(pelvis) + 1 :] if pelvis in path else [above]
+    for fixed in (spine[0], pelvis):
+        origin = p[pelvis] if fixed != pelvis else hips
+        if np.linalg.norm(p[fixed, 0] - origin[0]) > least:
+            return p[fixed] - hips
+    return p[above] - hips
 
 
 # --- hands ------------------------------------------------------------------------

@@ -90,8 +90,8 @@ class JointMatch:
         if isinstance(limbs, str):
             known = sorted(joint for joint in found if joint.partition("_")[2])
             raise MotionError(
-                f"motion {self.motion}: no two {' and no two '.join(lacking)}s in this "
-                f"hierarchy, neither by names nor by its shape: {limbs}"
+                f"motion {self.motion}: no two {'s and no two '.join(lacking)}s in "
+                f"this hierarchy, neither by names nor by its shape: {limbs}"
                 + (f"; by name: {', '.join(known)}" if known else "")
                 + f". Its joints: {', '.join(n for n in self.names if n)}. "
                 "Say which is which: --joints FILE"

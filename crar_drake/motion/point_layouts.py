@@ -67,7 +67,9 @@ def layout_of(names: tuple[str, ...], positions: np.ndarray) -> str:
 
     Args:
         names: of the points; empty if only their number is known.
-        positions: (T, J, 3). Of 17 points H36M's first is between two others.
+        positions: (T, J, 3). Of 17 points the second to the third is a thigh, longer
+            than to the fifth, the other hip, in H36M; between the eyes, shorter than to
+            an ear, in COCO.
     """
     if names:
         lowered = {name.strip().lower() for name in names}
@@ -75,10 +77,9 @@ def layout_of(names: tuple[str, ...], positions: np.ndarray) -> str:
     fitting = [k for k, v in LAYOUTS.items() if len(v) == positions.shape[1]]
     if len(fitting) < 2:
         return fitting[0] if fitting else ""
-    hips = positions[:, 1], positions[:, 4]
-    off = np.linalg.norm(positions[:, 0] - (hips[0] + hips[1]) / 2.0, axis=1)
-    apart = np.linalg.norm(hips[0] - hips[1], axis=1)
-    return "H36M-17" if np.nanmedian(off) < 0.25 * np.nanmedian(apart) else "COCO-17"
+    thigh = np.linalg.norm(positions[:, 1] - positions[:, 2], axis=1)
+    apart = np.linalg.norm(positions[:, 1] - positions[:, 4], axis=1)
+    return "H36M-17" if np.nanmedian(thigh) > np.nanmedian(apart) else "COCO-17"
 
 
 def joints_of_layout(names: tuple[str, ...], joints: tuple[str, ...]) -> dict[str, int]:

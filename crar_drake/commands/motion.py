@@ -41,7 +41,8 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.figures import check_picture
     from crar_drake.motion.catalogue import load_performer
     from crar_drake.motion.options import MotionOptions
-    from crar_drake.motion.report import describe, inspect, plot_motion
+    from crar_drake.motion.picture import plot_motion
+    from crar_drake.motion.report import describe, inspect
 
     plot = arguments.plot or OUT / f"{motion_label(arguments.motion)}.png"
     if arguments.plot is not None:

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from crar_drake.errors import MotionError
-from crar_drake.figures import save_figure
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
 from crar_drake.motion.formats.asf_amc import Clip
-from crar_drake.motion.joint_centres import (
-    JointCentres,
-    file_joint,
-    joint_centres,
-)
+from crar_drake.motion.joint_centres import file_joint, joint_centres
 from crar_drake.motion.performer import Fact, Performer
 from crar_drake.motion.performers.asf_amc import as_performer
 
@@ -353,67 +346,3 @@ def _findings(report: MotionReport) -> Iterator[tuple[str, str]]:
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
-
-
-def plot_motion(motion: Performer | Clip, path: str | os.PathLike[str]) -> None:
-    """Draws heights, paths and speeds of the joint centres on one page.
-
-    Frames with a flip or a jump are marked by vertical lines.
-
-    Args:
-        motion: the motion.
-        path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
-
-    Raises:
-        MotionError: the motion has no joint centres.
-        CrarError: there is no such format, or the file cannot be written.
-    """
-    performer = as_performer(motion)
-    centres = joint_centres(performer)
-    report = inspect(performer)
-    figure = Figure(figsize=(8.3, 11.7), layout="constrained")
-    heights, paths, speeds = figure.subplots(3, 1, height_ratios=[1.0, 1.4, 1.0])
-    figure.suptitle(next(describe(report)))
-    _draw_points(centres, heights, paths, speeds)
-    flip_frames = sorted({flip.frame for flip in report.flips})
-    jump_frames = sorted({jump.frame for jump in report.jumps})
-    for axes in (heights, speeds):
-        for frames, colour, label in (
-            (flip_frames, "tab:red", "flip"),
-            (jump_frames, "tab:orange", "jump"),
-        ):
-            for index, frame in enumerate(frames):
-                axes.axvline(
-                    (frame - 1) / centres.frame_rate,
-                    color=colour,
-                    linewidth=0.6,
-                    alpha=0.6,
-                    zorder=0,
-                    label=label if index == 0 else None,
-                )
-        axes.set_xlabel("time [s]")
-        axes.margins(x=0.0)
-    heights.set_ylabel("height [m]")
-    heights.legend(ncols=5, fontsize="x-small")
-    speeds.set_ylabel("speed [m/s]")
-    paths.set_xlabel("y, to the left [m]")
-    paths.set_ylabel("x, forward [m]")
-    paths.set_title("from above", fontsize="small")
-    paths.set_aspect("equal", adjustable="datalim")
-    paths.invert_xaxis()  # the left is on the left
-    save_figure(figure, path)
-
-
-def _draw_points(centres: JointCentres, heights, paths, speeds) -> None:
-    colours = {"waist": "black", "neck": "tab:gray", "shoulder": "tab:purple"}
-    colours |= {"elbow": "tab:green", "wrist": "tab:blue"}
-    for name, p_WC in centres.positions.items():
-        style = {
-            "color": colours[name.rpartition("_")[2]],
-            "linestyle": "--" if name.startswith("right") else "-",
-            "linewidth": 0.9,
-            "label": name.replace("_", " "),
-        }
-        heights.plot(centres.time, p_WC[:, 2], **style)
-        paths.plot(p_WC[:, 1], p_WC[:, 0], **style)
-        speeds.plot(centres.time[1:], _steps(p_WC) * centres.frame_rate, **style)

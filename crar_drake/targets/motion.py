@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -147,6 +148,8 @@ def load_motion_targets(
     centres = joint_centres(performer)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
+    # Of the performer a run's report alone is left to be made, which needs none.
+    performer = replace(performer, orientations={}, hands={})
     if not model.n_p:
         return DesiredMotion(
             retargeted.duration,

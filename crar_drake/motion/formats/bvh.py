@@ -5,7 +5,7 @@ CHANNELS, whose order says in which order they are applied; then one line of num
 per frame. It states neither unit, up axis nor facing, and no two programs name joints
 alike, see `performers.bvh`.
 
-Own code, because the maintained readers on PyPI (pybvh 0.9, bvhio 1.5) take NaN for a
+Own code, because maintained readers on PyPI (pybvh 0.9, bvhio 1.5) take NaN for a
 number, cannot tell the line of most mistakes, and refuse keywords in lower case.
 """
 

@@ -15,6 +15,8 @@ import numpy as np
 
 # Branches whose longest ways differ by less than this share are a pair.
 _ALIKE = 0.25
+# Two neighbouring bones together are as long as the longest such if so much of it.
+_AS_LONG = 0.88
 # Shorter than this share of the longest bone, a bone is none: joints at one place.
 _NOTHING = 1e-3
 
@@ -152,7 +154,9 @@ class _Tree:
         bones = [self.lengths[i] for i in way]
         if len(way) < 3:
             return None
-        first = max(range(1, len(way) - 1), key=lambda n: bones[n] + bones[n + 1])
+        sums = {n: bones[n] + bones[n + 1] for n in range(1, len(way) - 1)}
+        # Collar bone and upper arm may be as long together as the arm: the outer two.
+        first = max(n for n in sums if sums[n] > _AS_LONG * max(sums.values()))
         chosen = way[first - 1 : first - 1 + count]
         return tuple(chosen + [-1] * (count - len(chosen)))
 

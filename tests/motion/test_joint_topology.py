@@ -55,6 +55,17 @@ def test_a_body_with_fingers() -> None:
         assert [names[i] for i in arm] == [f"{side}arm{i}" for i in (1, 2, 3)]
 
 
+def test_a_long_collar_bone_is_no_upper_arm() -> None:
+    """The CMU database's: collar bones 0.19, upper arms 0.24, forearms 0.185 m."""
+    text = BODY.replace(limb("arm", "chest", [0.12, 0.15, 0.3, 0.26]), "").replace(
+        "neck chest", limb("arm", "chest", [0.01, 0.19, 0.24, 0.185]) + "\nneck chest"
+    )
+    names, parents, lengths = tree(text.replace("\n\n", "\n"))
+    found = find_limbs(parents, lengths)
+    assert isinstance(found, Limbs)
+    assert [names[i] for i in found.arms[0]] == ["aarm1", "aarm2", "aarm3"]
+
+
 def test_what_is_no_body_says_what_it_is() -> None:
     for text, words in (
         ("a - 0\nb a 1\nc b 1", "3 joints with 1 ends, and 0 places"),

@@ -40,7 +40,7 @@ def arm(folder: Path, more: str, controller: str = "{}") -> Scenario:
 
 def warnings(scenario: Scenario, recorded: bool = False) -> list[str]:
     setup = PrepareScenario(scenario)
-    report = inspect(setup.motion.performer) if setup.motion.clip else None
+    report = inspect(setup.motion.performer) if setup.motion.performer else None
     return run_warnings(scenario, setup, report, recorded=recorded)
 
 

@@ -116,7 +116,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
             guessed=guessed,
             rest=rest if standing else {},
             rotations=rotations,
-            pelvis_up=_pelvis_up(bvh, poses, found, points)[first:],
+            pelvis_up=_pelvis_up(bvh, poses, found)[first:],
             hands={
                 hand: tuple(v[first:] for v in vectors)
                 for hand, vectors in hands.items()
@@ -176,9 +176,7 @@ def _pose_fact(rest: Mapping[str, np.ndarray]) -> Fact:
     return Fact("rest pose", pose, "file")
 
 
-def _pelvis_up(
-    bvh: Bvh, poses: BvhPoses, found: Mapping[str, int], points: Mapping
-) -> np.ndarray:
+def _pelvis_up(bvh: Bvh, poses: BvhPoses, found: Mapping[str, int]) -> np.ndarray:
     """(T, 3) up in the pelvis: from between the hips to what is fixed above them.
 
     That is the spine's first joint, unless it lies in the pelvis itself: what comes

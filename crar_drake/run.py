@@ -177,8 +177,8 @@ def run_scenario(
         from crar_drake.simulation.visualization import start_recording
 
         start_recording(meshcat, scenario.visualization.publish_period)
-    clip = setup.motion.clip
-    report = inspect(clip) if clip is not None else None
+    performer = setup.motion.performer
+    report = inspect(performer) if performer is not None else None
     warnings = run_warnings(scenario, setup, report, recorded=record)
     with _ctrl_c() as interrupts:
         start, stopped = time.perf_counter(), None

@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 
 from crar_drake.commands.options import (
+    FILE_OPTIONS,
     MOTION_HELP,
     add_command,
+    add_file_options,
     add_frame_rate,
     add_skeleton,
 )
@@ -25,6 +27,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("motion", metavar="MOTION", help=MOTION_HELP)
     add_skeleton(parser)
     add_frame_rate(parser)
+    add_file_options(parser)
     parser.add_argument(
         "--plot",
         type=Path,
@@ -36,19 +39,23 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from crar_drake.figures import check_picture
-    from crar_drake.motion.catalogue import load_clip
-    from crar_drake.motion.report import describe, inspect, plot_motion
+    from crar_drake.motion.catalogue import load_performer
+    from crar_drake.motion.options import MotionOptions
+    from crar_drake.motion.picture import plot_motion
+    from crar_drake.motion.report import describe, inspect
 
     plot = arguments.plot or OUT / f"{motion_label(arguments.motion)}.png"
     if arguments.plot is not None:
         check_picture(plot)
-    clip = load_clip(
-        arguments.motion, arguments.skeleton, frame_rate=arguments.frame_rate
+    given = {name: getattr(arguments, name) for name in FILE_OPTIONS}
+    performer = load_performer(
+        arguments.motion,
+        MotionOptions(**{name: value for name, value in given.items() if value}),
     )
-    report = inspect(clip)
+    report = inspect(performer)
     for line in describe(report):
         print(line)
     if report.obstacle and arguments.plot is None:
         return
-    plot_motion(clip, plot)
+    plot_motion(performer, plot)
     print(plot)

@@ -20,7 +20,8 @@ CONSTRAINTS = ("none", "paper", "lookahead")
 
 # What several commands say of the same options.
 MOTION_HELP = (
-    "a built-in one (dance), a CMU recording (cmu:05_02), or a path (some/path.amc)"
+    "a built-in one (dance), a CMU recording (cmu:05_02), or a file: .amc, .bvh, .c3d, "
+    ".npz, .npy, .csv"
 )
 EXPERIMENT_HELP = (
     "which points follow the motion: two wrists, or seven of the upper body"
@@ -100,6 +101,32 @@ def add_frame_rate(parser: Parser) -> None:
         help="frames per second of the motion (default: what its file states, else "
         "that of the CMU database)",
     )
+
+
+def add_file_options(parser: Parser) -> None:
+    """Adds what is inferred of motion files of most formats, and may be wrong."""
+    parser.add_argument(
+        "--unit",
+        metavar="UNIT",
+        help="of the motion's lengths: m, cm, mm, in, cmu (the CMU database's), or a "
+        "number of metres (default: so that its performer has a person's height)",
+    )
+    for option, what in (("up", "points up"), ("facing", "becomes forward")):
+        parser.add_argument(
+            f"--{option}",
+            metavar="AXIS",
+            help=f"the motion file's axis that {what}: x, y, z, or as in --{option}=-x "
+            "(default: by its skeleton)",
+        )
+    parser.add_argument(
+        "--joints",
+        metavar="FILE",
+        help="YAML file that says which of the motion's joints are meant, where the "
+        "match is wrong",
+    )
+
+
+FILE_OPTIONS = ("skeleton", "frame_rate", "unit", "up", "facing", "joints")
 
 
 def add_jobs(parser: Parser) -> None:

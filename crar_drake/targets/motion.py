@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -10,11 +11,12 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import BsplineTrajectory
 
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import spline
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 from crar_drake.robot.description import find_frame
@@ -124,8 +126,7 @@ def load_motion_targets(
     motion: str,
     model: ControlModel,
     *,
-    skeleton: str = "",
-    frame_rate: float | None = None,
+    options: MotionOptions | None = None,
     cutoff: float = 6.0,
 ) -> DesiredMotion:
     """Loads, filters and scales a motion to the robot's tasks.
@@ -134,8 +135,7 @@ def load_motion_targets(
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
         model: the robot, with position tasks of JOINT_CENTRES, and tasks of HANDS
             of any kind.
-        skeleton: path of the .asf, where it is not beside the motion.
-        frame_rate: of the motion [Hz]; see `motion.catalogue.load_clip`.
+        options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
 
     Raises:
@@ -144,10 +144,12 @@ def load_motion_targets(
         ScenarioError: a task is none that a motion can drive.
     """
     _check_tasks(model)
-    clip = load_clip(motion, skeleton or None, frame_rate=frame_rate)
-    centres = joint_centres(clip)
+    performer = load_performer(motion, options)
+    centres = joint_centres(performer)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
-    tasks_at, MakeTaskSource = _tasks(model, clip, retargeted, cutoff)
+    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
+    # Of the performer a run's report alone is left to be made, which needs none.
+    performer = replace(performer, orientations={}, hands={})
     if not model.n_p:
         return DesiredMotion(
             retargeted.duration,
@@ -155,7 +157,7 @@ def load_motion_targets(
             lambda time: np.zeros(0),
             MakeTaskSource,
             None,
-            clip,
+            performer,
         )
     prescribed = _prescribed_trajectory(model, retargeted)
     return DesiredMotion(
@@ -164,7 +166,7 @@ def load_motion_targets(
         lambda time: prescribed.value(time).ravel(),
         MakeTaskSource,
         lambda: TrajectorySource(prescribed, 2),
-        clip,
+        performer,
     )
 
 
@@ -194,12 +196,15 @@ def _check_tasks(model: ControlModel) -> None:
 
 
 def _tasks(
-    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
     """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
     frames = [task.frame for task in model.tasks]
     if any(frame in HANDS for frame in frames):
-        ways = _task_ways(model, clip, retargeted, cutoff)
+        ways = _task_ways(model, performer, retargeted, cutoff)
         return (
             PoseTrajectorySource(model.layout, ways).at,
             lambda: PoseTrajectorySource(model.layout, ways),
@@ -214,10 +219,13 @@ def _tasks(
 
 
 def _task_ways(
-    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
 ) -> dict[str, PointTrajectory | HandTrajectory]:
     """The way of each task, by its name."""
-    quaternions = hand_orientations(clip).smooth(cutoff)
+    quaternions = hand_orientations(performer).smooth(cutoff)
 
     def way(frame: str) -> PointTrajectory | HandTrajectory:
         if frame not in HANDS:

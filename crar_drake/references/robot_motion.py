@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from crar_drake.references.whole_body import WholeBody
 
 # A quaternion whose length differs by more from 1 is no rotation.
-_LENGTH_TOLERANCE = 1e-2
+_LENGTH_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,15 @@ class RobotMotion:
         joint_names: (n,) names in the order of `joint_positions`; () where the layout
             has none.
         root_positions: (T, 3) p_WR [m].
-        root_quaternions: (T, 4) of R_WR, order w x y z, of length 1.
+        root_quaternions: (T, 4) of R_WR, order w x y z, of length 1 as well as the file's
+            digits say; `root_rotations` has them exactly so.
         joint_positions: (T, n) [rad; m of a prismatic joint].
         rate: samples per second [Hz].
         layout: name of the layout that it was read from, or "".
         source: path of the file that it was read from, or "".
         clip: its name, where a file holds several; else "".
+        precision: NumPy type of the numbers in the file ("float32"), or "". Here they
+            are float64, which holds them exactly.
         guesses: what the file did not say and was guessed or assumed, a sentence each.
         extras: what the file had besides and no motion determines (names of bodies,
             poses of an object), by its key there.
@@ -57,6 +61,7 @@ class RobotMotion:
     layout: str = ""
     source: str = ""
     clip: str = ""
+    precision: str = ""
     guesses: tuple[str, ...] = ()
     extras: Mapping[str, object] = field(default_factory=dict)
     computed: Mapping[str, object] = field(default_factory=dict)
@@ -119,6 +124,11 @@ class RobotMotion:
         return np.arange(self.num_frames) / self.rate
 
     @property
+    def root_rotations(self) -> Rotation:
+        """R_WR of all T samples; SciPy normalises quaternions that files round."""
+        return Rotation.from_quat(self.root_quaternions[:, [1, 2, 3, 0]])
+
+    @property
     def is_as_read(self) -> bool:
         """Whether samples, rate and order of joints are those of the file."""
         return self.fingerprint == _fingerprint(self)
@@ -137,6 +147,7 @@ def read_motion(
     rate: float | None = None,
     joint_names: Sequence[str] | None = None,
     clip: str | None = None,
+    robot: WholeBody | None = None,
 ) -> RobotMotion:
     """Reads the one motion of a file.
 
@@ -147,12 +158,15 @@ def read_motion(
             one of its layout, which is told among the guesses.
         joint_names: (n,) names of its joints in its order, where the file has none.
         clip: which motion, where the file holds several.
+        robot: that it is a motion of. With it the joints are checked, put into the
+            robot's order (`WholeBody.joint_names`) and named.
 
     Raises:
-        MotionError: the file is not there, damaged or of no known layout, or holds
-            several motions and none was named; the message names the file.
+        MotionError: the file is not there, damaged or of no known layout, is of
+            another robot, or holds several motions and none was named; the message
+            names the file.
     """
-    motions = read_motions(path, layout, rate, joint_names)
+    motions = read_motions(path, layout, rate, joint_names, robot)
     if clip is not None:
         for motion in motions:
             if motion.clip == clip:
@@ -175,11 +189,17 @@ def read_motions(
     layout: str | None = None,
     rate: float | None = None,
     joint_names: Sequence[str] | None = None,
+    robot: WholeBody | None = None,
 ) -> tuple[RobotMotion, ...]:
     """Reads all motions of a file, at least one; see `read_motion`."""
     from crar_drake.references.layouts import read_file
 
-    return read_file(path, layout, rate, joint_names)
+    motions = read_file(path, layout, rate, joint_names)
+    if robot is None:
+        return motions
+    from crar_drake.references.robot_match import matched
+
+    return tuple(matched(motion, robot) for motion in motions)
 
 
 def write_motion(

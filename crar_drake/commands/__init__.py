@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from crar_drake import __version__
 from crar_drake.commands import (
+    convert,
     fetch,
     import_robot,
     judge,
@@ -38,6 +39,7 @@ COMMANDS = (
     fetch,
     import_robot,
     judge,
+    convert,
     playback,
 )
 

@@ -9,6 +9,7 @@ from crar_drake.commands.options import (
     MOTION_HELP,
     add_command,
     add_frame_rate,
+    add_reference_options,
     add_skeleton,
 )
 from crar_drake.commands.output import OUT, motion_label
@@ -20,11 +21,13 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "motion",
         run,
-        "Print what is in a motion and what looks bad, and plot it.",
+        "Print what is in a motion and what looks bad, and plot it. It may also be a "
+        "motion of a whole robot (.csv, .npz, .pkl).",
     )
     parser.add_argument("motion", metavar="MOTION", help=MOTION_HELP)
     add_skeleton(parser)
     add_frame_rate(parser)
+    add_reference_options(parser)
     parser.add_argument(
         "--plot",
         type=Path,
@@ -35,6 +38,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
+    from crar_drake.errors import MotionError
     from crar_drake.figures import check_picture
     from crar_drake.motion.catalogue import load_clip
     from crar_drake.motion.report import describe, inspect, plot_motion
@@ -42,6 +46,14 @@ def run(arguments: argparse.Namespace) -> None:
     plot = arguments.plot or OUT / f"{motion_label(arguments.motion)}.png"
     if arguments.plot is not None:
         check_picture(plot)
+    if _is_reference(arguments.motion):
+        _describe_reference(arguments, plot)
+        return
+    if arguments.robot or arguments.layout:
+        raise MotionError(
+            f"{arguments.motion}: --robot and --layout are for motions of a whole robot "
+            "(.csv, .npz, .pkl)"
+        )
     clip = load_clip(
         arguments.motion, arguments.skeleton, frame_rate=arguments.frame_rate
     )
@@ -51,4 +63,35 @@ def run(arguments: argparse.Namespace) -> None:
     if report.obstacle and arguments.plot is None:
         return
     plot_motion(clip, plot)
+    print(plot)
+
+
+def _is_reference(motion: str) -> bool:
+    from crar_drake.references.layouts import is_reference
+
+    return is_reference(motion)
+
+
+def _describe_reference(arguments: argparse.Namespace, plot: Path) -> None:
+    """What is in a motion of a whole robot; a file may hold several."""
+    from crar_drake.commands.convert import reference_robot
+    from crar_drake.errors import MotionError
+    from crar_drake.references.motion_report import describe_motion, plot_robot_motion
+    from crar_drake.references.robot_motion import read_motions
+
+    if arguments.skeleton:
+        raise MotionError(f"{arguments.motion}: a motion of a robot has no skeleton")
+    robot = reference_robot(arguments)
+    motions = read_motions(
+        arguments.motion,
+        layout=arguments.layout,
+        rate=arguments.frame_rate,
+        robot=robot,
+    )
+    for motion in motions:
+        for line in describe_motion(motion, robot):
+            print(line)
+    if len(motions) > 1:
+        print(f"{len(motions)} motions, of which the first is drawn")
+    plot_robot_motion(motions[0], plot)
     print(plot)

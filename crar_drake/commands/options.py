@@ -102,6 +102,20 @@ def add_frame_rate(parser: Parser) -> None:
     )
 
 
+def add_reference_options(parser: Parser) -> None:
+    """Adds --robot and --layout, of a motion of a whole robot."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="name or folder of the robot that a reference motion is of",
+    )
+    parser.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="layout of a reference motion (default: what the file looks like)",
+    )
+
+
 def add_jobs(parser: Parser) -> None:
     """Adds --jobs, of what simulates much."""
     parser.add_argument(

@@ -57,7 +57,9 @@ def read_csv(
         guesses.append(f"quaternions are {order}: {evidence}")
     if rate is None:
         rate = USUAL_RATE
-        guesses.append(f"{rate:g} Hz, the usual rate of such files, which do not say it")
+        guesses.append(
+            f"{rate:g} Hz, the usual rate of such files, which do not say it"
+        )
     if order == "xyzw":
         quaternions = quaternions[:, [3, 0, 1, 2]]
     return (

@@ -254,7 +254,9 @@ def _numbers(
 
 def _rate(path: Path, arrays: dict[str, np.ndarray], guesses: list[str]) -> float:
     if "fps" not in arrays:
-        guesses.append(f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps")
+        guesses.append(
+            f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps"
+        )
         return USUAL_RATE
     fps = arrays["fps"]
     if fps.size != 1 or fps.dtype.kind not in "fiu":

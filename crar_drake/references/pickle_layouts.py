@@ -145,7 +145,9 @@ def _motion(
     if rate is None:
         rate = _rate(where, held, guesses)
     arrays = {
-        what: _numbers(where, key, held[key], 2, {"position": 3, "rotation": 4}.get(what))
+        what: _numbers(
+            where, key, held[key], 2, {"position": 3, "rotation": 4}.get(what)
+        )
         for what, key in keys.items()
     }
     lengths = {key: len(arrays[what]) for what, key in keys.items()}
@@ -182,7 +184,9 @@ def _motion(
 def _rate(where: str, held: dict, guesses: list[str]) -> float:
     fps = held.get("fps")
     if fps is None:
-        guesses.append(f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps")
+        guesses.append(
+            f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps"
+        )
         return USUAL_RATE
     array = np.asarray(fps)
     if array.size != 1 or array.dtype.kind not in "fiu":

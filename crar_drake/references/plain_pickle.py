@@ -526,7 +526,9 @@ class _Reader:
         if state.get("subclass") is not _NDARRAY or not isinstance(
             state.get("dtype"), _Type
         ):
-            raise _Refused("it has a subclass of NumPy's arrays, or an array of objects")
+            raise _Refused(
+                "it has a subclass of NumPy's arrays, or an array of objects"
+            )
         dtype, shape = state["dtype"].value, state.get("shape")
         if state.get("numpy_array_alignment_bytes") is not None:
             padding = self._file.read(1)

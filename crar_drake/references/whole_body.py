@@ -5,6 +5,7 @@ Frames: W the world, z up; R the root link; B another link.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -86,6 +87,11 @@ class WholeBody:
         """(1 + n,) the root, then the link that each of the joints moves."""
         links = dict(zip(self.joint_names, self.link_names[1:], strict=True))
         return (self.root, *(links[name] for name in joint_names))
+
+    def columns_in(self, joint_names: Sequence[str]) -> list[int]:
+        """(n,) for each joint of this robot its column where they are in that order."""
+        column = {name: i for i, name in enumerate(joint_names)}
+        return [column[name] for name in self.joint_names]
 
     def configurations(self, joint_positions: np.ndarray) -> np.ndarray:
         """(T, nq) positions of the plant, its root at rest.

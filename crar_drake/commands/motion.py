@@ -51,8 +51,8 @@ def run(arguments: argparse.Namespace) -> None:
         return
     if arguments.robot or arguments.layout:
         raise MotionError(
-            f"{arguments.motion}: --robot and --layout are for motions of a whole robot "
-            "(.csv, .npz, .pkl)"
+            f"{arguments.motion}: --robot and --layout are for motions of a whole "
+            "robot (.csv, .npz, .pkl)"
         )
     clip = load_clip(
         arguments.motion, arguments.skeleton, frame_rate=arguments.frame_rate

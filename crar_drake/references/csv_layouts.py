@@ -116,8 +116,8 @@ def _read_table(path: Path) -> np.ndarray:
         raise MotionError(f"{path}: the file is empty")
     if len(rows[0]) < 8:
         raise MotionError(
-            f"{path}: {len(rows[0])} columns; a robot's motion has x, y, z, the four of "
-            "a quaternion, and at least one joint"
+            f"{path}: {len(rows[0])} columns; a robot's motion has x, y, z, the four "
+            "of a quaternion, and at least one joint"
         )
     table = np.array(rows)
     bad = np.argwhere(~np.isfinite(table))

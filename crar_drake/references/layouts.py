@@ -45,9 +45,7 @@ LAYOUTS = {
     for layout in (
         Layout("xyzw-csv", ".csv", "Unitree, input of BeyondMimic and mjlab", 7),
         Layout("wxyz-csv", ".csv", "ProtoMotions, kimodo", 7),
-        Layout(
-            "beyondmimic-npz", ".npz", "BeyondMimic (Isaac Lab)", breadth_first=True
-        ),
+        Layout("beyondmimic-npz", ".npz", "BeyondMimic, Isaac Lab", breadth_first=True),
         Layout("mjlab-npz", ".npz", "mjlab"),
         Layout("holosoma-npz", ".npz", "holosoma", 7),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),

@@ -91,8 +91,8 @@ def _joint_lines(motion: RobotMotion) -> Iterator[str]:
     if len(speeds):
         frame, fastest = np.unravel_index(speeds.argmax(), speeds.shape)
         text += (
-            f"; fastest {joint_label(motion, int(fastest))}, {speeds.max():.2f} rad/s at "
-            f"{frame / motion.rate:.2f} s"
+            f"; fastest {joint_label(motion, int(fastest))}, {speeds.max():.2f} rad/s "
+            f"at {frame / motion.rate:.2f} s"
         )
     jerks = joint_jerks(motion)
     if len(jerks):

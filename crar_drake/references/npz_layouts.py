@@ -172,12 +172,13 @@ def _computed(
 ) -> dict[str, np.ndarray]:
     """Velocities, and the links' poses and velocities in the world."""
     step = 1.0 / motion.rate
-    q = motion.joint_positions
     R_WR = motion.root_rotations
     v_WR, w_WR = _difference(motion.root_positions, step), _turning(R_WR, step)
-    qdot = _difference(q, step)
+    qdot = _difference(motion.joint_positions, step)
+    columns = robot.columns_in(motion.joint_names)
+    q, v = motion.joint_positions[:, columns], qdot[:, columns]
     p_RB, R_RB = robot.poses_in_root(q, links)
-    v_RB, w_RB = robot.velocities_in_root(q, qdot, links)
+    v_RB, w_RB = robot.velocities_in_root(q, v, links)
     R = R_WR.as_matrix()[:, None]
     p_RB_W, v_RB_W, w_RB_W = (
         np.einsum("tlij,tlj->tli", np.broadcast_to(R, R_RB.shape), x)
@@ -288,8 +289,8 @@ def _has_root(
         )
     if layout is not None and with_root != (layout == "holosoma-npz"):
         raise MotionError(
-            f"{path}: joint_pos has {columns} columns, which is not as {layout} has it; "
-            "leave --layout away"
+            f"{path}: joint_pos has {columns} columns, which is not as {layout} has "
+            "it; leave --layout away"
         )
     return with_root
 

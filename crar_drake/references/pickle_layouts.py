@@ -82,7 +82,8 @@ def read_pickle(
             keys = ", ".join(str(key)[:30] for key in list(held)[:6])
             raise MotionError(
                 f"{path}: it is no motion: GMR's has {', '.join(_GMR.values())}, "
-                f"motion_lib's has clips with {', '.join(_LIB.values())}; this has {keys}"
+                f"motion_lib's has clips with {', '.join(_LIB.values())}; this has "
+                f"{keys}"
             )
     if layout is not None and layout != found:
         raise MotionError(f"{path}: its keys are those of {found}, not of {layout}")
@@ -194,16 +195,14 @@ def _rate(where: str, held: dict, guesses: list[str]) -> float:
     return float(array.reshape(()))
 
 
-def _numbers(
-    where: str, key: str, value: object, dimensions: int, columns: int | None
-) -> np.ndarray:
+def _numbers(where: str, key: str, value: object, columns: int | None) -> np.ndarray:
     try:
         array = np.asarray(value)
     except ValueError:
         array = np.empty(0, dtype=object)
-    if array.ndim == dimensions + 1 and array.shape[-1] == 1:
+    if array.ndim == 3 and array.shape[-1] == 1:
         array = array[..., 0]  # some tools keep an axis for a joint's angles
-    right = array.dtype.kind in "fiu" and array.ndim == dimensions
+    right = array.dtype.kind in "fiu" and array.ndim == 2
     if not right or (columns is not None and array.shape[1] != columns):
         wanted = "columns" if columns is None else f"{columns} columns"
         raise MotionError(
@@ -246,7 +245,8 @@ def _computed(path, motion: RobotMotion, layout: str, robot, precision: str) -> 
         if robot is None:
             return {"local_body_pos": None, "link_body_list": None}
         links = robot.links_of(motion.joint_names)
-        p_RB, _ = robot.poses_in_root(motion.joint_positions, links)
+        columns = robot.columns_in(motion.joint_names)
+        p_RB, _ = robot.poses_in_root(motion.joint_positions[:, columns], links)
         return {"local_body_pos": p_RB.astype("float32"), "link_body_list": list(links)}
     if robot is None:
         raise MotionError(

@@ -2,9 +2,9 @@
 
 Continuity does not tell: whatever the order, the angle from one sample to the next is
 the same. What tells is that robots are mostly upright. Read in the wrong order, a root
-that is upright and looks along +x (0 0 0 1, or 1 0 0 0) is either upside down, or it is
-upright as well but looks along -x; then that motions tend to start along +x is the only,
-weak evidence.
+that is upright and looks along +x is either upside down (1 0 0 0), or it is upright as well
+but looks along -x (0 0 0 1). There that motions tend to start along +x is the only
+evidence, a weak one.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def guess_quaternion_order(quaternions: np.ndarray) -> tuple[str, str]:
     if heading[order] > np.pi / 4.0 or heading[other] < 3.0 * np.pi / 4.0:
         return "", evidence
     return order, (
-        f"NOT sure: {evidence}; as {order} it looks along +x at first, as {other} along "
-        "-x (say --layout if that is wrong)"
+        f"NOT sure: {evidence}; as {order} it looks along +x at first, as {other} "
+        "along -x (say --layout if that is wrong)"
     )
 
 

@@ -50,8 +50,8 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
             order = min(errors, key=errors.get)
             if errors[order] > _SAME_LINK:
                 raise MotionError(
-                    f"{motion.source}: its links are up to {1e3 * errors[order]:.0f} mm "
-                    f"from where those of {robot.description.name} are at such joint "
+                    f"{motion.source}: its links are up to "
+                    f"{1e3 * errors[order]:.0f} mm from where those of {robot.description.name} are at such joint "
                     "positions: it is of another robot"
                 )
             other = next(name for name in orders if name != order)
@@ -120,11 +120,12 @@ def _links_off(
     if p_WB.ndim != 3 or p_WB.shape[1] != len(links) or len(p_WB) != motion.num_frames:
         return None
     rows = np.unique(np.linspace(0, motion.num_frames - 1, _FRAMES).astype(int))
-    order = [motion.joint_names.index(name) for name in robot.joint_names]
-    known = [i for i, name in enumerate(links) if robot.has_link(name)]
+    known = [
+        i for i, name in enumerate(links) if name != "world" and robot.has_link(name)
+    ]
     if len(known) < 2:
         return None
-    q = motion.joint_positions[rows][:, order]
+    q = motion.joint_positions[rows][:, robot.columns_in(motion.joint_names)]
     p_RB, _ = robot.poses_in_root(q, tuple(links[i] for i in known))
     R_WR = motion.root_rotations[rows].as_matrix()
     expected = motion.root_positions[rows, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)

@@ -35,8 +35,8 @@ class RobotMotion:
         joint_names: (n,) names in the order of `joint_positions`; () where the layout
             has none.
         root_positions: (T, 3) p_WR [m].
-        root_quaternions: (T, 4) of R_WR, order w x y z, of length 1 as well as the file's
-            digits say; `root_rotations` has them exactly so.
+        root_quaternions: (T, 4) of R_WR, order w x y z, of length 1 as far as the
+            file's digits go; `root_rotations` has them exactly so.
         joint_positions: (T, n) [rad; m of a prismatic joint].
         rate: samples per second [Hz].
         layout: name of the layout that it was read from, or "".

@@ -123,13 +123,18 @@ def add_jobs(parser: Parser) -> None:
     )
 
 
-def add_robot(parser: Parser) -> None:
-    """Adds --robot, of a saved log."""
+def add_robot(parser: Parser, also: str = "") -> None:
+    """Adds --robot, of a saved log.
+
+    Args:
+        parser: of the command.
+        also: what else it is of, for the help's end.
+    """
     parser.add_argument(
         "--robot",
         metavar="ROBOT",
         help="name or folder of the log's robot, if it is not where it was when "
-        "the log was made",
+        f"the log was made{also}",
     )
 
 

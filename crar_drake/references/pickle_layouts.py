@@ -145,10 +145,9 @@ def _motion(
     keys, guesses = _KEYS[layout], []
     if rate is None:
         rate = _rate(where, held, guesses)
+    columns = {"position": 3, "rotation": 4}
     arrays = {
-        what: _numbers(
-            where, key, held[key], 2, {"position": 3, "rotation": 4}.get(what)
-        )
+        what: _numbers(where, key, held[key], columns.get(what))
         for what, key in keys.items()
     }
     lengths = {key: len(arrays[what]) for what, key in keys.items()}

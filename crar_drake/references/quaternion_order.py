@@ -2,8 +2,8 @@
 
 Continuity does not tell: whatever the order, the angle from one sample to the next is
 the same. What tells is that robots are mostly upright. Read in the wrong order, a root
-that is upright and looks along +x is either upside down (1 0 0 0), or it is upright as well
-but looks along -x (0 0 0 1). There that motions tend to start along +x is the only
+that is upright and looks along +x is either upside down (1 0 0 0), or it is upright as
+well but looks along -x (0 0 0 1). There that motions tend to start along +x is the only
 evidence, a weak one.
 """
 

@@ -51,8 +51,8 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
             if errors[order] > _SAME_LINK:
                 raise MotionError(
                     f"{motion.source}: its links are up to "
-                    f"{1e3 * errors[order]:.0f} mm from where those of {robot.description.name} are at such joint "
-                    "positions: it is of another robot"
+                    f"{1e3 * errors[order]:.0f} mm from where those of "
+                    f"{robot.description.name} are: it is of another robot"
                 )
             other = next(name for name in orders if name != order)
             how = (

@@ -61,8 +61,11 @@ def read_npz(
 ) -> tuple[RobotMotion]:
     """Reads an NPZ file; `layout` None tells the kinds apart.
 
+    Where the file does not tell the two kinds without names apart, `layout` of the
+    motion is "", and its robot has to (`robot_match`).
+
     Raises:
-        MotionError: the file is damaged, or nothing tells which kind it is.
+        MotionError: the file is damaged.
     """
     arrays = _load(path)
     if "joint_pos" not in arrays:
@@ -305,7 +308,6 @@ def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
         return "mjlab-npz", f"joints are depth first, as MuJoCo's: {evidence}"
     if share < _BREADTH_FIRST_SHARE:
         return "beyondmimic-npz", f"joints are breadth first, as Isaac's: {evidence}"
-    raise MotionError(
-        f"{path}: whether joints are depth first or breadth first cannot be guessed "
-        f"({evidence}); say it with --layout mjlab-npz or beyondmimic-npz"
+    return "", (
+        f"whether joints are depth first or breadth first cannot be guessed ({evidence})"
     )

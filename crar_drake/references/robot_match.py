@@ -15,6 +15,13 @@ from crar_drake.references.whole_body import WholeBody
 # versions. Beyond, it is another robot, or joints in another order [m].
 _SAME_LINK = 0.03
 
+# Layouts that differ by the order of the joints alone: depth first, breadth first; of a
+# file that does not tell which, there is "".
+_TOLD_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", "")
+
+# What a reader says of the order, which counts no more beside what a robot tells.
+_ORDER_GUESSES = ("joints are ", "whether joints are ")
+
 # Frames that are compared.
 _FRAMES = 8
 
@@ -37,6 +44,7 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
         raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     layout = LAYOUTS.get(motion.layout)
     orders = {"depth first": robot.joint_names, "breadth first": robot.breadth_first}
+    settled = robot.joint_names == robot.breadth_first
     order = "breadth first" if layout and layout.breadth_first else "depth first"
     how = f"joints have no names: {robot.n} as {robot.description.name}, {order}"
     if "body_pos_w" in motion.computed and robot.joint_names != robot.breadth_first:
@@ -60,12 +68,15 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
                 f"says to {1e3 * errors[order]:.1f} mm ({other}: "
                 f"{1e3 * errors[other]:.0f} mm)"
             )
-    guesses = tuple(g for g in motion.guesses if not g.startswith("joints are "))
+            settled = True
+    if not motion.layout and not settled:
+        raise motion.untold_order()
+    guesses = tuple(
+        guess for guess in motion.guesses if not guess.startswith(_ORDER_GUESSES)
+    )
     named = replace(motion, joint_names=orders[order], guesses=(*guesses, how))
-    if order == "breadth first" and motion.layout == "mjlab-npz":
-        named = replace(named, layout="beyondmimic-npz")
-    elif order == "depth first" and motion.layout == "beyondmimic-npz":
-        named = replace(named, layout="mjlab-npz")
+    if motion.layout in _TOLD_BY_LINKS:
+        named = replace(named, layout=_TOLD_BY_LINKS[order == "breadth first"])
     named = named.as_read() if motion.is_as_read else named
     return reordered(named, robot.joint_names)
 

@@ -137,6 +137,13 @@ class RobotMotion:
         """The same motion, which `is_as_read` from here on."""
         return replace(self, fingerprint=_fingerprint(self))
 
+    def untold_order(self) -> MotionError:
+        """What to say of a motion whose file does not tell the order of its joints."""
+        return self._error(
+            f"{self.guesses[-1]}; say it with --layout mjlab-npz or beyondmimic-npz, or "
+            "which robot it is with --robot"
+        )
+
     def _error(self, text: str) -> MotionError:
         return MotionError(f"{self.source}: {text}" if self.source else text)
 
@@ -196,6 +203,9 @@ def read_motions(
 
     motions = read_file(path, layout, rate, joint_names)
     if robot is None:
+        for motion in motions:
+            if not motion.layout:
+                raise motion.untold_order()
         return motions
     from crar_drake.references.robot_match import matched
 

@@ -187,8 +187,10 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         yield "  meshes: not judged"
         return
     penetrating = _of(len(verdict.penetrating_frames), len(verdict.mesh_frames))
-    text = f"  meshes: {penetrating} in penetration, {meshes.num_pairs} pairs more "
-        "than one joint apart"
+    text = (
+        f"  meshes: {penetrating} in penetration, {meshes.num_pairs} pairs more than "
+        "one joint apart"
+    )
     if meshes.nearest.pair is not None and not verdict.mesh_pairs:
         text += f", smallest distance {1e3 * meshes.nearest.distance:.1f} mm" + _pair(
             meshes.nearest.pair

@@ -309,5 +309,6 @@ def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
     if share < _BREADTH_FIRST_SHARE:
         return "beyondmimic-npz", f"joints are breadth first, as Isaac's: {evidence}"
     return "", (
-        f"whether joints are depth first or breadth first cannot be guessed ({evidence})"
+        "whether joints are depth first or breadth first cannot be guessed "
+        f"({evidence})"
     )

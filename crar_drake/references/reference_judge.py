@@ -95,7 +95,7 @@ class ReferenceVerdict:
     """What is to be said of a motion with T frames.
 
     Attributes:
-        motion: that was judged.
+        motion: that was judged, without what the file had besides.
         capsules: pairs of capsules that penetrate, the deepest first; None where the
             robot's shapes are no capsules.
         capsule_distances: (T,) the smallest; NaN beyond 5 cm [m].
@@ -227,7 +227,8 @@ class ReferenceJudge:
         peak = int(np.abs(jerks).max(axis=0).argmax()) if jerks.size else 0
         ground = self._outline.ground_contact(motion)
         verdict = ReferenceVerdict(
-            motion=motion,
+            # Of thousands of files the poses of all links would fill the memory.
+            motion=replace(motion, extras={}, computed={}),
             capsules=capsules,
             capsule_distances=distances,
             mesh_frames=mesh_frames,

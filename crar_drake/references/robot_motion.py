@@ -140,8 +140,8 @@ class RobotMotion:
     def untold_order(self) -> MotionError:
         """What to say of a motion whose file does not tell the order of its joints."""
         return self._error(
-            f"{self.guesses[-1]}; say it with --layout mjlab-npz or beyondmimic-npz, or "
-            "which robot it is with --robot"
+            f"{self.guesses[-1]}; say it with --layout mjlab-npz or beyondmimic-npz, "
+            "or which robot it is with --robot"
         )
 
     def _error(self, text: str) -> MotionError:

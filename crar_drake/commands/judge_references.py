@@ -83,6 +83,12 @@ def run_references(arguments: argparse.Namespace) -> int:
     from crar_drake.references.verdict_report import verdict_lines
 
     if not arguments.robot:
+        folders = [path for path in arguments.what if path.is_dir()]
+        if folders:
+            raise CrarError(
+                f"{folders[0]}: this is a folder; name log.npz, or if reference "
+                "motions are in it, say which robot they are of with --robot"
+            )
         raise CrarError(
             "say which robot the motions are of: --robot ROBOT (imported once by "
             "crar-drake import-robot FILE --whole-body --out ROBOT)"

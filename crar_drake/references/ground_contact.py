@@ -38,7 +38,7 @@ _FLOOR_SHARE = 0.1
 _SHORTEST = 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FootSlip:
     """What a foot does on the floor.
 
@@ -62,7 +62,7 @@ class FootSlip:
     top_speed: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GroundContact:
     """A motion against the ground.
 

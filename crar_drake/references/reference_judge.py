@@ -90,7 +90,7 @@ class Beyond:
     frame: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReferenceVerdict:
     """What is to be said of a motion with T frames.
 

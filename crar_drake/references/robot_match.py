@@ -36,6 +36,8 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
     Raises:
         MotionError: it is a motion of another robot; the message says what is expected.
     """
+    if set(robot.joint_names) < set(motion.joint_names):
+        raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     if motion.joint_names:
         ordered = reordered(motion, robot.joint_names)
         _check_links(ordered, robot)

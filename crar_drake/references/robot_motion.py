@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _LENGTH_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotMotion:
     """Samples of a robot's configuration, evenly spaced in time.
 
@@ -229,8 +229,8 @@ def write_motion(
             (poses of bodies), unless the motion is as it was read.
 
     Raises:
-        MotionError: the layout needs joint names or a robot and has none.
-        ModelError: the robot has other joints.
+        MotionError: the layout needs a robot and there is none, or the robot has
+            other joints.
         WriteError: the file cannot be written.
     """
     write_motions(path, (motion,), layout, robot)

@@ -106,7 +106,7 @@ def judge_files(
     done: dict[str, JudgedFile] = {}
     jobs = jobs or os.cpu_count() or 1
     with FreshProcesses(jobs) as pool:
-        size = max(1, min(_MOST_FILES, -(-len(files) // (2 * jobs))))
+        size = min(_MOST_FILES, -(-len(files) // jobs))
         batches = [list(files[i : i + size]) for i in range(0, len(files), size)]
         while batches:
             running = {pool.submit(judge_here, b, options): b for b in batches}

@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments; by default those of the process.
 
     Returns:
-        0; 1 if `judge` finds that a log's certificate is not true; 2 if something the
+        0; 1 if `judge` finds something violated or untrue; 2 if something the
         user gave is wrong, which is then on stderr; 130 if interrupted.
     """
     # Nothing here opens a window. A backend that is not there would fail importing.

@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.references.plain_pickle import LARGEST
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import UNTOLD_ORDER, RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
 USUAL_RATE = 50.0  # [Hz]
@@ -62,7 +62,7 @@ def read_npz(
     """Reads an NPZ file; `layout` None tells the kinds apart.
 
     Where the file does not tell the two kinds without names apart, `layout` of the
-    motion is "", and its robot has to (`robot_match`).
+    motion is `UNTOLD_ORDER`, and its robot has to (`robot_match`).
 
     Raises:
         MotionError: the file is damaged.
@@ -308,7 +308,7 @@ def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
         return "mjlab-npz", f"joints are depth first, as MuJoCo's: {evidence}"
     if share < _BREADTH_FIRST_SHARE:
         return "beyondmimic-npz", f"joints are breadth first, as Isaac's: {evidence}"
-    return "", (
+    return UNTOLD_ORDER, (
         "whether joints are depth first or breadth first cannot be guessed "
         f"({evidence})"
     )

@@ -8,16 +8,16 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layouts import LAYOUTS, reordered
-from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.robot_motion import UNTOLD_ORDER, RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
 # Links may be off by this where a motion says where they are: models of one robot have
 # versions. Beyond, it is another robot, or joints in another order [m].
 _SAME_LINK = 0.03
 
-# Layouts that differ by the order of the joints alone: depth first, breadth first; of a
-# file that does not tell which, there is "".
-_TOLD_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", "")
+# Layouts that differ by the order of the joints alone: depth first, breadth first, and
+# one of these.
+_TOLD_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", UNTOLD_ORDER)
 
 # What a reader says of the order, which counts no more beside what a robot tells.
 _ORDER_GUESSES = ("joints are ", "whether joints are ")
@@ -71,7 +71,7 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
                 f"{1e3 * errors[other]:.0f} mm)"
             )
             settled = True
-    if not motion.layout and not settled:
+    if motion.layout == UNTOLD_ORDER and not settled:
         raise motion.untold_order()
     guesses = tuple(
         guess for guess in motion.guesses if not guess.startswith(_ORDER_GUESSES)

@@ -21,6 +21,10 @@ from crar_drake.errors import MotionError
 if TYPE_CHECKING:
     from crar_drake.references.whole_body import WholeBody
 
+# The layout of a file that does not tell whether its joints are depth first or breadth
+# first, until its robot does.
+UNTOLD_ORDER = "npz"
+
 # A quaternion whose length differs by more from 1 is no rotation.
 _LENGTH_TOLERANCE = 1e-3
 
@@ -204,7 +208,7 @@ def read_motions(
     motions = read_file(path, layout, rate, joint_names)
     if robot is None:
         for motion in motions:
-            if not motion.layout:
+            if motion.layout == UNTOLD_ORDER:
                 raise motion.untold_order()
         return motions
     from crar_drake.references.robot_match import matched

@@ -19,6 +19,8 @@ from small_biped import (
 )
 
 from crar_drake.commands import main
+from crar_drake.references import judged_files
+from crar_drake.references.judged_files import judge_here
 from crar_drake.references.reference_judge import ReferenceJudge, Tolerances
 from crar_drake.references.robot_motion import RobotMotion, write_motion
 from crar_drake.robot.description import load_robot_description
@@ -230,7 +232,7 @@ def test_one_file_and_its_exit_code(files: Path, tmp_path: Path, capsys):
     assert "no such file" in capsys.readouterr().err
 
 
-def test_a_folder_with_a_bad_file(files: Path, tmp_path: Path, capsys):
+def test_a_folder_with_a_bad_file(files: Path, tmp_path: Path, capsys, monkeypatch):
     out = tmp_path / "out"
     given = ["judge", str(files), "--robot", str(tmp_path / "biped"), "--jobs", "1"]
     assert main([*given, "--out", str(out)]) == 1
@@ -245,5 +247,11 @@ def test_a_folder_with_a_bad_file(files: Path, tmp_path: Path, capsys):
     )
     assert [Path(u["file"]).name for u in data["unusable"]] == ["cut.npz"]
     assert (out / "bad.pkl.png").stat().st_size > 10_000
+    # Nothing is violated, but a file cannot be used; without another process.
     (files / "bad.pkl").unlink()
-    assert main(given) == 2  # nothing is violated, but a file cannot be used
+    monkeypatch.setattr(
+        judged_files,
+        "judge_files",
+        lambda files, options, *_: judge_here(files, options),
+    )
+    assert main(given) == 2

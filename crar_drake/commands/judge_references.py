@@ -54,7 +54,13 @@ def add_reference_judge_options(parser: Parser) -> None:
 
 def is_reference_or_folder(path: Path) -> bool:
     """Whether a path is no log: a folder, or a motion by suffix and keys."""
-    if path.is_dir() or path.suffix.lower() in (".csv", ".pkl", ".pickle", ".joblib"):
+    if path.is_dir() or path.suffix.lower() in (
+        ".csv",
+        ".pkl",
+        ".pickle",
+        ".joblib",
+        ".p",
+    ):
         return True
     if path.suffix.lower() != ".npz" or not path.is_file():
         return False

@@ -19,7 +19,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.studies.fresh_processes import FreshProcesses
 
 # What in a folder is taken for a motion.
-_SUFFIXES = (".csv", ".npz", ".pkl", ".pickle", ".joblib")
+_SUFFIXES = (".csv", ".npz", ".pkl", ".pickle", ".joblib", ".p")
 
 # To read a robot's meshes takes as long as to judge a short motion, so that a process
 # judges several files; not too many, for the last ones to end together.

@@ -56,7 +56,7 @@ LAYOUTS = {
 _READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
 
 # Also seen.
-_SUFFIXES = {".pickle": ".pkl", ".joblib": ".pkl", ".p": ".pkl", ".txt": ".csv"}
+_SUFFIXES = {".pickle": ".pkl", ".joblib": ".pkl", ".p": ".pkl"}
 
 
 def is_reference(path: str | os.PathLike[str]) -> bool:

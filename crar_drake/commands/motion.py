@@ -11,6 +11,7 @@ from crar_drake.commands.options import (
     add_command,
     add_file_options,
     add_frame_rate,
+    add_reference_options,
     add_skeleton,
 )
 from crar_drake.commands.output import OUT, motion_label
@@ -22,12 +23,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "motion",
         run,
-        "Print what is in a motion and what looks bad, and plot it.",
+        "Print what is in a motion and what looks bad, and plot it. It may also be a "
+        "motion of a whole robot (.csv, .npz, .pkl).",
     )
     parser.add_argument("motion", metavar="MOTION", help=MOTION_HELP)
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
+    add_reference_options(parser)
     parser.add_argument(
         "--plot",
         type=Path,
@@ -47,6 +50,9 @@ def run(arguments: argparse.Namespace) -> None:
     plot = arguments.plot or OUT / f"{motion_label(arguments.motion)}.png"
     if arguments.plot is not None:
         check_picture(plot)
+    if arguments.robot or arguments.layout or _is_reference(arguments.motion):
+        _describe_reference(arguments, plot)
+        return
     given = {name: getattr(arguments, name) for name in FILE_OPTIONS}
     performer = load_performer(
         arguments.motion,
@@ -58,4 +64,40 @@ def run(arguments: argparse.Namespace) -> None:
     if report.obstacle and arguments.plot is None:
         return
     plot_motion(performer, plot)
+    print(plot)
+
+
+def _is_reference(motion: str) -> bool:
+    """A CSV or NPZ file may also hold the points of a person."""
+    from crar_drake.references.layouts import holds_reference
+
+    return holds_reference(motion)
+
+
+def _describe_reference(arguments: argparse.Namespace, plot: Path) -> None:
+    """What is in a motion of a whole robot; a file may hold several."""
+    from crar_drake.commands.convert import reference_robot
+    from crar_drake.errors import MotionError
+    from crar_drake.references.motion_report import describe_motion, plot_robot_motion
+    from crar_drake.references.robot_motion import read_motions
+
+    for option in set(FILE_OPTIONS) - {"frame_rate"}:
+        if getattr(arguments, option):
+            raise MotionError(
+                f"{arguments.motion}: --{option} is for motions of people, not of a "
+                "robot"
+            )
+    robot = reference_robot(arguments)
+    motions = read_motions(
+        arguments.motion,
+        layout=arguments.layout,
+        rate=arguments.frame_rate,
+        robot=robot,
+    )
+    for motion in motions:
+        for line in describe_motion(motion, robot):
+            print(line)
+    if len(motions) > 1:
+        print(f"{len(motions)} motions, of which the first is drawn")
+    plot_robot_motion(motions[0], plot)
     print(plot)

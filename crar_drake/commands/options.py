@@ -129,6 +129,20 @@ def add_file_options(parser: Parser) -> None:
 FILE_OPTIONS = ("skeleton", "frame_rate", "unit", "up", "facing", "joints")
 
 
+def add_reference_options(parser: Parser) -> None:
+    """Adds --robot and --layout, of a motion of a whole robot."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="name or folder of the robot that a reference motion is of",
+    )
+    parser.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="layout of a reference motion (default: what the file looks like)",
+    )
+
+
 def add_jobs(parser: Parser) -> None:
     """Adds --jobs, of what simulates much."""
     parser.add_argument(
@@ -136,13 +150,18 @@ def add_jobs(parser: Parser) -> None:
     )
 
 
-def add_robot(parser: Parser) -> None:
-    """Adds --robot, of a saved log."""
+def add_robot(parser: Parser, also: str = "") -> None:
+    """Adds --robot, of a saved log.
+
+    Args:
+        parser: of the command.
+        also: what else it is of, for the help's end.
+    """
     parser.add_argument(
         "--robot",
         metavar="ROBOT",
         help="name or folder of the log's robot, if it is not where it was when "
-        "the log was made",
+        f"the log was made{also}",
     )
 
 

@@ -41,6 +41,7 @@ from crar_drake.robot.description import (
     find_joint,
 )
 from crar_drake.robot.kinematics import JointTree
+from crar_drake.robot.speed_limits import speed_limits
 from crar_drake.robot.task import Task
 
 _NOTHING_ASKED = np.zeros((0, 7))
@@ -507,7 +508,7 @@ class ControlModel:
                 actuator.input_start(), actuator.input_start() + actuator.num_inputs()
             )
             self.actuator_limits[inputs] = actuator.effort_limit()
-        self.velocity_limits = self._speed_limits()
+        self.velocity_limits = speed_limits(plant, self.description)
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:
             for index in plant.GetJointIndices():
@@ -517,29 +518,6 @@ class ControlModel:
                     plant.time_step() * joint.default_damping_vector()
                 )
         self._is_damped = bool(self._implicit_damping.any())
-
-    def _speed_limits(self) -> np.ndarray:
-        plant, description = self.plant, self.description
-        limits = np.minimum(
-            np.abs(plant.GetVelocityLowerLimits()),
-            np.abs(plant.GetVelocityUpperLimits()),
-        )
-        limits[limits == 0.0] = np.inf  # what many exporters write for "unknown"
-        for name, limit in description.velocity_limits.items():
-            try:
-                joint = find_joint(plant, name)
-            except ModelError as error:
-                raise ModelError(
-                    f"robot {description.name}: velocity_limits: {error}"
-                ) from error
-            if not joint.num_velocities():
-                raise ModelError(
-                    f"robot {description.name}: velocity_limits: {name!r} is fixed; "
-                    "leave it out"
-                )
-            start = joint.velocity_start()
-            limits[start : start + joint.num_velocities()] = limit
-        return limits
 
     def _check_described_joints(self) -> None:
         """Welds have no position to prescribe or to rest in, others not just one."""

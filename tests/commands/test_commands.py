@@ -692,6 +692,7 @@ COMMANDS = {
     "fetch": ["05_02"],
     "import-robot": ["g1"],
     "judge": ["log.npz"],
+    "convert": ["a.csv", "b.csv"],
     "playback": ["log.npz"],
     "serve": [],
 }

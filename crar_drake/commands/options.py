@@ -121,7 +121,7 @@ def add_file_options(parser: Parser) -> None:
     parser.add_argument(
         "--joints",
         metavar="FILE",
-        help="YAML file that says which of the motion's joints are meant, where the "
+        help="a YAML file that says which of the motion's joints are meant, where the "
         "match is wrong",
     )
 

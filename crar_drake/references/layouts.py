@@ -67,8 +67,8 @@ def is_reference(path: str | os.PathLike[str]) -> bool:
 
 
 def holds_reference(path: str | os.PathLike[str]) -> bool:
-    """Whether a file has the suffix of a robot motion, and does not hold the points of a
-    person instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
+    """Whether a file has the suffix of a robot motion, and does not hold a person's
+    points instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
 
     A file that cannot be read is none; whoever reads it says why.
     """

@@ -692,6 +692,7 @@ COMMANDS = {
     "fetch": ["05_02"],
     "import-robot": ["g1"],
     "judge": ["log.npz"],
+    "clean": ["dance.csv", "--robot", "g1"],
     "playback": ["log.npz"],
 }
 

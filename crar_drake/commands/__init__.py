@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from crar_drake import __version__
 from crar_drake.commands import (
+    clean,
     convert,
     fetch,
     import_robot,
@@ -40,6 +41,7 @@ COMMANDS = (
     fetch,
     import_robot,
     judge,
+    clean,
     convert,
     playback,
     serve,

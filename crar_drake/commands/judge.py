@@ -82,6 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: see `run_log` and `judge_references.run_references`.
     """
+    if arguments.certificate:
+        from crar_drake.commands.judge_certificate import judge_certificates
+
+        return judge_certificates(arguments)
     if any(is_reference_or_folder(path) for path in arguments.what):
         return run_references(arguments)
     if len(arguments.what) > 1:

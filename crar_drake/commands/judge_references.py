@@ -30,6 +30,11 @@ def add_reference_judge_options(parser: Parser) -> None:
         help="of the files (default: what each looks like)",
     )
     group.add_argument(
+        "--certificate",
+        action="store_true",
+        help="check the certificates that crar-drake clean has written beside them",
+    )
+    group.add_argument(
         "--out",
         type=Path,
         metavar="DIR",

@@ -24,8 +24,14 @@ from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
-from crar_drake.equations.tasks import task_error, unpack_tasks
+from crar_drake.equations.references import (
+    Answer,
+    BlendStart,
+    TaskGains,
+    Wanted,
+    find_error,
+)
+from crar_drake.equations.tasks import unpack_tasks
 from crar_drake.equations.torque_limit import (
     clip_torque,
     limit_torque,
@@ -379,7 +385,8 @@ class ControlLaw:
         if start is None:
             state = model.state_here(measured)
             start_time = time
-            start = BlendStart(state.R, state.p, q[model.prescribed])
+            joints = state.q[model.layout.rows.joints]
+            start = BlendStart(state.R, state.p, q[model.prescribed], joints)
         blend = smooth_step(time - start_time, self._blend_time)
         tasks, governed = targets.tasks, None
         if self._target_bounds is not None:
@@ -469,7 +476,8 @@ class ControlLaw:
         before = memory.governed
         if before is None or tick != memory.tick + 1:
             state = self.model.state_here(measured)
-            pose = self.model.layout.pack(state.R, state.p)
+            joints = state.q[self.model.layout.rows.joints]
+            pose = self.model.layout.pack(state.R, state.p, q=joints)
             before = start_governor(pose, state.J @ state.v, rows, bounds, self._period)
         return govern_tasks(
             np.ascontiguousarray(tasks), before, rows, bounds, self._period
@@ -479,7 +487,7 @@ class ControlLaw:
         """Eq. (11) against any targets, (m,)."""
         rows = self.model.layout.rows
         state, desired = self.model.state_here(measured), unpack_tasks(tasks, rows)
-        return task_error(rows, state.R, state.p, desired.R, desired.p)
+        return find_error(state.q, state.R, state.p, desired, rows)
 
     @property
     def brakes_without_targets(self) -> bool:

@@ -173,6 +173,11 @@ def load_motion_targets(
 def _check_tasks(model: ControlModel) -> None:
     """Raises ScenarioError unless a motion gives what each task tracks."""
     for task, name in zip(model.tasks, model.layout.names, strict=True):
+        if task.kind == "joint":
+            raise ScenarioError(
+                f"task {name}: a motion gives points of a person, no joint positions; "
+                "leave the joint out, or use keyframes"
+            )
         if task.frame in HANDS:
             if task.frame not in model.description.task_frames:
                 raise ScenarioError(

@@ -693,6 +693,7 @@ COMMANDS = {
     "import-robot": ["g1"],
     "judge": ["log.npz"],
     "convert": ["a.csv", "b.csv"],
+    "clean": ["dance.csv", "--robot", "g1"],
     "playback": ["log.npz"],
     "serve": [],
 }

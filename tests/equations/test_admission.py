@@ -682,6 +682,7 @@ class Run:
                     v[order],
                     d,
                     none,
+                    np.eye(n),
                     shapes.robot,
                     numbers,
                 )

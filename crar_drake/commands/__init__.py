@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from crar_drake import __version__
 from crar_drake.commands import (
+    compare,
     fetch,
     import_robot,
     judge,
@@ -39,6 +40,7 @@ COMMANDS = (
     import_robot,
     judge,
     playback,
+    compare,
 )
 
 

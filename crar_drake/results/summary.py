@@ -177,11 +177,10 @@ class Summary:
     @property
     def title(self) -> str:
         """What was run, in two lines."""
-        # The file is enough of a path.
-        motion = Path(self.motion).stem if self.motion else "keyframes"
+        motion = motion_name(self.motion)
         tracked = self.experiment or "its own tasks"
         return (
-            f"{_short(self.robot)} following {motion}: {tracked}\n"
+            f"{robot_name(self.robot)} following {motion}: {tracked}\n"
             f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
         )
 
@@ -250,7 +249,12 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
     )
 
 
-def _short(robot: str) -> str:
+def motion_name(motion: str) -> str:
+    """A motion's name; of a path the file's is enough. "keyframes" if it has none."""
+    return Path(motion).stem if motion else "keyframes"
+
+
+def robot_name(robot: str) -> str:
     """A robot's name, or of its path the folder's."""
     path = Path(robot)
     return (path.parent if path.suffix in (".yaml", ".yml") else path).name or robot

@@ -153,7 +153,7 @@ def run_scenario(
         for name in (RECORDING, LOG, SUMMARY, PLOT):
             check_file(out / name)
         # Whatever is wrong with what they need shows before the simulation.
-        import crar_drake.results.plots  # noqa: F401
+        import crar_drake.results.plots
 
         if record:
             import crar_drake.results.playback  # noqa: F401
@@ -295,6 +295,7 @@ def make_log(
         lower=lower,
         upper=upper,
         velocity_limits=controller.law.speed_limits,
+        effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=_logged(scenario).to_yaml(),
     )
 

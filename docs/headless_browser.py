@@ -220,7 +220,9 @@ class HeadlessBrowser:
             self.complaints.append(text)
         elif method == "Runtime.consoleAPICalled":
             if said["type"] in ("warning", "error", "assert"):
-                values = [str(a.get("value", a.get("description"))) for a in said["args"]]
+                values = [
+                    str(a.get("value", a.get("description"))) for a in said["args"]
+                ]
                 self.complaints.append(" ".join(values))
         elif method == "Log.entryAdded":
             if said["entry"]["level"] in ("warning", "error"):

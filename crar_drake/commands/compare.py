@@ -72,7 +72,8 @@ def run(arguments: argparse.Namespace) -> None:
     for model in compare_logs(
         logs,
         out,
-        labels=labels or distinct_labels(logs, [p.absolute().parent.name for p in paths]),
+        labels=labels
+        or distinct_labels(logs, [p.absolute().parent.name for p in paths]),
         overlay=arguments.overlay,
         robot=arguments.robot or "",
     ):

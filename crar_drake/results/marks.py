@@ -21,6 +21,10 @@ JOINT = "#33658a"  # steel blue: joint angles, torque and power
 NEARNESS = ("#f7c948", "#f0803c", "#e02b20")
 NEARNESS_STEPS = (3.0, 1.0, 0.25)  # of the warning distance
 
+# The lines of single pairs that came near, the nearest first, and of single targets.
+NEAR_PAIRS = ("#e02b20", "#f0803c", "#c99700", "#8c4a2f")
+TARGETS = ("#4c1d95", "#8c45ff", "#b794f6", "#7a6f9b")
+
 # Spans of time in which the controller does not track as wished.
 SPANS = {"blending": "#2a9d8f", "braking": "#5b6ee1", "torque limited": "#a8763e"}
 

@@ -306,9 +306,9 @@ def _figures(summary: Summary) -> list[dict]:
     share = 100.0 * summary.violated_samples / summary.samples
     if summary.violated_samples:
         few = "< 0.1" if share < 0.05 else f"{share:.1f}"
-        tell("limits violated", f"{few} % of the time", True)
+        tell("violations", f"{few} % of the time", True)
     else:
-        tell("limits violated", "never")
+        tell("violations", "none")
     if summary.stopped:
         tell("stopped", summary.stopped, True)
     return figures

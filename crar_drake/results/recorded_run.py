@@ -17,7 +17,7 @@ from pydrake.geometry import (
     Role,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
@@ -169,9 +169,7 @@ class DrawnRobot:
         """
         self.plant.SetPositions(self._plant_context, q)
         poses, points = np.empty((len(self._moving), 7)), [self._fixed]
-        for i, (index, box) in enumerate(
-            zip(self._moving, self._boxes, strict=True)
-        ):
+        for i, (index, box) in enumerate(zip(self._moving, self._boxes, strict=True)):
             X_WB: RigidTransform = self.plant.EvalBodyPoseInWorld(
                 self._plant_context, self.plant.get_body(index)
             )

@@ -205,6 +205,7 @@ class ControlledJoints:
             an unlimited joint [rad].
         velocity_limits: (n,) largest speeds, infinite where there is none [rad/s].
         speed_excess: (T, n) how much faster than that, negative where slower [rad/s].
+        effort_limits: (n,) largest efforts, infinite where there is none [Nm].
     """
 
     names: tuple[str, ...]
@@ -217,6 +218,7 @@ class ControlledJoints:
     excess: np.ndarray
     velocity_limits: np.ndarray
     speed_excess: np.ndarray
+    effort_limits: np.ndarray
 
     @property
     def power(self) -> np.ndarray:
@@ -234,6 +236,10 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         log.actuation[:, log.actuator_names == name].sum(axis=1)
         for name in log.controlled_names
     ]
+    strongest = [
+        log.effort_limits[log.actuator_names == name].sum()
+        for name in log.controlled_names
+    ]
     v, fastest = log.v[:, columns], log.velocity_limits[columns]
     return ControlledJoints(
         names=tuple(log.controlled_names.tolist()),
@@ -246,6 +252,7 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         excess=np.maximum(q - upper, lower - q),
         velocity_limits=fastest,
         speed_excess=np.abs(v) - fastest,
+        effort_limits=np.array(strongest),
     )
 
 

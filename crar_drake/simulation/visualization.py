@@ -310,6 +310,8 @@ def set_surroundings(meshcat: Meshcat) -> None:
     meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.97])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.66, 0.72, 0.76])
     meshcat.SetProperty("/Axes", "visible", False)
+    # Else the dark side of a dark robot is black.
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
     # Meshcat's own grid is made of long lines, and browsers without a graphics card
     # drop a line that passes the camera: so one of short lines, a cell each.
     meshcat.SetProperty("/Grid", "visible", False)

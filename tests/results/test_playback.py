@@ -72,6 +72,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         lower=np.full(nv, -np.inf),
         upper=np.full(nv, np.inf),
         velocity_limits=np.full(nv, np.inf),
+        effort_limits=np.full(nv, np.inf),
         scenario=scenario.to_yaml(),
     )
 

@@ -9,11 +9,12 @@ The protocol: https://chromedevtools.github.io/devtools-protocol
 from __future__ import annotations
 
 import base64
+import fcntl
 import json
 import os
 import select
 import shutil
-import subprocess
+import signal
 import tempfile
 import time
 from pathlib import Path
@@ -61,16 +62,21 @@ class HeadlessBrowser:
             f"--user-data-dir={self._profile.name}",
             "about:blank",
         ]
-        # The browser reads from descriptor 3 and writes to 4.
-        shell = ["sh", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "sh"]
-        self._process = subprocess.Popen(
-            [*shell, *command],
-            pass_fds=(to_browser, from_browser),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+        # The browser reads from descriptor 3 and writes to 4. First out of the way,
+        # so that neither is overwritten by the other.
+        ours = [fcntl.fcntl(fd, fcntl.F_DUPFD, 10) for fd in (to_browser, from_browser)]
+        silent = (os.POSIX_SPAWN_OPEN, os.devnull, os.O_RDWR, 0)
+        self._process = os.posix_spawn(
+            browser,
+            command,
+            os.environ,
+            file_actions=[
+                *((kind, fd, *rest) for kind, *rest in [silent] for fd in (1, 2)),
+                *((os.POSIX_SPAWN_DUP2, fd, 3 + i) for i, fd in enumerate(ours)),
+            ],
         )
-        os.close(to_browser)
-        os.close(from_browser)
+        for descriptor in (to_browser, from_browser, *ours):
+            os.close(descriptor)
         self._session = ""
         try:
             targets = self.send("Target.getTargets")["targetInfos"]
@@ -94,11 +100,11 @@ class HeadlessBrowser:
         """Ends the browser."""
         for descriptor in (self._out, self._in):
             os.close(descriptor)
-        try:
-            self._process.wait(10.0)  # it goes when its pipe does
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        deadline = time.monotonic() + 10.0  # it goes when its pipe does
+        while os.waitpid(self._process, os.WNOHANG)[0] == 0:
+            if time.monotonic() > deadline:
+                os.kill(self._process, signal.SIGKILL)
+            time.sleep(0.02)
         self._profile.cleanup()
 
     def send(self, method: str, **parameters: object) -> dict:
@@ -133,6 +139,8 @@ class HeadlessBrowser:
     def open(self, page: Path, fragment: str = "") -> None:
         """Opens a file and waits until a recorded page has drawn its first frame."""
         address = page.resolve().as_uri() + fragment
+        # Else another fragment of the same file would not load it again.
+        self.send("Page.navigate", url="about:blank")
         self.send("Page.navigate", url=address)
         self.wait_for("document.readyState === 'complete' && window.crar")
         self.settle()

@@ -24,7 +24,7 @@ from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun, record_run
-from crar_drake.results.summary import Summary, motion_name, robot_name, summarize
+from crar_drake.results.summary import Summary, motion_name, robot_name
 from crar_drake.robot.description import RobotDescription
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visualization import (
@@ -175,8 +175,7 @@ def _write_page(
             )
             known.append(description)
         number = known.index(description)
-        summary = summarize(log, scenario=scenario)
-        run = record_run(log, robots[number], scenario, summary, frames_per_second)
+        run = record_run(log, robots[number], scenario, frames_per_second)
         recorded.append(run)
         colour = marks.RUNS[len(entries)]
         entries.append(

@@ -6,26 +6,28 @@ the targets and the points that should be there, and where watched pairs are nea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import (
+    GeometryId,
     HalfSpace,
     Meshcat,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Role,
+    SceneGraphInspector,
 )
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import CrarError
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import check_logged_robot
 from crar_drake.results.marks import NEARNESS_STEPS, marked_spans
-from crar_drake.results.summary import Summary, task_layout
+from crar_drake.results.summary import Summary, summarize, task_layout
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import RobotDescription, add_robot, find_body
 from crar_drake.simulation.scenario import Scenario
@@ -142,21 +144,22 @@ class DrawnRobot:
         )
         self._diagram.ForcedPublish(self._context)
 
-        moving, self.paths, corners = [], [], []
-        self._fixed = np.empty((0, 3))
-        for index in map(BodyIndex, range(self.plant.num_bodies())):
-            frame = self.plant.GetBodyFrameIdOrThrow(index)
+        self.paths: list[str] = []
+        self._moving: list[tuple[RigidBody, np.ndarray]] = []
+        fixed = [np.empty((0, 3))]
+        anchored = self.plant.GetBodiesWeldedTo(self.plant.world_body())
+        for body in map(self.plant.get_body, _body_indices(self.plant)):
+            frame = self.plant.GetBodyFrameIdOrThrow(body.index())
             shown = inspector.GetGeometries(frame, Role.kIllustration)
-            box = _corners(inspector, shown)
-            if frame == inspector.world_frame_id():
-                if len(box):
-                    self._fixed = box
+            if body in anchored:
+                X_WB = self.plant.EvalBodyPoseInWorld(self._plant_context, body)
+                corners = _corners(inspector, shown, _LARGEST_FIXED)
+                fixed.append(X_WB.multiply(corners.T).T)
             elif shown:
-                moving.append(index)
-                corners.append(box)
+                self._moving.append((body, _corners(inspector, shown, np.inf)))
                 name = inspector.GetName(frame).replace("::", "/")
                 self.paths.append(f"{prefix}/{name}")
-        self._moving, self._boxes = moving, corners
+        self._fixed = np.vstack(fixed)
 
     def pose_links(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the links are, and what of them could be outermost.
@@ -169,10 +172,8 @@ class DrawnRobot:
         """
         self.plant.SetPositions(self._plant_context, q)
         poses, points = np.empty((len(self._moving), 7)), [self._fixed]
-        for i, (index, box) in enumerate(zip(self._moving, self._boxes, strict=True)):
-            X_WB: RigidTransform = self.plant.EvalBodyPoseInWorld(
-                self._plant_context, self.plant.get_body(index)
-            )
+        for i, (body, box) in enumerate(self._moving):
+            X_WB = self.plant.EvalBodyPoseInWorld(self._plant_context, body)
             w, x, y, z = X_WB.rotation().ToQuaternion().wxyz()
             poses[i] = *X_WB.translation(), x, y, z, w
             points.append(X_WB.multiply(box.T).T)
@@ -201,7 +202,6 @@ def record_run(
     log: SimulationLog,
     robot: DrawnRobot,
     scenario: Scenario,
-    summary: Summary,
     frames_per_second: float,
 ) -> RecordedRun:
     """Computes the frames of a run.
@@ -210,7 +210,6 @@ def record_run(
         log: of the run; interpolated to the frames.
         robot: of the log.
         scenario: of the log.
-        summary: of the log.
         frames_per_second: of the recording.
 
     Raises:
@@ -255,7 +254,7 @@ def record_run(
 
     curve_time, (distance_curve, error_curve), unit = _curves(log)
     return RecordedRun(
-        summary=summary,
+        summary=summarize(log, scenario=scenario),
         warning_distance=scenario.warning_distance,
         time=frames,
         poses=np.array(poses),
@@ -276,8 +275,15 @@ def record_run(
     )
 
 
-def _corners(inspector, geometries) -> np.ndarray:
-    """(8 G, 3) corners of the boxes around a frame's geometries, in that frame [m]."""
+def _body_indices(plant: MultibodyPlant) -> list[BodyIndex]:
+    return [BodyIndex(i) for i in range(plant.num_bodies())]
+
+
+def _corners(
+    inspector: SceneGraphInspector, geometries: Sequence[GeometryId], largest: float
+) -> np.ndarray:
+    """(8 G, 3) corners of the boxes around a frame's geometries, in that frame [m];
+    those that are larger are left out."""
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1)
     corners = [np.empty((0, 3))]
     for geometry in geometries:
@@ -285,11 +291,9 @@ def _corners(inspector, geometries) -> np.ndarray:
             continue
         box = inspector.GetObbInGeometryFrame(geometry)
         half = box.half_width()
-        fixed = inspector.GetFrameId(geometry) == inspector.world_frame_id()
-        if fixed and np.max(half) > 0.5 * _LARGEST_FIXED:
-            continue
-        X_FB = inspector.GetPoseInFrame(geometry).multiply(box.pose())
-        corners.append(X_FB.multiply(half[:, np.newaxis] * signs).T)
+        if np.max(half) <= 0.5 * largest:
+            X_FB = inspector.GetPoseInFrame(geometry).multiply(box.pose())
+            corners.append(X_FB.multiply(half[:, np.newaxis] * signs).T)
     return np.vstack(corners)
 
 

@@ -1,7 +1,7 @@
 """What is drawn of a diagram while it runs: the robot, its targets and its warnings.
 
-`AddVisualization` draws them into Meshcat, and `start_recording` keeps what is drawn;
-`results.playback` makes a page of that.
+`AddVisualization` draws them into Meshcat. The page of a run that is over is made of
+its log, see `results.playback`.
 """
 
 from __future__ import annotations
@@ -350,19 +350,6 @@ def set_camera(meshcat: Meshcat, lower: np.ndarray, upper: np.ndarray) -> None:
     distance = np.max(height / _TAN_HALF_VIEW + corners @ towards)
     meshcat.SetCameraPose(center + distance * towards, center)
     meshcat.SetProperty(_CAMERA, "zoom", _ZOOM)
-
-
-def start_recording(meshcat: Meshcat, publish_period: float) -> None:
-    """Starts a new recording; call it before the simulator is initialised.
-
-    Args:
-        meshcat: that the diagram draws into.
-        publish_period: that of its visualiser [s].
-    """
-    meshcat.DeleteRecording()
-    meshcat.StartRecording(
-        frames_per_second=1.0 / publish_period, set_visualizations_while_recording=False
-    )
 
 
 def inflated(shape: Shape, by: float) -> Shape | None:

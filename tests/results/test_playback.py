@@ -194,6 +194,7 @@ def test_near_pairs_end_on_the_surfaces(log, page):
     assert np.linalg.norm(a - b) == pytest.approx(distances.d[hands], abs=1e-5)
     # And each on the hull of its own hand.
     plant_context = workspace.plant_context
+    model.plant.SetPositions(plant_context, log.q[100])
     query = model.scene_graph.get_query_output_port().Eval(
         workspace.scene_graph_context_of(plant_context)
     )
@@ -201,7 +202,7 @@ def test_near_pairs_end_on_the_surfaces(log, page):
         shapes = model.plant.GetCollisionGeometriesForBody(
             model.plant.GetBodyByName(link)
         )
-        away = query.ComputeSignedDistanceToPoint(point.astype(float), 1.0)
+        away = query.ComputeSignedDistanceToPoint(point.astype(float), np.inf)
         own = [each.distance for each in away if each.id_G in shapes]
         assert own and abs(min(own)) < 1e-5
 

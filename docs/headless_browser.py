@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
-_PATIENCE = 60.0  # for one answer of the browser [s]
+_PATIENCE = 180.0  # for one answer of the browser, on a busy computer [s]
 
 
 def find_browser() -> str | None:
@@ -111,7 +111,7 @@ class HeadlessBrowser:
         """A command of the protocol and its answer.
 
         Raises:
-            RuntimeError: the browser refuses, ends, or says nothing for a minute.
+            RuntimeError: the browser refuses, ends, or says nothing for three minutes.
         """
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
@@ -149,7 +149,7 @@ class HeadlessBrowser:
         """Waits until a JavaScript expression holds.
 
         Raises:
-            RuntimeError: it does not within a minute.
+            RuntimeError: it does not within three minutes.
         """
         deadline = time.monotonic() + _PATIENCE
         while not self.evaluate(f"Boolean({condition})"):

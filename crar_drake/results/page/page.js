@@ -179,7 +179,7 @@ function start() {
     keys[code](event);
   });
 
-  let resized = new ResizeObserver(() => {
+  const resized = new ResizeObserver(() => {
     stage.resize();
     timeline.resize();
   });

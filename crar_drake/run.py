@@ -52,8 +52,9 @@ _SLICE = 0.0625
 # A run whose log and recording would take more memory than this is refused [B].
 _MEMORY_LIMIT = 4 * 2**30
 
-# What a frame of the recording takes of memory while the page is made, for each body
-# and target [B]; measured as 1.6 kB (`benchmarks.long_run`).
+# What a frame of the recording is allowed to take of memory while the page is made, for
+# each body and target [B]. Measured as 1.6 kB when Meshcat recorded it
+# (`benchmarks.long_run`); what is kept of a frame now is less.
 _FRAME_BYTES = 2000
 
 # A logged value is kept as 8 bytes, grown by doubling, and copied twice.

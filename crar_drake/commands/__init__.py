@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from crar_drake import __version__
 from crar_drake.commands import (
     clean,
+    compare,
     convert,
     fetch,
     import_robot,
@@ -44,6 +45,7 @@ COMMANDS = (
     clean,
     convert,
     playback,
+    compare,
     serve,
 )
 

@@ -105,7 +105,8 @@ class Scenario:
             believes; none by default.
         duration: of the simulation, at most MAX_DURATION [s]; by default that of the
             motion.
-        warning_distance: segments nearer than this are coloured in the recording
+        warning_distance: segments nearer than this are near: the recording tells
+            their distance, and the colour of nearness grows from three times it on
             [m].
         log_period: of log.npz [s]; by default the control period, or of runs with
             more than MAX_LOG_SAMPLES steps the multiple of it that keeps to them.

@@ -125,6 +125,7 @@ def log_of(folder: Path, q: np.ndarray):
         lower=-np.ones(2),
         upper=np.ones(2),
         velocity_limits=np.full(2, 9.0),
+        effort_limits=np.full(2, np.inf),
         scenario=SCENARIO.replace("ROBOT", str(folder)),
     )
 

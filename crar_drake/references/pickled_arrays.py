@@ -17,8 +17,8 @@ import numpy as np
 _KINDS = "biufUS"
 _TYPE_NAME = re.compile(rf"[<>|=]?[{_KINDS}][0-9]{{0,4}}")
 
-# Texts are hashed with a secret, numbers are not: those of a file can be chosen such that
-# a dict compares each with all others. Small ones cannot.
+# Texts are hashed with a secret, numbers are not: those of a file can be chosen such
+# that a dict compares each with all others. Small ones cannot.
 MOST_NUMBER_KEYS = 4096
 _SMALL_KEY, _LARGEST_KEY = 2**16, 2**64
 

@@ -1,4 +1,4 @@
-"""Files that ask for far more time or memory than they are large are refused at once."""
+"""Small files that ask for much time or memory are refused at once."""
 
 import pickle
 import struct
@@ -52,7 +52,7 @@ TRICKS = {
     "close keys": pickle.dumps(dict.fromkeys(CLOSE)),
     "colliding set": b"cbuiltins\nset\n" + pickle.dumps(COLLIDING)[:-1] + b"\x85R.",
     "bytes as length": joblib_array(b"B\x01\x00\x00\x00a\x8a\x05\0\0\0\0\x02\x86"),
-    "huge lengths": joblib_array(b"(" + b"\x8a\xff" + b"\x7f" * 255 + b"2" * 999 + b"t"),
+    "huge lengths": joblib_array(b"(\x8a\xff" + b"\x7f" * 255 + b"2" * 999 + b"t"),
     "type of types": ARRAY.replace(text(b"f8"), text(b"(1 1)i4,i4")),
     "type of a long name": ARRAY.replace(text(b"f8"), text(b"y" * 10**6)),
     "latin letters": b"c_codecs\nencode\nq\x00" + text(b"a" * 10**5) + text(b"latin1")

@@ -267,8 +267,10 @@ def check_certificate(
         # A rate that the file says is not to be told by what is examined.
         told = None if LAYOUTS[layout].has_rate else of_file["rate"]
         motions = read_motions(motion, layout, told, robot=robot)
-        for clip in clips.keys() - {each.clip for each in motions}:
-            check.refuted.append(f"clip {clip!r} is not in the motion")
+        there = {each.clip for each in motions}
+        for clip in clips:
+            if clip not in there:
+                check.refuted.append(f"clip {clip!r} is not in the motion")
         for each in motions:
             if each.clip not in clips:
                 check.refuted.append(f"clip {each.clip!r} is not in it")

@@ -70,7 +70,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         type=positive,
         default=1.0,
         metavar="SHARE",
-        help="share of the robot's speed limits that may be used (default: 1)",
+        help="share of the robot's speed limits that may be used, at most 1 (default)",
     )
     add_jobs(parser)
 
@@ -139,6 +139,8 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"steps: {clip.corrected} frames corrected, {clip.scaled} scaled; "
         f"{clip.seconds:.1f} s, {clip.times_real_time:.1f} x real time",
     ]
+    if clip.between < 0.0:
+        lines.append("a way between frames is not shown to be clear")
     if clip.moved_start:
         lines.append(
             "the first frame is not clear: the motion begins beside it, by up to "

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+
+from crar_drake.errors import CrarError, MotionError
 
 # Sentences of what refutes a certificate that are told.
 _MOST_LINES = 10
@@ -17,15 +20,28 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
             their robot is, or None for the name in the certificate.
 
     Returns:
-        The exit code: 1 if a certificate is of another file or robot, is not true, or
-        something is violated; else 0.
+        The exit code: 2 if a motion or its certificate cannot be read, which is told
+        and does not end the check of others; 1 if a certificate is of another file or
+        robot, is not true, or something is violated; else 0.
+
+    Raises:
+        CrarError: the only motion or its certificate cannot be read.
     """
     from crar_drake.references.clean_folder import find_references
 
     motions: list[Path] = []
     for path in arguments.what:
         motions += find_references(path) if path.is_dir() else [path]
-    return max(_judge(motion, arguments.robot) for motion in motions)
+    if len(motions) == 1:
+        return _judge(motions[0], arguments.robot)
+    codes = []
+    for motion in motions:
+        try:
+            codes.append(_judge(motion, arguments.robot))
+        except CrarError as error:
+            print(f"crar-drake: error: {error}", file=sys.stderr)
+            codes.append(2)
+    return max(codes)
 
 
 def _judge(motion: Path, robot: str | None) -> int:
@@ -37,10 +53,18 @@ def _judge(motion: Path, robot: str | None) -> int:
     )
     from crar_drake.robot.description import load_robot_description
 
+    if not motion.is_file():
+        raise MotionError(f"{motion}: there is no such file")
     place = certificate_path(motion)
     certificate = read_certificate(place)
-    named = certificate.get("robot", {}).get("name", "")
-    description = load_robot_description(robot or named)
+    try:
+        description = load_robot_description(robot or certificate["robot"]["name"])
+    except CrarError as error:
+        if robot:
+            raise
+        raise CrarError(
+            f"{place}: its robot is not to be had ({error}); say where it is (--robot)"
+        ) from error
     check = check_certificate(motion, certificate, description)
     if check.frames:
         pair = "" if check.pair is None else f" ({check.pair[0]} - {check.pair[1]})"

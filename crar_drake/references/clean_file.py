@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.files import check_file
+from crar_drake.files import check_file, whole_set
 from crar_drake.references.cleaning import Cleaner
 from crar_drake.references.following import (
     FEET,
@@ -19,10 +19,12 @@ from crar_drake.references.following import (
     Cleaned,
     CleaningParameters,
 )
+from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
 from crar_drake.references.motion_certificate import (
     CertifiedClip,
     certificate_path,
+    check_certificate_place,
     make_certificate,
     write_certificate,
 )
@@ -101,8 +103,9 @@ class CleanedClip:
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left."""
-        return bool(self.penetrating or self.beyond_limit or self.too_fast)
+        """Whether anything is left, or a way between frames not shown to be clear."""
+        left = self.penetrating or self.beyond_limit or self.too_fast
+        return bool(left) or not self.between >= 0.0
 
 
 NUMBERS = tuple(field.name for field in fields(CleanedClip) if field.name != "clip")
@@ -118,7 +121,7 @@ def clean_file(
     rate: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[CleanedClip]:
-    """Cleans all motions of a file, and writes them and their certificate.
+    """Cleans all motions of a file, and writes them and their certificate, or neither.
 
     Args:
         reference: the file.
@@ -133,9 +136,11 @@ def clean_file(
             configuration was found near the first frame of one.
         ModelError: the robot is not there, or not one that can be cleaned for.
         WriteError: the file or its certificate cannot be written.
+        CrarError: the certificate would take the place of another file's.
     """
     reference, out = Path(reference), Path(out)
     check_file(out)
+    check_certificate_place(out)
     if out.exists() and reference.exists() and os.path.samefile(reference, out):
         raise MotionError(f"{out}: is the reference itself; name another file")
     description = load_robot_description(robot)
@@ -162,20 +167,30 @@ def clean_file(
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
         written.append(replace(motion, joint_positions=joints))
-    write_motions(out, written, written[0].layout, whole_body)
-    # What is certified is what stands in the file, rounded as its layout does.
-    again = read_motions(out, written[0].layout, written[0].rate, robot=whole_body)
-    clips, rows = [], []
-    for before, after, (found, seconds) in zip(motions, again, cleaned, strict=True):
-        cleaner = cleaners[after.rate]
-        margins = [_margins(motion, cleaner) for motion in (before, after)]
-        clips.append(CertifiedClip(after.clip, after.rate, margins[1], found.admitted))
-        rows.append(_row(before, after, margins, found, seconds, cleaner, whole_body))
-    p = parameters or CleaningParameters()
-    certificate = make_certificate(out, reference, description, clips, p.floor)
-    certificate["parameters"] = asdict(p)
-    certificate["motion"] |= {"layout": written[0].layout, "rate": written[0].rate}
-    write_certificate(certificate_path(out), certificate)
+    to = LAYOUTS[written[0].layout]
+    # Where the file says it, each motion may have another.
+    told = None if to.has_rate else written[0].rate
+    place = certificate_path(out)
+    with whole_set(out.parent, last=place.name) as folder:
+        write_motions(folder / out.name, written, to.name, whole_body)
+        # What is certified is what stands in the file, rounded as its layout does.
+        again = read_motions(folder / out.name, to.name, told, robot=whole_body)
+        clips, rows = [], []
+        for before, after, (found, took) in zip(motions, again, cleaned, strict=True):
+            cleaner = cleaners[after.rate]
+            margins = [_margins(motion, cleaner) for motion in (before, after)]
+            clips.append(
+                CertifiedClip(after.clip, after.rate, margins[1], found.admitted)
+            )
+            rows.append(_row(before, after, margins, found, took, cleaner, whole_body))
+        p = parameters or CleaningParameters()
+        certificate = make_certificate(
+            folder / out.name, reference, description, clips, p.floor
+        )
+        certificate["parameters"] = asdict(p)
+        certificate["motion"] |= {"layout": to.name, "rate": told}
+        certificate["options"] = {"layout": layout, "rate": rate}
+        write_certificate(folder / place.name, certificate)
     return rows
 
 

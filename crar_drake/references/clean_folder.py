@@ -83,12 +83,16 @@ def clean_folder(
 
     Raises:
         ModelError: there is no such robot.
-        CrarError: there are no files, `out` is the folder itself or another process is
-            writing to it. What is wrong with one file is told of it, and is not fatal.
+        CrarError: there are no files, `out` is the folder itself or below it, or
+            another process is writing to it. What is wrong with one file is told of it,
+            and is not fatal.
     """
     references = find_references(folder)
-    if out.resolve() == folder.resolve():
-        raise CrarError(f"{out}: is the references' own folder; name another")
+    if out.resolve().is_relative_to(folder.resolve()):
+        # Its files would be taken for references the next time.
+        raise CrarError(
+            f"{out}: is the references' own folder, or below it; name another (--out)"
+        )
     parameters = parameters or CleaningParameters()
     parameters.validate()
     files = robot_files(load_robot_description(robot))
@@ -99,8 +103,10 @@ def clean_folder(
         finished = {
             path: kept[path]
             for path in references
-            if path in kept and _is_done(path, places[path], files, parameters)
+            if path in kept
+            and _is_done(path, places[path], files, parameters, layout, rate)
         }
+        finished |= _without_own_certificate(places)
         waiting = [path for path in references if path not in finished]
         own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
         with own as pool:
@@ -140,13 +146,35 @@ def _clean_one(
     """A file, in a process of its own."""
     try:
         clips = clean_file(reference, out, robot, parameters, layout=layout, rate=rate)
-    except (CrarError, FloatingPointError) as error:
+    except CrarError as error:
         return CleanedFile(reference, error=str(error))
+    except Exception as error:  # whatever it is, it is of this file
+        return CleanedFile(reference, error=f"{type(error).__name__}: {error}")
     return CleanedFile(reference, tuple(clips))
 
 
+def _without_own_certificate(places: dict[Path, Path]) -> dict[Path, CleanedFile]:
+    """References whose certificate another one's would replace: all but the first."""
+    owners: dict[Path, Path] = {}
+    failed = {}
+    for reference, out in sorted(places.items()):
+        owner = owners.setdefault(certificate_path(out), reference)
+        if owner != reference:
+            why = (
+                f"{reference}: its certificate would be that of {owner.name}; rename "
+                "one of them"
+            )
+            failed[reference] = CleanedFile(reference, error=why)
+    return failed
+
+
 def _is_done(
-    reference: Path, out: Path, robot: dict[str, str], parameters: CleaningParameters
+    reference: Path,
+    out: Path,
+    robot: dict[str, str],
+    parameters: CleaningParameters,
+    layout: str | None,
+    rate: float | None,
 ) -> bool:
     """Whether a file was cleaned before, for the same robot (`robot_files`) and in the
     same way."""
@@ -156,6 +184,7 @@ def _is_done(
             certificate["reference"]["sha256"] == file_hash(reference)
             and certificate["motion"]["sha256"] == file_hash(out)
             and certificate["parameters"] == asdict(parameters)
+            and certificate["options"] == {"layout": layout, "rate": rate}
             and certificate["robot"]["files"] == robot
         )
     except (CrarError, KeyError, TypeError, OSError):

@@ -48,10 +48,13 @@ class Cleaner:
         self.model, self.feet = self._all.model, self._all.feet
 
     def margins(self, q: np.ndarray) -> Margins:
-        """What a motion (T, n) of the controlled joints keeps, by all pairs."""
-        law, model = self._all.law, self.model
-        fastest = law.speed_limits[model.controlled]
-        return find_margins(model, law.mode, fastest, q, self._rate)
+        """What a motion (T, n) of the controlled joints keeps, by all pairs.
+
+        Speeds are shares of the robot's own limits, whatever share the law may use.
+        """
+        model = self.model
+        fastest = model.velocity_limits[model.controlled]
+        return find_margins(model, self._all.law.mode, fastest, q, self._rate)
 
     def clean(
         self, reference: np.ndarray, progress: Callable[[int], None] | None = None

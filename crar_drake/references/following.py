@@ -38,7 +38,7 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
-from crar_drake.errors import ModelError, MotionError
+from crar_drake.errors import ModelError, MotionError, ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, joint_tasks
@@ -110,6 +110,11 @@ class CleaningParameters:
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
         check_numbers("clean", self, may_be_zero=set())
+        if self.velocity_scale > 1.0:
+            raise ScenarioError(
+                f"clean: velocity_scale is {self.velocity_scale:g}; a share of the "
+                "robot's speed limits is at most 1"
+            )
 
     def steps_per_frame(self, rate: float) -> int:
         """How many steps of the law make up a period of the motion.

@@ -40,6 +40,11 @@ class Layout:
     breadth_first: bool = False
     several: bool = False
 
+    @property
+    def has_rate(self) -> bool:
+        """Whether a file says its rate, each of its motions another perhaps."""
+        return self.suffix != ".csv"
+
 
 LAYOUTS = {
     layout.name: layout

@@ -19,9 +19,10 @@ import numpy as np
 
 from crar_drake import __version__
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
+from crar_drake.files import check_file, whole_file
+from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
-from crar_drake.references.robot_motion import read_motions
+from crar_drake.references.robot_motion import RobotMotion, read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import (
@@ -63,6 +64,29 @@ def certificate_path(motion: str | os.PathLike[str]) -> Path:
     """Where the certificate of a motion's file is: NAME.certificate.json beside it."""
     path = Path(motion)
     return path.with_name(f"{path.stem}.certificate.json")
+
+
+def check_certificate_place(motion: Path) -> None:
+    """dance.csv and dance.npz in one folder would have one certificate.
+
+    Args:
+        motion: the file that is to be written.
+
+    Raises:
+        WriteError: the certificate's place is a folder, or cannot be written to.
+        CrarError: there is the certificate of another file, which is there as well.
+    """
+    place = certificate_path(motion)
+    check_file(place)
+    try:
+        other = read_certificate(place)["motion"]["file"]
+    except CrarError:
+        return  # none of a motion: it is replaced
+    if other != motion.name and (motion.parent / other).is_file():
+        raise CrarError(
+            f"{motion}: {place.name} beside it is the certificate of {other}; write "
+            "to another name or folder"
+        )
 
 
 def file_hash(path: str | os.PathLike[str]) -> str:
@@ -138,7 +162,7 @@ def read_certificate(path: str | os.PathLike[str]) -> dict:
             f"{path}: there is no certificate; crar-drake clean writes it beside the "
             "motion"
         ) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CrarError(f"{path}: is no certificate: {error}") from error
     if not isinstance(certificate, dict) or certificate.get("kind") != KIND:
         raise CrarError(f"{path}: is no certificate of a reference motion")
@@ -147,6 +171,18 @@ def read_certificate(path: str | os.PathLike[str]) -> dict:
             f"{path}: has format {certificate.get('format')!r}, and this version "
             f"reads {FORMAT}"
         )
+    for keys, kind, what in (
+        (("motion", "file"), str, "a text"),
+        (("motion", "sha256"), str, "a text"),
+        (("robot", "name"), str, "a text"),
+        (("robot", "files"), dict, "an object"),
+        (("clips",), list, "a list"),
+    ):
+        value = certificate
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        if not isinstance(value, kind):
+            raise CrarError(f"{path}: {'.'.join(keys)} is not there, or not {what}")
     return certificate
 
 
@@ -185,7 +221,12 @@ def check_certificate(
 
     Every frame is judged by the referee, and some points on the way to the next. They
     can refute a bound, not prove it. Besides, nothing may be violated: a certificate
-    that truly tells of a penetration does not hold.
+    that truly tells of a penetration does not hold, nor one with a way between frames
+    that is not shown to be clear.
+
+    Not examined is what nothing here could refute: of which reference, by which version
+    and parameters the motion was made, which pair is the nearest at a frame, how steps
+    were admitted, and the rate of a CSV, which does not say it.
 
     Args:
         motion: the file.
@@ -206,7 +247,14 @@ def check_certificate(
                 f"robot {description.name} has other files than it was made with"
             )
             return check
+        if certificate["robot"]["watched_pairs"] != len(description.pairs):
+            check.refuted.append(
+                f"robot {description.name} watches {len(description.pairs)} pairs, and "
+                f"it says {certificate['robot']['watched_pairs']}"
+            )
         clips = {clip["clip"]: clip for clip in certificate["clips"]}
+        if len(clips) < len(certificate["clips"]):
+            check.refuted.append("a clip is in it more than once")
         robot = WholeBody(description)
         referee = Referee(
             robot.plant,
@@ -215,7 +263,14 @@ def check_certificate(
             robot.plant_speed_limits(),
         )
         of_file = certificate["motion"]
-        motions = read_motions(motion, of_file["layout"], of_file["rate"], robot=robot)
+        layout = of_file["layout"]
+        # A rate that the file says is not to be told by what is examined.
+        told = None if LAYOUTS[layout].has_rate else of_file["rate"]
+        motions = read_motions(motion, layout, told, robot=robot)
+        there = {each.clip for each in motions}
+        for clip in clips:
+            if clip not in there:
+                check.refuted.append(f"clip {clip!r} is not in the motion")
         for each in motions:
             if each.clip not in clips:
                 check.refuted.append(f"clip {each.clip!r} is not in it")
@@ -226,15 +281,26 @@ def check_certificate(
                     f"the motion is of {each.rate:g} Hz, and it says "
                     f"{claimed['rate']:g}"
                 )
-            _check_clip(check, claimed, each.joint_positions, robot, referee)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CrarError(f"the certificate of {motion} lacks {error}") from error
+            _check_clip(check, claimed, each, robot, referee)
+    except CrarError:
+        raise
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as e:
+        raise CrarError(
+            f"the certificate of {motion} lacks something, or has it in another form: "
+            f"{type(e).__name__} {e}"
+        ) from e
     return check
 
 
-def _check_clip(check, claimed, joints, robot: WholeBody, referee: Referee) -> None:
+def _check_clip(
+    check: CertificateCheck,
+    claimed: dict,
+    motion: RobotMotion,
+    robot: WholeBody,
+    referee: Referee,
+) -> None:
     """Adds what one motion's claims and the referee's findings are."""
-    claims = claimed["frames"]
+    claims, joints = claimed["frames"], motion.joint_positions
     told = {
         name: np.asarray(claims[name], dtype=float)
         for name in ("distance", "between", "limit", "speed")
@@ -242,10 +308,25 @@ def _check_clip(check, claimed, joints, robot: WholeBody, referee: Referee) -> N
     if any(values.shape != (len(joints),) for values in told.values()):
         check.refuted.append(f"it is not of {len(joints)} frames")
         return
-    rate, q = claimed["rate"], robot.configurations(joints)
+    # What is no number is smaller than nothing, and would hold of all.
+    numbers = (
+        np.isfinite(told["distance"])
+        & np.isfinite(told["between"])
+        & ~np.isnan(told["limit"])
+        & ~np.isnan(told["speed"])
+    )
+    if not numbers.all():
+        check.refuted.append(f"frame {numbers.argmin() + 1}: a claim is no number")
+        return
+    if told["between"].min() < 0.0:
+        check.refuted.append(
+            f"the way from frame {told['between'].argmin() + 1} to the next is not "
+            "shown to be clear"
+        )
+    q = robot.configurations(joints)
     limit = np.minimum(joints - robot.lower, robot.upper - joints).min(axis=1)
     speed = np.zeros(len(joints))
-    steps = np.abs(np.diff(joints, axis=0)) * rate
+    steps = np.abs(np.diff(joints, axis=0)) * motion.rate
     speed[:-1] = (steps / robot.speed_limits).max(axis=1)
     for name, found, worse in (
         ("limit", limit, limit < told["limit"] - LIMIT_TOLERANCE),
@@ -264,6 +345,10 @@ def _check_clip(check, claimed, joints, robot: WholeBody, referee: Referee) -> N
     check.speed = max(check.speed, float(speed.max()))
     for k in range(len(q)):
         _check_frame(check, k, q[k : k + 2], told, referee)
+    summary = _summary(claims, referee.pairs)
+    for name in ("smallest", "steps"):
+        if claimed[name] != summary[name]:
+            check.refuted.append(f"{name!r} is not what its frames say")
 
 
 def _check_frame(check, k: int, ends, told, referee: Referee) -> None:
@@ -293,25 +378,40 @@ def _check_frame(check, k: int, ends, told, referee: Referee) -> None:
 
 def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
     m = each.margins
-    nearest = int(m.distance.argmin())
-    admitted = [_HOW[int(how)] if how >= 0 else "unchanged" for how in each.admitted]
+    frames = {
+        "distance": m.distance.tolist(),
+        "pair": m.pair.tolist(),
+        "between": m.between.tolist(),
+        "limit": m.limit.tolist(),
+        "speed": m.speed.tolist(),
+        "admitted": [int(how) for how in each.admitted],
+    }
+    summary = _summary(frames, pairs)
+    return {"clip": each.clip, "rate": each.rate, **summary, "frames": frames}
+
+
+def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
+    """What follows from a motion's frames.
+
+    Raises:
+        ValueError: lists of frames are of different lengths, or there is no such pair
+            or way to admit a step.
+    """
+    distance, pair, admitted = (frames[k] for k in ("distance", "pair", "admitted"))
+    if not len(distance) == len(pair) == len(admitted):
+        raise ValueError("pair or admitted is of another number of frames")
+    if not all(0 <= k < len(pairs) for k in pair):
+        raise ValueError("a pair is not among those that are watched")
+    if not all(-1 <= how < len(_HOW) for how in admitted):
+        raise ValueError("a step was admitted in an unknown way")
+    told = [_HOW[how] if how >= 0 else "unchanged" for how in admitted]
     return {
-        "clip": each.clip,
-        "rate": each.rate,
         "smallest": {
-            "distance": float(m.distance.min()),
-            "between": float(m.between.min()),
-            "pair": list(pairs[int(m.pair[nearest])]),
-            "limit": float(m.limit.min()),
-            "speed": float(m.speed.max()),
+            "distance": min(distance),
+            "between": min(frames["between"]),
+            "pair": list(pairs[pair[distance.index(min(distance))]]),
+            "limit": min(frames["limit"]),
+            "speed": max(frames["speed"]),
         },
-        "steps": {how: admitted.count(how) for how in dict.fromkeys(admitted)},
-        "frames": {
-            "distance": m.distance.tolist(),
-            "pair": m.pair.tolist(),
-            "between": m.between.tolist(),
-            "limit": m.limit.tolist(),
-            "speed": m.speed.tolist(),
-            "admitted": [int(how) for how in each.admitted],
-        },
+        "steps": {how: told.count(how) for how in dict.fromkeys(told)},
     }

@@ -229,16 +229,24 @@ def _load(path: Path) -> dict[str, np.ndarray]:
             )
         with np.load(path, allow_pickle=False) as file:
             return {key: file[key] for key in file.files}
-    except (zipfile.BadZipFile, EOFError, KeyError, zipfile.zlib.error) as error:
-        raise MotionError(
-            f"{path}: it is no NPZ file, or a damaged or cut-off one ({error})"
-        ) from None
+    except MotionError:
+        raise
     except ValueError as error:
-        if isinstance(error, MotionError):
-            raise
         raise MotionError(
             f"{path}: one of its arrays is damaged or holds objects, which are not "
             f"read ({error})"
+        ) from None
+    except MemoryError:
+        raise MotionError(
+            f"{path}: one of its arrays says that it is larger than the memory"
+        ) from None
+    except Exception as error:
+        # Each unpacker, and NumPy's reader of headers, has errors of its own.
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise MotionError(
+            f"{path}: it is no NPZ file, or one that is damaged, cut off or encrypted "
+            f"({error})"
         ) from None
 
 

@@ -5,17 +5,21 @@ from __future__ import annotations
 import io
 import math
 import pickletools
+from collections.abc import Iterable
 
 import numpy as np
 
 from crar_drake.references.pickled_arrays import (
     CALLED,
     KNOWN,
+    MOST_NUMBER_KEYS,
     NDARRAY,
     ArrayInMaking,
     JoblibArray,
     RefusedPickle,
     TypeInMaking,
+    check_keys,
+    check_shape,
     shaped,
 )
 
@@ -37,6 +41,10 @@ _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _EMPTY = {"EMPTY_LIST": list, "EMPTY_DICT": dict, "EMPTY_SET": set}
 _TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
+
+# What calls may copy: twice the file for arrays' bytes that are written as text, and as
+# much again. A small file can hand the same bytes to a call as often as it likes.
+_MOST_COPIES, _FEW_COPIES = 4, 2**20
 
 # Containers in each other, and entries if each is counted wherever it is referred to: a
 # small file can refer to a list so often that to go through it would take for ever.
@@ -100,6 +108,7 @@ class PickleReader:
         self._file = file
         self._size = file.seek(0, io.SEEK_END)
         file.seek(0)
+        self._copied = self._number_keys = 0
         self._stack: list = []
         self._memo: dict[int, object] = {}
 
@@ -123,6 +132,8 @@ class PickleReader:
                 raise RefusedPickle(
                     f"it is no pickle, or one that is damaged or cut off ({error})"
                 ) from None
+            except RecursionError:
+                raise RefusedPickle("its containers are too many deep") from None
             except MemoryError:
                 raise RefusedPickle("it is larger than the memory") from None
 
@@ -207,10 +218,13 @@ class PickleReader:
 
     def _dict(self, argument: object) -> None:
         items = self._since_mark()
+        self._check_keys(items[::2])
         self._stack.append(dict(zip(items[::2], items[1::2], strict=True)))
 
     def _frozenset(self, argument: object) -> None:
-        self._stack.append(frozenset(self._since_mark()))
+        items = self._since_mark()
+        self._check_keys(items)
+        self._stack.append(frozenset(items))
 
     def _append(self, argument: object) -> None:
         value = self._stack.pop()
@@ -222,15 +236,24 @@ class PickleReader:
 
     def _add_items(self, argument: object) -> None:
         items = self._since_mark()
+        self._check_keys(items)
         self._target(set).update(items)
 
     def _set_item(self, argument: object) -> None:
         key, value = self._last(2)
+        self._check_keys([key])
         self._target(dict)[key] = value
 
     def _set_items(self, argument: object) -> None:
         items = self._since_mark()
+        self._check_keys(items[::2])
         self._target(dict).update(zip(items[::2], items[1::2], strict=True))
+
+    def _check_keys(self, keys: Iterable[object]) -> None:
+        """`check_keys`, and the numbers of the whole file are not too many."""
+        self._number_keys += check_keys(keys)
+        if self._number_keys > MOST_NUMBER_KEYS:
+            raise RefusedPickle("its dicts have too many numbers as keys")
 
     def _target(self, kind: type):
         target = self._stack[-1]
@@ -249,13 +272,16 @@ class PickleReader:
         self._named(module, name)
 
     def _named(self, module: object, name: object) -> None:
-        found = KNOWN.get((module, name)) if isinstance(name, str) else None
+        # Others could take for ever to be hashed, or written down.
+        if not isinstance(module, str) or not isinstance(name, str):
+            raise RefusedPickle("a name in it is no text")
+        found = KNOWN.get((module, name))
         if found is None:
             hint = ""
-            if str(module).split(".")[0] == "torch":
+            if module.split(".")[0] == "torch":
                 hint = "; save tensors as arrays (`.numpy()`) first"
             raise RefusedPickle(
-                f"it names {str(module)[:60]}.{str(name)[:60]}, which is no plain data "
+                f"it names {module[:60]}.{name[:60]}, which is no plain data "
                 "and could run code when it is loaded; only arrays and plain "
                 f"containers are read{hint}"
             )
@@ -274,19 +300,36 @@ class PickleReader:
             raise RefusedPickle("it calls what is no function of NumPy's arrays")
         if not isinstance(arguments, tuple):
             raise TypeError
-        self._stack.append(function(*arguments))
+        self._count_copied(*arguments)
+        made = function(*arguments)
+        if isinstance(made, dict | set | frozenset):
+            self._check_keys(made)
+        self._stack.append(made)
+
+    def _count_copied(self, *arguments: object) -> None:
+        """Adds what a call copies; few bytes can ask for it again and again."""
+        self._copied += sum(
+            len(argument)
+            for argument in arguments
+            if isinstance(argument, str | bytes | bytearray | list)
+        )
+        if self._copied > _MOST_COPIES * self._size + _FEW_COPIES:
+            raise RefusedPickle("it copies the same data too often")
 
     def _build(self, argument: object) -> None:
         state = self._stack.pop()
         target = self._stack[-1]
         if isinstance(target, JoblibArray):
-            target.value = self._joblib_array(dict(state))
+            if not isinstance(state, dict):
+                raise TypeError
+            target.value = self._joblib_array(state)
         elif isinstance(target, ArrayInMaking):
             version, shape, dtype, fortran, data = state
             if not isinstance(dtype, TypeInMaking) or not isinstance(
                 data, bytes | bytearray
             ):
                 raise RefusedPickle("it has an array of objects, which are no numbers")
+            self._count_copied(data)
             target.value = shaped(data, dtype.value, shape, bool(fortran))
         elif isinstance(target, TypeInMaking):
             target.set_state(state)
@@ -305,8 +348,7 @@ class PickleReader:
         if state.get("numpy_array_alignment_bytes") is not None:
             padding = self._file.read(1)
             self._file.read(padding[0])
-        if not isinstance(shape, tuple):
-            raise TypeError
+        check_shape(shape)
         size = math.prod(shape) * dtype.itemsize
         # Asked before memory is: a few bytes can claim any size.
         if not 0 <= size <= self._size - self._file.tell():

@@ -7,12 +7,20 @@ and makes plain data of it. Other names are not known.
 from __future__ import annotations
 
 import math
+import re
 from collections import OrderedDict
+from collections.abc import Iterable
 
 import numpy as np
 
 # Kinds of numbers that an array may have: truth values, integers, floats, texts.
 _KINDS = "biufUS"
+_TYPE_NAME = re.compile(rf"[<>|=]?[{_KINDS}][0-9]{{0,4}}")
+
+# Texts are hashed with a secret, numbers are not: those of a file can be chosen such
+# that a dict compares each with all others. Small ones cannot.
+MOST_NUMBER_KEYS = 4096
+_SMALL_KEY, _LARGEST_KEY = 2**16, 2**64
 
 
 class RefusedPickle(Exception):
@@ -32,15 +40,14 @@ class TypeInMaking:
     def __init__(self, name: object) -> None:
         if not isinstance(name, str):
             raise RefusedPickle("an array's type is damaged")
+        refusal = f"it has an array of type {name[:40]!r}, which are no numbers"
+        # NumPy's own reader of names knows far more, and evaluates some.
+        if not _TYPE_NAME.fullmatch(name):
+            raise RefusedPickle(refusal)
         try:
-            dtype = np.dtype(name)
+            self.value = np.dtype(name)
         except (TypeError, ValueError):
-            raise RefusedPickle(f"it has an array of type {name!r}") from None
-        if dtype.kind not in _KINDS or dtype.fields or dtype.shape:
-            raise RefusedPickle(
-                f"it has an array of type {dtype}, which are no numbers"
-            )
-        self.value = dtype
+            raise RefusedPickle(refusal) from None
 
     def set_state(self, state: object) -> None:
         """(version, byte order, subtype, names, fields, size, alignment, flags)"""
@@ -97,16 +104,19 @@ def _dtype(name: object, *rest: object) -> TypeInMaking:
 def _ordered(*items: object) -> dict:
     if len(items) > 1 or (items and not isinstance(items[0], list)):
         raise RefusedPickle("a dict is damaged")
-    try:
-        return OrderedDict(tuple(item) for item in (items[0] if items else ()))
-    except (TypeError, ValueError):
-        raise RefusedPickle("a dict is damaged") from None
+    pairs = items[0] if items else []
+    if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in pairs):
+        raise RefusedPickle("a dict is damaged")
+    check_keys(key for key, _ in pairs)
+    return OrderedDict((key, value) for key, value in pairs)
 
 
 def _container(kind: type):
     def make(*items: object):
         if len(items) > 1 or (items and not isinstance(items[0], list | bytes)):
             raise RefusedPickle("a container is damaged")
+        if items and kind in (set, frozenset):
+            check_keys(items[0])
         try:
             return kind(*items)
         except (TypeError, ValueError):
@@ -139,14 +149,55 @@ KNOWN = {
 CALLED = frozenset(function for function in KNOWN.values() if function is not NDARRAY)
 
 
+def check_keys(keys: Iterable[object]) -> int:
+    """Refuses what would take long to hash or compare, before that is done.
+
+    Args:
+        keys: of a dict, or what is in a set.
+
+    Returns:
+        How many are numbers that could have been chosen to make it slow.
+
+    Raises:
+        RefusedPickle: one is no text, bytes, number or None, or the numbers are too
+            many or too large.
+    """
+    numbers = 0
+    for key in keys:
+        if isinstance(key, str | bytes):
+            continue
+        if key is not None and not isinstance(key, int | float | np.number | np.bool_):
+            raise RefusedPickle("a dict has keys that are no plain values")
+        if key is None or (isinstance(key, int) and abs(key) < _SMALL_KEY):
+            continue
+        numbers += 1
+        large = isinstance(key, int) and abs(key) > _LARGEST_KEY
+        if large or numbers > MOST_NUMBER_KEYS:
+            raise RefusedPickle("a dict has too many or too large numbers as keys")
+    return numbers
+
+
+def check_shape(shape: object) -> None:
+    """Refuses what is no shape of an array, before it is multiplied.
+
+    Raises:
+        RefusedPickle: it is not of up to eight lengths.
+    """
+    plain = (
+        isinstance(shape, tuple)
+        and len(shape) <= 8
+        and all(isinstance(length, int) and 0 <= length < 2**48 for length in shape)
+    )
+    if not plain:
+        raise RefusedPickle("an array is damaged")
+
+
 def shaped(
     data: bytes | bytearray, dtype: np.dtype, shape: object, fortran: bool
 ) -> np.ndarray:
     """An array of its own from its bytes; as large as they are, whatever it says."""
-    numbers = isinstance(shape, tuple) and all(
-        isinstance(length, int) and 0 <= length < 2**48 for length in shape
-    )
-    if not numbers or len(shape) > 8 or dtype.itemsize == 0:
+    check_shape(shape)
+    if dtype.itemsize == 0:
         raise RefusedPickle("an array is damaged")
     if math.prod(shape) * dtype.itemsize != len(data):
         raise RefusedPickle("an array has another size than its shape says")

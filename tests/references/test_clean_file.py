@@ -1,13 +1,16 @@
 """Files in, files and certificates out; what is wrong with one is told."""
 
+import copy
 import json
+import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
-from crar_drake.errors import CrarError, MotionError
+from crar_drake.errors import CrarError, MotionError, WriteError
 from crar_drake.references.clean_file import clean_file
 from crar_drake.references.clean_folder import clean_folder
 from crar_drake.references.motion_certificate import (
@@ -111,6 +114,161 @@ def test_bad_files_are_refused(cleaned, tmp_path):
     assert main(["clean", str(wrong), "--robot", str(folder)]) == 2
 
 
+def edited(out, edit):
+    """The certificate of a file after `edit` of it, or of the part it returns."""
+    certificate = copy.deepcopy(read_certificate(certificate_path(out)))
+    edit(certificate, certificate["clips"][0])
+    return certificate
+
+
+EDITS = {
+    "frame 3: a claim is no number": [
+        lambda c, clip: clip["frames"]["distance"].__setitem__(2, float("nan")),
+        lambda c, clip: clip["frames"]["distance"].__setitem__(2, None),
+        lambda c, clip: clip["frames"]["between"].__setitem__(2, float("-inf")),
+        lambda c, clip: clip["frames"]["limit"].__setitem__(2, float("nan")),
+        lambda c, clip: clip["frames"]["speed"].__setitem__(2, float("nan")),
+    ],
+    "not shown to be clear": [
+        lambda c, clip: clip["frames"]["between"].__setitem__(2, -1e-9)
+    ],
+    "'smallest' is not what": [
+        lambda c, clip: clip["smallest"].update(distance=0.5),
+        lambda c, clip: clip["smallest"].update(pair=["l1", "l2"]),
+        lambda c, clip: clip["smallest"].update(limit=float("nan")),
+    ],
+    "'steps' is not what": [
+        lambda c, clip: clip["steps"].update(corrected=0),
+        lambda c, clip: clip["frames"]["admitted"].__setitem__(0, 2),
+    ],
+    "watches 3 pairs": [lambda c, clip: c["robot"].update(watched_pairs=300)],
+    "clip 'more' is not in the motion": [
+        lambda c, clip: c["clips"].append(clip | {"clip": "more"})
+    ],
+    "more than once": [lambda c, clip: c["clips"].append(clip)],
+}
+
+
+@pytest.mark.parametrize("refuted", EDITS)
+def test_what_a_certificate_says_besides_is_refuted(cleaned, refuted):
+    folder, _, out, _ = cleaned
+    description = load_robot_description(folder)
+    for edit in EDITS[refuted]:
+        found = check_certificate(out, edited(out, edit), description)
+        assert any(refuted in line for line in found.refuted), found.refuted
+
+
+def test_a_way_that_is_not_shown_to_be_clear_is_a_violation(cleaned):
+    row = cleaned[3]
+    assert not replace(row, between=0.0).violated
+    assert replace(row, between=-1e-9).violated
+    assert replace(row, between=np.nan).violated
+
+
+def test_each_clip_of_a_file_has_its_own_rate(cleaned, tmp_path):
+    folder = cleaned[0]
+    clips = {}
+    for rate in (30, 120):
+        turn = np.zeros((4, 4), dtype=np.float32)
+        turn[:, 3] = 1.0
+        clips[f"at {rate}"] = {
+            "fps": rate,
+            "root_trans_offset": np.zeros((4, 3), dtype=np.float32),
+            "root_rot": turn,
+            "dof": np.outer([0.0, 0.01, 0.02, 0.03], [0, 0, -1]).astype(np.float32),
+        }
+    (tmp_path / "two.pkl").write_bytes(pickle.dumps(clips))
+    out = tmp_path / "out" / "two.pkl"
+    rows = clean_file(tmp_path / "two.pkl", out, str(folder))
+    assert [row.rate for row in rows] == [30.0, 120.0]
+    certificate = read_certificate(certificate_path(out))
+    speeds = [clip["smallest"]["speed"] for clip in certificate["clips"]]
+    assert speeds == pytest.approx([0.05, 0.2], rel=1e-3)  # of 6 rad/s
+    certificate["motion"]["rate"] = 30.0  # which would be that of all, if it counted
+    found = check_certificate(out, certificate, load_robot_description(folder))
+    assert found.holds and found.speed == pytest.approx(0.2, rel=1e-3)
+
+
+def test_a_certificate_is_of_one_file(cleaned, tmp_path):
+    """reach.csv and reach.pkl would both have reach.certificate.json."""
+    folder, reference, out, _ = cleaned
+    for place in (out, certificate_path(out)):
+        (tmp_path / place.name).write_bytes(place.read_bytes())
+    with pytest.raises(
+        CrarError, match=r"reach\.pkl: .* the certificate of reach\.csv"
+    ):
+        clean_file(reference, tmp_path / "reach.pkl", str(folder))
+    (tmp_path / out.name).unlink()
+    certificate_path(out.parent / "a.csv").unlink(missing_ok=True)
+    # What is wrong with the certificate's place is known before anything is written.
+    (tmp_path / "a.certificate.json").mkdir()
+    with pytest.raises(WriteError, match="a.certificate.json: this is a folder"):
+        clean_file(reference, tmp_path / "a.csv", str(folder))
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_neither_motion_nor_certificate_without_the_other(
+    cleaned, tmp_path, monkeypatch
+):
+    folder = cleaned[0]
+    calm = write_csv(tmp_path / "calm.csv", np.full((3, 3), 0.1))
+
+    def fail(*arguments):
+        raise WriteError(tmp_path, "the disk is full")
+
+    monkeypatch.setattr("crar_drake.references.clean_file.write_certificate", fail)
+    with pytest.raises(WriteError, match="full"):
+        clean_file(calm, tmp_path / "out" / "calm.csv", str(folder))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda c, clip: c.update(robot=None),
+        lambda c, clip: c["robot"].update(name=5),
+        lambda c, clip: c["robot"].pop("name"),
+        lambda c, clip: c.update(clips=5),
+        lambda c, clip: c.update(clips=[5]),
+        lambda c, clip: c["motion"].update(layout="none"),
+        lambda c, clip: clip["frames"].update(distance=["a"] * 24),
+        lambda c, clip: clip["frames"].update(distance=[[1.0], 2.0]),
+        lambda c, clip: clip["frames"].update(pair=[99] * 24),
+        lambda c, clip: clip["frames"].update(admitted=[0]),
+        lambda c, clip: clip.pop("steps"),
+    ],
+)
+def test_a_damaged_certificate_is_told(cleaned, tmp_path, capsys, edit):
+    folder, _, out, _ = cleaned
+    motion = tmp_path / out.name
+    motion.write_bytes(out.read_bytes())
+    certificate_path(motion).write_text(json.dumps(edited(out, edit)))
+    assert main(["judge", str(motion), "--certificate", "--robot", str(folder)]) == 2
+    assert str(motion.with_suffix("")) in capsys.readouterr().err
+
+
+def test_what_cannot_be_judged_is_told_by_its_name(cleaned, tmp_path, capsys):
+    folder, _, out, _ = cleaned
+    robot = ["--certificate", "--robot", str(folder)]
+    assert main(["judge", str(tmp_path / "none.csv"), *robot]) == 2
+    assert "none.csv: there is no such file" in capsys.readouterr().err
+    deep = tmp_path / "deep.csv"
+    deep.write_text("1,2\n")
+    certificate_path(deep).write_text("[" * 100000)
+    (tmp_path / "first.csv").write_text("1,2\n")
+    last = tmp_path / "last.csv"
+    last.write_bytes(out.read_bytes())
+    named = edited(out, lambda c, clip: c["robot"].update(name="nobody"))
+    certificate_path(last).write_text(json.dumps(named))
+    assert main(["judge", str(tmp_path), *robot]) == 2
+    told = capsys.readouterr()
+    assert "deep.certificate.json: is no certificate" in told.err
+    assert "first.certificate.json: there is no certificate" in told.err
+    assert "last.certificate.json: nothing refutes it" in told.out
+    assert main(["judge", str(last), "--certificate"]) == 2
+    assert "last.certificate.json: its robot" in capsys.readouterr().err
+
+
 class Here:
     """An executor that runs each call at once, and counts."""
 
@@ -140,5 +298,37 @@ def test_a_folder_is_cleaned_once_and_bad_files_are_told(cleaned, tmp_path):
     assert (out / "deep" / "reach.csv").is_file()
     lines = (out / "cleaned.csv").read_text().splitlines()
     assert len(lines) == 3
-    with pytest.raises(CrarError, match="own folder"):
-        clean_folder(references, references, str(folder))
+    for place in (references, references / "clean"):
+        with pytest.raises(CrarError, match="own folder"):
+            clean_folder(references, place, str(folder))
+
+
+def test_what_is_done_was_done_with_the_same_options(cleaned, tmp_path):
+    folder = cleaned[0]
+    references, out = tmp_path / "references", tmp_path / "out"
+    references.mkdir()
+    write_csv(references / "calm.csv", np.full((3, 3), 0.1))
+    for rate, layout in ((30.0, None), (60.0, None), (60.0, "wxyz-csv")):
+        for calls in (1, 0):
+            before = Here.calls
+            files = clean_folder(
+                references, out, str(folder), rate=rate, layout=layout, executor=Here()
+            )
+            assert Here.calls - before == calls
+            assert files[0].clips[0].rate == rate
+
+
+def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):
+    folder = cleaned[0]
+    references = tmp_path / "references"
+    references.mkdir()
+    for name in ("a.csv", "b.csv", "b.npz"):
+        (references / name).write_text("")
+
+    def fail(reference, *arguments, **options):
+        raise PermissionError(13, "Permission denied", str(reference))
+
+    monkeypatch.setattr("crar_drake.references.clean_folder.clean_file", fail)
+    files = clean_folder(references, tmp_path / "out", str(folder), executor=Here())
+    assert ["PermissionError" in file.error for file in files] == [True, True, False]
+    assert "b.npz: its certificate would be that of b.csv" in files[2].error

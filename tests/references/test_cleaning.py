@@ -98,6 +98,15 @@ def test_margins_bound_what_the_referee_finds(cleaner):
     np.testing.assert_allclose(found.limit, (2.5 - np.abs(q)).min(axis=1))
 
 
+def test_speeds_are_shares_of_the_robots_limits_whatever_the_law_may_use(cleaner):
+    q = reaching(6, RATE, 0.3)
+    half = Cleaner(cleaner.description, RATE, CleaningParameters(velocity_scale=0.5))
+    fastest = np.abs(np.diff(q, axis=0)).max(axis=1) * RATE / SPEED
+    np.testing.assert_allclose(half.margins(q).speed[:-1], fastest)
+    with pytest.raises(ScenarioError, match="velocity_scale is 5"):
+        CleaningParameters(velocity_scale=5.0).validate()
+
+
 def test_what_cannot_be_cleaned_is_refused(tmp_path):
     folder = write_robot(tmp_path)
     description = load_robot_description(folder)

@@ -243,7 +243,7 @@ def test_a_thread_can_run_a_scenario(tmp_path):
     thread.join(WAIT)
     assert sorted(path.name for path in results[0].files) == FILES
     assert signal.getsignal(signal.SIGINT) is handler
-    # A Meshcat that were left of the page would abort the process here.
+    # A Meshcat that were left of the page, in a cycle, would abort the process here.
     gc.collect()
 
 

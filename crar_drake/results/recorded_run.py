@@ -14,8 +14,7 @@ from pydrake.geometry import (
     GeometryId,
     HalfSpace,
     Meshcat,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
+    Rgba,
     Role,
     SceneGraphInspector,
 )
@@ -124,11 +123,6 @@ class DrawnRobot:
         inspector = scene_graph.model_inspector()
         self.unseen = models_without_visuals(self.plant, inspector)
         draw_collision_shapes(self.plant, scene_graph)
-        parameters = MeshcatVisualizerParams()
-        parameters.role = Role.kIllustration
-        parameters.prefix = prefix
-        parameters.default_color = scenario.visualization.default_illustration_color
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, parameters)
         self._scene_graph = scene_graph
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
@@ -142,8 +136,7 @@ class DrawnRobot:
             ],
             "scene_graph",
         )
-        self._diagram.ForcedPublish(self._context)
-
+        colour = scenario.visualization.default_illustration_color
         self.paths: list[str] = []
         self._moving: list[tuple[RigidBody, np.ndarray]] = []
         fixed = [np.empty((0, 3))]
@@ -151,13 +144,15 @@ class DrawnRobot:
         for body in map(self.plant.get_body, _body_indices(self.plant)):
             frame = self.plant.GetBodyFrameIdOrThrow(body.index())
             shown = inspector.GetGeometries(frame, Role.kIllustration)
+            name = inspector.GetName(frame).replace("::", "/")
+            X_WB = self.plant.EvalBodyPoseInWorld(self._plant_context, body)
+            _draw(meshcat, f"{prefix}/{name}", inspector, shown, colour)
+            meshcat.SetTransform(f"{prefix}/{name}", X_WB)
             if body in anchored:
-                X_WB = self.plant.EvalBodyPoseInWorld(self._plant_context, body)
                 corners = _corners(inspector, shown, _LARGEST_FIXED)
                 fixed.append(X_WB.multiply(corners.T).T)
             elif shown:
                 self._moving.append((body, _corners(inspector, shown, np.inf)))
-                name = inspector.GetName(frame).replace("::", "/")
                 self.paths.append(f"{prefix}/{name}")
         self._fixed = np.vstack(fixed)
 
@@ -196,6 +191,27 @@ class DrawnRobot:
             d, normal, p_a = np.split(answers[np.argmin(answers[:, 0])], [1, 4])
             points[i] = *p_a, *(p_a - d * normal)
         return points
+
+
+def _draw(
+    meshcat: Meshcat,
+    path: str,
+    inspector: SceneGraphInspector,
+    shown: Sequence[GeometryId],
+    colour: Rgba,
+) -> None:
+    """A link's shapes.
+
+    Drake's MeshcatVisualizer would do it, too, but as part of a diagram. Diagrams are
+    cycles, which are collected by whatever thread comes by; and a Meshcat that another
+    thread destroys than made it aborts the process.
+    """
+    for geometry in shown:
+        properties = inspector.GetIllustrationProperties(geometry)
+        rgba = properties.GetPropertyOrDefault("phong", "diffuse", colour)
+        of_shape = f"{path}/{geometry.get_value()}"
+        meshcat.SetObject(of_shape, inspector.GetShape(geometry), rgba)
+        meshcat.SetTransform(of_shape, inspector.GetPoseInFrame(geometry))
 
 
 def record_run(

@@ -412,7 +412,7 @@ def test_bad_npz_files(tmp_path: Path, robot):
     data = file.read_bytes()
     for end in (10, len(data) // 2, len(data) - 5):
         file.write_bytes(data[:end])
-        with pytest.raises(MotionError, match="damaged or cut"):
+        with pytest.raises(MotionError, match="damaged"):
             read_motion(file)
 
 

@@ -17,6 +17,7 @@ from crar_drake.robot.task import Task
 HANDS = ("left_hand", "right_hand")
 PAIRS = [["left_l2", "right_l2"], ["left_l2", "body"], ["right_l2", "body"]]
 WORLD_PAIR = ["left_l2", "post"]
+TASKS = tuple(Task(frame=hand) for hand in HANDS)
 
 
 def floating_urdf() -> str:
@@ -42,7 +43,7 @@ def floating_urdf() -> str:
                 f'<child link="{link}"/><origin xyz="{origin}" rpy="{rpy}"/>'
                 f'<axis xyz="{axis}"/><limit lower="-2.4" upper="2.4" effort="1e4" '
                 'velocity="0"/><dynamics damping="0.02"/></joint><transmission><type>'
-                'transmission_interface/SimpleTransmission</type>'
+                "transmission_interface/SimpleTransmission</type>"
                 f'<joint name="{joint}"><hardwareInterface>EffortJointInterface'
                 f'</hardwareInterface></joint><actuator name="{joint}"/></transmission>'
             )
@@ -99,7 +100,7 @@ def add_floater(
 
 def make_floater(
     root: str = "prescribed",
-    tasks=tuple(Task(frame=hand) for hand in HANDS),
+    tasks=TASKS,
     time_step: float = 1e-3,
     **changes,
 ) -> ControlModel:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.formats.asf_amc import Clip, forward_kinematics, rest_pose
 from crar_drake.motion.joint_centres import robot_frame
-from crar_drake.motion.quaternion_spline import sign_continuous
+from crar_drake.motion.turns import robot_rotation, smooth_turns
 
 # Hand: the bone that says how it is turned. That is the wrist, the forearm's last
 # third, which turns with the hand and was fitted to the two markers at its sides; it
@@ -20,9 +19,6 @@ from crar_drake.motion.quaternion_spline import sign_continuous
 _BONE_OF = {"left_hand": "lwrist", "right_hand": "rwrist"}
 
 HANDS = tuple(_BONE_OF)
-
-# Shorter than this a mean of quaternions tells no orientation.
-_LEAST_NORM = 0.05
 
 
 @dataclass(frozen=True)
@@ -47,9 +43,6 @@ class HandOrientations:
     def smooth(self, cutoff: float = DEFAULT_CUTOFF) -> dict[str, np.ndarray]:
         """Name of HANDS to (T, 4) unit quaternions (x y z w) after a low-pass.
 
-        The quaternions, their signs continuous, are filtered as positions are, and
-        normalised.
-
         Args:
             cutoff: of the zero-phase low-pass [Hz].
 
@@ -57,24 +50,16 @@ class HandOrientations:
             MotionError: the motion is too short, the cutoff too high, or a hand
                 turns to and fro so fast that no mean is left.
         """
-        result = {}
-        for hand, R_WH in self.rotations.items():
-            quaternions = sign_continuous(Rotation.from_matrix(R_WH).as_quat())
-            try:
-                filtered = low_pass(quaternions, self.frame_rate, cutoff)
-            except MotionError as error:
-                raise MotionError(f"motion {self.name}: {error}") from error
-            norm = np.linalg.norm(filtered, axis=1)
-            frame = int(np.argmin(norm))
-            # Written so that a NaN fails, too.
-            if not norm[frame] >= _LEAST_NORM:
-                raise MotionError(
-                    f"motion {self.name}: {hand} turns so fast about frame {frame + 1} "
-                    f"that a low-pass of {cutoff:g} Hz leaves no orientation; raise "
-                    "the cutoff, or do not track this hand's orientation"
-                )
-            result[hand] = filtered / norm[:, None]
-        return result
+        return {
+            hand: smooth_turns(
+                R_WH,
+                self.frame_rate,
+                cutoff,
+                f"motion {self.name}: {hand}",
+                "do not track this hand's orientation",
+            )
+            for hand, R_WH in self.rotations.items()
+        }
 
 
 def hand_orientations(clip: Clip) -> HandOrientations:
@@ -106,12 +91,6 @@ def hand_orientations(clip: Clip) -> HandOrientations:
             )
         z /= np.linalg.norm(z)
         R_WH_rest = np.stack([x, np.cross(z, x), z], axis=1)
-        turned = _robot_rotation(poses[bone] @ rest[bone][0].T)
+        turned = robot_rotation(poses[bone] @ rest[bone][0].T)
         rotations[hand] = turned @ R_WH_rest
     return HandOrientations(clip.name, clip.frame_rate, rotations)
-
-
-def _robot_rotation(R_file: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) of the y-up file's axes in the robot's: (z, x, y)."""
-    order = np.ix_([2, 0, 1], [2, 0, 1])
-    return R_file[(..., *order)]

@@ -220,15 +220,16 @@ class Moves:
             plant: finalized.
         """
         self._plant, self._context = plant, plant.CreateDefaultContext()
-        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-        free = [j for j in joints if j.num_positions() != j.num_velocities()]
-        self._free = [(j.position_start(), j.velocity_start()) for j in free]
-        # Of all but the free joints' quaternions: which velocity is whose rate.
-        rates = [
-            (j.position_start() + 4 * (j in free) + i, j.velocity_start() + 3 * (j in free) + i)
-            for j in joints
-            for i in range(j.num_velocities() - 3 * (j in free))
-        ]
+        self._free: list[tuple[int, int]] = []
+        rates = []  # of all but quaternions: which velocity is whose rate
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            at, by = joint.position_start(), joint.velocity_start()
+            plain = joint.num_velocities()
+            if joint.num_positions() != plain:
+                self._free.append((at, by))
+                at, by, plain = at + 4, by + 3, 3
+            rates += [(at + i, by + i) for i in range(plain)]
         self._positions, self._velocities = np.array(rates, dtype=int).reshape(-1, 2).T
 
     def along(self, q: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -105,15 +105,15 @@ class RobotDescription:
             )
         if self.root != "fixed" and not self.base:
             raise ModelError(
-                f"robot {self.name}: root: {self.root!r} needs the name of the link that "
-                "floats; give it as base"
+                f"robot {self.name}: root: {self.root!r} needs the name of the link "
+                "that floats; give it as base"
             )
         for name in ("xyz", "rpy"):
             value = getattr(self.root_pose, name)
             if np.shape(value) != (3,) or not np.isfinite(value).all():
                 raise ModelError(
-                    f"robot {self.name}: root_pose.{name}: {value} must be three finite "
-                    "numbers"
+                    f"robot {self.name}: root_pose.{name}: {value} must be three "
+                    "finite numbers"
                 )
         for pair in self.pairs:
             if len(pair) != 2 or pair[0] == pair[1]:
@@ -133,13 +133,19 @@ class RobotDescription:
                     f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
                     f"none of {', '.join(PRESCRIBED_SOURCES)}"
                 )
+        driven = [j for j, source in self.prescribed_joints.items() if source != "hold"]
+        if self.root == "prescribed" and driven:
+            raise ModelError(
+                f"robot {self.name}: prescribed_joints: {', '.join(driven)}: the root "
+                "is prescribed and moves as the performer's hips already; say hold, or "
+                "root: fixed"
+            )
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
                 raise ModelError(
                     f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
                     "positive (.inf for no limit)"
                 )
-
 
     def rest_pose(self) -> RigidTransform:
         """X_WB of the base at rest."""
@@ -283,6 +289,16 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
 
 
+def zero_positions(plant: MultibodyPlant) -> np.ndarray:
+    """(nq,) all joints at 0, and what floats at the origin, not turned."""
+    q = np.zeros(plant.num_positions())
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if isinstance(joint, QuaternionFloatingJoint):
+            q[joint.position_start()] = 1.0
+    return q
+
+
 def find_root(
     plant: MultibodyPlant, description: RobotDescription
 ) -> QuaternionFloatingJoint | None:
@@ -310,8 +326,8 @@ def find_root(
             f"robot {description.name}: link {name!r} has a joint with more positions "
             f"than velocities ({joint.type_name()}), and nothing says what moves it: "
             f"write base: {name} and root: prescribed, if it is the robot's base and "
-            "its pose is given, or root: fixed to weld it; loose things and ball joints "
-            "cannot be in the control model"
+            "its pose is given, or root: fixed to weld it; loose things and ball "
+            "joints cannot be in the control model"
         )
     if body is not None and root is None:
         raise ModelError(

@@ -27,7 +27,7 @@ _X, _Y, _Z, _NONE = np.array([*np.eye(3), np.zeros(3)])
 
 
 class JointTree:
-    """The frames of a plant: one for each velocity, two for a free joint, and the world.
+    """The frames of a plant: the world, one for each velocity, two for a free joint.
 
     Attributes:
         tree: for the equations.

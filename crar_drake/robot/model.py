@@ -417,9 +417,7 @@ class ControlModel:
         force[self.unactuated] = tau[self.unactuated]
         return force
 
-    def _generalized_forces(
-        self, workspace: Workspace, vdot: np.ndarray
-    ) -> np.ndarray:
+    def _generalized_forces(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, whoever provides them."""
         plant, context = self.plant, workspace.plant_context
         plant.CalcForceElementsContribution(context, workspace.forces)
@@ -763,9 +761,7 @@ def names_by_joint(plant: MultibodyPlant, *, of_positions: bool = False) -> list
     """Per velocity (or position) the joint's name; scoped where two models share it."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     plain = [joint.name() for joint in joints]
-    names = [""] * (
-        plant.num_positions() if of_positions else plant.num_velocities()
-    )
+    names = [""] * (plant.num_positions() if of_positions else plant.num_velocities())
     for joint in joints:
         name = joint.name()
         if plain.count(name) > 1:

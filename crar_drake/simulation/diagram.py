@@ -42,8 +42,8 @@ def AddRobot(
     """Adds a robot to a plant that is not finalized yet, in its rest posture.
 
     Its model file is parsed, its base welded to the world (or, if it floats, placed
-    there), and the rest posture made the default of its joints. The plant may hold other
-    things, too.
+    there), and the rest posture made the default of its joints. The plant may hold
+    other things, too.
 
     Args:
         plant: of `AddMultibodyPlantSceneGraph`; call `Finalize` afterwards.
@@ -163,8 +163,8 @@ def AddCrarController(
         if builder.IsConnectedOrExported(port):
             raise ModelError(
                 "the root floats, and what pushes it goes to the plant's input port "
-                f"{port.get_name()}, which is connected already; leave it open, or make "
-                "a CrarController and add its root_force to yours by an Adder"
+                f"{port.get_name()}, which is connected already; leave it open, or "
+                "make a CrarController and add its root_force to yours by an Adder"
             )
         builder.Connect(force, port)
     return controller

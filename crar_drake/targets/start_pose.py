@@ -72,7 +72,9 @@ def solve_start_pose(
         step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = q.copy()
-            trial[model.controlled_positions] = np.clip(state.q + share * step, lower, upper)
+            trial[model.controlled_positions] = np.clip(
+                state.q + share * step, lower, upper
+            )
             trial_state, trial_error = at(trial)
             valid = (trial_state.d >= least_distance).all()
             if valid and trial_error @ trial_error < error @ error:

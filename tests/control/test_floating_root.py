@@ -1,18 +1,17 @@
 """The control law of a robot whose prescribed root floats, at any attitude."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.control.law import STATUS_BRAKING, ControlLaw, InputError
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.free_joints import displaced
 from crar_drake.results.certificate import PATH_POINTS, Moves
 from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel
 from tests.floating_robots import make_floater, root_entries, wxyz
+from tests.small_robots import free_of_constraints
+from tests.tumbling import Tumbling
 
 PERIOD = 5e-3
 HORIZON = CrarParameters().braking_horizon
@@ -31,41 +30,8 @@ def stay_apart(model: ControlModel) -> np.ndarray:
     return q
 
 
-class Tumbling:
-    """The root's pose over time: turns about every axis, several times, and swings."""
-
-    def __init__(self, model: ControlModel, speed: float = 1.0) -> None:
-        self._rest, self._speed = model.description.rest_pose(), speed
-
-    def pose(self, time: float) -> tuple[Rotation, np.ndarray]:
-        t = self._speed * time
-        R = Rotation.from_euler("ZYX", [6.0 * t, 9.0 * t, 7.0 * np.sin(2.0 * t)])
-        p = [0.3 * np.sin(3.0 * t), 0.2 * np.sin(2.0 * t), 0.2 * np.cos(4.0 * t)]
-        R_WB = Rotation.from_matrix(self._rest.rotation().matrix())
-        return R * R_WB, self._rest.translation() + p
-
-    def rates(self, time: float, h: float = 1e-4) -> np.ndarray:
-        """(12,) velocity and acceleration, by differences."""
-        poses = [self.pose(time + k * h) for k in (-2, -1, 0, 1, 2)]
-        twists = [
-            np.concatenate([(b[0] * a[0].inv()).as_rotvec(), b[1] - a[1]]) / h
-            for a, b in zip(poses[:-1], poses[1:], strict=True)
-        ]
-        middle = 0.5 * (twists[1] + twists[2])
-        return np.concatenate([middle, (twists[2] - twists[1]) / h])
-
-    def vector(self, time: float) -> np.ndarray:
-        R, p = self.pose(time)
-        return np.concatenate([wxyz(R), p, self.rates(time)])
-
-    def carried(self, time: float, p_B: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Points (N, 3) of the body: where they are, their velocities and so on."""
-        R, p = self.pose(time)
-        omega, v, alpha, a = self.rates(time).reshape(4, 3)
-        arm = R.apply(p_B)
-        turning = np.cross(omega, arm)
-        acceleration = a + np.cross(alpha, arm) + np.cross(omega, turning)
-        return p + arm, v + turning, acceleration
+def tumbling(model: ControlModel, speed: float = 1.0) -> Tumbling:
+    return Tumbling(model.description.rest_pose(), speed)
 
 
 def in_body(model: ControlModel, q: np.ndarray) -> np.ndarray:
@@ -111,7 +77,7 @@ def test_a_root_that_stands_still_is_a_weld(floating, constraints: str) -> None:
         states.append((stay_apart(model), np.zeros(len(model.order))))
     goal = welded.tasks_at(stay_apart(welded))
     goal[:6] += [0.3, 0.5, -0.2, -0.3, 0.7, 0.1]  # through each other and the post
-    for _ in range(60):
+    for _ in range(40):
         solutions = []
         for i, (model, law) in enumerate(zip((floating, welded), laws, strict=True)):
             q, v = states[i]
@@ -138,7 +104,7 @@ def test_nothing_locks_while_the_root_tumbles(floating) -> None:
     def sway(time):
         return hands + [[0.03 * np.sin(time), 0.0, 0.02], [0.0, 0.0, -0.02]]
 
-    found = tumble(floating, Tumbling(floating), sway, "lookahead", 500)
+    found = tumble(floating, tumbling(floating, 2.0), sway, "lookahead", 240)
     angles = [
         (Rotation.from_quat(q[root_entries(floating)[0][[1, 2, 3, 0]]]).as_matrix())
         for q, _, _ in found
@@ -148,28 +114,26 @@ def test_nothing_locks_while_the_root_tumbles(floating) -> None:
     assert (up.max(axis=0) > 0.95).all() and (up.min(axis=0) < -0.95).all()
     errors = np.array([s.task_error for _, _, s in found])
     assert np.abs(errors[100:]).max() < 0.02
-    largest = max(np.abs(s.acceleration[floating.controlled]).max() for *_, s in found)
-    assert largest < 1e3
-    for q, _, solution in found:
+    for *_, solution in found:
         assert np.linalg.norm(solution.position_command[:4]) == pytest.approx(1.0)
 
 
 def test_the_root_is_where_it_is_told_to_be(floating) -> None:
     """From a wrong attitude, by the shorter way, while it tumbles: e'' = -Kp e - Kv e'
     of the rotation vector."""
-    root = Tumbling(floating, 0.3)
-    law = ControlLaw(floating, CrarParameters(period=1e-3, blend_time=0.0))
+    root = tumbling(floating, 0.3)
+    law = ControlLaw(floating, free_of_constraints(period=PERIOD))
     at, by = root_entries(floating)
     q, v = stay_apart(floating), np.zeros(len(floating.order))
     R, p = root.pose(0.0)
     q[at] = [*wxyz(Rotation.from_rotvec([2.0, 1.0, -1.0]) * R), *(p + 0.1)]
     tasks = floating.tasks_at(q)
     errors = []
-    for k in range(900):
-        R, p = root.pose(k * 1e-3)
+    for k in range(240):
+        R, p = root.pose(k * PERIOD)
         gap = (R * Rotation.from_quat(q[at[[1, 2, 3, 0]]]).inv()).magnitude()
         errors.append((gap, np.linalg.norm(p - q[at[4:]])))
-        solution = law.step(q, v, tasks, root.vector(k * 1e-3))
+        solution = law.step(q, v, tasks, root.vector(k * PERIOD))
         q, v = np.split(solution.position_command, [len(q)])
     assert errors[0] == pytest.approx((np.sqrt(6.0), 0.1 * np.sqrt(3.0)))
     assert max(errors[-1]) < 1e-3
@@ -182,19 +146,17 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
     hands = in_body(floating, stay_apart(floating))
 
     def through(time):
-        swing = 0.5 - 0.5 * np.cos(5.0 * time)
+        swing = 0.5 - 0.5 * np.cos(9.0 * time)
         return hands + swing * np.array([[-0.1, -0.6, 0.1], [0.1, 0.6, -0.2]])
 
-    found = tumble(floating, Tumbling(floating), through, "lookahead", 300)
-    referee = Referee(
-        floating.plant, floating.scene_graph, floating.description.pairs
-    )
+    found = tumble(floating, tumbling(floating), through, "lookahead", 200)
+    referee = Referee(floating.plant, floating.scene_graph, floating.description.pairs)
     moves, nearest = Moves(floating.plant), np.inf
     own = Referee(floating.plant, floating.scene_graph, floating.description.pairs[:-1])
     hows = [s.admission[0] for *_, s in found]
     assert max(hows) > 0.0, "nothing had to be corrected"
     for k in range(0, len(found) - 1, 2):
-        (_, _, solution), (q, v, following) = found[k], found[k + 1]
+        (*_, solution), (q, v, _) = found[k], found[k + 1]
         assert solution.admission[3] == 1.0
         for judge, floor in ((own, solution.admission[2]), (referee, 0.0)):
             smallest = min(
@@ -213,7 +175,7 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
 def test_position_commands_are_where_the_plant_goes(floating) -> None:
     """Drake's plant, whose rate of the quaternion is its own, over one period."""
     law = ControlLaw(floating, CrarParameters(period=PERIOD))
-    root = Tumbling(floating)
+    root = tumbling(floating)
     q, v = stay_apart(floating), np.zeros(len(floating.order))
     at, by = root_entries(floating)
     start = root.vector(0.4)
@@ -232,7 +194,7 @@ def test_position_commands_are_where_the_plant_goes(floating) -> None:
 def test_lost_targets_make_the_root_brake_along(floating) -> None:
     law = ControlLaw(floating, CrarParameters(period=PERIOD))
     q, v = stay_apart(floating), np.ones(len(floating.order))
-    prescribed = Tumbling(floating).vector(0.0)
+    prescribed = tumbling(floating).vector(0.0)
     lost = {
         "nan": prescribed + np.nan,
         "no length": np.concatenate([np.zeros(4), prescribed[4:]]),
@@ -268,7 +230,7 @@ def test_quaternions_of_no_length_are_refused(floating) -> None:
 def test_any_length_and_sign_of_a_quaternion_is_the_same(floating) -> None:
     q, v = stay_apart(floating), 0.3 * np.ones(len(floating.order))
     at, _ = root_entries(floating)
-    tasks, prescribed = floating.tasks_at(q), Tumbling(floating).vector(0.02)
+    tasks, prescribed = floating.tasks_at(q), tumbling(floating).vector(0.02)
     found = []
     for length in (1.0, -1.0, 7.0):
         scaled, given = q.copy(), prescribed.copy()

@@ -157,12 +157,15 @@ def test_the_order_of_the_vectors(model: ControlModel) -> None:
     assert [model.position_names[i] for i in at] == [f"body.{s}" for s in suffixes]
     suffixes = ["wx", "wy", "wz", "vx", "vy", "vz"]
     assert model.prescribed_names == [f"body.{s}" for s in suffixes]
-    assert model.joint_names == [f"{side}_j{k}" for side in ("left", "right") for k in range(3)]
+    assert model.joint_names == [
+        f"{side}_j{k}" for side in ("left", "right") for k in range(3)
+    ]
     q = model.rest_positions()
     rest = model.prescribed_at(q)
     assert rest.shape == (model.prescribed_size,) == (19,)
     np.testing.assert_allclose(rest[4:7], [0.1, -0.2, 0.3], atol=0)
-    np.testing.assert_allclose(model.plant.GetDefaultPositions(), q, atol=1e-15)
+    plant, _ = add_floater(DiagramBuilder())
+    np.testing.assert_allclose(plant.GetDefaultPositions(), q, atol=1e-15)
     moved = np.arange(13.0)
     np.testing.assert_array_equal(model.in_plant(*model.in_order(moved))[0], moved)
 

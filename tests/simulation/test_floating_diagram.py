@@ -185,7 +185,8 @@ def test_prescribed_joints_that_a_motion_moves_need_one(run: RunResult) -> None:
     assert run.setup.motion.prescribed_at(0.0).shape == (7,)
     scenario = parse_scenario(
         "robot: upper_body\ntasks: [{frame: left_wrist}]\n"
-        "keyframes: {left_wrist: [{time: 0, xyz: [0, 0, 1]}, {time: 1, xyz: [0, 0, 1]}]}",
+        "keyframes:\n  left_wrist:\n  - {time: 0, xyz: [0, 0, 1]}\n"
+        "  - {time: 1, xyz: [0, 0, 1]}\n",
         "test",
     )
     with pytest.raises(ScenarioError, match="need a motion"):

@@ -26,6 +26,7 @@ def model(tmp_path_factory) -> ControlModel:
     """The built-in robot off its rails: what they carry floats, turned at rest."""
     rails = load_robot_description("upper_body")
     folder = tmp_path_factory.mktemp("floating")
+    ET.register_namespace("drake", "http://drake.mit.edu")
     tree = ET.parse(f"{rails.folder}/{rails.model}")
     robot = tree.getroot()
     carried = {}
@@ -103,7 +104,7 @@ def test_the_root_is_turned_as_the_hips_and_carries_the_waist(model) -> None:
         np.testing.assert_allclose(x[7:13], rates / (2.0 * h), atol=1e-4)
         rates = (after[7:13] - before[7:13]) / (2.0 * h)
         np.testing.assert_allclose(x[13:], rates, atol=1e-2)
-    assert np.abs(headings).max() < 0.05
-    assert len(headings) > 20
+    assert np.abs(headings).max() < 1e-3
+    assert len(headings) > 10
     still = at(motion.duration + 1.0)
     np.testing.assert_array_equal(still[7:], 0.0)

@@ -22,7 +22,6 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from rich.console import Console
 
@@ -57,13 +56,12 @@ from crar_drake.errors import CrarError
 from crar_drake.files import check_file, check_folder
 from crar_drake.nearest import nearest
 from crar_drake.results import RECORDING
-from crar_drake.results.playback import save_recording
+from crar_drake.results.playback import record_log
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, Task
-from crar_drake.run import run_scenario
+from crar_drake.run import make_log, run_scenario
 from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.simulation.visualization import start_recording
 from crar_drake.studies.machine import describe_machine
 
 MODES = ("paper", "lookahead")
@@ -356,21 +354,19 @@ def time_simulation(
     Args:
         scenario, setup: of the package.
         package: of `benchmarks.plain`.
-        recording: whether Meshcat records it.
+        recording: whether its page is made afterwards.
     """
-    meshcat = Meshcat() if recording else None
-    diagram = package.MakeCrarDiagram(scenario, meshcat, setup)
+    diagram = package.MakeCrarDiagram(scenario, setup=setup)
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
-    if meshcat is not None:
-        start_recording(meshcat, scenario.visualization.publish_period)
     simulator.Initialize()
     start, cpu_start = time.perf_counter(), time.process_time()
     simulator.AdvanceTo(scenario.duration)
     end, cpu_end = time.perf_counter(), time.process_time()
-    if meshcat is not None:
+    if recording:
+        log = make_log(scenario, setup, diagram, simulator.get_context())
         with tempfile.TemporaryDirectory() as folder:
-            save_recording(meshcat, Path(folder) / RECORDING)
+            record_log(log, Path(folder) / RECORDING, scenario=scenario)
     return SimulationTime(end - start, cpu_end - cpu_start, time.perf_counter() - end)
 
 

@@ -38,11 +38,17 @@ def measure_compiling(constraints: str = "lookahead") -> dict[str, dict[str, flo
             "PYTHONPATH": os.pathsep.join(filter(None, path)),
         }
         return {
-            name: _in_a_process(environment, constraints) for name in ("first", "later")
+            name: measure_process(environment, constraints)
+            for name in ("first", "later")
         }
 
 
-def _in_a_process(environment: dict[str, str], constraints: str) -> dict[str, float]:
+def measure_process(environment: dict[str, str], constraints: str) -> dict[str, float]:
+    """What `measure_here` tells of a process with that environment.
+
+    Raises:
+        CrarError: it failed.
+    """
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.step_compiling", constraints],
         env=environment,

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
@@ -54,8 +53,9 @@ _SLICE = 0.0625
 # A run whose log and recording would take more memory than this is refused [B].
 _MEMORY_LIMIT = 4 * 2**30
 
-# What a frame of the recording takes of memory while the page is made, for each body
-# and target [B]; measured as 1.6 kB (`benchmarks.long_run`).
+# What a frame of the recording is allowed to take of memory while the page is made, for
+# each body and target [B]. Measured as 1.6 kB when Meshcat recorded it
+# (`benchmarks.long_run`); what is kept of a frame now is less.
 _FRAME_BYTES = 2000
 
 # A logged value is kept as 8 bytes, grown by doubling, and copied twice.
@@ -154,15 +154,17 @@ def run_scenario(
         out = Path(out)
         for name in (RECORDING, LOG, SUMMARY, PLOT):
             check_file(out / name)
-        # Whatever is wrong with the plotting library shows before the simulation.
-        import crar_drake.results.plots  # noqa: F401
+        # Whatever is wrong with what they need shows before the simulation.
+        import crar_drake.results.plots
+
+        if record:
+            import crar_drake.results.playback  # noqa: F401
     with when_compiling(lambda: tell(COMPILING) if tell is not None else None):
         setup = PrepareScenario(scenario)
         duration = scenario.duration or setup.motion.duration
         record = record and out is not None
         check_size(scenario, setup, duration, record)
-        meshcat = Meshcat() if record else None
-        diagram = MakeCrarDiagram(scenario, meshcat, setup)
+        diagram = MakeCrarDiagram(scenario, setup=setup)
         diagram.GetSubsystemByName("crar_controller").law.compile()
 
     simulator = Simulator(diagram)
@@ -174,12 +176,8 @@ def run_scenario(
             plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()),
             scenario.disturbances.mass_scale,
         )
-    if meshcat is not None:
-        from crar_drake.simulation.visualization import start_recording
-
-        start_recording(meshcat, scenario.visualization.publish_period)
-    clip = setup.motion.clip
-    report = inspect(clip) if clip is not None else None
+    performer = setup.motion.performer
+    report = inspect(performer) if performer is not None else None
     warnings = run_warnings(scenario, setup, report, recorded=record)
     with _ctrl_c() as interrupts:
         start, stopped = time.perf_counter(), None
@@ -202,7 +200,7 @@ def run_scenario(
         result = RunResult(log, summary, setup)
         if out is None:
             return result
-        missing = _write(out, result, logged, meshcat, interrupts)
+        missing = _write(out, result, logged, record, interrupts)
     _tell(result, out, duration, stopped, missing)
     return result
 
@@ -301,6 +299,7 @@ def make_log(
         lower=lower,
         upper=upper,
         velocity_limits=controller.law.speed_limits,
+        effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=_logged(scenario).to_yaml(),
     )
 
@@ -392,7 +391,7 @@ def _write(
     out: Path,
     result: RunResult,
     scenario: Scenario,
-    meshcat: Meshcat | None,
+    record: bool,
     interrupts: _Interrupts,
 ) -> list[BaseException]:
     """Writes a run's files, and adds to `result.files` what is there.
@@ -409,16 +408,22 @@ def _write(
             temporary.write_text(summary.to_json())
 
     def write_recording(path: Path) -> None:
-        from crar_drake.results.playback import save_recording
+        from crar_drake.results.playback import record_log
 
-        save_recording(meshcat, path)
+        record_log(
+            log,
+            path,
+            frames_per_second=1.0 / scenario.visualization.publish_period,
+            scenario=scenario,
+            description=result.setup.model.description,
+        )
 
-    # The page is the largest, and comes last.
+    # The page takes longest, and comes last.
     others: dict[str, Callable[[Path], None]] = {
         SUMMARY: write_summary,
         PLOT: lambda path: plot_run(log, path, scenario),
     }
-    if meshcat is not None:
+    if record:
         others[RECORDING] = write_recording
     missing: list[BaseException] = []
     try:

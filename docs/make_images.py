@@ -1,23 +1,36 @@
 """Draws the pictures of the documentation.
 
-    python docs/make_images.py [out/dance/recording.html] [out/reproduce/cmu]
+    python docs/make_images.py [out/compare.html] [out/reproduce/cmu]
 
-`images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a recorded
-page, `images/dance.png` is what a browser shows of it (needs Chromium); given the
-folder of a reproduction, those that `reproduction.md` shows become
-`images/section-iv-*`.
+`images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a page of
+`crar-drake compare`, `images/compare.webp` is what a browser shows of it, moving (needs
+Chromium); given the folder of a reproduction, those that `reproduction.md` shows become
+`images/section-iv-*`. The first page's picture is made by
+
+    crar-drake run --no-recording --constraints none --out out/none
+    crar-drake run --no-recording --out out/lookahead
+    crar-drake compare out/none out/lookahead
+    python docs/make_images.py out/compare.html
 """
 
+import io
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
+
+import numpy as np
+from headless_browser import HeadlessBrowser
+from PIL import Image
 
 from crar_drake import MakeCrarDiagram, load_scenario
 
 IMAGES = Path(__file__).resolve().parent / "images"
-SECONDS = 9.0  # into the recording
+SIZE = 880, 600  # [pixels]
+START, END = 7.0, 12.5  # of what is shown of the runs [s]
+RATE = 8.0  # pictures per second
+# Nobody presses a button in a picture.
+_HIDDEN = "#crar-controls, #crar-legend { display: none !important; }"
 
 
 def draw_diagram() -> None:
@@ -28,28 +41,28 @@ def draw_diagram() -> None:
     )
 
 
-def draw_recording(page: Path) -> None:
-    with tempfile.TemporaryDirectory() as profile:
-        subprocess.run(
-            [
-                "chromium",
-                "--headless",
-                "--no-sandbox",
-                "--use-gl=angle",
-                "--use-angle=swiftshader",
-                "--enable-unsafe-swiftshader",
-                "--disable-background-networking",
-                "--no-first-run",
-                "--hide-scrollbars",
-                f"--user-data-dir={profile}",
-                f"--virtual-time-budget={int(1000 * SECONDS)}",
-                "--window-size=1000,640",
-                f"--screenshot={IMAGES / 'dance.png'}",
-                page.resolve().as_uri(),
-            ],
-            check=True,
-            capture_output=True,
+def draw_comparison(page: Path) -> None:
+    pictures = []
+    with HeadlessBrowser(*SIZE) as browser:
+        browser.open(page, f"#t={START}")
+        browser.evaluate(
+            "document.head.append(Object.assign(document.createElement('style'), "
+            f"{{ textContent: '{_HIDDEN}' }}))"
         )
+        for time in np.arange(START, END, 1.0 / RATE):
+            browser.evaluate(f"crar.seek({time})")
+            browser.settle()
+            pictures.append(Image.open(io.BytesIO(browser.screenshot())).convert("RGB"))
+    first, *others = pictures
+    first.save(
+        IMAGES / "compare.webp",
+        append_images=others,
+        save_all=True,
+        duration=round(1e3 / RATE),
+        loop=0,
+        quality=70,
+        method=4,
+    )
 
 
 def copy_figures(reproduction: Path) -> None:
@@ -64,4 +77,4 @@ if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     draw_diagram()
     for given in map(Path, sys.argv[1:]):
-        (copy_figures if given.is_dir() else draw_recording)(given)
+        (copy_figures if given.is_dir() else draw_comparison)(given)

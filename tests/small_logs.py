@@ -54,6 +54,7 @@ def small_log(**changes) -> SimulationLog:
         lower=np.array([-np.inf, -1.0, -np.inf]),
         upper=np.array([np.inf, 1.0, np.inf]),
         velocity_limits=np.array([np.inf, 2.0, np.inf]),
+        effort_limits=np.array([10.0, np.inf, 40.0]),
         scenario=SCENARIO,
     )
     return replace(log, **changes)

@@ -65,7 +65,7 @@ def test_the_links_are_seen():
         for link in links(page)
     }
     assert set((ROOT / "docs").glob("*.md")) <= linked
-    assert {ROOT / "examples", ROOT / "docs/images/dance.png"} <= linked
+    assert {ROOT / "examples", ROOT / "docs/images/compare.webp"} <= linked
 
 
 def test_the_first_page_fits_the_width():

@@ -36,6 +36,12 @@ def test_wheel_carries_data(wheel: Path) -> None:
         "crar_drake/diagrams/dance_wrists.yaml",
         "crar_drake/motion/builtin/dance.amc",
         "crar_drake/motion/known_trials.csv",
+        "crar_drake/results/page/page.html",
+        "crar_drake/results/page/page.css",
+        "crar_drake/results/page/page.js",
+        "crar_drake/results/page/marks.js",
+        "crar_drake/results/page/timeline.js",
+        "crar_drake/results/page/view.js",
     ):
         assert needed in names
 

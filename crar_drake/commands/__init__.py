@@ -14,6 +14,9 @@ from collections.abc import Sequence
 
 from crar_drake import __version__
 from crar_drake.commands import (
+    clean,
+    compare,
+    convert,
     fetch,
     import_robot,
     judge,
@@ -22,6 +25,7 @@ from crar_drake.commands import (
     playback,
     reproduce,
     run,
+    serve,
     sweep,
 )
 from crar_drake.commands.options import Parser, nearest
@@ -38,7 +42,11 @@ COMMANDS = (
     fetch,
     import_robot,
     judge,
+    clean,
+    convert,
     playback,
+    compare,
+    serve,
 )
 
 
@@ -49,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments; by default those of the process.
 
     Returns:
-        0; 1 if `judge` finds that a log's certificate is not true; 2 if something the
+        0; 1 if `judge` finds something violated or untrue; 2 if something the
         user gave is wrong, which is then on stderr; 130 if interrupted.
     """
     # Nothing here opens a window. A backend that is not there would fail importing.

@@ -51,6 +51,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         action="store_true",
         help="lock no joint that can be controlled",
     )
+    parser.add_argument(
+        "--cover",
+        action="store_true",
+        help="grow the capsules until they hold all triangles of the meshes, by which "
+        "meshes are clear wherever capsules are (on a first import)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -90,6 +96,7 @@ def run(arguments: argparse.Namespace) -> None:
             out,
             package_paths=tuple(arguments.package_path or ()),
             lock=lock,
+            cover=arguments.cover,
             progress=progress,
         )
     for line in report.lines():

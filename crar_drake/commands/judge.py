@@ -7,6 +7,11 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crar_drake.commands.judge_references import (
+    add_reference_judge_options,
+    is_reference_or_folder,
+    run_references,
+)
 from crar_drake.commands.options import add_command, add_robot, count, positive
 from crar_drake.errors import CrarError
 
@@ -17,6 +22,9 @@ if TYPE_CHECKING:
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.mesh_judge import MeshVerdict, Nearest, PairContact
     from crar_drake.robot.description import RobotDescription
+
+# Between the samples of a log in which meshes are judged [s].
+_MESH_PERIOD = 0.02
 
 # Pairs (and links) that are told one by one.
 _MOST_LINES = 5
@@ -33,16 +41,25 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "of these, for all links more than one joint apart. A log with constraints "
         "lookahead says of its every control step how it could brake: whether that is "
         "true is told, and the exit code is 1 if it is not, or if a constraint is "
-        "violated, or if meshes penetrate.",
+        "violated, or if meshes penetrate. It also judges reference motions of a whole "
+        "robot (.csv, .npz, .pkl, or folders of them): penetration, joint and speed "
+        "limits, ground, jumps, slip of planted feet; the exit code is then 1 if "
+        "something is violated, and 2 if a file cannot be used.",
     )
-    parser.add_argument("log", type=Path, metavar="LOG", help="the log.npz of a run")
-    add_robot(parser)
+    parser.add_argument(
+        "what",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="the log.npz of a run; or reference motions, or folders of them",
+    )
+    add_robot(parser, "; or of the robot that reference motions are of")
     parser.add_argument(
         "--every",
         type=positive,
-        default=0.02,
         metavar="S",
-        help="look at the meshes every S seconds (default: %(default)s)",
+        help="look at the meshes every S seconds (default: of a log "
+        f"{_MESH_PERIOD:g}, of a reference motion every frame)",
     )
     parser.add_argument(
         "--no-meshes",
@@ -56,10 +73,29 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="judge the braking path of every N-th control step, besides the nearest "
         "100 (default: of about 300)",
     )
+    add_reference_judge_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Does what the arguments say.
+    """Does what the arguments say, for a log or for reference motions.
+
+    Returns:
+        The exit code: see `run_log` and `judge_references.run_references`.
+    """
+    if arguments.certificate:
+        from crar_drake.commands.judge_certificate import judge_certificates
+
+        return judge_certificates(arguments)
+    if any(is_reference_or_folder(path) for path in arguments.what):
+        return run_references(arguments)
+    if len(arguments.what) > 1:
+        raise CrarError("logs are judged one at a time")
+    (arguments.log,) = arguments.what
+    return run_log(arguments)
+
+
+def run_log(arguments: argparse.Namespace) -> int:
+    """Judges a log.
 
     Returns:
         The exit code: 1 if the log has a certificate, and that is not true, a
@@ -83,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_logged_robot(log, model.plant, description)
     meshes = None
     if not arguments.no_meshes and has_meshes(model.plant, model.scene_graph):
-        meshes = _judge_meshes(log, description, arguments.every)
+        meshes = _judge_meshes(log, description, arguments.every or _MESH_PERIOD)
     try:
         speeds = scenario.controller.speed_limits(model)
         referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)

@@ -20,7 +20,8 @@ CONSTRAINTS = ("none", "paper", "lookahead")
 
 # What several commands say of the same options.
 MOTION_HELP = (
-    "a built-in one (dance), a CMU recording (cmu:05_02), or a path (some/path.amc)"
+    "a built-in one (dance), a CMU recording (cmu:05_02), or a file: .amc, .bvh, .c3d, "
+    ".npz, .npy, .csv"
 )
 EXPERIMENT_HELP = (
     "which points follow the motion: two wrists, or seven of the upper body"
@@ -102,6 +103,46 @@ def add_frame_rate(parser: Parser) -> None:
     )
 
 
+def add_file_options(parser: Parser) -> None:
+    """Adds what is inferred of motion files of most formats, and may be wrong."""
+    parser.add_argument(
+        "--unit",
+        metavar="UNIT",
+        help="of the motion's lengths: m, cm, mm, in, cmu (the CMU database's), or a "
+        "number of metres (default: so that its performer has a person's height)",
+    )
+    for option, what in (("up", "points up"), ("facing", "becomes forward")):
+        parser.add_argument(
+            f"--{option}",
+            metavar="AXIS",
+            help=f"the motion file's axis that {what}: x, y, z, or as in --{option}=-x "
+            "(default: by its skeleton)",
+        )
+    parser.add_argument(
+        "--joints",
+        metavar="FILE",
+        help="a YAML file that says which of the motion's joints are meant, where the "
+        "match is wrong",
+    )
+
+
+FILE_OPTIONS = ("skeleton", "frame_rate", "unit", "up", "facing", "joints")
+
+
+def add_reference_options(parser: Parser) -> None:
+    """Adds --robot and --layout, of a motion of a whole robot."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="name or folder of the robot that a reference motion is of",
+    )
+    parser.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="layout of a reference motion (default: what the file looks like)",
+    )
+
+
 def add_jobs(parser: Parser) -> None:
     """Adds --jobs, of what simulates much."""
     parser.add_argument(
@@ -109,13 +150,18 @@ def add_jobs(parser: Parser) -> None:
     )
 
 
-def add_robot(parser: Parser) -> None:
-    """Adds --robot, of a saved log."""
+def add_robot(parser: Parser, also: str = "") -> None:
+    """Adds --robot, of a saved log.
+
+    Args:
+        parser: of the command.
+        also: what else it is of, for the help's end.
+    """
     parser.add_argument(
         "--robot",
         metavar="ROBOT",
         help="name or folder of the log's robot, if it is not where it was when "
-        "the log was made",
+        f"the log was made{also}",
     )
 
 

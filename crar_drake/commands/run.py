@@ -15,10 +15,12 @@ from crar_drake.commands.options import (
     DEFAULT_SCENARIO,
     EXPERIMENT_HELP,
     EXPERIMENTS,
+    FILE_OPTIONS,
     LEVEL_HELP,
     LEVELS,
     MOTION_HELP,
     add_command,
+    add_file_options,
     add_frame_rate,
     add_skeleton,
     positive,
@@ -53,6 +55,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     add_skeleton(parser)
     add_frame_rate(parser)
+    add_file_options(parser)
     parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
     parser.add_argument("--level", choices=LEVELS, help=LEVEL_HELP)
     parser.add_argument("--constraints", choices=CONSTRAINTS, help=CONSTRAINTS_HELP)
@@ -117,17 +120,19 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--motion: {arguments.scenario} follows keyframes of its own; take a "
                 "scenario with a motion, or change the file"
             )
-        # The scenario's skeleton and rate belong to the scenario's motion.
-        scenario.motion, scenario.skeleton = arguments.motion, ""
-        scenario.frame_rate = None
-    if arguments.skeleton is not None:
-        if scenario.keyframes:
+        # What the scenario says of its motion's file belongs to that one.
+        scenario.motion = arguments.motion
+        for name in FILE_OPTIONS:
+            setattr(scenario, name, None if name == "frame_rate" else "")
+    for name in FILE_OPTIONS:
+        value = getattr(arguments, name)
+        if value is None:
+            continue
+        if scenario.keyframes and name != "frame_rate":  # of which `validate` tells
             raise ScenarioError(
-                f"--skeleton: {arguments.scenario} follows keyframes, not a motion"
+                f"--{name}: {arguments.scenario} follows keyframes, not a motion"
             )
-        scenario.skeleton = arguments.skeleton
-    if arguments.frame_rate is not None:
-        scenario.frame_rate = arguments.frame_rate
+        setattr(scenario, name, value)
     if arguments.experiment is not None:
         if scenario.tasks:
             raise ScenarioError(

@@ -25,8 +25,14 @@ from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
-from crar_drake.equations.tasks import task_error, unpack_tasks
+from crar_drake.equations.references import (
+    Answer,
+    BlendStart,
+    TaskGains,
+    Wanted,
+    find_error,
+)
+from crar_drake.equations.tasks import unpack_tasks
 from crar_drake.equations.torque_limit import (
     clip_torque,
     limit_torque,
@@ -230,7 +236,11 @@ class ControlLaw:
         self.reset()
 
     def compile(self) -> None:
-        """Compiles what has yet to be, by a step at rest that leaves nothing behind."""
+        """Compiles what has yet to be, by a step at rest that leaves nothing behind.
+
+        What only some steps need is among it, lest the first of these stop the robot's
+        control for a fifth of a second.
+        """
         model = self.model
         q = self._rest
         v = np.zeros(model.plant.num_velocities())
@@ -239,6 +249,12 @@ class ControlLaw:
         )
         workspace = model.MakeWorkspace()
         step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
+        if self._limits_efforts:
+            measured = self._measure(workspace, q, v)
+            inertia = model.effort_per_acceleration(workspace)
+            wish = np.ones_like(v)
+            effort = model.inverse_dynamics(workspace, wish)
+            self._within_efforts(workspace, measured, wish, effort, inertia)
         self.hold(workspace, step, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:
@@ -368,10 +384,7 @@ class ControlLaw:
         model, mode = self.model, self.mode
         if model.num_free:
             self._check_orientation("the measured position of the root", q, time)
-        q_s = None
-        if mode.horizon is not None:
-            q_s = self._resting(q, v)
-        measured = model.measure(workspace, q, v, q_s)
+        measured = self._measure(workspace, q, v)
         if not targets.finite():
             if mode.brakes_without_targets:
                 return self._brake(workspace, tick, measured)
@@ -386,7 +399,12 @@ class ControlLaw:
         if start is None:
             state = model.state_here(measured)
             start_time = time
-            start = BlendStart(state.R, state.p, q[model.prescribed_positions])
+            start = BlendStart(
+                state.R,
+                state.p,
+                q[model.prescribed_positions],
+                state.q[model.layout.rows.joints],
+            )
         blend = smooth_step(time - start_time, self._blend_time)
         tasks, governed = targets.tasks, None
         if self._target_bounds is not None:
@@ -479,7 +497,8 @@ class ControlLaw:
         before = memory.governed
         if before is None or tick != memory.tick + 1:
             state = self.model.state_here(measured)
-            pose = self.model.layout.pack(state.R, state.p)
+            joints = state.q[self.model.layout.rows.joints]
+            pose = self.model.layout.pack(state.R, state.p, q=joints)
             before = start_governor(pose, state.J @ state.v, rows, bounds, self._period)
         return govern_tasks(
             np.ascontiguousarray(tasks), before, rows, bounds, self._period
@@ -489,7 +508,7 @@ class ControlLaw:
         """Eq. (11) against any targets, (m,)."""
         rows = self.model.layout.rows
         state, desired = self.model.state_here(measured), unpack_tasks(tasks, rows)
-        return task_error(rows, state.R, state.p, desired.R, desired.p)
+        return find_error(state.q, state.R, state.p, desired, rows)
 
     @property
     def brakes_without_targets(self) -> bool:
@@ -548,13 +567,15 @@ class ControlLaw:
             of_mode=diagnostics,
         )
 
-    def _resting(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """`resting_configuration` in the plant's order."""
+    def _measure(self, workspace: Workspace, q: np.ndarray, v: np.ndarray) -> Measured:
+        """The state and, if the mode looks there, the `resting_configuration`."""
         model, T = self.model, self.mode.horizon
+        if T is None:
+            return model.measure(workspace, q, v)
         if not model.num_free:
-            return resting_configuration(q, v, T)
-        (q_s,) = model.in_plant(resting_configuration(*model.in_order(q, v), T))
-        return q_s
+            return model.measure(workspace, q, v, resting_configuration(q, v, T))
+        in_order = resting_configuration(*model.in_order(q, v), T)
+        return model.measure(workspace, q, v, *model.in_plant(in_order))
 
     def _next_state(
         self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray

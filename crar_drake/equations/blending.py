@@ -15,6 +15,7 @@ from crar_drake.equations.free_joints import POSITIONS, VELOCITIES, turned
 from crar_drake.equations.tasks import (
     DesiredTasks,
     TaskRows,
+    put_joint_rows,
     rotation_from_quaternion,
     stack_rows,
 )
@@ -159,15 +160,17 @@ def blend_tasks(
     rows: TaskRows,
     R_start: np.ndarray,
     p_start: np.ndarray,
+    q_start: np.ndarray,
     target: DesiredTasks,
     step: tuple[float, float, float],
 ) -> DesiredTasks:
-    """Blends every task from (R_start, p_start) to `target`.
+    """Blends every task from (R_start, p_start, q_start) to `target`.
 
     Args:
         rows: which rows belong to which task.
         R_start: (Na, 3, 3) measured orientations at the start.
         p_start: (Nl, 3) measured positions at the start [m].
+        q_start: (Nj,) measured positions of the tasks that are joints [rad or m].
         target: the targets of this instant.
         step: (s, s_dot, s_ddot) of `smooth_step`.
     """
@@ -186,8 +189,14 @@ def blend_tasks(
     p, v, a = blend_vectors(
         p_start.ravel(), target.p.ravel(), target.v[at], target.a[at], step
     )
+    at = rows.joint_rows
+    q, qdot, qddot = blend_vectors(q_start, target.q, target.v[at], target.a[at], step)
     return DesiredTasks(
-        R, p.reshape(-1, 3), stack_rows(omega, v, rows), stack_rows(omega_dot, a, rows)
+        R,
+        p.reshape(-1, 3),
+        put_joint_rows(stack_rows(omega, v, rows), qdot, rows),
+        put_joint_rows(stack_rows(omega_dot, a, rows), qddot, rows),
+        q,
     )
 
 

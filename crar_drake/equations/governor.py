@@ -54,7 +54,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.tasks import TaskRows
+from crar_drake.equations.tasks import TaskRows, num_rows
 from crar_drake.equations.vectors import cross, dot
 
 # Bounds that a target keeps but for rounding are kept.
@@ -85,7 +85,7 @@ def govern_tasks(
             quaternion of zero length, that task is left as it is.
         before: (size,) what this function returned one period before; or
             `start_governor`.
-        rows: which rows belong to which task.
+        rows: which rows belong to which task; joints are passed as they are.
         bounds: of all tasks.
         h: control period [s].
 
@@ -93,7 +93,7 @@ def govern_tasks(
         (size,) [x; v; a], an array of its own.
     """
     governed = desired.copy()
-    m = len(rows.angular_rows) + len(rows.linear_rows)
+    m = num_rows(rows)
     at_v = len(desired) - 2 * m
     # The entries of a task are side by side.
     V, A = bounds.speed, bounds.acceleration

@@ -60,6 +60,7 @@ class TaskPoints(NamedTuple):
     carried: np.ndarray  # (m, nv) 1 where the joint moves the row's task
     carries: np.ndarray  # (T, nv) 1 where the joint moves the task
     above: np.ndarray  # (nv, nv) 1 where joint j moves joint i's frame, i = j included
+    of_joints: np.ndarray  # (m, nv) 1 where a row is that joint; (0, 0) if none is
 
 
 @compiled
@@ -185,7 +186,7 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
 
     A unit velocity of a task's point p along axis e is felt by the joints as the
     wrench [p x e; e] about the world's origin, a turn about e as [e; 0]: these are
-    the rows that multiply S.
+    the rows that multiply S. The row of a joint is a unit vector.
 
     Args:
         p: (T, 3) the tasks' points in W [m].
@@ -193,7 +194,10 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
         tasks: with the wrenches' parts that are fixed, and those by the points.
     """
     wrenches = times(tasks.by_point, p.ravel()).reshape(-1, 6) + tasks.fixed
-    return product(wrenches, S) * tasks.carried
+    J = product(wrenches, S) * tasks.carried
+    if len(tasks.of_joints):
+        J += tasks.of_joints
+    return J
 
 
 @compiled

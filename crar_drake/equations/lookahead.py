@@ -71,7 +71,7 @@ SMALLEST_MARGIN = 1e-4
 # A joint with one limit is weighted as if the other were so far away [rad or m].
 ONE_SIDED_RANGE = 2.0 * np.pi
 
-# q_s is not asked to move by more than this in a period [rad or m].
+# q_s is not asked to move by more than this in a period unless it is given [rad or m].
 LONGEST_MOVE = 0.15
 
 # A step is corrected so often before it is scaled.
@@ -98,6 +98,8 @@ class LookaheadGains(NamedTuple):
     influence_distance: float  # [m]
     period: float  # of the controller [s]
     slip_share: float  # of what was seen last, in the slip's low-pass
+    longest_move: float = LONGEST_MOVE  # of q_s in a period [rad or m]
+    task_norm: bool = False  # whether the guard's norm is that of the tasks
 
 
 class Limits(NamedTuple):
@@ -361,6 +363,8 @@ def wish_velocity(
     constraints: Constraints,
     gains: LookaheadGains,
     longest: float,
+    qdot_0: np.ndarray,
+    qddot_0: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """(L6): the paper's law with W = I + sum omega_j g_j g_j^T; it always exists.
 
@@ -372,7 +376,9 @@ def wish_velocity(
         z = Gv (q_dot_c - q_dot)
         alpha = argmin |J x - a_r|^2 + lambda^2 (|x|^2 - 2 z^T x if m < n
                 + sum omega_j min(0, g_j s_0(x) + drift_j)^2 / T^2)
-        s_0 = q_dot + T (alpha + z), at most LONGEST_MOVE / period.
+        s_0 = q_dot + T (alpha + z), at most longest_move / period.
+
+    Where tasks are joints, |x - x_0|^2 stands for |x|^2 (`undamped_preference`).
 
     Args:
         J: (m, n) task Jacobian.
@@ -383,6 +389,7 @@ def wish_velocity(
         constraints: rows and limits.
         gains: of the mode.
         longest: the largest |s_0| of a joint [rad/s].
+        qdot_0, qddot_0: (n,) x_0 of both levels; (0,) for 0.
 
     Returns:
         (n,) s_0; (n,) q_dot_c; (n,) the diagonal of W at alpha; passes.
@@ -397,6 +404,8 @@ def wish_velocity(
     factor = cholesky(normal)
 
     right = transposed_times(J, v_r)
+    if len(qdot_0):
+        right = right + damping2 * qdot_0
     qdot_c, _, first = one_sided_minimum(
         normal, right, rows, -root * drift, cholesky_solve(factor, right)
     )
@@ -404,6 +413,8 @@ def wish_velocity(
     right = transposed_times(J, a_r)
     if m < n:
         right = right + damping2 * (z + posture)
+    if len(qddot_0):
+        right = right + damping2 * qddot_0
     towards = times(g, qdot + T * z) + drift
     alpha, active, second = one_sided_minimum(
         normal, right, rows, -root * towards / T, cholesky_solve(factor, right)
@@ -419,22 +430,44 @@ def wish_velocity(
 
 
 @compiled
-def guard(s_0: np.ndarray, constraints: Constraints) -> tuple[np.ndarray, int]:
+def guard_norm(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
+    """N of (L7), (n, n): the identity, or the norm of (L6) itself,
+
+        J^T J + lambda^2 I,
+
+    by which a change is small where it is so for the tasks, by their weights: what
+    evades then moves a task of high weight the least.
+
+    Args:
+        J: (m, n) task Jacobian, weighted.
+        gains: of the mode.
+    """
+    N = np.eye(J.shape[1])
+    if gains.task_norm:
+        N = gains.damping**2 * N + gram(J)
+    return N
+
+
+@compiled
+def guard(
+    s_0: np.ndarray, constraints: Constraints, norm: np.ndarray
+) -> tuple[np.ndarray, int]:
     """(L7): the velocity nearest to the wish that the constraints allow, (n,).
 
-        s = argmin |s - s_0|^2 + sum omega_j max(0, r_j - g_j s - drift_j)^2
+        s = argmin (s - s_0)^T N (s - s_0) + sum omega_j max(0, r_j - g_j s - drift_j)^2
 
     Args:
         s_0: (n,) the wish.
         constraints: rows and limits.
+        norm: (n, n) N, `guard_norm`.
 
     Returns:
         (n,) s; the passes.
     """
     root = np.sqrt(constraints.weight)
     s, _, passes = one_sided_minimum(
-        np.eye(len(s_0)),
-        s_0,
+        norm,
+        times(norm, s_0),
         root[:, np.newaxis] * constraints.g,
         root * (constraints.retreat - constraints.drift),
         s_0,
@@ -532,6 +565,7 @@ def admit(
     v: np.ndarray,
     d: np.ndarray,
     constraints: Constraints,
+    norm: np.ndarray,
     r: Robot,
     numbers: LookaheadNumbers,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -546,7 +580,7 @@ def admit(
         s_1: (n,) the guard's wish.
         q, v: (nq,), (nv,) state.
         d: (2, Nr) distances of all rows at q and at q_s [m].
-        constraints: of the guard.
+        constraints, norm: of the guard.
         r, numbers: of the robot and the mode.
 
     Returns:
@@ -574,7 +608,7 @@ def admit(
                     checked, s, n, present, r, reaches, numbers.gains, admission
                 ),
             )
-            s_1, _ = guard(s_0, constraints)
+            s_1, _ = guard(s_0, constraints, norm)
             s = np.concatenate((np.minimum(np.maximum(s_1, lowest), highest), s_p))
             checked = check_step(q, v, s, present, r, reaches, admission)
             if checked.clear:
@@ -648,11 +682,14 @@ def lookahead_step(
         references.posture,
         constraints,
         gains,
-        LONGEST_MOVE / gains.period,
+        gains.longest_move / gains.period,
+        references.qdot_0,
+        references.qddot_0,
     )
-    s_1, _ = guard(s_0, constraints)
+    norm = guard_norm(references.J, gains)
+    s_1, _ = guard(s_0, constraints, norm)
     s, s_p, admission = admit(
-        s_0, s_p, s_1, state.q, v, state.d, constraints, r, numbers
+        s_0, s_p, s_1, state.q, v, state.d, constraints, norm, r, numbers
     )
     margins = np.full(2, np.inf)
     if len(h):

@@ -37,6 +37,7 @@ from crar_drake.equations.resolved_acceleration import (
     null_space_motion,
     velocity_level_acceleration,
 )
+from crar_drake.equations.vectors import times
 from crar_drake.equations.weighted_inverse import damped_inverse
 
 
@@ -144,13 +145,21 @@ def weighted_acceleration(
     if not np.isnan(gains.Gv_near):
         Gv = adaptive_gain(gains.Gv, gains.Gv_near, nearness)
     GvN = Gv if np.isnan(gains.GvN) else np.full(len(qdot), gains.GvN)
-    qdot_c = constrained_velocity(J_star, references.v_r)
+    v_r, a_r = references.v_r, references.a_r
+    qdot_0, qddot_0 = references.qdot_0, references.qddot_0
+    if len(qdot_0):  # tasks that are joints: `references.undamped_preference`
+        v_r, a_r = v_r - times(J, qdot_0), a_r - times(J, qddot_0)
+    qdot_c = constrained_velocity(J_star, v_r)
+    if len(qdot_0):
+        qdot_c = qdot_0 + qdot_c
     if gains.velocity_level:
         before = qdot_c_before if len(qdot_c_before) else qdot_c
         alpha = velocity_level_acceleration(qdot_c, before, gains.period)
     else:
         zeta = null_space_motion(qdot_c, qdot, GvN) + references.posture
-        alpha = acceleration_level_acceleration(J_star, J, references.a_r, zeta)
+        alpha = acceleration_level_acceleration(J_star, J, a_r, zeta)
+        if len(qddot_0):
+            alpha = qddot_0 + alpha
     qddot = constrained_resolved_acceleration(alpha, qdot_c, qdot, Gv)
     return qddot, qdot_c, W
 

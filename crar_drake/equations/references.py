@@ -10,7 +10,13 @@ from crar_drake.equations.blending import blend_joints, blend_tasks
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.free_joints import displacement
 from crar_drake.equations.kinematics import State
-from crar_drake.equations.tasks import TaskRows, task_error, unpack_tasks
+from crar_drake.equations.tasks import (
+    DesiredTasks,
+    TaskRows,
+    put_joint_rows,
+    task_error,
+    unpack_tasks,
+)
 from crar_drake.equations.vectors import times
 
 
@@ -56,6 +62,9 @@ def reference_acceleration(
     return a_d + Kv * (v_d - v) + Kp * e
 
 
+_NONE = np.zeros(0)
+
+
 class TaskGains(NamedTuple):
     """The gains on tasks and prescribed joints, see `CrarParameters`."""
 
@@ -72,6 +81,7 @@ class BlendStart(NamedTuple):
     R: np.ndarray  # (Na, 3, 3) orientations R_WT
     p: np.ndarray  # (Nl, 3) positions p_WT [m]
     q_p: np.ndarray  # (nq_p,) positions of the prescribed joints, free ones last
+    q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
 
 
 class Wanted(NamedTuple):
@@ -94,6 +104,8 @@ class References(NamedTuple):
         posture: (n,) acceleration towards the nominal posture; 0 if off.
         qddot_p: (n_p,) accelerations of the prescribed joints.
         error: (m,) Eq. (11) against the targets as given, without weights.
+        qdot_0, qddot_0: (n,) what the damped inverse is damped towards at the
+            velocity and the acceleration level, `undamped_preference`; (0,) for 0.
     """
 
     J: np.ndarray
@@ -102,6 +114,51 @@ class References(NamedTuple):
     posture: np.ndarray
     qddot_p: np.ndarray
     error: np.ndarray
+    qdot_0: np.ndarray = _NONE
+    qddot_0: np.ndarray = _NONE
+
+
+@compiled
+def find_error(
+    q: np.ndarray, R: np.ndarray, p: np.ndarray, desired: DesiredTasks, rows: TaskRows
+) -> np.ndarray:
+    """Eq. (11) of tasks of every kind, (m,) [rad, m].
+
+    Args:
+        q: (n,) positions of the controlled joints, or of all in that order [rad or m].
+        R, p: (Na, 3, 3), (Nl, 3) of the tasks, see `task_error`.
+        desired: the targets.
+        rows: which rows belong to which task.
+    """
+    e = task_error(rows, R, p, desired.R, desired.p)
+    return put_joint_rows(e, desired.q - q[rows.joints], rows)
+
+
+@compiled
+def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarray:
+    """x_0 of `References`: what the tasks that are joints ask of these, else 0.
+
+    Eq. (34) damps x of J x = b towards 0, and so biases a joint, whose row is a unit
+    vector: x = b / (1 + lambda^2). It is damped towards x_0 instead,
+
+        x = x_0 + J* (b - J x_0) = argmin |J x - b|^2 + lambda^2 |x - x_0|^2_W,
+
+    which is x_0 wherever J x_0 = b: targets that one motion fulfils are followed
+    exactly. Without such tasks x_0 = 0, and this is Eq. (34).
+
+    Args:
+        of_rows: (m,) right-hand side of a level, without weights.
+        n: number of controlled joints.
+        rows: which rows belong to which task.
+
+    Returns:
+        (n,); (0,) where no task is a joint.
+    """
+    count = len(rows.joints)
+    x_0 = np.zeros(n if count else 0)
+    for i in range(count):
+        x_0[rows.joints[i]] = of_rows[rows.joint_rows[i]]
+    return x_0
 
 
 @compiled
@@ -141,11 +198,11 @@ def find_references(
     q_d, a_d = prescribed[:nq_p], prescribed[nq_p + n_p :]
     v_d = prescribed[nq_p : nq_p + n_p]
     desired = unpack_tasks(wanted.tasks, rows)
-    error = e = task_error(rows, state.R, state.p, desired.R, desired.p)
+    error = e = find_error(state.q, state.R, state.p, desired, rows)
     if blend[0] < 1.0:
-        desired = blend_tasks(rows, start.R, start.p, desired, blend)
+        desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
         q_d, v_d, a_d = blend_joints(start.q_p, q_d, v_d, a_d, blend)
-        e = task_error(rows, state.R, state.p, desired.R, desired.p)
+        e = find_error(state.q, state.R, state.p, desired, rows)
     # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
     qddot_p = reference_acceleration(
         a_d, v_d, qdot_p, displacement(state.q[n:], q_d, n_p), gains.Kp, gains.Kv
@@ -156,13 +213,15 @@ def find_references(
     J, J_p = np.ascontiguousarray(state.J[:, :n]), state.J[:, n:]
     v_r = v_r - times(J_p, qdot_p)
     a_r = a_r - times(J_p, qddot_p) - state.Jdot_qdot
+    qdot_0 = undamped_preference(v_r, n, rows)
+    qddot_0 = undamped_preference(a_r, n, rows)
     S = gains.weights
     if len(S):
         J, v_r, a_r = S[:, np.newaxis] * J, S * v_r, S * a_r
     posture = np.zeros(n)
     if len(wanted.posture):
         posture = posture_acceleration(wanted.posture, state.q[:n], qdot, gains.posture)
-    return References(J, v_r, a_r, posture, qddot_p, error)
+    return References(J, v_r, a_r, posture, qddot_p, error, qdot_0, qddot_0)
 
 
 class Answer(NamedTuple):

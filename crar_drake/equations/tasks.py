@@ -12,11 +12,16 @@ import numpy as np
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.vectors import cross_rows
 
-KINDS = ("position", "orientation", "pose")
+KINDS = ("position", "orientation", "pose", "joint")
+
+_NO_JOINTS = np.zeros(0)
 
 
 class TaskRows(NamedTuple):
-    """A `TaskLayout` for the equations; Na tasks have a rotation, Nl a position."""
+    """A `TaskLayout` for the equations.
+
+    Na tasks have a rotation, Nl a position, Nj are joints.
+    """
 
     angular_tasks: np.ndarray  # (Na,)
     linear_tasks: np.ndarray  # (Nl,)
@@ -24,7 +29,9 @@ class TaskRows(NamedTuple):
     linear_rows: np.ndarray  # (3 Nl,)
     quaternion_entries: np.ndarray  # (4 Na,) of x_d
     position_entries: np.ndarray  # (3 Nl,)
-    stacked: np.ndarray  # (m,) where each row is in [all angular; all linear]
+    joint_rows: np.ndarray  # (Nj,) of v, a, e and J
+    joint_entries: np.ndarray  # (Nj,) of x_d
+    joints: np.ndarray  # (Nj,) which of the controlled joints each is
 
 
 class DesiredTasks(NamedTuple):
@@ -35,12 +42,14 @@ class DesiredTasks(NamedTuple):
         p: (Nl, 3) desired positions p_WTd [m], of the tasks that have one.
         v: (m,) desired velocities, Eq. (4) [rad/s, m/s].
         a: (m,) desired accelerations [rad/s^2, m/s^2].
+        q: (Nj,) desired positions of the tasks that are joints [rad or m].
     """
 
     R: np.ndarray
     p: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    q: np.ndarray = _NO_JOINTS
 
 
 @dataclass(frozen=True)
@@ -48,32 +57,38 @@ class TaskLayout:
     """Eqs. (4), (7), (8): where each task stands in the stacked vectors.
 
     The rows of v, a, e and J follow the tasks in order. A pose has six rows,
-    [omega; p_dot] as in Eq. (4), a position or an orientation three.
+    [omega; p_dot] as in Eq. (4), a position or an orientation three, a joint one.
 
     The vector of desired tasks is [x_d; v_d; a_d] (the layout that Drake's
     TrajectorySource with two derivatives emits for position tasks):
 
     * x_d: per task a position (x, y, z) [m], an orientation as a unit quaternion
-      (w, x, y, z), or for a pose the quaternion and then the position;
+      (w, x, y, z), for a pose the quaternion and then the position, or the position
+      of a joint [rad or m];
     * v_d (m,): per task as in Eq. (4) [rad/s, m/s];
     * a_d (m,): its derivative [rad/s^2, m/s^2].
 
-    All are expressed in the world frame W. With position tasks of two wrists, say,
-    x_d is [x, y, z of the left; x, y, z of the right], and the vector has 18 entries.
+    All but joints are expressed in the world frame W. With position tasks of two
+    wrists, say, x_d is [x, y, z of the left; x, y, z of the right], and the vector has
+    18 entries.
     `pack` builds it and `unpack` takes it apart.
 
     Attributes:
         names: the tasks' names.
-        kinds: per task "position", "orientation" or "pose".
+        kinds: per task "position", "orientation", "pose" or "joint".
+        joints: (Nj,) of the tasks that are joints, which of the controlled joints;
+            without a model, as when a log is read, it may be left out.
         m: number of rows of v, a, e and J.
         size_x: number of entries of x_d.
         angular_tasks, linear_tasks: (Na,), (Nl,) tasks with a rotation, a position.
         angular_rows, linear_rows: (Na, 3), (Nl, 3) their rows.
         quaternion_entries, position_entries: (Na, 4), (Nl, 3) their entries of x_d.
+        joint_rows, joint_entries: (Nj,) of the tasks that are joints.
     """
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]
+    joints: tuple[int, ...] = field(default=(), compare=False)
 
     # Derived in __post_init__; the names and kinds alone tell layouts apart.
     m: int = field(init=False, compare=False)
@@ -84,15 +99,23 @@ class TaskLayout:
     linear_rows: np.ndarray = field(init=False, compare=False)
     quaternion_entries: np.ndarray = field(init=False, compare=False)
     position_entries: np.ndarray = field(init=False, compare=False)
+    joint_rows: np.ndarray = field(init=False, compare=False)
+    joint_entries: np.ndarray = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
         angular, linear = [], []
         angular_rows, linear_rows = [], []
         quaternions, positions = [], []
+        joint_rows, joint_entries = [], []
         row = entry = 0
         for index, kind in enumerate(self.kinds):
             if kind not in KINDS:
                 raise ValueError(f"kind of task {self.names[index]}: {kind!r}")
+            if kind == "joint":
+                joint_rows.append(row)
+                joint_entries.append(entry)
+                row, entry = row + 1, entry + 1
+                continue
             if kind != "position":
                 angular.append(index)
                 angular_rows.append(range(row, row + 3))
@@ -112,6 +135,8 @@ class TaskLayout:
             "linear_rows": np.array(linear_rows, dtype=int).reshape(-1, 3),
             "quaternion_entries": np.array(quaternions, dtype=int).reshape(-1, 4),
             "position_entries": np.array(positions, dtype=int).reshape(-1, 3),
+            "joint_rows": np.array(joint_rows, dtype=int),
+            "joint_entries": np.array(joint_entries, dtype=int),
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
@@ -123,7 +148,7 @@ class TaskLayout:
 
     def rows_of(self, task: int) -> slice:
         """Returns the rows of task number `task` in v, a, e and J."""
-        sizes = [6 if kind == "pose" else 3 for kind in self.kinds]
+        sizes = [{"pose": 6, "joint": 1}.get(kind, 3) for kind in self.kinds]
         start = sum(sizes[:task])
         return slice(start, start + sizes[task])
 
@@ -137,7 +162,9 @@ class TaskLayout:
             self.linear_rows.ravel(),
             self.quaternion_entries.ravel(),
             self.position_entries.ravel(),
-            np.argsort(np.concatenate([self.angular_rows, self.linear_rows]).ravel()),
+            self.joint_rows,
+            self.joint_entries,
+            np.array(self.joints, dtype=int),
         )
 
     def unpack(self, desired: np.ndarray) -> DesiredTasks:
@@ -150,10 +177,14 @@ class TaskLayout:
         p: np.ndarray,
         v: np.ndarray | None = None,
         a: np.ndarray | None = None,
+        q: np.ndarray | None = None,
     ) -> np.ndarray:
         """Builds [x_d; v_d; a_d] (size,) from rotations (Na, 3, 3), positions
-        (Nl, 3), velocities (m,) and accelerations (m,); those left out are 0."""
+        (Nl, 3), velocities (m,), accelerations (m,) and positions of the joints
+        (Nj,); those left out are 0."""
         desired = np.zeros(self.size)
+        if q is not None:
+            desired[self.joint_entries] = q
         desired[self.quaternion_entries] = quaternion_from_rotation(np.asarray(R))
         desired[self.position_entries] = p
         if v is not None:
@@ -169,14 +200,21 @@ def unpack_tasks(desired: np.ndarray, rows: TaskRows) -> DesiredTasks:
 
     A quaternion of zero length gives NaN.
     """
-    size_x = len(rows.quaternion_entries) + len(rows.position_entries)
-    m = len(rows.angular_rows) + len(rows.linear_rows)
+    m = num_rows(rows)
+    size_x = len(desired) - 2 * m
     return DesiredTasks(
         rotation_from_quaternion(desired[rows.quaternion_entries].reshape(-1, 4)),
         desired[rows.position_entries].reshape(-1, 3),
         desired[size_x : size_x + m],
         desired[size_x + m :],
+        desired[rows.joint_entries],
     )
+
+
+@compiled
+def num_rows(rows: TaskRows) -> int:
+    """m of a layout."""
+    return len(rows.angular_rows) + len(rows.linear_rows) + len(rows.joint_rows)
 
 
 @compiled
@@ -204,6 +242,8 @@ def task_error(
 ) -> np.ndarray:
     """Eq. (11): the stacked error e, orientation above position per task.
 
+    Those of joints are left at 0: `put_joint_rows`.
+
     Args:
         rows: which rows belong to which task, `TaskLayout.rows`.
         R: (Na, 3, 3) present orientations of the tasks that have one.
@@ -219,8 +259,24 @@ def task_error(
 
 @compiled
 def stack_rows(angular: np.ndarray, linear: np.ndarray, rows: TaskRows) -> np.ndarray:
-    """(m,) in the order of the tasks, from (Na, 3) and (Nl, 3)."""
-    return np.concatenate((angular.ravel(), linear.ravel()))[rows.stacked]
+    """(m,) in the order of the tasks, from (Na, 3) and (Nl, 3); 0 for joints."""
+    stacked = np.zeros(num_rows(rows))
+    stacked[rows.angular_rows] = angular.ravel()
+    stacked[rows.linear_rows] = linear.ravel()
+    return stacked
+
+
+@compiled
+def put_joint_rows(
+    stacked: np.ndarray, values: np.ndarray, rows: TaskRows
+) -> np.ndarray:
+    """(m,) with the rows of joints set to `values` (Nj,); changes its argument.
+
+    Of the error (11) a joint's row is q_d - q, of the velocities (5) q_dot.
+    """
+    for i in range(len(values)):
+        stacked[rows.joint_rows[i]] = values[i]
+    return stacked
 
 
 def task_weights(
@@ -234,7 +290,7 @@ def task_weights(
 
     Args:
         layout: which rows belong to which task.
-        position_weights: per task, for its position rows [1].
+        position_weights: per task, for its position rows [1], of a joint [m/rad].
         orientation_weights: per task, for its orientation rows [m/rad].
 
     Returns:
@@ -243,12 +299,15 @@ def task_weights(
     S = np.ones(layout.m)
     S[layout.angular_rows] = np.asarray(orientation_weights)[layout.angular_tasks, None]
     S[layout.linear_rows] = np.asarray(position_weights)[layout.linear_tasks, None]
+    is_joint = [kind == "joint" for kind in layout.kinds]
+    S[layout.joint_rows] = np.asarray(position_weights)[is_joint]
     return S
 
 
 def task_of_rows(layout: TaskLayout) -> np.ndarray:
     """The task that each row belongs to, (m,)."""
     tasks = np.empty(layout.m, dtype=int)
+    tasks[layout.joint_rows] = [i for i, k in enumerate(layout.kinds) if k == "joint"]
     tasks[layout.angular_rows] = layout.angular_tasks[:, None]
     tasks[layout.linear_rows] = layout.linear_tasks[:, None]
     return tasks

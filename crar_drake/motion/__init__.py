@@ -6,6 +6,7 @@ from crar_drake.motion.catalogue import (
     builtin_names,
     cached_trials,
     load_clip,
+    load_performer,
     resolve,
 )
 from crar_drake.motion.conditioning import low_pass, spline
@@ -28,25 +29,27 @@ from crar_drake.motion.hand_orientations import (
     hand_orientations,
 )
 from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres, joint_centres
-from crar_drake.motion.report import (
-    MotionReport,
-    describe,
-    inspect,
-    plot_motion,
-)
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import JOINTS, Fact, Performer
+from crar_drake.motion.picture import plot_motion
+from crar_drake.motion.report import MotionReport, describe, inspect
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 
 __all__ = [
     "HANDS",
+    "JOINTS",
     "JOINT_CENTRES",
     "LICENCE_NOTICE",
     "Bone",
     "BonePoses",
     "Clip",
+    "Fact",
     "HandOrientations",
     "JointCentres",
     "MotionFiles",
+    "MotionOptions",
     "MotionReport",
+    "Performer",
     "RetargetedMotion",
     "SegmentLengths",
     "Skeleton",
@@ -60,6 +63,7 @@ __all__ = [
     "inspect",
     "joint_centres",
     "load_clip",
+    "load_performer",
     "low_pass",
     "plot_motion",
     "read_amc",

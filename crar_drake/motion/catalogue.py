@@ -4,6 +4,7 @@ Everywhere a motion is one of:
 
 - a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
   `05_02.asf`, `05.asf`, or the only ASF file of the folder.
+- a path to a file of another format: BVH, C3D, or joint positions (NPZ, NPY, CSV).
 - a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
   the environment variable CRAR_MOCAP_PATH, then in the user's cache, both laid out
   like the database's own site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
@@ -22,10 +23,29 @@ from pathlib import Path
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
+from crar_drake.motion.formats.bvh import read_bvh
+from crar_drake.motion.formats.c3d import read_c3d
+from crar_drake.motion.formats.point_arrays import read_point_arrays
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import Performer
+from crar_drake.motion.performers.asf_amc import asf_amc_performer
+from crar_drake.motion.performers.bvh import bvh_performer
+from crar_drake.motion.performers.c3d import c3d_performer
+from crar_drake.motion.performers.points import points_performer
 from crar_drake.resources import builtin_motions_folder, cached
 
 CMU_PREFIX = "cmu:"
 SEARCH_PATH_VARIABLE = "CRAR_MOCAP_PATH"
+
+# Suffix of a format other than AMC: its reader, and what makes the performer.
+_FORMATS = {
+    ".bvh": (read_bvh, bvh_performer),
+    ".c3d": (read_c3d, c3d_performer),
+    ".npz": (read_point_arrays, points_performer),
+    ".npy": (read_point_arrays, points_performer),
+    ".csv": (read_point_arrays, points_performer),
+}
+MOTION_SUFFIXES = (".amc", *_FORMATS)
 
 
 @dataclass(frozen=True)
@@ -43,13 +63,47 @@ class MotionFiles:
     asf: Path
 
 
+def load_performer(
+    name: str | os.PathLike[str], options: MotionOptions | None = None
+) -> Performer:
+    """Reads the motion of that name, of any format; the performer is called so, too.
+
+    Args:
+        name: a path, `cmu:` and a trial, or a built-in name.
+        options: what the user says of it beyond the file.
+
+    Raises:
+        MotionError: there is no such motion or skeleton, a file is damaged or has no
+            person in it, or an option does not concern its format.
+    """
+    options = options or MotionOptions()
+    text = os.fspath(name)
+    suffix = Path(text).suffix.lower() if _is_path(name) else ".amc"
+    if suffix not in _FORMATS:
+        for option in ("unit", "up", "facing", "joints"):
+            if getattr(options, option):
+                raise MotionError(
+                    f"{option}: motion {text} is an AMC, which says that itself; leave "
+                    f"{option} {getattr(options, option)} away"
+                )
+        clip = load_clip(name, options.skeleton or None, frame_rate=options.frame_rate)
+        return asf_amc_performer(clip)
+    if options.skeleton:
+        raise MotionError(
+            f"motion {text} has its own skeleton; leave {options.skeleton} away"
+        )
+    path = _existing_file(text, suffix, "motion")
+    read, make = _FORMATS[suffix]
+    return make(read(path), text, options)
+
+
 def load_clip(
     name: str | os.PathLike[str],
     skeleton: str | os.PathLike[str] | None = None,
     *,
     frame_rate: float | None = None,
 ) -> Clip:
-    """Reads the motion of that name; the clip is called `name`, too.
+    """Reads the AMC motion of that name; the clip is called `name`, too.
 
     Args:
         name: a path, `cmu:` and a trial, or a built-in name.
@@ -95,18 +149,25 @@ def resolve(
             more than one skeleton could be meant.
     """
     text = os.fspath(name)
-    is_trial = isinstance(name, str) and text.startswith(CMU_PREFIX)
-    is_path = not is_trial and (
-        not isinstance(name, str) or os.sep in text or Path(text).suffix != ""
-    )
-    if is_path:
+    if _is_path(name):
         return _resolve_path(text, skeleton)
     if skeleton is not None:
         raise MotionError(
             f"motion {text!r} has its own skeleton; leave {os.fspath(skeleton)} away, "
             f"or give the motion as a path to an .amc file"
         )
-    return _resolve_trial(text) if is_trial else _resolve_builtin(text)
+    if text.startswith(CMU_PREFIX):
+        return _resolve_trial(text)
+    return _resolve_builtin(text)
+
+
+def _is_path(name: str | os.PathLike[str]) -> bool:
+    """Whether a motion's name is a path: it has a folder or an extension."""
+    if not isinstance(name, str):
+        return True
+    return not name.startswith(CMU_PREFIX) and (
+        os.sep in name or Path(name).suffix != ""
+    )
 
 
 # --- paths ------------------------------------------------------------------------
@@ -125,7 +186,9 @@ def _existing_file(text: str, suffix: str, kind: str) -> Path:
     path = Path(os.path.expanduser(text))
     if path.suffix.lower() != suffix:
         raise MotionError(
-            f"{path}: a {kind} is an {suffix} file; other kinds are not read"
+            f"{path}: a {kind} is an {suffix} file"
+            + (f", or {', '.join(_FORMATS)}" if suffix == ".amc" else "")
+            + "; other kinds are not read"
         )
     if not path.is_file():
         hint = f", or write {CMU_PREFIX}{path.stem}" if _is_trial(path.stem) else ""
@@ -280,6 +343,7 @@ def _resolve_builtin(name: str) -> MotionFiles:
     question = f"; did you mean {nearest[0]!r}?" if nearest else "."
     raise MotionError(
         f"there is no motion {name!r}{question} Built in: "
-        f"{', '.join(names) or 'none'}. Others: a path to an .amc file, or "
+        f"{', '.join(names) or 'none'}. Others: a path to a file "
+        f"({', '.join(MOTION_SUFFIXES)}), or "
         f"{CMU_PREFIX}05_02 for a trial of the CMU database"
     )

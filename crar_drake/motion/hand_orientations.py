@@ -8,17 +8,12 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
-from crar_drake.motion.formats.asf_amc import Clip, forward_kinematics, rest_pose
-from crar_drake.motion.joint_centres import robot_frame
-from crar_drake.motion.turns import robot_rotation, smooth_turns
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.performer import Performer
+from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.turns import smooth_turns
 
-# Hand: the bone that says how it is turned. That is the wrist, the forearm's last
-# third, which turns with the hand and was fitted to the two markers at its sides; it
-# knows no bending of the wrist. The hand bones, fitted to a single marker, know it,
-# but spin and flip by half a turn in some trials (135_02), as thumbs and fingers do.
-_BONE_OF = {"left_hand": "lwrist", "right_hand": "rwrist"}
-
-HANDS = tuple(_BONE_OF)
+HANDS = ("left_hand", "right_hand")
 
 
 @dataclass(frozen=True)
@@ -62,35 +57,13 @@ class HandOrientations:
         }
 
 
-def hand_orientations(clip: Clip) -> HandOrientations:
-    """Returns the orientations of the hands of a clip, unfiltered.
+def hand_orientations(motion: Performer | Clip) -> HandOrientations:
+    """Returns the orientations of the hands of a motion, unfiltered.
 
     Raises:
-        MotionError: the skeleton lacks a hand, or at rest it points forward, so that
-            the thumb's side is unknown.
+        MotionError: the file does not tell how a hand is turned; the message says why.
     """
-    missing = [bone for bone in _BONE_OF.values() if bone not in clip.skeleton.bones]
-    if missing:
-        raise MotionError(
-            f"motion {clip.name}: skeleton {clip.skeleton.name!r} lacks the bones "
-            f"{', '.join(missing)}, which give the hands' orientations; use a skeleton "
-            f"with the CMU database's bone names, or track positions only"
-        )
-    rest = rest_pose(clip.skeleton).rotation
-    poses = forward_kinematics(clip).rotation
-    rotations = {}
-    for hand, bone in _BONE_OF.items():
-        fingers = rest[bone][0] @ clip.skeleton.bones[bone].direction
-        x = robot_frame(fingers) / np.linalg.norm(fingers)
-        z = np.array([1.0, 0.0, 0.0]) - x[0] * x
-        if np.linalg.norm(z) < 0.5:
-            raise MotionError(
-                f"motion {clip.name}: skeleton {clip.skeleton.name!r}: {bone} points "
-                f"forward at rest, so its thumb's side is unknown; use a skeleton at "
-                f"rest with its arms spread or hanging, or track positions only"
-            )
-        z /= np.linalg.norm(z)
-        R_WH_rest = np.stack([x, np.cross(z, x), z], axis=1)
-        turned = robot_rotation(poses[bone] @ rest[bone][0].T)
-        rotations[hand] = turned @ R_WH_rest
-    return HandOrientations(clip.name, clip.frame_rate, rotations)
+    performer = as_performer(motion)
+    if performer.hands_obstacle:
+        raise MotionError(performer.hands_obstacle)
+    return HandOrientations(performer.name, performer.frame_rate, dict(performer.hands))

@@ -7,26 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.formats.asf_amc import (
-    Clip,
-    Skeleton,
-    forward_kinematics,
-    rest_pose,
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.performer import ARM, SIDES, Performer
+from crar_drake.motion.performers.asf_amc import as_performer
+
+# What robots call the points: all but one as the performer's joints.
+JOINT_CENTRES = (
+    "waist",
+    "neck",
+    *(f"{side}_{joint}" for side in SIDES for joint in ARM),
 )
-
-# Joint centre: the bone at whose start it lies ("root" for the root itself).
-_BONE_OF = {
-    "waist": "root",
-    "neck": "lowerneck",
-    "left_shoulder": "lhumerus",
-    "left_elbow": "lradius",
-    "left_wrist": "lwrist",
-    "right_shoulder": "rhumerus",
-    "right_elbow": "rradius",
-    "right_wrist": "rwrist",
-}
-
-JOINT_CENTRES = tuple(_BONE_OF)
 
 
 @dataclass(frozen=True)
@@ -59,64 +49,27 @@ class JointCentres:
         return np.arange(self.num_frames) / self.frame_rate
 
 
-def robot_frame(p_file: np.ndarray) -> np.ndarray:
-    """Returns (..., 3) positions of the y-up file as z-up ones: (z, x, y)."""
-    return p_file[..., [2, 0, 1]]
+def file_joint(name: str) -> str:
+    """The performer's joint that a name of JOINT_CENTRES stands for."""
+    return "pelvis" if name == "waist" else name
 
 
-def joint_centres(clip: Clip) -> JointCentres:
-    """Returns the joint centres of a clip.
+def joint_centres(motion: Performer | Clip) -> JointCentres:
+    """Returns the joint centres of a motion.
 
     Raises:
-        MotionError: the skeleton lacks bones that the joint centres are read from,
-            or has nothing below its root to take the hip height from.
+        MotionError: the performer lacks joint centres of the upper body, or has no
+            legs to take the hip height from.
     """
-    missing = [
-        bone
-        for bone in _BONE_OF.values()
-        if bone != "root" and bone not in clip.skeleton.bones
-    ]
-    if missing:
-        raise MotionError(
-            f"motion {clip.name}: skeleton {clip.skeleton.name!r} lacks the bones "
-            f"{', '.join(missing)}, which mark the neck and the arms; use a skeleton "
-            f"with the CMU database's bone names"
-        )
-    lowest = min(end[0, 1] for end in rest_pose(clip.skeleton).end.values())
-    if lowest >= 0.0:
-        raise MotionError(
-            f"motion {clip.name}: skeleton {clip.skeleton.name!r} has nothing below "
-            f"its root, so its hip height is unknown; it needs legs"
-        )
-    poses = forward_kinematics(clip)
+    performer = as_performer(motion)
+    if performer.obstacle:
+        raise MotionError(performer.obstacle)
     return JointCentres(
-        name=clip.name,
-        frame_rate=clip.frame_rate,
+        name=performer.name,
+        frame_rate=performer.frame_rate,
         positions={
-            name: robot_frame(poses.start[bone]) for name, bone in _BONE_OF.items()
+            name: performer.positions[file_joint(name)] for name in JOINT_CENTRES
         },
-        heading=_heading(poses.rotation["root"]),
-        hip_height=float(-lowest),
+        heading=performer.heading,
+        hip_height=performer.hip_height,
     )
-
-
-def moved_by(skeleton: Skeleton, name: str) -> set[str]:
-    """The bones whose rotations move a joint centre, "root" among them."""
-    bones = set()
-    bone = _BONE_OF[name]
-    while bone != "root":
-        bone = skeleton.bones[bone].parent
-        bones.add(bone)
-    return bones
-
-
-def _heading(R_WB: np.ndarray) -> np.ndarray:
-    """Returns the (T,) unwrapped yaw [rad] of (T, 3, 3) rotations of the y-up file.
-
-    It is the twist about the vertical, 2 atan2(q_up, q_w): unlike the direction of
-    the belly it is defined for a performer who bends over by 90 degrees.
-    """
-    x, z = 0, 2
-    sine = R_WB[:, x, z] - R_WB[:, z, x]
-    cosine = R_WB[:, z, z] + R_WB[:, x, x]
-    return np.unwrap(np.arctan2(sine, cosine))

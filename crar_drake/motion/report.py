@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from crar_drake.errors import MotionError
-from crar_drake.figures import save_figure
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
-from crar_drake.motion.formats.asf_amc import (
-    CMU_LENGTH,
-    BonePoses,
-    Clip,
-    Skeleton,
-    forward_kinematics,
-    rest_pose,
-)
-from crar_drake.motion.joint_centres import (
-    JointCentres,
-    joint_centres,
-    moved_by,
-    robot_frame,
-)
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.joint_centres import file_joint, joint_centres
+from crar_drake.motion.performer import Fact, Performer
+from crar_drake.motion.performers.asf_amc import as_performer
 
 # A bone turns by more than this against its parent in one frame: a flip. In the CMU
 # files the fastest limbs of dances and karate turn by 20 to 50 degrees in 1/120 s
@@ -41,14 +28,6 @@ _JUMP_SPEED = 3.0  # [m/s]
 # All values equal for longer than this: a gap somebody filled by holding.
 _FROZEN_TIME = 0.05  # [s]
 
-# The skeletons of 13 CMU performers are 1.48 to 1.63 m tall, to the end of the head's
-# bone and without soles: a tenth less than the performers. Children and giants are
-# within these bounds; lengths in another unit are mostly not.
-_HEIGHTS = (0.8, 2.3)  # [m]
-_USUAL_HEIGHT = 1.6  # [m]
-# What `length` may have been meant: the CMU database's, inches, cm, mm, m.
-_LENGTHS = (CMU_LENGTH, 1.0, 2.54, 25.4, 0.0254)
-
 # A joint centre is faster than this for a hundredth of the time: the frame rate is in
 # doubt. Of 25 CMU trials (dances, runs, kicks, boxing, karate, dives) none comes
 # beyond 6.8 m/s at its own rate, eight come beyond 9 m/s at twice that and all but
@@ -57,13 +36,6 @@ _IMPLAUSIBLE_SPEED = 9.0  # [m/s]
 _SPEED_QUANTILE = 0.99
 _FLIP_VICINITY = 0.1  # that the low-pass smears a flip over, on each side [s]
 _USUAL_RATES = (120.0, 60.0, 30.0)  # [Hz]
-
-# No angle beyond this: radians. Real files in degrees have 70 to 93 % of their
-# degrees of freedom beyond it; of those in radians at most a tenth can be, that turn
-# by more than once in all. An angle file that is all but still says nothing.
-_TURN_IN_RADIANS = 6.3
-_STILL = 0.5
-_DEGREES_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -100,9 +72,9 @@ class MotionReport:
         name: the motion's name.
         frames: number of frames.
         frame_rate: samples per second [Hz].
-        rate_source: where that comes from, one of `asf_amc.RATE_SOURCES`.
+        rate_source: where that comes from, one of `performer.SOURCES`.
         duration: from the first to the last frame [s].
-        bones: the skeleton's number of bones.
+        bones: number of the file's bones, markers or points.
         height: of the skeleton at rest [m].
         peak_speeds: joint centre to its largest speed in the raw data [m/s]; empty
             if the skeleton has no joint centres.
@@ -112,6 +84,12 @@ class MotionReport:
         doubts: what is implausible as a whole (unit of the angles, the performer's
             height, the frame rate), each with what would explain it.
         obstacle: why the motion cannot drive a robot, or "".
+        format: of the file.
+        facts: what the file says of itself, and what was inferred or assumed.
+        matches: joint and what it is taken from, a line each.
+        notes: what was mended in it.
+        hands_obstacle: why it has no orientations of hands, or "".
+        bones_called: what `bones` counts.
     """
 
     name: str
@@ -127,6 +105,12 @@ class MotionReport:
     frozen: tuple[FrozenStretch, ...] = ()
     doubts: tuple[str, ...] = ()
     obstacle: str = ""
+    format: str = ""
+    facts: tuple[Fact, ...] = ()
+    matches: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    hands_obstacle: str = ""
+    bones_called: str = "bones"
 
     @property
     def looks_clean(self) -> bool:
@@ -139,37 +123,43 @@ class MotionReport:
         return tuple(short for short, _ in _findings(self))
 
 
-def inspect(clip: Clip) -> MotionReport:
-    """Returns a report of the clip. Nothing that it finds is an error."""
-    poses = forward_kinematics(clip)
-    obstacle = ""
+def inspect(motion: Performer | Clip) -> MotionReport:
+    """Returns a report of the motion. Nothing that it finds is an error."""
+    performer = as_performer(motion)
+    obstacle, points = performer.obstacle, {}
     try:
-        points = joint_centres(clip).positions
+        points = joint_centres(performer).positions
     except MotionError as error:
-        points, obstacle = {}, str(error)
+        obstacle = str(error)
     steps = {name: _steps(samples) for name, samples in points.items()}
-    flips = _find_flips(clip, poses)
-    height = _height(clip.skeleton)
-    doubts = [*_doubt_angles(clip), *_doubt_height(clip.skeleton, height)]
+    flips = _find_flips(performer)
+    doubts = list(performer.doubts)
     if not doubts:  # else speeds say nothing of the rate
-        doubts += _doubt_rate(clip, points, flips)
-    watched = points or {"waist": robot_frame(poses.start["root"])}
+        doubts += _doubt_rate(performer, points, flips)
+    watched = points or {"waist": performer.positions["pelvis"]}
     return MotionReport(
-        name=clip.name,
-        frames=clip.num_frames,
-        frame_rate=clip.frame_rate,
-        rate_source=clip.rate_source,
-        duration=clip.duration,
-        bones=len(clip.skeleton.bones),
-        height=height,
+        name=performer.name,
+        frames=performer.num_frames,
+        frame_rate=performer.frame_rate,
+        rate_source=performer.rate_source,
+        duration=performer.duration,
+        bones=performer.bones,
+        bones_called=performer.bones_called,
+        height=performer.height,
         peak_speeds={
-            name: float(step.max() * clip.frame_rate) for name, step in steps.items()
+            name: float(step.max() * performer.frame_rate)
+            for name, step in steps.items()
         },
         flips=flips,
-        jumps=_find_jumps(watched, clip.frame_rate),
-        frozen=_find_frozen(clip),
+        jumps=_find_jumps(watched, performer.frame_rate),
+        frozen=_find_frozen(performer),
         doubts=tuple(doubts),
+        notes=performer.notes,
         obstacle=obstacle,
+        format=performer.format,
+        facts=performer.facts,
+        matches=tuple(performer.matches()),
+        hands_obstacle=performer.hands_obstacle,
     )
 
 
@@ -178,22 +168,16 @@ def _steps(samples: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.diff(samples, axis=0), axis=1)
 
 
-def _find_flips(clip: Clip, poses: BonePoses) -> tuple[Flip, ...]:
-    """Compares rotations, not angles: 359 degrees beside -1 degree is no flip."""
+def _find_flips(performer: Performer) -> tuple[Flip, ...]:
     threshold = np.radians(
         np.clip(
-            _FLIP_ANGLE * _FLIP_RATE / clip.frame_rate, _FLIP_ANGLE, _FLIP_ANGLE_CAP
+            _FLIP_ANGLE * _FLIP_RATE / performer.frame_rate,
+            _FLIP_ANGLE,
+            _FLIP_ANGLE_CAP,
         )
     )
     flips = []
-    for name, R_WB in poses.rotation.items():
-        R_PB = R_WB
-        if name != "root":
-            R_WP = poses.rotation[clip.skeleton.bones[name].parent]
-            R_PB = np.swapaxes(R_WP, 1, 2) @ R_WB
-        # trace(RᵀS) is the sum of the products of the elements.
-        trace = np.einsum("tij,tij->t", R_PB[:-1], R_PB[1:])
-        angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+    for name, angle in performer.turns.items():
         for step in np.flatnonzero(angle > threshold):
             flips.append(Flip(name, int(step) + 2, float(angle[step])))
     return tuple(sorted(flips, key=lambda flip: (flip.frame, flip.bone)))
@@ -219,16 +203,15 @@ def _find_jumps(points: dict[str, np.ndarray], frame_rate: float) -> tuple[Jump,
     return tuple(sorted(jumps, key=lambda jump: (jump.frame, jump.point)))
 
 
-def _find_frozen(clip: Clip) -> tuple[FrozenStretch, ...]:
-    values = np.hstack([clip.root_position, clip.root_rotation, *clip.joints.values()])
-    same = np.all(values[1:] == values[:-1], axis=1)
+def _find_frozen(performer: Performer) -> tuple[FrozenStretch, ...]:
+    same = performer.same
     # Edges of the runs of True.
     edges = np.diff(np.concatenate([[0], same.astype(int), [0]]))
     stretches = []
     for begin, end in zip(
         np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
     ):
-        if (end - begin) / clip.frame_rate > _FROZEN_TIME:
+        if (end - begin) / performer.frame_rate > _FROZEN_TIME:
             stretches.append(FrozenStretch(int(begin) + 1, int(end) + 1))
     return tuple(stretches)
 
@@ -236,80 +219,11 @@ def _find_frozen(clip: Clip) -> tuple[FrozenStretch, ...]:
 # --- implausible as a whole -------------------------------------------------------
 
 
-def _height(skeleton: Skeleton) -> float:
-    """From the lowest to the highest end of a bone at rest [m]."""
-    heights = [float(end[0, 1]) for end in rest_pose(skeleton).end.values()]
-    return max(heights) - min(heights)
-
-
-def _doubt_height(skeleton: Skeleton, height: float) -> Iterator[str]:
-    least, most = _HEIGHTS
-    if least <= height <= most:
-        return
-    # The length unit divides, so another one makes the performer so tall:
-    heights = {unit: height * skeleton.length_unit / unit for unit in _LENGTHS}
-    unit = min(_LENGTHS, key=lambda u: abs(np.log(heights[u] / _USUAL_HEIGHT)))
-    text = (
-        f"standing height {height:.3g} m is implausible, with length "
-        f"{skeleton.length_unit:g} in the skeleton's :units"
-    )
-    if least <= heights[unit] <= most:
-        text += f"; with length {unit:g} it would be {heights[unit]:.2f} m"
-    yield text
-
-
-def _doubt_angles(clip: Clip) -> Iterator[str]:
-    bones = clip.skeleton.bones.values()
-    # Numbers of a skeleton stand for themselves, those of a motion by columns.
-    fixed = [bone.axis for bone in bones]
-    fixed += [np.ravel(bone.limits) for bone in bones if bone.limits]
-    moving = np.hstack([clip.root_rotation, *clip.joints.values()])
-    yield from _doubt_unit(
-        "skeleton",
-        clip.skeleton.angle_unit,
-        np.abs(np.concatenate(fixed)),
-        {"degrees": "angle deg", "radians": "angle rad"},
-    )
-    yield from _doubt_unit(
-        "motion",
-        clip.angle_unit,
-        np.abs(moving).max(axis=0),
-        {"degrees": ":DEGREES", "radians": ":RADIANS"},
-    )
-
-
-def _doubt_unit(
-    what: str, unit: str, angles: np.ndarray, words: dict[str, str]
-) -> Iterator[str]:
-    """Doubts that a file's angles (k,) [rad] are in the unit that it says.
-
-    Args:
-        what: the kind of file.
-        unit: "degrees", "radians", or "" without a file.
-        angles: absolute values [rad], as they were read.
-        words: unit to how such a file says it.
-    """
-    numbers = np.degrees(angles) if unit == "degrees" else angles  # of the file
-    numbers = numbers[np.isfinite(numbers) & (numbers > 0.0)]
-    largest = numbers.max(initial=0.0)
-    share = np.mean(numbers > _TURN_IN_RADIANS) if numbers.size else 0.0
-    if unit == "degrees" and largest > _STILL and share == 0.0:
-        seen, other = f"never exceed ±{largest:.2f}", "radians"
-    elif unit == "radians" and share > _DEGREES_SHARE:
-        seen, other = f"reach ±{largest:.0f}", "degrees"
-    else:
-        return
-    yield (
-        f"the {what}'s angles {seen}, which looks like {other}, but the file says "
-        f"{unit}; if so, write {words[other]} in it"
-    )
-
-
 def _doubt_rate(
-    clip: Clip, points: dict[str, np.ndarray], flips: tuple[Flip, ...]
+    performer: Performer, points: dict[str, np.ndarray], flips: tuple[Flip, ...]
 ) -> Iterator[str]:
     speeds = {
-        name: _usual_top_speed(clip, name, samples, flips, clip.frame_rate)
+        name: _usual_top_speed(performer, name, samples, flips, performer.frame_rate)
         for name, samples in points.items()
     }
     if not speeds:
@@ -319,10 +233,10 @@ def _doubt_rate(
         return
     text = f"{fastest.replace('_', ' ')} reaches {speeds[fastest]:.1f} m/s"
     for rate in _USUAL_RATES:
-        if rate < clip.frame_rate:
+        if rate < performer.frame_rate:
             # Of all points: the low-pass leaves less of some than of others.
             slower = max(
-                _usual_top_speed(clip, name, samples, flips, rate)
+                _usual_top_speed(performer, name, samples, flips, rate)
                 for name, samples in points.items()
             )
             if slower <= _IMPLAUSIBLE_SPEED:
@@ -335,7 +249,7 @@ def _doubt_rate(
 
 
 def _usual_top_speed(
-    clip: Clip,
+    performer: Performer,
     name: str,
     samples: np.ndarray,
     flips: tuple[Flip, ...],
@@ -351,7 +265,7 @@ def _usual_top_speed(
     smooth = low_pass(samples, rate, min(DEFAULT_CUTOFF, rate / 4.0))
     speed = _steps(smooth) * rate
     honest = np.ones(len(speed), dtype=bool)
-    carriers = moved_by(clip.skeleton, name)
+    carriers = performer.carriers.get(file_joint(name), frozenset())
     vicinity = int(np.ceil(_FLIP_VICINITY * rate))
     for flip in flips:
         if flip.bone in carriers:
@@ -373,14 +287,23 @@ def describe(report: MotionReport) -> Iterator[str]:
     yield (
         f"{report.name}: {report.frames} frames at "
         f"{rate_text(report.frame_rate, report.rate_source)}, "
-        f"{report.duration:.2f} s, {report.bones} bones, {report.height:.2f} m tall"
+        f"{report.duration:.2f} s, {report.bones} {report.bones_called}, "
+        f"{report.height:.2f} m tall"
     )
+    if report.facts:
+        facts = "; ".join(str(fact) for fact in report.facts)
+        yield f"{report.format}: {facts}"
+    if report.matches:
+        yield "joints: " + ", ".join(report.matches)
     if report.rate_source == "assumed":
         yield "the file states no frame rate; give --frame-rate HZ if it is another"
     if report.peak_speeds:
         yield "largest speeds: " + ", ".join(
             f"{name} {speed:.1f} m/s" for name, speed in report.peak_speeds.items()
         )
+    if report.hands_obstacle and not report.obstacle:
+        yield f"no orientations of hands: {report.hands_obstacle}"
+    yield from report.notes
     for _, line in _findings(report):
         yield line
     if report.looks_clean:
@@ -423,66 +346,3 @@ def _findings(report: MotionReport) -> Iterator[tuple[str, str]]:
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
-
-
-def plot_motion(clip: Clip, path: str | os.PathLike[str]) -> None:
-    """Draws heights, paths and speeds of the joint centres on one page.
-
-    Frames with a flip or a jump are marked by vertical lines.
-
-    Args:
-        clip: the motion.
-        path: the figure's file; its suffix (.png, .pdf, .svg) chooses the format.
-
-    Raises:
-        MotionError: the clip has no joint centres.
-        CrarError: there is no such format, or the file cannot be written.
-    """
-    centres = joint_centres(clip)
-    report = inspect(clip)
-    figure = Figure(figsize=(8.3, 11.7), layout="constrained")
-    heights, paths, speeds = figure.subplots(3, 1, height_ratios=[1.0, 1.4, 1.0])
-    figure.suptitle(next(describe(report)))
-    _draw_points(centres, heights, paths, speeds)
-    flip_frames = sorted({flip.frame for flip in report.flips})
-    jump_frames = sorted({jump.frame for jump in report.jumps})
-    for axes in (heights, speeds):
-        for frames, colour, label in (
-            (flip_frames, "tab:red", "flip"),
-            (jump_frames, "tab:orange", "jump"),
-        ):
-            for index, frame in enumerate(frames):
-                axes.axvline(
-                    (frame - 1) / clip.frame_rate,
-                    color=colour,
-                    linewidth=0.6,
-                    alpha=0.6,
-                    zorder=0,
-                    label=label if index == 0 else None,
-                )
-        axes.set_xlabel("time [s]")
-        axes.margins(x=0.0)
-    heights.set_ylabel("height [m]")
-    heights.legend(ncols=5, fontsize="x-small")
-    speeds.set_ylabel("speed [m/s]")
-    paths.set_xlabel("y, to the left [m]")
-    paths.set_ylabel("x, forward [m]")
-    paths.set_title("from above", fontsize="small")
-    paths.set_aspect("equal", adjustable="datalim")
-    paths.invert_xaxis()  # the left is on the left
-    save_figure(figure, path)
-
-
-def _draw_points(centres: JointCentres, heights, paths, speeds) -> None:
-    colours = {"waist": "black", "neck": "tab:gray", "shoulder": "tab:purple"}
-    colours |= {"elbow": "tab:green", "wrist": "tab:blue"}
-    for name, p_WC in centres.positions.items():
-        style = {
-            "color": colours[name.rpartition("_")[2]],
-            "linestyle": "--" if name.startswith("right") else "-",
-            "linewidth": 0.9,
-            "label": name.replace("_", " "),
-        }
-        heights.plot(centres.time, p_WC[:, 2], **style)
-        paths.plot(p_WC[:, 1], p_WC[:, 0], **style)
-        speeds.plot(centres.time[1:], _steps(p_WC) * centres.frame_rate, **style)

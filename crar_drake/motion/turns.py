@@ -7,24 +7,20 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
-from crar_drake.motion.formats.asf_amc import Clip, forward_kinematics, rest_pose
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.performer import Performer
+from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.quaternion_spline import sign_continuous
 
 # Shorter than this a mean of quaternions tells no orientation.
 _LEAST_NORM = 0.05
 
 
-def robot_rotation(R_file: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) of the y-up file's axes in the robot's: (z, x, y)."""
-    order = np.ix_([2, 0, 1], [2, 0, 1])
-    return R_file[(..., *order)]
-
-
-def hip_turns(clip: Clip, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
+def hip_turns(motion: Performer | Clip, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
     """How the performer's hips are turned from where they face x, upright.
 
     Args:
-        clip: the motion.
+        motion: the performer, or a clip.
         cutoff: of the zero-phase low-pass [Hz].
 
     Returns:
@@ -32,13 +28,22 @@ def hip_turns(clip: Clip, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
         forward, y left.
 
     Raises:
-        MotionError: the motion is too short, the cutoff too high, or the hips turn to
-            and fro so fast that no mean is left.
+        MotionError: the motion does not tell, it is too short, the cutoff too high, or
+            the hips turn to and fro so fast that no mean is left.
     """
-    rest = rest_pose(clip.skeleton).rotation["root"][0]
-    R = robot_rotation(forward_kinematics(clip).rotation["root"] @ rest.T)
-    where = f"motion {clip.name}: the hips"
-    return smooth_turns(R, clip.frame_rate, cutoff, where, "prescribe no root")
+    performer = as_performer(motion)
+    if "pelvis" not in performer.orientations:
+        raise MotionError(
+            f"motion {performer.name}: it does not tell how the pelvis is turned, and "
+            "so not how a root that floats is; weld the base, or use another motion"
+        )
+    return smooth_turns(
+        performer.orientations["pelvis"],
+        performer.frame_rate,
+        cutoff,
+        f"motion {performer.name}: the hips",
+        "prescribe no root",
+    )
 
 
 def smooth_turns(

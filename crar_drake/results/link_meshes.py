@@ -10,6 +10,7 @@ from pydrake.geometry import (
     Capsule,
     Convex,
     Cylinder,
+    Ellipsoid,
     Mesh,
     Role,
     SceneGraph,
@@ -142,6 +143,9 @@ def _shape(
         return Shape(X_LG, "box", size=tuple(shape.size())), False
     if isinstance(shape, Sphere):
         return Shape(X_LG, "sphere", size=(shape.radius(),)), False
+    if isinstance(shape, Ellipsoid):
+        axes = (shape.a(), shape.b(), shape.c())
+        return Shape(X_LG, "ellipsoid", size=axes), False
     if isinstance(shape, Cylinder | Capsule):
         kind = "cylinder" if isinstance(shape, Cylinder) else "capsule"
         return Shape(X_LG, kind, size=(shape.radius(), shape.length())), False

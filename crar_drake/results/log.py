@@ -54,6 +54,9 @@ class SimulationLog:
             the prescribed joints.
         velocity_limits: (nv,) the largest speeds that the run allowed [rad/s or m/s];
             infinite likewise, and in logs of versions that did not keep them.
+        effort_limits: (nu,) the largest efforts of the actuators, as the controller's
+            model has them, whether or not the run respected them [Nm or N]; infinite
+            where there is none, and in logs of versions that did not keep them.
         scenario: the scenario that was run, as YAML text; a robot that was named by
             a path has its absolute path there.
     """
@@ -81,6 +84,7 @@ class SimulationLog:
     lower: np.ndarray
     upper: np.ndarray
     velocity_limits: np.ndarray
+    effort_limits: np.ndarray
     scenario: str
 
     def control_steps(self, period: float) -> np.ndarray:
@@ -186,12 +190,14 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "lower": ("nq",),
     "upper": ("nq",),
     "velocity_limits": ("nv",),
+    "effort_limits": ("nu",),
 }
 
 # What logs of earlier versions do not have, and what stands for it.
 _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "velocity_names": lambda arrays: arrays["position_names"],
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
+    "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
     "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
 }
 

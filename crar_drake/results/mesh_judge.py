@@ -62,6 +62,8 @@ class PairContact:
         index: the sample where it is deepest.
         hull_distance: of the hulls in that sample [m].
         mesh_distance: of the meshes in that sample [m].
+        samples: those in which the meshes penetrate.
+        depths: how deep in each of them [m].
     """
 
     pair: tuple[str, str]
@@ -69,6 +71,8 @@ class PairContact:
     index: int
     hull_distance: float
     mesh_distance: float
+    samples: tuple[int, ...] = ()
+    depths: tuple[float, ...] = ()
 
     @property
     def overestimate(self) -> float:
@@ -319,10 +323,17 @@ class _Contact:
     index: int = 0
     hull_distance: float = np.inf
     mesh_distance: float = np.inf
+    depths: dict[int, float] = field(default_factory=dict)
 
     def named(self, pair: tuple[str, str]) -> PairContact:
         return PairContact(
-            pair, self.num_samples, self.index, self.hull_distance, self.mesh_distance
+            pair,
+            self.num_samples,
+            self.index,
+            self.hull_distance,
+            self.mesh_distance,
+            tuple(self.depths),
+            tuple(self.depths.values()),
         )
 
 
@@ -376,6 +387,7 @@ class _Tally:
     ) -> None:
         contact = self.penetrations.setdefault(row, _Contact())
         contact.num_samples += 1
+        contact.depths[index] = float(-mesh_distance)
         if mesh_distance < contact.mesh_distance:
             contact.index, contact.hull_distance = index, hull_distance
             contact.mesh_distance = mesh_distance

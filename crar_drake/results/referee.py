@@ -240,7 +240,7 @@ class Referee:
         Raises:
             ValueError: q has another size, or is not finite.
         """
-        near = self._distances_below(q, bound)
+        near = self.distances_below(q, bound)
         if not near:
             return math.inf, None
         column = min(near, key=near.get)
@@ -309,7 +309,7 @@ class Referee:
         smallest_distance, pair, pair_index = math.inf, None, None
         for index, q in enumerate(q_trajectory):
             # Only what may be in contact, or the smallest so far, is worth a look.
-            near = self._distances_below(q, max(smallest_distance, 0.0))
+            near = self.distances_below(q, max(smallest_distance, 0.0))
             num_penetrating_pairs[index] = sum(d < 0.0 for d in near.values())
             for column, d in near.items():
                 if d < smallest_distance:
@@ -381,7 +381,7 @@ class Referee:
         return found
 
     def _set_balls(self) -> None:
-        """The balls about all shapes, for `_distances_below`."""
+        """The balls about all shapes, for `distances_below`."""
         names = list(self._bodies)
         of_body = {name: [] for name in names}
         self._shapes: list[tuple[str, int]] = []
@@ -405,8 +405,10 @@ class Referee:
         _, i, j = self._together.T
         self._balls = balls[i] + balls[j] if together else np.zeros(0)
 
-    def _distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
+    def distances_below(self, q: np.ndarray, bound: float) -> dict[int, float]:
         """Distances of the pairs that may be nearer than `bound`, by pair number.
+
+        All that are nearer are there; others may be.
 
         A shape lies in the ball about its axis' middle, so that the balls' distance
         is never more than the shapes'.

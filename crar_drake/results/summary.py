@@ -177,11 +177,10 @@ class Summary:
     @property
     def title(self) -> str:
         """What was run, in two lines."""
-        # The file is enough of a path.
-        motion = Path(self.motion).stem if self.motion else "keyframes"
+        motion = motion_name(self.motion)
         tracked = self.experiment or "its own tasks"
         return (
-            f"{_short(self.robot)} following {motion}: {tracked}\n"
+            f"{robot_name(self.robot)} following {motion}: {tracked}\n"
             f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
         )
 
@@ -206,6 +205,7 @@ class ControlledJoints:
             an unlimited joint [rad].
         velocity_limits: (n,) largest speeds, infinite where there is none [rad/s].
         speed_excess: (T, n) how much faster than that, negative where slower [rad/s].
+        effort_limits: (n,) largest efforts, infinite where there is none [Nm].
     """
 
     names: tuple[str, ...]
@@ -218,6 +218,7 @@ class ControlledJoints:
     excess: np.ndarray
     velocity_limits: np.ndarray
     speed_excess: np.ndarray
+    effort_limits: np.ndarray
 
     @property
     def power(self) -> np.ndarray:
@@ -235,6 +236,10 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         log.actuation[:, log.actuator_names == name].sum(axis=1)
         for name in log.controlled_names
     ]
+    strongest = [
+        log.effort_limits[log.actuator_names == name].sum()
+        for name in log.controlled_names
+    ]
     velocities = log.velocity_names.tolist()
     columns = [velocities.index(name) for name in log.controlled_names]
     v, fastest = log.v[:, columns], log.velocity_limits[columns]
@@ -249,10 +254,16 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         excess=np.maximum(q - upper, lower - q),
         velocity_limits=fastest,
         speed_excess=np.abs(v) - fastest,
+        effort_limits=np.array(strongest),
     )
 
 
-def _short(robot: str) -> str:
+def motion_name(motion: str) -> str:
+    """A motion's name; of a path the file's is enough. "keyframes" if it has none."""
+    return Path(motion).stem if motion else "keyframes"
+
+
+def robot_name(robot: str) -> str:
     """A robot's name, or of its path the folder's."""
     path = Path(robot)
     return (path.parent if path.suffix in (".yaml", ".yml") else path).name or robot

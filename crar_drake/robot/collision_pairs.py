@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -220,6 +220,22 @@ class WatchedPairs:
             for _, geometry_a, geometry_b in self._queried
         ]
         return np.array(rows).reshape(-1, 7)
+
+    def ask_pairs(self, query: QueryObject, pairs: Iterable[int]) -> list[np.ndarray]:
+        """SceneGraph's answers for some watched pairs only.
+
+        Args:
+            query: of the configuration.
+            pairs: which; the distances must be those of "scene_graph".
+
+        Returns:
+            Per pair (shape pairs, 7), each as in `ask`.
+        """
+        rows_of = {row: (a, b) for row, a, b in self._queried}
+        return [
+            np.array([_ask(query, *rows_of[row]) for row in np.unique(rows)])
+            for rows in self.shape_pairs[list(pairs)]
+        ]
 
 
 def _ask(

@@ -42,6 +42,7 @@ from crar_drake.robot.description import (
     find_root,
 )
 from crar_drake.robot.kinematics import JointTree
+from crar_drake.robot.speed_limits import speed_limits
 from crar_drake.robot.task import Task
 
 _NOTHING_ASKED = np.zeros((0, 7))
@@ -163,7 +164,8 @@ class ControlModel:
         tasks, layout: the tasks and their rows.
         row_weights: (m,) per-task weights, see `equations.tasks.task_weights`.
         weighs_rows: whether one of them is not 1.
-        task_targets: per task its frame F and its point p_FT (3,) [m].
+        task_targets: per task its frame F and its point p_FT (3,) [m]; of a joint the
+            world's, which no row uses.
         joints: the plant's frames and what moves them.
         pairs: the watched pairs.
         pair_moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone,
@@ -504,18 +506,20 @@ class ControlModel:
             q[self.prescribed_positions[-3:]] = X_WB.translation()
         return q
 
-    def tasks_at(self, q: np.ndarray) -> np.ndarray:
+    def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
         """The targets that the robot fulfils where it is, at rest.
 
         Args:
             q: (nq,) positions of the whole plant.
+            workspace: of this model, left at rest there; by default a new one.
 
         Returns:
             (layout.size,) [x_d; v_d; a_d], see `TaskLayout`, with v_d = a_d = 0.
         """
         zero = np.zeros(self.plant.num_velocities())
-        state = self.evaluate(self.MakeWorkspace(), np.asarray(q, dtype=float), zero)
-        return self.layout.pack(state.R, state.p)
+        workspace = workspace or self.MakeWorkspace()
+        state = self.evaluate(workspace, np.asarray(q, dtype=float), zero)
+        return self.layout.pack(state.R, state.p, q=state.q[self.layout.rows.joints])
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
@@ -582,7 +586,7 @@ class ControlModel:
                 actuator.input_start(), actuator.input_start() + actuator.num_inputs()
             )
             self.actuator_limits[inputs] = actuator.effort_limit()
-        self.velocity_limits = self._speed_limits()
+        self.velocity_limits = speed_limits(plant, self.description)
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:
             for index in plant.GetJointIndices():
@@ -592,29 +596,6 @@ class ControlModel:
                     plant.time_step() * joint.default_damping_vector()
                 )
         self._is_damped = bool(self._implicit_damping.any())
-
-    def _speed_limits(self) -> np.ndarray:
-        plant, description = self.plant, self.description
-        limits = np.minimum(
-            np.abs(plant.GetVelocityLowerLimits()),
-            np.abs(plant.GetVelocityUpperLimits()),
-        )
-        limits[limits == 0.0] = np.inf  # what many exporters write for "unknown"
-        for name, limit in description.velocity_limits.items():
-            try:
-                joint = find_joint(plant, name)
-            except ModelError as error:
-                raise ModelError(
-                    f"robot {description.name}: velocity_limits: {error}"
-                ) from error
-            if not joint.num_velocities():
-                raise ModelError(
-                    f"robot {description.name}: velocity_limits: {name!r} is fixed; "
-                    "leave it out"
-                )
-            start = joint.velocity_start()
-            limits[start : start + joint.num_velocities()] = limit
-        return limits
 
     def _check_described_joints(self) -> None:
         """Welds have no position to prescribe or to rest in, others not just one."""
@@ -638,9 +619,14 @@ class ControlModel:
         if not tasks:
             raise ModelError("give at least one task")
         self.tasks = tuple(tasks)
-        self.task_targets = []
+        self.task_targets, joints = [], []
         for task in self.tasks:
             task.validate()
+            if task.kind == "joint":
+                joints.append(self._find_task_joint(task))
+                nowhere = self.plant.world_frame()
+                self.task_targets.append((nowhere, np.zeros(3)))
+                continue
             known = self.description.task_frames
             name = known.get(task.frame, task.frame)
             try:
@@ -653,11 +639,12 @@ class ControlModel:
                     f"{nearest(task.frame, known) if known else ''}"
                 ) from error
             self.task_targets.append((frame, np.asarray(task.point, dtype=float)))
-        names = tuple(task.name or task.frame for task in self.tasks)
+        names = tuple(task.name or task.of for task in self.tasks)
         for name in names:
             if names.count(name) > 1:
                 raise ModelError(f"two tasks are named {name!r}; name them apart")
-        self.layout = TaskLayout(names, tuple(task.kind for task in self.tasks))
+        kinds = tuple(task.kind for task in self.tasks)
+        self.layout = TaskLayout(names, kinds, tuple(joints))
         self.m = self.layout.m
         self.row_weights = task_weights(
             self.layout,
@@ -665,6 +652,15 @@ class ControlModel:
             [task.orientation_weight for task in self.tasks],
         )
         self.weighs_rows = bool((self.row_weights != 1.0).any())
+
+    def _find_task_joint(self, task: Task) -> int:
+        """Which of the controlled joints a task of kind joint tracks."""
+        if task.joint in self.joint_names:
+            return self.joint_names.index(task.joint)
+        raise ModelError(
+            f"task {task.name or task.joint}: joint: {task.joint!r} is no controlled "
+            f"joint with one position{nearest(task.joint, self.joint_names)}"
+        )
 
     def _set_points(self) -> None:
         """Collects every point whose position a step needs, and what moves it."""
@@ -713,6 +709,7 @@ class ControlModel:
             carried=carries[task_of_rows(self.layout)],
             carries=carries,
             above=joints.moved_by[frames][:, order].astype(float),
+            of_joints=self._joint_rows(),
         )
         task_points = hold(task_points)
         carried = moved(pairs.bodies)
@@ -743,6 +740,15 @@ class ControlModel:
 
         self.robot_by_pair = numbers(1, False)
         self.robot_ahead = numbers(2, True)
+
+    def _joint_rows(self) -> np.ndarray:
+        """(m, nv) 1 where a row is a joint, in the order of `order`; (0, 0) if none."""
+        layout = self.layout
+        if not len(layout.joint_rows):
+            return np.zeros((0, 0))
+        rows = np.zeros((layout.m, self.n + self.n_p))
+        rows[layout.joint_rows, layout.rows.joints] = 1.0
+        return rows
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""

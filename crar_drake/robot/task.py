@@ -1,4 +1,4 @@
-"""What is tracked: a position, orientation or pose of a frame."""
+"""What is tracked: a position, orientation or pose of a frame, or a joint."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 from dataclasses import dataclass, field
@@ -11,14 +11,16 @@ from crar_drake.errors import ModelError
 
 @dataclass
 class Task:
-    """One thing to track: the position, orientation or pose of a frame.
+    """One thing to track: the position, orientation or pose of a frame, or a joint.
 
     Attributes:
-        name: the task's name; by default that of the frame.
+        name: the task's name; by default that of the frame or joint.
         frame: a task frame of the robot description, or any frame of the plant.
-        kind: "position", "orientation" or "pose".
+        kind: "position", "orientation", "pose" or "joint".
+        joint: instead of a frame, if the kind is "joint": a controlled joint with one
+            position.
         point: p_FT, the tracked point T in that frame [m].
-        position_weight: weight of the position rows [1].
+        position_weight: weight of the position rows [1], or of a joint [m/rad].
         orientation_weight: weight of the orientation rows [m/rad].
     """
 
@@ -28,14 +30,27 @@ class Task:
     point: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     position_weight: float = 1.0
     orientation_weight: float = 1.0
+    joint: str = ""
+
+    @property
+    def of(self) -> str:
+        """What is tracked: the frame or the joint."""
+        return self.joint if self.kind == "joint" else self.frame
 
     def validate(self) -> None:
         """Raises ModelError where a field is out of its range."""
-        label = f"task {self.name or self.frame or '(without a frame)'}"
-        if not self.frame:
-            raise ModelError(f"{label}: frame: give the name of the frame to track")
+        label = f"task {self.name or self.frame or self.joint or '(without a frame)'}"
         if self.kind not in KINDS:
             raise ModelError(f"{label}: kind: {self.kind!r} is none of {KINDS}")
+        if self.kind == "joint":
+            if not self.joint or self.frame:
+                raise ModelError(
+                    f"{label}: joint: give the name of the joint to track, and no frame"
+                )
+        elif self.joint:
+            raise ModelError(f"{label}: joint: only for kind joint; give a frame")
+        elif not self.frame:
+            raise ModelError(f"{label}: frame: give the name of the frame to track")
         if np.shape(self.point) != (3,) or not np.isfinite(self.point).all():
             raise ModelError(f"{label}: point: {self.point} must be three numbers")
         for weight in ("position_weight", "orientation_weight"):
@@ -50,6 +65,16 @@ def position_tasks(frames: list[str]) -> list[Task]:
         frames: task frames of the robot description, or any frames of the plant.
     """
     return [Task(frame=frame) for frame in frames]
+
+
+def joint_tasks(joints: list[str], weight: float = 1.0) -> list[Task]:
+    """One task per joint, of one weight [m/rad].
+
+    Args:
+        joints: controlled joints of the plant.
+        weight: of each.
+    """
+    return [Task(kind="joint", joint=name, position_weight=weight) for name in joints]
 
 
 # The task sets of the paper's two experiments, Section IV.

@@ -28,6 +28,8 @@ _SLACKS = (1e-3, 4e-3)  # [m]
 _FEW = 4  # capsules: rather a looser fit of so few than a tight one of more
 _POINTS = 4000  # on the surface, that a fit looks at
 _CELLS = 40  # of the grid that volumes are counted on, along the longest edge
+# A larger radius shortens the axis: up to the sphere, a few are tried.
+_WIDER = np.array([1.0, 1.02, 1.06, 1.12, 1.2, 1.35, 1.6])
 
 
 @dataclass(frozen=True)
@@ -223,11 +225,15 @@ def _fit_capsule(points: np.ndarray) -> FittedCapsule:
     """The smallest capsule found that encloses all points."""
     corners = _hull_vertices(points)
     centre = corners.mean(axis=0)
-    _, _, principal = np.linalg.svd(corners - centre, full_matrices=True)
+    # Of fewer than three corners the reduced factorization lacks directions; of many
+    # the full one has a matrix with as many columns as corners.
+    few = len(corners) < 3
+    _, _, principal = np.linalg.svd(corners - centre, full_matrices=few)
     start = np.zeros(4)
 
     def volume(x: np.ndarray, frame: np.ndarray) -> float:
-        return _volume(_capsule_at(x, frame, centre, corners))
+        p_0, p_1, radius = _capsule_at(x, frame, centre, corners)
+        return float(_volume(np.linalg.norm(p_1 - p_0), radius))
 
     frame = min(map(_frame, principal), key=lambda frame: volume(start, frame))
     found = minimize(
@@ -252,24 +258,21 @@ def _capsule_at(x, frame, centre, corners):
     t = (corners - origin) @ direction
     square = np.sum((corners - origin) ** 2, axis=1) - t**2
     least = np.sqrt(max(square.max(), 1e-10))
-    # A larger radius shortens the axis: up to the sphere, try a few.
-    best = None
-    for radius in least * np.array([1.0, 1.02, 1.06, 1.12, 1.2, 1.35, 1.6]):
-        reach = np.sqrt(np.maximum(radius**2 - square, 0.0))
-        low, high = (t + reach).min(), (t - reach).max()
-        if low > high:
-            low = high = (low + high) / 2.0
-            radius = np.sqrt(np.max(square + (t - low) ** 2))
-        capsule = (origin + low * direction, origin + high * direction, radius)
-        if best is None or _volume(capsule) < _volume(best):
-            best = capsule
-    return best
+    radius = least * _WIDER
+    reach = np.sqrt(np.maximum(radius[:, np.newaxis] ** 2 - square, 0.0))
+    low, high = (t + reach).min(axis=1), (t - reach).max(axis=1)
+    # Wider than a sphere needs: the sphere about the middle.
+    middle = (low + high) / 2.0
+    sphere = np.sqrt(np.max(square + (t - middle[:, np.newaxis]) ** 2, axis=1))
+    crossed = low > high
+    low, high = np.where(crossed, middle, low), np.where(crossed, middle, high)
+    radius = np.where(crossed, sphere, radius)
+    best = np.argmin(_volume(high - low, radius))
+    return origin + low[best] * direction, origin + high[best] * direction, radius[best]
 
 
-def _volume(capsule) -> float:
-    p_0, p_1, radius = capsule
-    length = np.linalg.norm(p_1 - p_0)
-    return float(np.pi * radius**2 * (length + 4.0 / 3.0 * radius))
+def _volume(length, radius):
+    return np.pi * radius**2 * (length + 4.0 / 3.0 * radius)
 
 
 def _frame(direction: np.ndarray) -> np.ndarray:

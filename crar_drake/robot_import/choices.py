@@ -37,6 +37,7 @@ _COMMENTS = {
     "frames": "the motion's point -> link, and where in it [m]; rpy [rad] turns it",
     "rest_posture": "joint -> position [rad or m]; those not named are at 0",
     "pairs": "watched segment pairs",
+    "cover": "whether capsules are grown to hold all triangles of their links",
 }
 
 
@@ -79,6 +80,8 @@ class ImportChoices:
         rest_posture: joint to position [rad or m].
         pairs: watched segment pairs, two links each.
         most_capsules: per link, at most.
+        cover: whether the capsules are grown until they hold all triangles, by which
+            meshes are clear wherever capsules are.
         faces: triangles per part that a recording shows, at most about.
     """
 
@@ -95,6 +98,7 @@ class ImportChoices:
     rest_posture: dict[str, float] | None = None
     pairs: list[list[str]] | None = None
     most_capsules: int = 8
+    cover: bool = False
     faces: int = 2500
 
     def validate(self, where: str) -> None:
@@ -167,7 +171,7 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
         text = _HEADER
-        for key in ("source", "package_paths", "name", "lock"):
+        for key in ("source", "package_paths", "name", "lock", "cover"):
             value = getattr(choices, key)
             if value or (key == "lock" and value is not None):
                 text += "\n" + _block(key, value, "")
@@ -184,6 +188,8 @@ def _block(key: str, value, how: str) -> str:
     lines = [f"# {comment}"] if comment else []
     if how:
         lines.append(f"# GUESSED, check it: {how}")
+    if isinstance(value, bool):
+        value = str(value).lower()
     if isinstance(value, str | int | float):
         lines.append(f"{key}: {value}")
     elif not value:

@@ -35,6 +35,7 @@ from crar_drake.robot_import.choices import (
     load_choices,
     save_choices,
 )
+from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.facing import guess_facing, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
@@ -139,6 +140,7 @@ def import_robot(
     *,
     package_paths: tuple[str, ...] = (),
     lock: tuple[str, ...] | None = None,
+    cover: bool = False,
     progress: Progress | None = None,
 ) -> ImportReport:
     """Turns a robot's own file into a folder with all that a scenario's `robot` needs.
@@ -152,6 +154,7 @@ def import_robot(
         out: the folder.
         package_paths: folders in which the URDF's packages are looked for.
         lock: groups of joints to lock (`choices.GROUPS`), on a first import.
+        cover: whether capsules are grown to hold all triangles, on a first import.
         progress: is told what is being done.
 
     Nothing of it is written unless all of it can be; only the import file is, where
@@ -173,10 +176,16 @@ def import_robot(
                 "another --out, or remove that file"
             )
         _check_lock(choices, lock, file)
+        if cover and not choices.cover:
+            raise ModelError(
+                f"{file} is there already: write cover: true into it, take out pairs, "
+                "and import again without the option"
+            )
     if choices is None:
         path, name = find_urdf(source)
         choices = ImportChoices(source=name, package_paths=list(package_paths))
         choices.lock = None if lock is None else list(lock)
+        choices.cover = cover
     choices.validate(str(file))
     path = _locate(choices.source, out)
     progress("reading", 0.0)
@@ -210,6 +219,9 @@ def import_robot(
     if file.is_file():
         cache.save()  # what is refused below need not be fitted again
     _find_covered(robot, locked, segments, report)
+    if choices.cover:
+        progress("covering", 1.0)
+        _cover(robot, locked, segments, report)
     with whole_set(out, DESCRIPTION) as made:
         _make(made, robot, locked, parts, segments, choices, report, progress, file)
         save_choices(file, choices, report.guessed)
@@ -241,7 +253,7 @@ def _make(
     inertias = _inertias(robot, locked, parts, report)
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
-    visuals = _write_meshes(folder, parts, choices.faces)
+    visuals, drawn = _write_meshes(folder, parts, choices.faces)
     _guess_rest(robot, locked, parts, choices, report)
     prescribed = choices.base == "prescribed"
     # A robot with a waist stands on the floor, although its base is fixed.
@@ -293,7 +305,7 @@ def _make(
     description.validate()
     _write_description(folder, description)
     progress("drawing", 1.0)
-    _draw(folder, plant, description, rest, parts, capsules)
+    _draw(folder, plant, description, rest, drawn, capsules)
 
 
 def check_installed() -> None:
@@ -544,6 +556,24 @@ def _find_covered(robot, locked, parts, report: ImportReport) -> None:
                 break
 
 
+def _cover(robot, locked, segments, report: ImportReport) -> None:
+    """Grows each link's capsules to hold its triangles, and those of links inside."""
+    X, grown = robot.poses(locked), {}
+    for name in report.fits:
+        if name in report.covered:
+            continue
+        parts = list(segments[name])
+        for other in (o for o, of in report.covered.items() if of == name):
+            X_LO = X[name].inverse() @ X[other]
+            parts += [part.moved(X_LO) for part in segments[other]]
+        report.fits[name], grown[name] = covered(report.fits[name], parts)
+    growth = ", ".join(f"{name} {1e3 * by:.1f}" for name, by in grown.items())
+    report.notes.append(
+        "capsules were grown until they hold all triangles, the radii by at most [mm]: "
+        + growth
+    )
+
+
 def _vertices(parts: list[Part]) -> np.ndarray:
     return np.concatenate([part.vertices for part in parts])
 
@@ -618,8 +648,10 @@ def _note_joints(robot, locked, report: ImportReport) -> None:
 
 def _write_meshes(
     out: Path, parts: dict[str, list[Part]], faces: int
-) -> dict[str, list[VisualMesh]]:
+) -> tuple[dict[str, list[VisualMesh]], dict[str, list[Part]]]:
+    """Returns the files that are drawn, and what is in them."""
     visuals: dict[str, list[VisualMesh]] = {}
+    drawn: dict[str, list[Part]] = {name: [] for name in parts}
     for name, of_link in parts.items():
         # One budget a link: parts share it by their number of triangles.
         total = sum(len(part.faces) for part in of_link)
@@ -632,7 +664,8 @@ def _write_meshes(
             # What is drawn is coarser than what judges.
             write_obj(triangles_file(out / file), part.vertices, part.faces)
             visuals.setdefault(name, []).append(VisualMesh(file, part.rgba))
-    return visuals
+            drawn[name].append(small)
+    return visuals, drawn
 
 
 def _remove_old_triangles(made: Path, out: Path) -> None:

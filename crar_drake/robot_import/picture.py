@@ -57,7 +57,8 @@ def draw_robot(
                 seen[order][:, :, :2],
                 facecolors=_shade(triangles, colours, view)[order],
                 edgecolors="none",
-            )
+            ),
+            autolim=False,
         )
         if with_capsules:
             outlines = [
@@ -71,7 +72,8 @@ def draw_robot(
                     facecolors=(0.9, 0.3, 0.1, 0.18),
                     edgecolors=(0.8, 0.2, 0.0, 0.9),
                     linewidths=0.8,
-                )
+                ),
+                autolim=False,
             )
             for label, p_W in points.items():
                 x, y, _ = view @ p_W

@@ -25,8 +25,7 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
     return load_motion_targets(
         scenario.motion,
         model,
-        skeleton=scenario.skeleton,
-        frame_rate=scenario.frame_rate,
+        options=scenario.motion_options(),
         cutoff=scenario.cutoff,
     )
 

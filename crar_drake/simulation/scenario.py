@@ -19,6 +19,7 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.drake_versions import settings_of_others
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF
+from crar_drake.motion.options import MotionOptions
 from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder
 from crar_drake.robot.description import is_path
@@ -91,6 +92,8 @@ class Scenario:
         skeleton: path of the motion's .asf, where it is not beside the motion.
         frame_rate: samples per second of the motion [Hz]; by default what the file
             states, else that of the CMU database.
+        unit, up, facing, joints: of a motion that is no AMC, where what is inferred is
+            wrong; see `motion.options.MotionOptions`.
         cutoff: of the low-pass on the motion [Hz].
         experiment: a task set of the paper: "wrists" or "upper-body"; "" if `tasks`
             lists them.
@@ -102,7 +105,8 @@ class Scenario:
             believes; none by default.
         duration: of the simulation, at most MAX_DURATION [s]; by default that of the
             motion.
-        warning_distance: segments nearer than this are coloured in the recording
+        warning_distance: segments nearer than this are near: the recording tells
+            their distance, and the colour of nearness grows from three times it on
             [m].
         log_period: of log.npz [s]; by default the control period, or of runs with
             more than MAX_LOG_SAMPLES steps the multiple of it that keeps to them.
@@ -114,6 +118,10 @@ class Scenario:
     motion: str = ""
     skeleton: str = ""
     frame_rate: float | None = None  # [Hz]
+    unit: str = ""
+    up: str = ""
+    facing: str = ""
+    joints: str = ""
     cutoff: float = DEFAULT_CUTOFF  # [Hz]
     experiment: str = ""
     tasks: list[Task] = field(default_factory=list)
@@ -155,6 +163,7 @@ class Scenario:
             raise ScenarioError(
                 "frame_rate: keyframes have times of their own; leave it out"
             )
+        self.motion_options()
         positive = ("duration", "frame_rate", "cutoff", "warning_distance")
         for name in (*positive, "log_period"):
             value = getattr(self, name)
@@ -182,6 +191,21 @@ class Scenario:
                 "must be 0, where every motion starts"
             )
         check_periods(self.controller, self.plant_config.time_step)
+
+    def motion_options(self) -> MotionOptions:
+        """What the scenario says of its motion beyond the file.
+
+        Raises:
+            MotionError: a unit or an axis is none.
+        """
+        return MotionOptions(
+            self.skeleton,
+            self.frame_rate,
+            self.unit,
+            self.up,
+            self.facing,
+            self.joints,
+        )
 
     def task_list(self) -> list[Task]:
         """The tasks, whether listed or of an experiment."""
@@ -238,8 +262,8 @@ def scenario_names() -> list[str]:
 def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
     """Loads a scenario file by path, or a shipped one by name.
 
-    Paths in the file (robot, motion, skeleton) are looked for beside it, then in the
-    working directory.
+    Paths in the file (robot, motion, skeleton, joints) are looked for beside it, then
+    in the working directory.
 
     Raises:
         ScenarioError: there is no such file, it is no YAML in UTF-8, has an unknown
@@ -257,7 +281,7 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
         path = shipped
     parsed = parse_scenario(read_text(path, ScenarioError), str(path), of_log=False)
     # A file may name what lies beside it, wherever it is run from.
-    for name in ("robot", "motion", "skeleton"):
+    for name in ("robot", "motion", "skeleton", "joints"):
         beside = path.parent / getattr(parsed, name)
         there = beside.is_file() or (name == "robot" and _is_robot(beside))
         if getattr(parsed, name) and there:

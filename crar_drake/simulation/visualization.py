@@ -1,7 +1,7 @@
 """What is drawn of a diagram while it runs: the robot, its targets and its warnings.
 
-`AddVisualization` draws them into Meshcat, and `start_recording` keeps what is drawn;
-`results.playback` makes a page of that.
+`AddVisualization` draws them into Meshcat. The page of a run that is over is made of
+its log, see `results.playback`.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ SHELL_THICKNESS = 0.006  # by which a warning shell is larger than the segment [
 _ILLUSTRATION = "/drake/illustration"
 _VISUALIZER = "meshcat_visualizer(illustration)"
 _TARGETS = "/crar/targets"
-_GRID = "/crar/grid"
+GRID = "/crar/grid"
 _SHELL = "near"  # under the path of a link, so that it moves along
 
 # Three-quarter front view: azimuth about z from the robot's x, and elevation [rad].
-_VIEW_YAW, _VIEW_PITCH = np.deg2rad(-32.0), np.deg2rad(12.0)
+VIEW_YAW, VIEW_PITCH = np.deg2rad(-32.0), np.deg2rad(12.0)
 _CAMERA = "/Cameras/default/rotated/<object>"
 _ZOOM = 2.0
 # Meshcat's camera opens 75 degrees vertically; zooming narrows that.
@@ -307,9 +307,11 @@ def AddVisualization(
 
 def set_surroundings(meshcat: Meshcat) -> None:
     """Background and a grid on the floor (z = 0); no axes."""
-    meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.97])
-    meshcat.SetProperty("/Background", "bottom_color", [0.66, 0.72, 0.76])
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.97])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.66, 0.72, 0.76])
     meshcat.SetProperty("/Axes", "visible", False)
+    # Else the dark side of a dark robot is black.
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
     # Meshcat's own grid is made of long lines, and browsers without a graphics card
     # drop a line that passes the camera: so one of short lines, a cell each.
     meshcat.SetProperty("/Grid", "visible", False)
@@ -319,7 +321,7 @@ def set_surroundings(meshcat: Meshcat) -> None:
     end = start + np.array([[1.0], [0.0], [0.0]])
     corner = np.array([[_FLOOR], [_FLOOR], [0.0]])
     meshcat.SetLineSegments(
-        _GRID,
+        GRID,
         _CELL * np.hstack([start, start[[1, 0, 2]]]) - corner,
         _CELL * np.hstack([end, end[[1, 0, 2]]]) - corner,
         1.0,
@@ -337,8 +339,8 @@ def set_camera(meshcat: Meshcat, lower: np.ndarray, upper: np.ndarray) -> None:
     """
     center = 0.5 * (np.asarray(lower) + upper)
     half = 0.5 * (np.asarray(upper) - lower) + _FRAME_MARGIN
-    cos_yaw, sin_yaw = np.cos(_VIEW_YAW), np.sin(_VIEW_YAW)
-    cos_pitch, sin_pitch = np.cos(_VIEW_PITCH), np.sin(_VIEW_PITCH)
+    cos_yaw, sin_yaw = np.cos(VIEW_YAW), np.sin(VIEW_YAW)
+    cos_pitch, sin_pitch = np.cos(VIEW_PITCH), np.sin(VIEW_PITCH)
     towards = np.array([cos_pitch * cos_yaw, cos_pitch * sin_yaw, sin_pitch])
     across = np.array([-sin_yaw, cos_yaw, 0.0])
     upward = np.cross(towards, across)
@@ -348,19 +350,6 @@ def set_camera(meshcat: Meshcat, lower: np.ndarray, upper: np.ndarray) -> None:
     distance = np.max(height / _TAN_HALF_VIEW + corners @ towards)
     meshcat.SetCameraPose(center + distance * towards, center)
     meshcat.SetProperty(_CAMERA, "zoom", _ZOOM)
-
-
-def start_recording(meshcat: Meshcat, publish_period: float) -> None:
-    """Starts a new recording; call it before the simulator is initialised.
-
-    Args:
-        meshcat: that the diagram draws into.
-        publish_period: that of its visualiser [s].
-    """
-    meshcat.DeleteRecording()
-    meshcat.StartRecording(
-        frames_per_second=1.0 / publish_period, set_visualizations_while_recording=False
-    )
 
 
 def inflated(shape: Shape, by: float) -> Shape | None:

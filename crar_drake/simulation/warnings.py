@@ -56,6 +56,9 @@ def _of_the_motion(scenario: Scenario, report: MotionReport | None) -> Iterator[
         command += ["--skeleton", scenario.skeleton]
     if scenario.frame_rate is not None:
         command += ["--frame-rate", f"{scenario.frame_rate:g}"]
+    for name in ("unit", "up", "facing", "joints"):
+        if getattr(scenario, name):
+            command.append(f"--{name}={getattr(scenario, name)}")
     plural = "s" if len(findings) > 1 else ""
     yield f"motion: {len(findings)} finding{plural}: {text}; see {shlex.join(command)}"
 

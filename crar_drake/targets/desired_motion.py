@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.performer import Performer
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class DesiredMotion:
         MakeTaskSource: makes the system that emits `desired_tasks`.
         MakePrescribedSource: makes that of `desired_prescribed`; None without
             prescribed joints.
-        clip: the motion file's contents; None with keyframes.
+        performer: what the motion file holds; None with keyframes.
     """
 
     duration: float  # [s]
@@ -30,4 +30,4 @@ class DesiredMotion:
     prescribed_at: Callable[[float], np.ndarray]
     MakeTaskSource: Callable[[], LeafSystem]
     MakePrescribedSource: Callable[[], LeafSystem] | None
-    clip: Clip | None = None
+    performer: Performer | None = None

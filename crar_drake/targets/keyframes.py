@@ -14,17 +14,19 @@ from crar_drake.motion.quaternion_spline import QuaternionSpline
 
 @dataclass
 class Keyframe:
-    """Where a task's frame is to be at one time.
+    """Where a task's frame or joint is to be at one time.
 
     Attributes:
         time: since the start [s].
         xyz: position in the world [m].
         rpy_deg: roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
+        joint: position of a joint [rad or m].
     """
 
     time: float = 0.0
     xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rpy_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    joint: float = 0.0
 
 
 class KeyframeTrajectory:
@@ -61,9 +63,17 @@ class KeyframeTrajectory:
                         f"keyframes of task {name}, time {frame.time:g}: {key}: "
                         f"{value} must be three finite numbers"
                     )
+            if not np.isfinite(frame.joint):
+                raise ScenarioError(
+                    f"keyframes of task {name}, time {frame.time:g}: joint: "
+                    f"{frame.joint} must be finite"
+                )
         self.start, self.end = float(times[0]), float(times[-1])
         self._position = CubicSpline(
             times, [frame.xyz for frame in keyframes], bc_type="clamped"
+        )
+        self._joint = CubicSpline(
+            times, [frame.joint for frame in keyframes], bc_type="clamped"
         )
         angles = [list(frame.rpy_deg) for frame in keyframes]
         quaternions = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
@@ -71,11 +81,17 @@ class KeyframeTrajectory:
 
     def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
-        moving = self.start <= time <= self.end
+        return self._on(self._position, time)
+
+    def joint(self, time: float) -> tuple[float, float, float]:
+        """q of a joint [rad or m], its velocity and its acceleration at `time` [s]."""
+        return self._on(self._joint, time)
+
+    def _on(self, spline: CubicSpline, time: float) -> tuple:
         t = min(max(time, self.start), self.end)
-        if not moving:
-            return self._position(t), np.zeros(3), np.zeros(3)
-        return self._position(t), self._position(t, 1), self._position(t, 2)
+        if t != time:
+            return spline(t), np.zeros_like(spline(t)), np.zeros_like(spline(t))
+        return spline(t), spline(t, 1), spline(t, 2)
 
     def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""

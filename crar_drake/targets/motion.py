@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -12,11 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.tasks import quaternion_from_rotation
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import spline
-from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 from crar_drake.motion.turns import hip_turns
@@ -127,8 +129,7 @@ def load_motion_targets(
     motion: str,
     model: ControlModel,
     *,
-    skeleton: str = "",
-    frame_rate: float | None = None,
+    options: MotionOptions | None = None,
     cutoff: float = 6.0,
 ) -> DesiredMotion:
     """Loads, filters and scales a motion to the robot's tasks.
@@ -137,8 +138,7 @@ def load_motion_targets(
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
         model: the robot, with position tasks of JOINT_CENTRES, and tasks of HANDS
             of any kind.
-        skeleton: path of the .asf, where it is not beside the motion.
-        frame_rate: of the motion [Hz]; see `motion.catalogue.load_clip`.
+        options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
 
     Raises:
@@ -147,10 +147,14 @@ def load_motion_targets(
         ScenarioError: a task is none that a motion can drive.
     """
     _check_tasks(model)
-    clip = load_clip(motion, skeleton or None, frame_rate=frame_rate)
-    centres = joint_centres(clip)
+    performer = load_performer(motion, options)
+    centres = joint_centres(performer)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
-    tasks_at, MakeTaskSource = _tasks(model, clip, retargeted, cutoff)
+    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
+    if model.num_free:
+        prescribed_at = _prescribed_motion(model, performer, retargeted, cutoff)
+    # Of the performer a run's report alone is left to be made, which needs none.
+    performer = replace(performer, orientations={}, hands={})
     if not model.n_p:
         return DesiredMotion(
             retargeted.duration,
@@ -158,10 +162,9 @@ def load_motion_targets(
             lambda time: np.zeros(0),
             MakeTaskSource,
             None,
-            clip,
+            performer,
         )
     if model.num_free:
-        prescribed_at = _prescribed_motion(model, clip, retargeted, cutoff)
         return DesiredMotion(
             retargeted.duration,
             tasks_at,
@@ -170,7 +173,7 @@ def load_motion_targets(
             lambda: TimeFunctionSource(
                 "desired_prescribed", model.prescribed_size, prescribed_at
             ),
-            clip,
+            performer,
         )
     prescribed = _prescribed_trajectory(model, retargeted)
     return DesiredMotion(
@@ -179,13 +182,18 @@ def load_motion_targets(
         lambda time: prescribed.value(time).ravel(),
         MakeTaskSource,
         lambda: TrajectorySource(prescribed, 2),
-        clip,
+        performer,
     )
 
 
 def _check_tasks(model: ControlModel) -> None:
     """Raises ScenarioError unless a motion gives what each task tracks."""
     for task, name in zip(model.tasks, model.layout.names, strict=True):
+        if task.kind == "joint":
+            raise ScenarioError(
+                f"task {name}: a motion gives points of a person, no joint positions; "
+                "leave the joint out, or use keyframes"
+            )
         if task.frame in HANDS:
             if task.frame not in model.description.task_frames:
                 raise ScenarioError(
@@ -209,12 +217,15 @@ def _check_tasks(model: ControlModel) -> None:
 
 
 def _tasks(
-    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
     """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
     frames = [task.frame for task in model.tasks]
     if any(frame in HANDS for frame in frames):
-        ways = _task_ways(model, clip, retargeted, cutoff)
+        ways = _task_ways(model, performer, retargeted, cutoff)
         return (
             PoseTrajectorySource(model.layout, ways).at,
             lambda: PoseTrajectorySource(model.layout, ways),
@@ -229,10 +240,13 @@ def _tasks(
 
 
 def _task_ways(
-    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
 ) -> dict[str, PointTrajectory | CarriedTrajectory]:
     """The way of each task, by its name."""
-    quaternions = hand_orientations(clip).smooth(cutoff)
+    quaternions = hand_orientations(performer).smooth(cutoff)
 
     def way(frame: str) -> PointTrajectory | CarriedTrajectory:
         if frame not in HANDS:
@@ -264,7 +278,10 @@ def _distance(model: ControlModel, a: str, b: str) -> float:
 
 
 def _prescribed_motion(
-    model: ControlModel, clip: Clip, retargeted: RetargetedMotion, cutoff: float
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
 ) -> Callable[[float], np.ndarray]:
     """`desired_prescribed` of a robot whose root floats, as a function of time [s].
 
@@ -280,7 +297,7 @@ def _prescribed_motion(
     base = find_body(plant, description.base).body_frame()
     p_BC = waist.CalcPose(context, base).translation()
     at_rest = Rotation.from_matrix(description.rest_pose().rotation().matrix())
-    turns = Rotation.from_quat(hip_turns(clip, cutoff)) * at_rest
+    turns = Rotation.from_quat(hip_turns(performer, cutoff)) * at_rest
     root = CarriedTrajectory(
         PointTrajectory(retargeted.waist),
         QuaternionSpline(retargeted.time, turns.as_quat()),

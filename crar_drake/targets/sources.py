@@ -16,7 +16,7 @@ class PoseTrajectory(Protocol):
     """The way of one task; it stands still after `end`.
 
     A way that no task of its layout asks for its orientation needs none, and likewise
-    for the position.
+    for the position and for the joint.
     """
 
     end: float  # [s]
@@ -26,6 +26,9 @@ class PoseTrajectory(Protocol):
 
     def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
+
+    def joint(self, time: float) -> tuple[float, float, float]:
+        """q of a joint [rad or m], its velocity and its acceleration at `time`."""
 
 
 class PoseTrajectorySource(LeafSystem):
@@ -62,6 +65,7 @@ class PoseTrajectorySource(LeafSystem):
             )
         self._layout = layout
         self._trajectories = [trajectories[name] for name in layout.names]
+        self._kinds = list(zip(self._trajectories, layout.kinds, strict=True))
         self.duration = max(t.end for t in self._trajectories)
         self.DeclareVectorOutputPort(
             "desired_tasks", layout.size, self._Calc, {self.time_ticket()}
@@ -79,7 +83,11 @@ class PoseTrajectorySource(LeafSystem):
         for i, task in enumerate(layout.linear_tasks):
             rows = layout.linear_rows[i]
             p[i], v[rows], a[rows] = self._trajectories[task].position(time)
-        return layout.pack(R, p, v, a)
+        q = np.empty(len(layout.joint_rows))
+        joints = [way for way, kind in self._kinds if kind == "joint"]
+        for i, (way, row) in enumerate(zip(joints, layout.joint_rows, strict=True)):
+            q[i], v[row], a[row] = way.joint(time)
+        return layout.pack(R, p, v, a, q)
 
     def _Calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.at(context.get_time()))

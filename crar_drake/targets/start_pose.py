@@ -16,7 +16,7 @@ from crar_drake.equations.joint_limits import (
     limit_gradient,
     limit_potential,
 )
-from crar_drake.equations.tasks import task_error
+from crar_drake.equations.references import find_error
 from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
 from crar_drake.robot.model import ControlModel, ModelState
 
@@ -52,7 +52,7 @@ def solve_start_pose(
 
     def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
         state = model.evaluate(workspace, q, zero)
-        error = task_error(model.layout.rows, state.R, state.p, desired.R, desired.p)
+        error = find_error(state.q, state.R, state.p, desired, model.layout.rows)
         return state, S * error
 
     q = model.rest_positions()

@@ -24,7 +24,7 @@ from benchmarks.step import (
     main,
     run_bench,
 )
-from benchmarks.step_compiling import measure_compiling
+from benchmarks.step_compiling import measure_process
 from benchmarks.step_report import (
     HEADING,
     markdown,
@@ -52,6 +52,7 @@ from benchmarks.step_timing import (
 )
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import capsule_distances, compilation
+from crar_drake.errors import CrarError
 from crar_drake.results.referee import Referee
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
@@ -408,12 +409,12 @@ def test_the_parts_are_the_whole_step(result):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not compilation.IS_COMPILED, reason="needs Numba, not disabled")
-@pytest.mark.slow
-def test_the_first_process_compiles_and_a_later_one_does_not():
-    times = measure_compiling("none")
-    assert times["first"]["cpu"] > 3.0 * times["later"]["cpu"] > 0.0
-    assert times["first"]["wall"] > times["later"]["wall"]
+def test_what_a_process_takes_to_be_ready():
+    """Here where all is compiled already; `test_compilation` tells first from later."""
+    times = measure_process(dict(os.environ), "none")
+    assert 0.0 < times["cpu"] and 0.0 < times["wall"]
+    with pytest.raises(CrarError, match="cannot be measured: .*'nine'"):
+        measure_process(dict(os.environ), "nine")
 
 
 def test_the_worst_case_decides_on_a_target():

@@ -158,6 +158,13 @@ def test_a_recorded_run_and_its_playback(empty_folder, capsys):
     assert "it/playback.html" in capsys.readouterr().out
     assert (empty_folder / "it/playback.html").stat().st_size > 1_000_000
 
+    # Of a folder its log; what both have in common is no name for them.
+    assert main(["compare", "it", "it/log.npz", "--overlay"]) == 0
+    assert "out/compare.html" in capsys.readouterr().out
+    page = (empty_folder / "out/compare.html").read_text()
+    assert '"overlay":true' in page
+    assert '"label":"it 1"' in page and '"label":"it 2"' in page
+
     # The folder shows one run: a page of an earlier one would mislead.
     assert main([*argv, "--no-recording"]) == 0
     assert "recording.html" not in names(empty_folder / "it")
@@ -234,6 +241,7 @@ def test_motions_of_one_name_have_folders_of_their_own(
     [
         "run --out {}",
         "playback log.npz --out {}/x.html",
+        "compare log.npz log.npz --out {}/x.html",
         "motion dance --plot {}/x.png",
         "sweep dance --out {}/x.csv",
         "reproduce --out {}",
@@ -251,6 +259,7 @@ def test_impossible_places_are_refused_before_the_work(
     for name in (
         "crar_drake.run.run_scenario",
         "crar_drake.results.playback.record_log",
+        "crar_drake.results.playback.compare_logs",
         "crar_drake.motion.report.inspect",
         "crar_drake.studies.sweep.run_case",
         "crar_drake.studies.section_iv.simulate.run_plan",
@@ -474,6 +483,9 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("fetch 5-2", "'5-2' names no trial"),
         ("fetch", "required: TRIAL"),
         ("playback nowhere.npz", "nowhere.npz: there is no such log"),
+        ("compare nowhere.npz there.npz", "nowhere.npz: there is no such log"),
+        ("compare one.npz", "name 2 to 6 runs to compare, not 1"),
+        ("compare a.npz b.npz --label x", "--label: given 1 times for 2 runs"),
         ("list everything", "unexpected argument 'everything'"),
     ],
 )
@@ -692,7 +704,11 @@ COMMANDS = {
     "fetch": ["05_02"],
     "import-robot": ["g1"],
     "judge": ["log.npz"],
+    "clean": ["dance.csv", "--robot", "g1"],
+    "convert": ["a.csv", "b.csv"],
     "playback": ["log.npz"],
+    "compare": ["log.npz", "log.npz"],
+    "serve": [],
 }
 
 

@@ -684,6 +684,7 @@ class Run:
                     v[order],
                     d,
                     none,
+                    np.eye(n),
                     shapes.robot,
                     numbers,
                 )

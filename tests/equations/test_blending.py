@@ -256,7 +256,12 @@ def test_tasks_are_blended_row_by_row():
     v, a = rng.normal(size=(2, layout.m))
     step = smooth_step(0.3, DURATION)
     blended = blend_tasks(
-        layout.rows, R_start, p_start, DesiredTasks(R=R_d, p=p_d, v=v, a=a), step
+        layout.rows,
+        R_start,
+        p_start,
+        np.zeros(0),
+        DesiredTasks(R=R_d, p=p_d, v=v, a=a),
+        step,
     )
     # Rows: a.p 0-2, b.omega 3-5, b.p 6-8, c.omega 9-11.
     for i, rows in enumerate([slice(0, 3), slice(6, 9)]):
@@ -275,6 +280,8 @@ def test_tasks_without_orientations():
     layout = TaskLayout(("a",), ("position",))
     none = np.empty((0, 3, 3))
     target = DesiredTasks(R=none, p=np.ones((1, 3)), v=np.ones(3), a=np.ones(3))
-    blended = blend_tasks(layout.rows, none, np.zeros((1, 3)), target, (1.0, 0.0, 0.0))
+    blended = blend_tasks(
+        layout.rows, none, np.zeros((1, 3)), np.zeros(0), target, (1.0, 0.0, 0.0)
+    )
     assert blended.R.shape == (0, 3, 3)
     np.testing.assert_array_equal(blended.p, np.ones((1, 3)))

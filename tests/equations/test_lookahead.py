@@ -21,6 +21,7 @@ from crar_drake.equations.lookahead import (
     LookaheadGains,
     find_limits,
     guard,
+    guard_norm,
     join_constraints,
     limit_constraints,
     margin_curvature,
@@ -40,6 +41,7 @@ from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 T, GV, DAMPING = 1.0 / 30.0, 30.0, 0.1
 D_MIN, GAMMA = 0.002, 20.0
 FASTEST = 0.5
+NONE = np.zeros(0)
 GAINS = LookaheadGains(
     T=T,
     Gv=GV,
@@ -100,9 +102,9 @@ def solve(
 ) -> Solution:
     posture = np.zeros(len(qdot)) if posture is None else posture
     s_0, qdot_c, W, first = wish_velocity(
-        J, v_r, a_r, qdot, posture, constraints, gains, longest
+        J, v_r, a_r, qdot, posture, constraints, gains, longest, NONE, NONE
     )
-    s, second = guard(s_0, constraints)
+    s, second = guard(s_0, constraints, np.eye(len(qdot)))
     return Solution(s, s_0, (s - qdot) / T, qdot_c, W, first + second)
 
 
@@ -232,7 +234,7 @@ def test_nearly_parallel_rows_do_not_fight(spread: float) -> None:
             drift=rows.retreat - g @ y + rng.choice([0.0, 0.3], size=6)
         )
         s_0 = 2.0 * rng.normal(size=n)
-        s, _ = guard(s_0, rows)
+        s, _ = guard(s_0, rows, np.eye(len(s_0)))
         farthest = np.linalg.norm(y - s_0)
         assert np.linalg.norm(s - s_0) <= farthest * (1.0 + 1e-6) + 1e-9
         worst = max(worst, np.linalg.norm(growing_set(s_0, rows) - s_0) / farthest)
@@ -252,7 +254,7 @@ def test_starts_in_several_penetrations_are_left_gently() -> None:
         g = 0.3 * rng.normal(size=(8, n))
         g += np.outer(np.maximum(0.05 - g @ away, 0.0), away)  # away leaves all rows
         rows = pair_rows(rng.uniform(-0.05, 0.0, size=8), g, np.zeros(8))
-        s, _ = guard(np.zeros(n), rows)
+        s, _ = guard(np.zeros(n), rows, np.eye(n))
         assert np.linalg.norm(s) <= FASTEST / (g @ away).min() * (1.0 + 1e-6)
         assert (g @ s > 0.99 * rows.retreat).all()
         taken = np.linalg.norm(growing_set(np.zeros(n), rows))
@@ -468,9 +470,16 @@ def test_the_step_is_continuous_in_all_that_is_given() -> None:
             ]
             rows = pair_rows(a.h + 0.01 * t, a.g + 0.1 * t, a.drift - 0.1 * t)
             s_0, _, W, _ = wish_velocity(
-                a.J, *mixed, np.zeros(7), rows, GAINS, LONGEST_MOVE / 5e-3
+                a.J,
+                *mixed,
+                np.zeros(7),
+                rows,
+                GAINS,
+                LONGEST_MOVE / 5e-3,
+                NONE,
+                NONE,
             )
-            return guard(s_0, rows)[0], W
+            return guard(s_0, rows, np.eye(7))[0], W
 
         for low, high in zip(np.arange(12) / 12, np.arange(1, 13) / 12, strict=True):
             here, there = at(low), at(high)
@@ -884,3 +893,22 @@ def test_the_largest_share_within_bounds():
         ([3.0, -2.0, 5.0, 0.0], 1.0),
     ):
         assert share_within(np.array(s), lowest, highest) == share
+
+
+def test_the_guard_changes_tasks_of_high_weight_the_least():
+    """One row that must give way, in closed form: the change is along N^-1 g."""
+    rng = np.random.default_rng(11)
+    J, g, s_0 = rng.normal(size=(3, 5)), rng.normal(size=5), rng.normal(size=5)
+    J[0] *= 100.0
+    rows = Constraints(
+        np.zeros(1), g[None], np.zeros(1), np.array([1e3]), np.array([s_0 @ g + 1.0])
+    )
+    norm = guard_norm(J, GAINS._replace(task_norm=True))
+    np.testing.assert_allclose(norm, J.T @ J + DAMPING**2 * np.eye(5), atol=1e-9)
+    np.testing.assert_array_equal(guard_norm(J, GAINS), np.eye(5))
+    s, _ = guard(s_0, rows, norm)
+    along = np.linalg.solve(norm, g)
+    expected = along * 1e3 / (1.0 + 1e3 * g @ along)
+    np.testing.assert_allclose(s - s_0, expected, atol=1e-9)
+    plain, _ = guard(s_0, rows, np.eye(5))
+    assert abs(J[0] @ (s - s_0)) < 0.05 * abs(J[0] @ (plain - s_0))

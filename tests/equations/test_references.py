@@ -131,7 +131,9 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
     target = layout.unpack(layout.pack(R_d[None], p_d, v_d, a_d))
     np.testing.assert_allclose(found.error, error(target), atol=1e-12)
     if blending:
-        target = blend_tasks(layout.rows, R_start[None], p_start, target, step)
+        target = blend_tasks(
+            layout.rows, R_start[None], p_start, np.zeros(0), target, step
+        )
         gap = q_p - q_p_start
         q_p, v_p, a_p = (
             q_p_start + s * gap,

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion import HANDS, Clip, hand_orientations, load_clip
-from crar_drake.motion.joint_centres import robot_frame
+from crar_drake.motion.performers.asf_amc import robot_frame
 
 SIDES = {"left_hand": "l", "right_hand": "r"}
 

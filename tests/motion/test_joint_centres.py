@@ -16,7 +16,7 @@ from crar_drake.motion import (
     read_amc,
     read_asf,
 )
-from crar_drake.motion.joint_centres import robot_frame
+from crar_drake.motion.performers.asf_amc import robot_frame
 
 
 def _skeleton(*, leave_out: tuple[str, ...] = ()) -> Skeleton:

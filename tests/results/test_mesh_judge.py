@@ -12,11 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 from small_logs import small_log
 from small_urdfs import joint, link, robot, write
 
 from crar_drake.commands import main
 from crar_drake.errors import ModelError
+from crar_drake.results.link_meshes import read_link_meshes
 from crar_drake.results.mesh_judge import MeshJudge
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel, names_by_joint
@@ -122,6 +126,7 @@ def log_of(folder: Path, q: np.ndarray):
         lower=-np.ones(2),
         upper=np.ones(2),
         velocity_limits=np.full(2, 9.0),
+        effort_limits=np.full(2, np.inf),
         scenario=SCENARIO.replace("ROBOT", str(folder)),
     )
 
@@ -261,3 +266,19 @@ def test_all_triangles_of_an_imported_robot(imported, tmp_path):
         MeshJudge(description)
     shutil.rmtree(folder / "triangles")
     assert "torso" in MeshJudge(description).coarse_links
+
+
+def test_an_ellipsoid_is_judged_by_its_own_shape():
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    text = (
+        '<robot name="egg"><link name="egg"><visual><geometry>'
+        '<drake:ellipsoid a="0.1" b="0.2" c="0.3"/></geometry></visual></link></robot>'
+    )
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.Finalize()
+    (egg,) = read_link_meshes(plant, scene_graph)
+    (part,) = egg.parts
+    mesh = trimesh.Trimesh(part.vertices, part.faces)
+    assert mesh.extents == pytest.approx([0.2, 0.4, 0.6], rel=0.01)
+    assert mesh.volume == pytest.approx(np.pi * 4 / 3 * 0.006, rel=0.02)

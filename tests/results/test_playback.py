@@ -1,33 +1,31 @@
-"""The page of a log: what is drawn when, and what a browser makes of it."""
+"""The page of a run or of several: what is in it, and what a browser makes of it."""
 
+import base64
+import io
+import json
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pytest
-from browser import Look, look_at
-from spy_meshcat import SpyMeshcat
+from pydrake.geometry import Meshcat
 
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import CrarError, ModelError
+from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.playback import record_log, save_recording
+from crar_drake.results.playback import compare_logs, distinct_labels, record_log
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, position_tasks
 from crar_drake.simulation.scenario import Scenario
+from docs.headless_browser import HeadlessBrowser, find_browser
 
-LEFT, RIGHT = (
-    f"/drake/illustration/upper_body/{side}_hand/near" for side in ("left", "right")
-)
 TASKS = position_tasks(["left_wrist", "right_wrist"])
 FPS = 32.0
-
-
-@pytest.fixture(scope="module")
-def meshcat() -> SpyMeshcat:
-    return SpyMeshcat()
 
 
 def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
@@ -73,6 +71,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         lower=np.full(nv, -np.inf),
         upper=np.full(nv, np.inf),
         velocity_limits=np.full(nv, np.inf),
+        effort_limits=np.full(nv, np.inf),
         scenario=scenario.to_yaml(),
     )
 
@@ -88,121 +87,406 @@ def log() -> SimulationLog:
     return replace(log, signed_distances=distances)
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """The page of `log`, and what the overlay drew for it."""
-
-    page: Path
-    visibility: list[tuple[str, bool, float]]
-    moved: list[tuple[str, np.ndarray, float]]
-    cameras: list[tuple[np.ndarray, np.ndarray]]
+@pytest.fixture(scope="module")
+def meshcat() -> Meshcat:
+    return Meshcat()
 
 
 @pytest.fixture(scope="module")
-def recorded(log, meshcat, tmp_path_factory) -> Recorded:
+def page(log, meshcat, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("page") / "recording.html"
-    meshcat.forget()
     record_log(log, path, frames_per_second=FPS, meshcat=meshcat)
-    return Recorded(
-        path, list(meshcat.visibility), list(meshcat.moved), list(meshcat.cameras)
-    )
+    return path
 
 
 @pytest.fixture(scope="module")
-def seen(recorded, tmp_path_factory) -> Look:
-    return look_at(
-        recorded.page,
-        tmp_path_factory.mktemp("browser"),
-        times=(0.5, 1.5, 2.5),
-        paths=(LEFT[1:], RIGHT[1:]),
+def browser() -> Iterator[HeadlessBrowser]:
+    if find_browser() is None:
+        pytest.skip("there is no Chromium to open the page in")
+    with HeadlessBrowser(640, 480) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def opened(browser, page) -> HeadlessBrowser:
+    """The page of the log, which plays of its own, stopped."""
+    browser.open(page)
+    browser.wait_for("crar.state.playing && crar.state.time > 0.05")
+    browser.evaluate("crar.play(false)")
+    return browser
+
+
+def read_data(page: Path) -> dict:
+    """What the page's scripts read, arrays unpacked."""
+    text = page.read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="crar-data">(.*?)</script>', text, re.DOTALL)[1])
+    for run in data["runs"]:
+        for name in ("poses", "targets", "reached", "near"):
+            run[name] = np.frombuffer(base64.b64decode(run[name]), "<f4")
+    return data
+
+
+def look(browser: HeadlessBrowser, time: float) -> np.ndarray:
+    """(height, width, 3) of the robots' part of the page at that time, in [0, 1]."""
+    browser.evaluate(f"crar.seek({time})")
+    browser.settle()
+    image = matplotlib.image.imread(io.BytesIO(browser.screenshot()), format="png")
+    box = browser.evaluate(
+        "(({top, bottom}) => [top, bottom])"
+        "(document.getElementById('crar-stage').getBoundingClientRect())"
     )
+    return image[round(box[0]) : round(box[1]), :, :3]
 
 
-def test_playback_shows_a_near_pair_while_it_is_near(recorded):
-    start = [entry for entry in recorded.visibility if entry[2] == 0.0]
-    # Every watched link once, all far.
-    links = {name for p in load_robot_description("upper_body").pairs for name in p}
-    assert len(start) == len(links) == len({path for path, _, _ in start})
-    assert not any(value for _, value, _ in start)
-    # Then only the changes, and only of the two hands: near from 1.00 to 1.99 s,
-    # interpolated to the threshold between samples.
-    changes = [entry for entry in recorded.visibility if entry[2] > 0.0]
-    assert [(p, v) for p, v, _ in changes] == [
-        (LEFT, True), (RIGHT, True), (LEFT, False), (RIGHT, False)
-    ]  # fmt: skip
-    assert [t for _, _, t in changes] == [1.0, 1.0, 2.0, 2.0]
+def test_links_are_where_the_joints_put_them(log, page):
+    data = read_data(page)
+    (run,), (robot,) = data["runs"], data["robots"]
+    poses = run["poses"].reshape(run["frames"], -1, 7)
+    assert run["frames"] == 97 and poses.shape[1] == len(robot["paths"])
+    model = ControlModel.FromDescription(load_robot_description("upper_body"), TASKS)
+    workspace = model.MakeWorkspace()
+    for frame, sample in ((0, 0), (32, 100), (96, 300)):  # at the same times
+        model.plant.SetPositions(workspace.plant_context, log.q[sample])
+        for path, pose in zip(robot["paths"], poses[frame], strict=True):
+            body = model.plant.GetBodyByName(path.rpartition("/")[2])
+            X_WB = model.plant.EvalBodyPoseInWorld(workspace.plant_context, body)
+            np.testing.assert_allclose(pose[:3], X_WB.translation(), atol=1e-6)
+            w, x, y, z = X_WB.rotation().ToQuaternion().wxyz()
+            assert abs(pose[3:] @ [x, y, z, w]) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_playback_moves_the_targets(recorded):
-    left = [
-        (p, t) for path, p, t in recorded.moved if path == "/crar/targets/left_wrist"
-    ]
-    times = np.array([t for _, t in left])
-    np.testing.assert_array_equal(times, np.arange(3 * 32 + 1) / 32)
-    expected = [[0.3, 0.0, 1.0 + 0.1 * t] for t in times]
-    np.testing.assert_allclose([p for p, _ in left], expected, atol=1e-12)
-    assert len(recorded.moved) == 2 * len(left)  # the other wrist, and nothing else
+def test_targets_and_the_points_that_should_be_there(log, meshcat, tmp_path):
+    error = np.tile([0.0, 0.02, 0.0, 0.0, 0.0, -0.01], (len(log.time), 1))
+    error[200:] = np.nan  # no targets from 2 s on
+    record_log(
+        replace(log, task_error=error),
+        tmp_path / "page.html",
+        frames_per_second=8.0,
+        meshcat=meshcat,
+    )
+    (run,) = read_data(tmp_path / "page.html")["runs"]
+    targets = run["targets"].reshape(25, 2, 3)
+    reached = run["reached"].reshape(25, 2, 3)
+    rise = 1.0 + 0.1 * np.arange(15) / 8.0
+    np.testing.assert_allclose(targets[:15, 0, 2], rise, atol=1e-6)
+    np.testing.assert_allclose(targets[:15, 1, :2], [[0.3, 0.0]] * 15, atol=1e-6)
+    np.testing.assert_allclose(reached[:15, 0, 1], -0.02, atol=1e-6)
+    np.testing.assert_allclose(reached[:15, 1, 2], rise + 0.01, atol=1e-6)
+    assert np.isnan(targets[16:]).all() and np.isnan(reached[16:]).all()
+    assert run["curve"]["error"][:190] == [0.02] * 190
+    assert run["curve"]["error"][210:] == [None] * len(run["curve"]["error"][210:])
 
 
-def test_view_holds_everything(recorded):
-    camera, target = recorded.cameras[-1]
-    # The last target is seen within the 41.9 degrees of the zoomed camera.
-    ray = recorded.moved[-1][1] - camera
-    axis = target - camera
-    angle = np.arccos(ray @ axis / np.linalg.norm(ray) / np.linalg.norm(axis))
-    assert angle < np.arctan(np.tan(np.deg2rad(37.5)) / 2.0)
-    # From the front, from above, and no farther than a hall is long.
-    assert camera[0] > target[0] and camera[2] > target[2]
-    assert 1.0 < np.linalg.norm(axis) < 8.0
+def test_near_pairs_end_on_the_surfaces(log, page):
+    """Two points as far apart as the control model's closed form says."""
+    (run,) = read_data(page)["runs"]
+    near = run["near"].reshape(97, -1, 8)
+    hands = [name for name in run["pairNames"]].index("left hand – right hand")
+    shown = ~np.isnan(near[:, 0, 0])
+    np.testing.assert_array_equal(np.flatnonzero(shown), np.arange(32, 64))
+    assert np.isnan(near[:, 1:]).all()
+    np.testing.assert_array_equal(near[shown, 0, 0], hands)
+    np.testing.assert_allclose(near[shown, 0, 1], 0.01, atol=1e-7)
+    model = ControlModel.FromDescription(load_robot_description("upper_body"), TASKS)
+    workspace = model.MakeWorkspace()
+    distances = model.evaluate_distances(workspace, log.q[100])
+    _, _, *points = near[32, 0]
+    a, b = np.array(points[:3]), np.array(points[3:])
+    assert np.linalg.norm(a - b) == pytest.approx(distances.d[hands], abs=1e-5)
+    # And each on the hull of its own hand.
+    plant_context = workspace.plant_context
+    model.plant.SetPositions(plant_context, log.q[100])
+    query = model.scene_graph.get_query_output_port().Eval(
+        workspace.scene_graph_context_of(plant_context)
+    )
+    for point, link in ((a, "left_hand"), (b, "right_hand")):
+        shapes = model.plant.GetCollisionGeometriesForBody(
+            model.plant.GetBodyByName(link)
+        )
+        away = query.ComputeSignedDistanceToPoint(point.astype(float), np.inf)
+        own = [each.distance for each in away if each.id_G in shapes]
+        assert own and abs(min(own)) < 1e-5
 
 
-def test_page_is_self_contained(recorded):
-    text = recorded.page.read_text()
+def test_curves_keep_every_peak(log, meshcat, tmp_path):
+    time = np.arange(20001) * 1e-3
+    q = np.repeat(log.q[:1], len(time), axis=0)
+    distances = np.full((len(time), log.signed_distances.shape[1]), 0.1)
+    distances[7777, 3] = -0.004  # one sample
+    columns = {
+        name: np.repeat(getattr(log, name)[:1], len(time), axis=0)
+        for name in ("v", "actuation", "desired_acceleration", "desired_tasks")
+        + ("task_error", "constraint_weights", "status", "resting_margins")
+        + ("admission", "torque_limit")
+    }
+    long = replace(log, time=time, q=q, signed_distances=distances, **columns)
+    record_log(long, tmp_path / "p.html", frames_per_second=1.0, meshcat=meshcat)
+    curve = read_data(tmp_path / "p.html")["runs"][0]["curve"]
+    assert len(curve["distance"]) <= 1500
+    assert min(curve["distance"]) == -0.004
+    at = curve["time"][int(np.argmin(curve["distance"]))]
+    assert at == pytest.approx(7.777, abs=0.02)
+
+
+def test_page_is_self_contained(page):
+    text = page.read_text()
     assert not re.findall(r"<(?:script|link|img)[^>]*(?:src|href)\s*=", text)
     assert all(url.startswith("data:") for url in re.findall(r'fetch\("([^"]*)', text))
-    assert 2_000_000 < len(text) < 6_000_000
+    assert 2_000_000 < len(text) < 5_000_000
 
 
-def test_page_in_a_browser(seen):
-    assert seen.errors == []
-    assert seen.requests == []
-    assert seen.playing
-    # All tracks repeat together, as long as the log; nobody counts to a million.
-    np.testing.assert_allclose(seen.durations, 3.0)
-    assert min(seen.repetitions) > 1000
+def test_page_in_a_browser(opened):
+    assert opened.complaints == []
+    assert opened.requests == []
+    title = "upper_body following dance"
+    assert opened.evaluate("document.title") == title
+    text = opened.evaluate("document.querySelector('#crar header').innerText")
+    assert title in text and "lookahead constraints" in text
+    assert "nearest 10.0 mm" in text and "violations none" in text
 
 
-def test_browser_shows_the_robot_and_it_moves(seen):
-    first, _, last = seen.images
-    robot = np.abs(last - seen.without_robot).max(axis=2) > 0.1
+def test_browser_shows_the_robot_and_it_moves(opened):
+    first, last = look(opened, 0.5), look(opened, 2.5)
+    hide_robot(opened, True)
+    without = look(opened, 2.5)
+    hide_robot(opened, False)
+    robot = np.abs(last - without).max(axis=2) > 0.1
     assert 0.01 < robot.mean() < 0.5
     assert (np.abs(last - first).max(axis=2) > 0.1).mean() > 0.005
 
 
-def test_browser_shows_the_warning_while_near(seen):
-    assert seen.visible == [[False, False], [True, True], [False, False]]
+def test_browser_shows_what_is_near_while_it_is(opened):
+    def red(image: np.ndarray) -> int:
+        r, g, b = np.moveaxis(image, 2, 0)
+        return int(((r > 0.5) & (g < 0.62 * r) & (b < 0.62 * r)).sum())
+
+    before, near, after = (red(look(opened, t)) for t in (0.5, 1.5, 2.5))
     # Red is on no other thing in the picture.
-    red = [
-        ((im[..., 0] > 0.5) & (im[..., 1] < 0.6 * im[..., 0])
-         & (im[..., 2] < 0.6 * im[..., 0])).sum()
-        for im in seen.images
-    ]  # fmt: skip
-    assert red[1] > 50 and red[0] == red[2] == 0
+    assert before == after == 0 and near > 30
+
+
+def hide_robot(browser: HeadlessBrowser, hidden: bool) -> None:
+    change = "disableAll()" if hidden else "enable(0)"
+    browser.evaluate(
+        "viewer.scene_tree.find(['crar', 'robot0']).object.traverse("
+        f"o => {{ if (o.isMesh) o.layers.{change}; }})"
+    )
+
+
+def test_targets_are_seen_through_the_links(opened):
+    """As much of their violet as if there were no robot."""
+    colour = np.array([int(marks.TARGET[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+
+    def violet() -> int:
+        image = look(opened, 0.5)
+        return int((np.abs(image - colour).max(axis=2) < 0.05).sum())
+
+    seen = violet()
+    hide_robot(opened, True)
+    assert seen == violet() > 10
+    hide_robot(opened, False)
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844), (800, 300)])
+def test_all_that_moves_fits_the_window_and_fills_it(opened, page, size):
+    opened.resize(*size)
+    opened.settle()
+    camera, projection = (
+        np.array(opened.evaluate(f"viewer.{name}.toArray()")).reshape(4, 4).T
+        for name in ("camera.matrixWorldInverse", "camera.projectionMatrix")
+    )
+    opened.resize(640, 480)
+    outline = np.array(read_data(page)["outline"]).reshape(-1, 3)
+    # Meshcat's world has y upwards.
+    y_up = np.column_stack([outline[:, 0], outline[:, 2], -outline[:, 1]])
+    clip = projection @ camera @ np.vstack([y_up.T, np.ones(len(y_up))])
+    seen = clip[:2] / clip[3]
+    assert (clip[3] > 0.0).all() and (np.abs(seen) < 1.0).all()
+    # In one of the two directions both sides are reached, but for the margin.
+    assert np.max(np.minimum(seen.max(axis=1), -seen.min(axis=1))) > 0.85
+
+
+def test_keys(opened):
+    def time() -> float:
+        return opened.evaluate("crar.state.time")
+
+    opened.evaluate("crar.seek(1.0)")
+    opened.press("ArrowRight")
+    assert time() == pytest.approx(1.0 + 1.0 / FPS)
+    opened.press("ArrowLeft")
+    opened.press("ArrowLeft")
+    assert time() == pytest.approx(1.0 - 1.0 / FPS)
+    opened.press("ArrowRight", shift=True)
+    assert time() == pytest.approx(2.0 - 1.0 / FPS)
+    opened.press("End")
+    assert time() == 3.0
+    opened.press("Home")
+    assert time() == 0.0
+    opened.press("ArrowUp")
+    assert opened.evaluate("crar.state.speed") == 2.0
+    opened.press("ArrowDown")
+    opened.press("Space", " ")
+    assert opened.evaluate("crar.state.playing") is True
+    opened.wait_for("crar.state.time > 0.05")
+    opened.press("Space", " ")
+    stopped = time()
+    opened.settle()
+    assert time() == stopped and opened.evaluate("crar.state.playing") is False
+
+
+def test_the_cursor_follows_and_can_be_dragged(opened):
+    box = opened.evaluate(
+        "(({x, y, width, height}) => [x, y, width, height])"
+        "(document.querySelector('#crar-timeline svg').getBoundingClientRect())"
+    )
+    # Where the time line begins and ends is told by its grid.
+    left, right = opened.evaluate(
+        "['x1', 'x2'].map(name => Number(document.querySelector("
+        "'#crar-timeline .grid').getAttribute(name)))"
+    )
+
+    def cursor() -> float:
+        moved = opened.evaluate(
+            "document.querySelector('#crar-timeline .handle').getAttribute('transform')"
+        )
+        return float(re.search(r"[-\d.]+", moved)[0])
+
+    y = box[1] + 0.3 * box[3]
+    at = [box[0] + left + share * (right - left) for share in (0.1, 0.3, 0.5)]
+    opened.drag([(x, y) for x in at])
+    assert opened.evaluate("crar.state.time") == pytest.approx(1.5, abs=0.02)
+    assert cursor() == pytest.approx(0.5 * (left + right), abs=2.0)
+    # Let go: the mouse moves it no more; beyond the end is the end.
+    opened.evaluate("crar.seek(0.75)")
+    assert cursor() == pytest.approx(0.75 * left + 0.25 * right, abs=0.5)
+    opened.drag([(at[0], y), (box[0] + box[2] + 50.0, y)])
+    assert opened.evaluate("crar.state.time") == 3.0
+    reading = opened.evaluate(
+        "crar.seek(1.5), document.querySelector('#crar-timeline .reading').textContent"
+    )
+    assert "10 mm" in reading and "left hand – right hand" in reading
+
+
+def test_phones_begin_with_what_matters(opened):
+    opened.resize(390, 844)
+    opened.settle()
+    legend = "document.getElementById('crar-legend').open"
+    assert opened.evaluate(legend) is False
+    share = opened.evaluate(
+        "document.getElementById('crar-stage').clientHeight / innerHeight"
+    )
+    assert share > 0.5
+    wide = "document.documentElement.scrollWidth <= innerWidth"
+    assert opened.evaluate(wide) is True
+    assert opened.evaluate("viewer.gui.domElement.style.display") == "none"
+    opened.resize(1280, 800)
+    opened.settle()
+    assert opened.evaluate(legend) is True
+    opened.resize(640, 480)
+
+
+def named(log: SimulationLog, motion: str, constraints: str) -> SimulationLog:
+    scenario = Scenario(robot="upper_body", motion=motion, tasks=list(TASKS))
+    scenario.controller.constraints = constraints
+    return replace(log, scenario=scenario.to_yaml())
+
+
+def test_names_are_text_and_nothing_else(log, meshcat, browser, tmp_path):
+    evil = "</script><script>window.evil = 1</script><img src=x onerror=alert(1)>"
+    names = log.pair_names.copy().astype("U200")
+    names[:] = [f"{evil} {i}" for i in range(len(names))]
+    record_log(
+        replace(named(log, evil, "none"), pair_names=names),
+        tmp_path / "evil.html",
+        frames_per_second=4.0,
+        meshcat=meshcat,
+    )
+    browser.open(tmp_path / "evil.html", "#t=1.5")
+    assert browser.evaluate("[crar.state.playing, crar.state.time]") == [False, 1.5]
+    assert browser.evaluate("window.evil === undefined")
+    assert browser.evaluate("document.images.length") == 0
+    # Of a path, the last part is the motion's name.
+    assert "script><img src=x onerror=alert(1)>" in browser.evaluate("document.title")
+    reading = "document.querySelector('#crar-timeline .reading').textContent"
+    assert evil in browser.evaluate(reading)
+    assert browser.complaints == []
+
+
+def test_two_runs_in_one_page(log, meshcat, browser, tmp_path):
+    runs = [named(log, "dance", mode) for mode in ("none", "lookahead")]
+    runs[0].signed_distances[150, 0] = -0.03
+    labels = distinct_labels(runs, ["a", "b"])
+    assert labels == ["none", "lookahead"]
+    page = tmp_path / "compare.html"
+    compare_logs(runs, page, labels=labels, frames_per_second=8.0, meshcat=meshcat)
+    data = read_data(page)
+    assert [run["robot"] for run in data["runs"]] == [0, 0], "it is drawn once"
+    assert [run["label"] for run in data["runs"]] == labels
+    browser.open(page, "#t=1.5")
+    views = "crar.stage.views.map(v => [v.x, v.y, v.w, v.h, v.runs.length])"
+    left, right = browser.evaluate(views)
+    assert left[0] == 0 and right[0] == left[2] == 320 and left[4] == right[4] == 1
+    # Both robots are there: each half has much that the other view's sky has not.
+    image = look(browser, 1.5)
+    halves = image[:, :320], image[:, 320:640]
+    assert all((half.std(axis=2) > 0.02).mean() > 0.2 for half in halves)
+    robot = [(half.max(axis=2) < 0.25).mean() for half in halves]
+    assert min(robot) > 0.002 and max(robot) < 3.0 * min(robot)
+    curves = "document.querySelectorAll('#crar-timeline .curve').length"
+    assert browser.evaluate(curves) == 4
+    text = browser.evaluate("document.querySelector('#crar header').innerText")
+    assert "−30.0 mm" in text and "lookahead" in text
+    # Laid over each other, by the key and back.
+    browser.press("KeyO", "o")
+    browser.settle()
+    ((_, _, width, _, runs_shown),) = browser.evaluate(views)
+    assert (width, runs_shown) == (640, 2)
+    browser.press("KeyO", "o")
+    assert len(browser.evaluate(views)) == 2
+    assert browser.complaints == []
+
+
+def test_labels_tell_runs_apart(log):
+    none, ours = named(log, "dance", "none"), named(log, "dance", "lookahead")
+    other = named(log, "reaching", "none")
+    assert distinct_labels([none, ours, other], "abc") == [
+        "none, dance",
+        "lookahead, dance",
+        "none, reaching",
+    ]
+    assert distinct_labels([none, none], ["a", "b"]) == ["a", "b"]
+    assert distinct_labels([none, none], ["a", "a"]) == ["a 1", "a 2"]
+    assert distinct_labels([none, none, ours], "abc") == [
+        "none (a)",
+        "none (b)",
+        "lookahead (c)",
+    ]
+
+
+def test_too_few_or_too_many_to_compare(log, tmp_path):
+    for count in (1, len(marks.RUNS) + 1):
+        with pytest.raises(CrarError, match=f"{count} runs cannot be compared"):
+            compare_logs([log] * count, tmp_path / "p.html", labels=["x"] * count)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("kind, targets", [("pose", 1), ("orientation", 0)])
-def test_log_of_another_robot(meshcat, tmp_path, kind, targets):
+def test_log_of_another_robot(meshcat, browser, tmp_path, kind, targets):
     log = make_log("obstacle_arm", [Task(frame="tool", kind=kind)], 0.5)
     log.signed_distances[:, 0] = 0.01  # the upper arm at the post
-    meshcat.forget()
     record_log(log, tmp_path / "arm.html", frames_per_second=8.0, meshcat=meshcat)
-    assert (tmp_path / "arm.html").stat().st_size > 2e6
-    assert len(meshcat.moved) == 5 * targets
-    # Both wear a shell: a link of the arm, and one that is welded to the world.
-    assert {path for path, value, _ in meshcat.visibility if value} == {
-        "/drake/illustration/arm/upper_arm/near",
-        "/drake/illustration/obstacle/post/near",
-    }
+    data = read_data(tmp_path / "arm.html")
+    (run,) = data["runs"]
+    assert run["targets"].size == 5 * targets * 3
+    assert run["curve"]["unit"] == ("m" if targets else "rad")
+    # One of the pair is welded to the world, and is drawn but not moved.
+    assert not any("post" in path for path in data["robots"][0]["paths"])
+    near = run["near"].reshape(5, -1, 8)
+    assert (near[:, 0, 1] == np.float32(0.01)).all()
+    assert np.isfinite(near[:, 0]).all()
+    if not targets:
+        browser.open(tmp_path / "arm.html", "#t=0.25")
+        assert browser.complaints == []
 
 
 def test_log_that_cannot_be_played(log, tmp_path):
@@ -211,6 +495,8 @@ def test_log_that_cannot_be_played(log, tmp_path):
         record_log(empty, tmp_path / "page.html")
     with pytest.raises(CrarError, match="frames_per_second: 0"):
         record_log(log, tmp_path / "page.html", frames_per_second=0)
+    with pytest.raises(CrarError, match="no finite positions"):
+        record_log(replace(log, q=np.full_like(log.q, np.nan)), tmp_path / "page.html")
     with pytest.raises(CrarError, match="13 positions but robot upper_body 14"):
         record_log(replace(log, q=log.q[:, 1:]), tmp_path / "page.html")
     with pytest.raises(CrarError, match="29 watched pairs but robot upper_body 30"):
@@ -224,8 +510,17 @@ def test_log_that_cannot_be_played(log, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_page_appears_whole_or_not_at_all(meshcat, tmp_path):
+def test_page_appears_whole_or_not_at_all(log, meshcat, tmp_path):
     (tmp_path / "page.html").mkdir()  # stands where the page should go
+    short = replace(
+        log,
+        **{
+            name: getattr(log, name)[:5]
+            for name in ("time", "q", "v", "actuation", "desired_acceleration")
+            + ("desired_tasks", "task_error", "signed_distances", "status")
+            + ("constraint_weights", "resting_margins", "admission", "torque_limit")
+        },
+    )
     with pytest.raises(CrarError, match="page.html: could not be written"):
-        save_recording(meshcat, tmp_path / "page.html")
+        record_log(short, tmp_path / "page.html", meshcat=meshcat)
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]

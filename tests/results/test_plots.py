@@ -1,5 +1,6 @@
 """The plot of a run: a readable page, with the log's data in it."""
 
+import matplotlib.colors
 import matplotlib.image
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from matplotlib.figure import Figure
 from small_logs import small_log
 
 from crar_drake.errors import WriteError
+from crar_drake.results import marks
 from crar_drake.results.plots import draw_run, plot_run
 
 
@@ -56,7 +58,7 @@ def test_distances_reach_the_axes():
 def test_joints_are_drawn_between_their_limits():
     q = np.array([[9.0, -1.0, 3.0], [9.0, 0.0, 4.0], [9.0, 1.5, 5.0]])
     figure = draw_run(small_log(q=q))
-    ax = next(ax for ax in figure.axes if "limits" in ax.get_title(loc="left"))
+    ax = next(ax for ax in figure.axes if "Joint" in ax.get_title(loc="left"))
     assert [tick.get_text() for tick in ax.get_yticklabels()] == ["swing", "turn"]
     swing, outside, turn = (line.get_ydata() for line in ax.get_lines())
     top, bottom = swing[1] - 0.38, swing[1] + 0.38  # the axis counts downwards
@@ -76,13 +78,79 @@ def test_joints_are_drawn_between_their_limits():
 def test_who_is_too_fast_is_marked():
     """Swing moves at 1, -2, 0 rad/s; turn has no limit here."""
     figure = draw_run(small_log(velocity_limits=np.array([0.0, 1.5, np.inf])))
-    ax = next(ax for ax in figure.axes if "limits" in ax.get_title(loc="left"))
+    ax = next(ax for ax in figure.axes if "Joint" in ax.get_title(loc="left"))
     (marks,) = [line for line in ax.get_lines() if line.get_marker() == "."]
     np.testing.assert_array_equal(np.isfinite(marks.get_ydata()), [False, True, False])
     assert marks.get_ydata()[1] == ax.get_lines()[0].get_ydata()[1]
-    assert "orange: too fast, 1 samples" in ax.get_title(loc="left")
-    title = draw_run(small_log()).axes[3].get_title(loc="left")
-    assert "limits" in title and "too fast" not in title
+    assert "magenta: too fast, 1 samples" in ax.get_title(loc="left")
+    figure = draw_run(small_log())
+    ax = next(ax for ax in figure.axes if "Joint" in ax.get_title(loc="left"))
+    assert "too fast" not in ax.get_title(loc="left")
+
+
+def test_five_and_twenty_millimetres_are_told_apart():
+    """And penetrations have room below them."""
+    ax = _axes(draw_run(small_log()), "distance [mm]")
+    at = [ax.transData.transform((0.0, mm))[1] for mm in (-20, 0, 5, 20, 100)]
+    steps = np.diff(at) / ax.get_window_extent().height
+    assert (steps > 0.08).all()
+    ticks = [text.get_text() for text in ax.get_yticklabels()]
+    assert {"0", "5", "20", "100", "−20"} <= set(ticks)
+    heights = np.array([-0.3, -1e-3, 0.0, 4e-3, 0.25])
+    np.testing.assert_allclose(
+        marks.distance_at(marks.distance_height(heights)), heights
+    )
+
+
+def test_only_pairs_that_came_near_are_in_colour():
+    far = small_log(signed_distances=np.array([[0.2, 0.1], [0.1, 0.2], [0.059, 0.061]]))
+    lines = {
+        line.get_label(): line.get_color()
+        for line in _axes(draw_run(far), "distance [mm]").get_lines()
+    }
+    assert lines["left - right"] == marks.NEAR_PAIRS[0]
+    assert lines["1 others"] == "0.8" and "hand - torso" not in lines
+
+
+def test_torque_is_drawn_as_a_share_of_its_limit():
+    """Turn has 3, 5, -8 of 10 Nm, swing 10, -30, 1 of 40 Nm."""
+    log = small_log(effort_limits=np.array([10.0, np.inf, 40.0]))
+    figure = draw_run(log)
+    ax = next(ax for ax in figure.axes if "Torque" in ax.get_title(loc="left"))
+    (mesh,) = ax.collections
+    shares = np.asarray(mesh.get_array()).reshape(2, 3)
+    np.testing.assert_allclose(shares, [[0.25, 0.75, 0.025], [0.3, 0.5, 0.8]])
+    assert "at most 80 %, turn" in ax.get_title(loc="left")
+    assert [text.get_text() for text in ax.texts] == ["75 % of 40", "80 % of 10"]
+    # Beyond it is the colour of violations; where none is known there is no share.
+    figure = draw_run(small_log(effort_limits=np.array([np.inf, np.inf, 20.0])))
+    ax = next(ax for ax in figure.axes if "Torque" in ax.get_title(loc="left"))
+    (mesh,) = ax.collections
+    beyond = mesh.to_rgba(np.asarray(mesh.get_array()).reshape(2, 3))[0, 1]
+    assert matplotlib.colors.to_hex(beyond) == marks.VIOLATION
+    assert [text.get_text() for text in ax.texts] == ["150 % of 20", "8, no limit"]
+
+
+def test_spans_are_marked():
+    """Blending in the first sample, braking in the last two, all limited in torque."""
+    log = small_log(
+        status=np.array([[1.0], [2.0], [2.0]]),
+        torque_limit=np.array([[1.0, 0.0], [0.4, 0.0], [0.0, 0.25]]),
+    )
+    assert marks.marked_spans(log) == {
+        "blending": [(0.0, 0.5)],
+        "braking": [(0.5, 1.0)],
+        "torque limited": [(0.5, 1.0)],
+    }
+    ax = draw_run(log).axes[0]
+    names = [tick.get_text() for tick in ax.get_yticklabels()]
+    assert names == ["blending", "braking", "torque limited"]
+    colours = [
+        matplotlib.colors.to_hex(bar.get_facecolor()[0]) for bar in ax.collections
+    ]
+    assert colours == list(marks.SPANS.values())
+    unmarked = small_log(torque_limit=np.tile([1.0, 0.0], (3, 1)))
+    assert draw_run(unmarked).axes[0].get_ylabel() == "task error [mm]"
 
 
 def test_power_reaches_the_axes():
@@ -104,7 +172,8 @@ def test_what_is_not_there_takes_no_room(tmp_path):
         v=np.zeros((3, 3)),
     )
     labels = [ax.get_ylabel() for ax in draw_run(log).axes]
-    assert labels == ["task error [mm]", "", "power [W]"]
+    # When torque was limited, errors, joints, torque, power.
+    assert labels == ["", "task error [mm]", "", "", "power [W]"]
     plot_run(log, tmp_path / "standing still.png")
 
 

@@ -40,7 +40,7 @@ def arm(folder: Path, more: str, controller: str = "{}") -> Scenario:
 
 def warnings(scenario: Scenario, recorded: bool = False) -> list[str]:
     setup = PrepareScenario(scenario)
-    report = inspect(setup.motion.clip) if setup.motion.clip else None
+    report = inspect(setup.motion.performer) if setup.motion.performer else None
     return run_warnings(scenario, setup, report, recorded=recorded)
 
 
@@ -53,13 +53,13 @@ def dance():
 def test_shipped_scenarios_give_no_warning(dance):
     assert warnings(load_scenario("obstacle_arm"), recorded=True) == []
     scenario, setup = dance
-    report = inspect(setup.motion.clip)
+    report = inspect(setup.motion.performer)
     assert run_warnings(scenario, setup, report, recorded=True) == []
 
 
 def test_findings_are_repeated_in_one_line(dance):
     scenario, setup = dance
-    clean = inspect(setup.motion.clip)
+    clean = inspect(setup.motion.performer)
 
     def line(report: MotionReport, **changes) -> str:
         (text,) = run_warnings(

@@ -15,6 +15,7 @@ from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import (
+    LONGEST_MOVE,
     LookaheadGains,
     LookaheadMemory,
     LookaheadNumbers,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters
 
 LOST_TARGET = ("brake", "error")
+GUARD_NORMS = ("joints", "tasks")
 
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
@@ -56,6 +58,9 @@ class LookaheadParameters:
         slip_time_constant: of the low-pass on what the plant did other than told,
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
+        longest_move: what q_s is asked to move by in a period at most [rad].
+        guard_norm: in which the guard changes the wish the least: "joints", where all
+            joints weigh the same, or "tasks", where tasks do by their weights.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -72,10 +77,13 @@ class LookaheadParameters:
     slip_time_constant: float = 0.01  # [s]
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
+    longest_move: float = LONGEST_MOVE  # [rad]
+    guard_norm: str = "joints"
 
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
         check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
+        check_choice("controller.lookahead", self, "guard_norm", GUARD_NORMS)
         check_numbers("controller.lookahead", self, may_be_zero=set())
         if self.rho > LARGEST_RHO:
             raise ScenarioError(
@@ -95,7 +103,12 @@ class LookaheadParameters:
 
 
 class LookaheadMode(Mode):
-    """(L1)-(L9) of `equations.lookahead`."""
+    """(L1)-(L9) of `equations.lookahead`.
+
+    Attributes:
+        reaches: holds the `Reaches` of the watched pairs, for other paths than braking
+            ones.
+    """
 
     diagnostics = (
         Diagnostic(
@@ -138,6 +151,8 @@ class LookaheadMode(Mode):
             influence_distance=float(ahead.influence_distance),
             period=float(parameters.period),
             slip_share=float(share),
+            longest_move=float(ahead.longest_move),
+            task_norm=ahead.guard_norm == "tasks",
         )
         fastest = parameters.speed_limits(model)[model.controlled]
         limits = find_limits(model.lower, model.upper, fastest)
@@ -155,13 +170,14 @@ class LookaheadMode(Mode):
             step=min(float(plant.time_step()), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
+        self.reaches = hold(reaches)
         self._numbers = hold(
             LookaheadNumbers(
                 gains,
                 hold(limits),
                 numbers,
                 admission,
-                hold(reaches),
+                self.reaches,
                 model.pairs.shape_pairs,
             )
         )

@@ -1,0 +1,230 @@
+"""`crar-drake clean`: reference motions made clear of collisions and within limits."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
+from crar_drake.commands.output import OUT, label
+
+if TYPE_CHECKING:
+    from crar_drake.references.clean_file import CleanedClip
+    from crar_drake.references.clean_folder import CleanedFile
+
+# Failed files that are told one by one.
+_MOST_LINES = 10
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "clean",
+        run,
+        "Follow a reference motion of a whole robot under all constraints with the "
+        "least change, and write it in its own layout with a certificate beside it. "
+        "The exit code is 1 if something is still violated or a file failed. The same "
+        "command continues a folder that was stopped.",
+    )
+    parser.add_argument(
+        "reference",
+        type=Path,
+        metavar="PATH",
+        help="a robot motion (.csv, .npz, .pkl), or a folder with such in it or below",
+    )
+    parser.add_argument(
+        "--robot",
+        required=True,
+        metavar="ROBOT",
+        help="name or folder of the robot, imported as a whole body",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="PATH",
+        help="file to write, or folder for those of a folder (default: in out/clean)",
+    )
+    parser.add_argument(
+        "--hands",
+        action="store_true",
+        help="let the hands keep their poses, too, as far as may be",
+    )
+    parser.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="layout of the files (default: what each looks like)",
+    )
+    parser.add_argument(
+        "--frame-rate",
+        type=positive,
+        metavar="HZ",
+        help="frames per second (default: what a file says, else its layout's)",
+    )
+    parser.add_argument(
+        "--velocity-scale",
+        type=positive,
+        default=1.0,
+        metavar="SHARE",
+        help="share of the robot's speed limits that may be used (default: 1)",
+    )
+    add_jobs(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Does what the arguments say.
+
+    Returns:
+        The exit code: 1 if something is still violated or a file of a folder failed.
+    """
+    from crar_drake.references.following import CleaningParameters
+
+    reference: Path = arguments.reference
+    parameters = CleaningParameters(
+        hands=arguments.hands, velocity_scale=arguments.velocity_scale
+    )
+    if reference.is_dir():
+        return _clean_folder(arguments, parameters)
+    if arguments.jobs is not None:
+        raise UsageError("--jobs is for folders")
+    from crar_drake.references.clean_file import clean_file
+    from crar_drake.references.motion_certificate import certificate_path
+
+    out = arguments.out or OUT / "clean" / label(reference).with_suffix(
+        reference.suffix
+    )
+    if out.is_dir():
+        out = out / reference.name
+    if out.suffix.lower() != reference.suffix.lower():
+        raise UsageError(
+            f"--out: {out} must end in {reference.suffix}, as the reference does"
+        )
+    with _frames_bar() as progress:
+        clips = clean_file(
+            reference,
+            out,
+            arguments.robot,
+            parameters,
+            layout=arguments.layout,
+            rate=arguments.frame_rate,
+            progress=progress,
+        )
+    for clip in clips:
+        for line in clip_lines(clip):
+            print(line)
+    print(out)
+    print(certificate_path(out))
+    return int(any(clip.violated for clip in clips))
+
+
+def clip_lines(clip: CleanedClip) -> list[str]:
+    """What cleaning made of a motion, in words."""
+    lines = [
+        f"{clip.clip + ': ' if clip.clip else ''}{clip.frames} frames at "
+        f"{clip.rate:g} Hz; before and after: {clip.penetrating_before} and "
+        f"{clip.penetrating} frames with capsules in penetration, "
+        f"{clip.beyond_limit_before} and {clip.beyond_limit} beyond a joint limit, "
+        f"{clip.too_fast_before} and {clip.too_fast} beyond a speed limit, smallest "
+        f"distance {1e3 * clip.nearest_before:.1f} and {1e3 * clip.nearest:.1f} mm "
+        f"(between frames at least {1e3 * clip.between:.1f} mm)",
+        f"changed: {clip.changed} frames; joints {_degrees(clip.joints_rms)} rms, "
+        f"{_degrees(clip.joints_worst)} at most; feet "
+        f"{_millimetres(clip.feet_rms, clip.feet_worst)}; hands "
+        f"{_millimetres(clip.hands_rms, clip.hands_worst)}; jerk of the joints "
+        f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
+        f"steps: {clip.corrected} frames corrected, {clip.scaled} scaled; "
+        f"{clip.seconds:.1f} s, {clip.times_real_time:.1f} x real time",
+    ]
+    if clip.moved_start:
+        lines.append(
+            "the first frame is not clear: the motion begins beside it, by up to "
+            f"{_degrees(clip.moved_start)} in a joint, and catches up"
+        )
+    return lines
+
+
+def _degrees(angle: float) -> str:
+    return f"{57.29577951308232 * angle:.2f} deg"
+
+
+def _millimetres(rms: float, worst: float) -> str:
+    if rms != rms:
+        return "none"
+    return f"{1e3 * rms:.1f} mm rms, {1e3 * worst:.1f} mm at most"
+
+
+def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
+    from crar_drake.references.clean_folder import clean_folder
+
+    folder: Path = arguments.reference
+    out = arguments.out or OUT / "clean" / label(folder / "all").parent.name
+    try:
+        with _files_bar() as progress:
+            files = clean_folder(
+                folder,
+                out,
+                arguments.robot,
+                parameters,
+                layout=arguments.layout,
+                rate=arguments.frame_rate,
+                jobs=arguments.jobs,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        print(
+            f"crar-drake: what is finished is in {out}; the same command continues",
+            file=sys.stderr,
+        )
+        raise
+    clips = [clip for file in files for clip in file.clips]
+    print(
+        f"{len(clips)} motions: "
+        f"{sum(clip.penetrating_before > 0 for clip in clips)} had penetrations and "
+        f"{sum(clip.penetrating > 0 for clip in clips)} have; "
+        f"{sum(clip.violated for clip in clips)} violate something"
+    )
+    failed = [file for file in files if file.error]
+    for file in failed[:_MOST_LINES]:
+        print(f"failed: {file.reference}: {file.error}", file=sys.stderr)
+    if len(failed) > _MOST_LINES:
+        print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
+    print(out / "cleaned.csv")
+    return int(bool(failed) or any(clip.violated for clip in clips))
+
+
+@contextmanager
+def _frames_bar() -> Iterator[Callable[[int, int], None]]:
+    """Yields a callback that draws how far a motion is, on stderr."""
+    with _bar() as bar:
+        task = bar.add_task("", total=None)
+        yield lambda frame, frames: bar.update(task, completed=frame, total=frames)
+
+
+@contextmanager
+def _files_bar() -> Iterator[Callable[[int, int, CleanedFile], None]]:
+    """Yields a callback that draws how many files are finished, on stderr."""
+    with _bar() as bar:
+        task = bar.add_task("", total=None)
+
+        def show(done: int, total: int, newest: CleanedFile) -> None:
+            what = f"{newest.reference.name}{' failed' if newest.error else ''}"
+            bar.update(task, completed=done, total=total, description=what)
+
+        yield show
+
+
+def _bar():
+    from rich import progress
+    from rich.console import Console
+
+    return progress.Progress(
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("{task.description}", markup=False),
+        console=Console(stderr=True),
+        transient=True,
+    )

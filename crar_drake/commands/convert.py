@@ -1,0 +1,114 @@
+"""`crar-drake convert`: a robot's motion from one layout to another."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from crar_drake.commands.options import (
+    add_command,
+    add_frame_rate,
+    add_reference_options,
+    positive,
+)
+from crar_drake.errors import MotionError
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "convert",
+        run,
+        "Write a robot's motion (a reference motion, as policies are trained on) in "
+        "another layout, or at another rate. docs/references.md has the layouts.",
+    )
+    parser.add_argument("motion", type=Path, metavar="IN", help="the motion's file")
+    parser.add_argument("out", type=Path, metavar="OUT", help="the file to write")
+    parser.add_argument(
+        "--to",
+        metavar="LAYOUT",
+        help="layout of OUT: xyzw-csv, wxyz-csv, beyondmimic-npz, mjlab-npz, "
+        "holosoma-npz, gmr-pkl, motion-lib-pkl (default: that of IN, if OUT has its "
+        "suffix)",
+    )
+    parser.add_argument(
+        "--rate",
+        type=positive,
+        metavar="HZ",
+        help="frames per second of OUT, along splines (default: those of IN)",
+    )
+    add_frame_rate(parser)
+    add_reference_options(parser)
+    parser.add_argument("--clip", metavar="NAME", help="of a file with several motions")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.files import check_file
+    from crar_drake.references.layouts import layout_named, layouts_of
+    from crar_drake.references.resampling import resampled
+    from crar_drake.references.robot_motion import (
+        read_motion,
+        read_motions,
+        write_motions,
+    )
+
+    check_file(arguments.out)
+    robot = reference_robot(arguments)
+    options = dict(layout=arguments.layout, rate=arguments.frame_rate, robot=robot)
+    if arguments.clip is not None:
+        motions = (read_motion(arguments.motion, clip=arguments.clip, **options),)
+    else:
+        motions = read_motions(arguments.motion, **options)
+    possible = layouts_of(arguments.out)
+    to = arguments.to
+    if to is None:
+        if motions[0].layout in possible:
+            to = motions[0].layout
+        elif len(possible) == 1:
+            (to,) = possible
+        else:
+            raise MotionError(
+                f"{arguments.out}: say its layout with --to"
+                + (f": {', '.join(possible)}" if possible else "")
+            )
+    if layout_named(to).name not in possible:
+        raise MotionError(
+            f"{arguments.out}: {to} is a {layout_named(to).suffix} file; name it so"
+        )
+    written, told = [], []
+    for motion in motions:
+        told += [f"guessed: {guess}" for guess in motion.guesses]
+        lost: tuple[str, ...] = ()
+        if arguments.rate is not None:
+            motion, lost = resampled(motion, arguments.rate)
+        if motion.layout != to:
+            lost = (*lost, *motion.extras)
+        if lost:
+            told.append(f"left out, since {to} or the new rate has none: {_list(lost)}")
+        written.append(motion)
+    write_motions(arguments.out, written, to, robot)
+    for line in dict.fromkeys(told):
+        print(line)
+    for motion in written:
+        clip = f"{motion.clip}: " if motion.clip else ""
+        print(
+            f"{clip}{motion.num_frames} frames at {motion.rate:g} Hz, "
+            f"{motion.num_joints} joints, from {motion.layout} to {to}"
+        )
+    print(arguments.out)
+
+
+def reference_robot(arguments: argparse.Namespace):
+    """The robot that --robot names, or None."""
+    if not arguments.robot:
+        return None
+    from crar_drake.references.whole_body import WholeBody
+    from crar_drake.robot.description import load_robot_description
+
+    return WholeBody(load_robot_description(arguments.robot))
+
+
+def _list(names: tuple[str, ...]) -> str:
+    return ", ".join(dict.fromkeys(names))

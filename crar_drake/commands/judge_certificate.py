@@ -1,0 +1,62 @@
+"""`crar-drake judge --certificate`: whether a cleaned motion's certificate holds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+# Sentences of what refutes a certificate that are told.
+_MOST_LINES = 10
+
+
+def judge_certificates(arguments: argparse.Namespace) -> int:
+    """Checks the certificates beside motions.
+
+    Args:
+        arguments: `what`, the motions' files, or folders of them; `robot`, where
+            their robot is, or None for the name in the certificate.
+
+    Returns:
+        The exit code: 1 if a certificate is of another file or robot, is not true, or
+        something is violated; else 0.
+    """
+    from crar_drake.references.clean_folder import find_references
+
+    motions: list[Path] = []
+    for path in arguments.what:
+        motions += find_references(path) if path.is_dir() else [path]
+    return max(_judge(motion, arguments.robot) for motion in motions)
+
+
+def _judge(motion: Path, robot: str | None) -> int:
+    """Of one motion."""
+    from crar_drake.references.motion_certificate import (
+        certificate_path,
+        check_certificate,
+        read_certificate,
+    )
+    from crar_drake.robot.description import load_robot_description
+
+    place = certificate_path(motion)
+    certificate = read_certificate(place)
+    named = certificate.get("robot", {}).get("name", "")
+    description = load_robot_description(robot or named)
+    check = check_certificate(motion, certificate, description)
+    if check.frames:
+        pair = "" if check.pair is None else f" ({check.pair[0]} - {check.pair[1]})"
+        near = f", smallest distance {1e3 * check.distance:.3f} mm{pair}"
+        print(
+            f"referee, collision shapes, {check.frames} frames and {check.points} "
+            f"points between them{near if check.pair else ''}; smallest margin to a "
+            f"joint limit {check.limit:.4g}, largest share of a speed limit "
+            f"{check.speed:.3f}"
+        )
+    if check.holds:
+        print(f"{place}: nothing refutes it")
+        return 0
+    print(f"{place}: DOES NOT HOLD")
+    for line in check.refuted[:_MOST_LINES]:
+        print(f"  {line}")
+    if len(check.refuted) > _MOST_LINES:
+        print(f"  and {len(check.refuted) - _MOST_LINES} more")
+    return 1

@@ -1,0 +1,215 @@
+"""`crar-drake judge` of reference motions: files that policies are trained on."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crar_drake.commands.options import Parser, add_frame_rate, add_jobs, positive
+from crar_drake.errors import CrarError
+
+if TYPE_CHECKING:
+    from crar_drake.references.judged_files import JudgedFile
+
+_MILLIMETRE = 1e-3  # [m]
+
+
+def add_reference_judge_options(parser: Parser) -> None:
+    """Adds what is of reference motions alone."""
+    group = parser.add_argument_group("of reference motions")
+    add_frame_rate(group)
+    add_jobs(group)
+    group.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="of the files (default: what each looks like)",
+    )
+    group.add_argument(
+        "--certificate",
+        action="store_true",
+        help="check the certificates that crar-drake clean has written beside them",
+    )
+    group.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for judge.json and a plot over time of each motion",
+    )
+    group.add_argument(
+        "--most-below",
+        type=positive,
+        default=10.0,
+        metavar="MM",
+        help="how far below the ground is no violation yet (default: %(default)s mm)",
+    )
+    group.add_argument(
+        "--most-slip",
+        type=positive,
+        default=math.inf,
+        metavar="MM",
+        help="how far a foot may slip in one contact (default: slip is told, but is no "
+        "violation)",
+    )
+
+
+def is_reference_or_folder(path: Path) -> bool:
+    """Whether a path is no log: a folder, or a motion by suffix and keys."""
+    if path.is_dir() or path.suffix.lower() in (
+        ".csv",
+        ".pkl",
+        ".pickle",
+        ".joblib",
+        ".p",
+    ):
+        return True
+    if path.suffix.lower() != ".npz" or not path.is_file():
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "joint_pos.npy" in archive.namelist()
+    except (zipfile.BadZipFile, OSError):
+        return False  # the log's reader tells what is wrong
+
+
+def run_references(arguments: argparse.Namespace) -> int:
+    """Judges reference motions.
+
+    Returns:
+        The exit code: 1 if a motion violates something, else 2 if a file cannot be
+        used, else 0.
+    """
+    from crar_drake.files import check_folder
+    from crar_drake.references.judged_files import (
+        JudgeOptions,
+        judge_files,
+        judge_here,
+        motions_below,
+    )
+    from crar_drake.references.reference_judge import Tolerances
+    from crar_drake.references.verdict_report import verdict_lines
+
+    if not arguments.robot:
+        folders = [path for path in arguments.what if path.is_dir()]
+        if folders:
+            raise CrarError(
+                f"{folders[0]}: this is a folder; name log.npz, or if reference "
+                "motions are in it, say which robot they are of with --robot"
+            )
+        raise CrarError(
+            "say which robot the motions are of: --robot ROBOT (imported once by "
+            "crar-drake import-robot FILE --whole-body --out ROBOT)"
+        )
+    if arguments.out is not None:
+        check_folder(arguments.out)
+    files: list[str] = []
+    for path in arguments.what:
+        found = motions_below(path) if path.is_dir() else [path]
+        if not found:
+            raise CrarError(f"{path}: no .csv, .npz or .pkl file is in this folder")
+        files += [str(file) for file in found]
+    files = list(dict.fromkeys(files))
+    options = JudgeOptions(
+        robot=arguments.robot,
+        layout=arguments.layout,
+        rate=arguments.frame_rate,
+        meshes=not arguments.no_meshes,
+        every=arguments.every,
+        tolerances=Tolerances(
+            below_ground=_MILLIMETRE * arguments.most_below,
+            slip=_MILLIMETRE * arguments.most_slip,
+        ),
+    )
+    if len(files) == 1:
+        judged = judge_here(files, options)
+        if judged[0].error:
+            raise CrarError(judged[0].error)
+    else:
+        with _judge_bar(len(files)) as told:
+            judged = judge_files(files, options, arguments.jobs, told)
+    for entry in judged:
+        for verdict in entry.verdicts:
+            for line in verdict_lines(verdict):
+                print(line)
+    _print_table(judged)
+    if arguments.out is not None:
+        _write(judged, options.robot, arguments.out)
+    if any(verdict.violations for entry in judged for verdict in entry.verdicts):
+        return 1
+    return 2 if any(entry.error for entry in judged) else 0
+
+
+def _print_table(judged: list[JudgedFile]) -> None:
+    """A row a motion, if there are several; then the files that cannot be used."""
+    from crar_drake.references.verdict_report import HEADER, verdict_row
+
+    verdicts = [verdict for entry in judged for verdict in entry.verdicts]
+    if len(verdicts) + sum(bool(entry.error) for entry in judged) < 2:
+        return
+    rows = [HEADER, *(verdict_row(verdict) for verdict in verdicts)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
+    print()
+    for row in rows:
+        cells = zip(row, widths, strict=True)
+        print("  ".join(cell.ljust(width) for cell, width in cells).rstrip())
+    violated = sum(bool(verdict.violations) for verdict in verdicts)
+    unusable = [entry for entry in judged if entry.error]
+    print(
+        f"\n{len(verdicts)} motions: {violated} with a violation, "
+        f"{len(verdicts) - violated} clean; {len(unusable)} files cannot be used"
+    )
+    for entry in unusable:
+        print(f"  {entry.error}")
+
+
+def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
+    """judge.json, and a plot a motion."""
+    import json
+    import re
+
+    from crar_drake import __version__
+    from crar_drake.files import whole_file
+    from crar_drake.references.verdict_plot import plot_verdict
+    from crar_drake.references.verdict_report import name_of, verdict_data
+
+    data = {
+        "version": __version__,
+        "robot": robot,
+        "motions": [verdict_data(v) for entry in judged for v in entry.verdicts],
+        "unusable": [
+            {"file": entry.path, "error": entry.error}
+            for entry in judged
+            if entry.error
+        ],
+    }
+    names: set[str] = set()
+    for verdict in (v for entry in judged for v in entry.verdicts):
+        name = re.sub(r"[^\w.\-]+", "_", name_of(verdict))
+        while name in names:  # files of one name in several folders
+            name += "_"
+        names.add(name)
+        plot_verdict(verdict, out / f"{name}.png")
+    with whole_file(out / "judge.json") as temporary:
+        temporary.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n")
+    print(out / "judge.json")
+
+
+@contextmanager
+def _judge_bar(total: int) -> Iterator[Callable[[int], None]]:
+    """Yields a callback that draws how many files are judged, on stderr."""
+    from rich import progress
+    from rich.console import Console
+
+    columns = (
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("ETA"),
+        progress.TimeRemainingColumn(),
+    )
+    with progress.Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done: bar.update(task, completed=done)

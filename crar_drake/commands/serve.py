@@ -1,0 +1,119 @@
+"""`crar-drake serve`: a filter for teleoperation."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from crar_drake.commands.options import (
+    EXPERIMENT_HELP,
+    EXPERIMENTS,
+    add_command,
+    positive,
+)
+
+_SCENARIO = "dance_wrists"
+_PORT = 7670
+
+# As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
+# test compares them.
+GATE = {
+    "speed": ("M/S", 1.5, "targets that are faster are slowed down to it"),
+    "angular_speed": ("RAD/S", 6.0, "the same of orientations"),
+    "joint_speed": ("RAD/S", 3.0, "the same of tasks that are joints"),
+    "distance": ("M", 1.0, "targets farther from the robot's point are rejected"),
+    "timeout": ("S", 0.25, "without targets for so long the robot brakes"),
+}
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "serve",
+        run,
+        "Take targets of hands and other points over UDP or LCM, and answer with "
+        "joint positions and torques that keep the robot from running into itself. "
+        "docs/teleoperation.md has the messages.",
+    )
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default=_SCENARIO,
+        help="a scenario whose robot, tasks and gains count; its motion is not used, "
+        "and the constraints are always lookahead (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--robot", metavar="ROBOT", help="another robot than the scenario's"
+    )
+    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument(
+        "--rate",
+        type=positive,
+        default=200.0,
+        metavar="HZ",
+        help="commands per second (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to listen at; by default this computer alone can send. Whoever "
+        "reaches another address moves the robot: nobody is asked who they are",
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=_PORT,
+        help="of UDP; 0 takes a free one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--lcm",
+        nargs="?",
+        const="udpm://239.255.76.67:7667?ttl=0",
+        default="",
+        metavar="URL",
+        help="take targets from LCM, too, and publish the commands there (default "
+        "URL: %(const)s)",
+    )
+    for name, (unit, default, text) in GATE.items():
+        parser.add_argument(
+            f"--{name.replace('_', '-')}",
+            type=positive,
+            default=default,
+            metavar=unit,
+            help=f"{text} (default: %(default)g)",
+        )
+    parser.add_argument(
+        "--duration", type=positive, metavar="S", help="end after S seconds"
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.teleoperation.serving import make_server
+    from crar_drake.teleoperation.target_stream import Gate
+
+    server = make_server(
+        arguments.scenario,
+        robot=arguments.robot or "",
+        experiment=arguments.experiment or "",
+        rate=arguments.rate,
+        gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
+        host=arguments.host,
+        port=arguments.port,
+        lcm_url=arguments.lcm,
+    )
+    host, port = server.address
+    print(f"{server.motion.model.description.name}: UDP at {host}:{port}", flush=True)
+    if arguments.lcm:
+        print(f"LCM at {arguments.lcm}", flush=True)
+    try:
+        server.run(
+            arguments.duration,
+            tell=lambda done: print(done.lines()[3], file=sys.stderr, flush=True),
+        )
+    except KeyboardInterrupt:  # how a server ends
+        pass
+    finally:
+        server.close()
+    print("\n".join(server.statistics.lines()))

@@ -1,0 +1,263 @@
+"""A file's unit, up axis and facing, inferred from the body that moves in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.options import AXES, UNITS, MotionOptions, axis_of, metres_of
+from crar_drake.motion.performer import SIDES, Fact
+from crar_drake.motion.plausible import HEIGHTS
+
+# Body proportions after Drillis and Contini (in D. A. Winter, Biomechanics and Motor
+# Control of Human Movement): hip 0.530, ankle 0.039 of the height.
+ANKLE_SHARE = 0.039
+LEG_SHARE = 0.530 - ANKLE_SHARE  # from hip to ankle
+
+# Grown people; two units that differ by more than the quotient cannot both fit.
+_USUAL_HEIGHTS = (1.2, 2.1)  # [m]
+
+_UPRIGHT = np.cos(np.radians(40.0))  # of the trunk and legs against the vertical
+_ALONG_AXIS = np.cos(np.radians(25.0))  # of a rest pose
+_ENOUGH_UPRIGHT = 0.15  # share of the frames
+
+
+@dataclass(frozen=True)
+class FileFrame:
+    """How a file's numbers become positions in the robot's world W.
+
+    Attributes:
+        metres: in one unit of the file [m].
+        R_WF: (3, 3) the file's axes in W, a permutation with signs.
+        up, facing: the file's axes that become z and x of W.
+        facts: what was given, inferred or assumed.
+        doubts: what does not fit.
+    """
+
+    metres: float
+    R_WF: np.ndarray
+    up: str
+    facing: str
+    facts: tuple[Fact, ...]
+    doubts: tuple[str, ...]
+
+
+def _unit_vector(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+
+
+def leg_length(p: Mapping[str, np.ndarray]) -> float:
+    """Thigh and shank, the mean of both sides and the median of the frames [units]."""
+    lengths = [
+        np.linalg.norm(p[f"{side}_{b}"] - p[f"{side}_{a}"], axis=-1)
+        for side in SIDES
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    return float(np.median(np.sum(lengths, axis=0))) / 2.0
+
+
+def find_unit(
+    p: Mapping[str, np.ndarray], stated: str, options: MotionOptions, name: str
+) -> tuple[float, Fact, tuple[str, ...]]:
+    """Metres in a unit, where that comes from, and doubts.
+
+    Args:
+        p: joint to (T, 3) in the file's units.
+        stated: unit that the file states, a key of UNITS; "" for none.
+        options: of the user.
+        name: of the motion.
+
+    Raises:
+        MotionError: no unit makes a person of these legs.
+    """
+    tall = leg_length(p) / LEG_SHARE
+    if not tall > 0.0:
+        raise MotionError(f"motion {name}: the legs have no length")
+    least, most = HEIGHTS
+    if options.unit:
+        metres = metres_of(options.unit)
+        doubts = ()
+        if not least <= metres * tall <= most:
+            doubts = (
+                f"standing height {metres * tall:.3g} m is implausible, with unit "
+                f"{options.unit}",
+            )
+        return metres, Fact("unit", options.unit, "given"), doubts
+    heights = {unit: tall * metres for unit, metres in UNITS.items()}
+    if stated:
+        if least <= heights[stated] <= most:
+            return UNITS[stated], Fact("unit", stated, "file"), ()
+        raise MotionError(
+            f"motion {name}: its unit, {stated}, would make a person of "
+            f"{heights[stated]:.3g} m; say which it is: --unit "
+            f"{'|'.join(unit for unit in UNITS if unit != stated)}"
+        )
+    for low, high in (_USUAL_HEIGHTS, HEIGHTS):
+        fitting = [unit for unit in UNITS if low <= heights[unit] <= high]
+        if fitting:
+            middle = np.sqrt(low * high)
+            unit = min(fitting, key=lambda u: abs(np.log(heights[u] / middle)))
+            why = f"so the performer is {heights[unit]:.2f} m tall by the legs"
+            return UNITS[unit], Fact("unit", unit, "inferred", why), ()
+    listed = ", ".join(f"{height:.3g} m in {u}" for u, height in heights.items())
+    raise MotionError(
+        f"motion {name}: in no unit are these legs a person's; by them the performer "
+        f"would be tall: {listed}; say the unit, or the metres in one: --unit"
+    )
+
+
+def find_frame(
+    p: Mapping[str, np.ndarray],
+    rest: Mapping[str, np.ndarray],
+    stated: str,
+    options: MotionOptions,
+    name: str,
+    *,
+    up_stated: str = "",
+    unit_fact: Fact | None = None,
+) -> FileFrame:
+    """Infers unit, up and facing, but for what the user says.
+
+    Args:
+        p: joint to (T, 3) in the file's axes and units.
+        rest: joint to (3,) as the skeleton stands at rest; empty if it does not say.
+        stated: unit that the file states, or "".
+        options: of the user.
+        name: of the motion.
+        up_stated: up axis that the file states, or "".
+        unit_fact: where the unit comes from, if p is in metres.
+
+    Raises:
+        MotionError: no unit makes a person, or facing is along up.
+    """
+    if unit_fact is not None:
+        metres, unit, doubts = 1.0, unit_fact, ()
+    else:
+        metres, unit, doubts = find_unit(p, stated, options, name)
+    up, up_fact, up_doubts = _find_up(p, rest, options, up_stated)
+    facing, facing_fact = _find_facing(p, rest, options, up, name)
+    z, x = _vector(up), _vector(facing)
+    return FileFrame(
+        metres,
+        np.stack([x, np.cross(z, x), z]),
+        up,
+        facing,
+        (unit, up_fact, facing_fact),
+        doubts + up_doubts,
+    )
+
+
+def _vector(axis: str) -> np.ndarray:
+    sign, index = axis_of(axis, "axis")
+    return sign * np.eye(3)[index]
+
+
+def trunk_and_legs(p: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(..., 3) unit vector from the ankles' middle to the neck."""
+    return _unit_vector(p["neck"] - (p["left_ankle"] + p["right_ankle"]) / 2.0)
+
+
+def _find_up(
+    p: Mapping[str, np.ndarray],
+    rest: Mapping[str, np.ndarray],
+    options: MotionOptions,
+    stated: str,
+) -> tuple[str, Fact, tuple[str, ...]]:
+    """The axis along which the performer stands for the longest time.
+
+    The rest pose's axis comes first if he stands along it for some time, or if he
+    hardly ever stands along any: then he lies or rolls.
+    """
+    if options.up:
+        sign, index = axis_of(options.up, "up")
+        axis = "+-"[sign < 0] + "xyz"[index]
+        return axis, Fact("up", axis, "given"), ()
+    upright = trunk_and_legs(p)
+    share = {axis: np.mean(upright @ _vector(axis) > _UPRIGHT) for axis in AXES}
+    best = max(AXES, key=lambda axis: share[axis])
+    if stated:
+        return stated, Fact("up", stated, "file"), ()
+    if rest:
+        standing = trunk_and_legs(rest)
+        axis = max(AXES, key=lambda a: standing @ _vector(a))
+        if standing @ _vector(axis) > _ALONG_AXIS:
+            if share[axis] >= _ENOUGH_UPRIGHT or share[best] < 0.5:
+                return axis, Fact("up", axis, "inferred", "from the rest pose"), ()
+            doubt = (
+                f"the rest pose stands along {axis}, but the performer along {best} "
+                f"all the time; --up {axis} if he only lies"
+            )
+            fact = Fact("up", best, "inferred", "along which the performer stands")
+            return best, fact, (doubt,)
+    if share[best] >= _ENOUGH_UPRIGHT:
+        why = f"upright along it for {100.0 * share[best]:.0f} % of the time"
+        return best, Fact("up", best, "inferred", why), ()
+    mean = upright.mean(axis=0)
+    best = max(AXES, key=lambda axis: mean @ _vector(axis))
+    doubt = f"the performer never stands, so that up, {best}, is a guess: --up AXIS"
+    return best, Fact("up", best, "assumed", "nearest to the body"), (doubt,)
+
+
+def body_forward(p: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(..., 3) where the pelvis faces: left times up of the body."""
+    left = p["left_hip"] - p["right_hip"]
+    return _unit_vector(np.cross(left, p["neck"] - p["pelvis"]))
+
+
+def _find_facing(
+    p: Mapping[str, np.ndarray],
+    rest: Mapping[str, np.ndarray],
+    options: MotionOptions,
+    up: str,
+    name: str,
+) -> tuple[str, Fact]:
+    """The horizontal axis nearest to where the performer faces at rest, or at first."""
+    if options.facing:
+        sign, index = axis_of(options.facing, "facing")
+        if index == "xyz".index(up[1]):
+            raise MotionError(
+                f"motion {name}: facing {options.facing} is along the up axis, {up}"
+            )
+        axis = "+-"[sign < 0] + "xyz"[index]
+        return axis, Fact("facing", axis, "given")
+    upright = trunk_and_legs(p) @ _vector(up) > _UPRIGHT
+    frame = int(np.argmax(upright))
+    z = _vector(up)
+    why = f"where the performer faces in frame {frame + 1}"
+    forward = body_forward({joint: q[frame] for joint, q in p.items()})
+    if rest and trunk_and_legs(rest) @ z > _ALONG_AXIS:
+        forward, why = body_forward(rest), "from the rest pose"
+    horizontal = [axis for axis in AXES if axis[1] != up[1]]
+    axis = max(horizontal, key=lambda a: round(float(forward @ _vector(a)), 9))
+    return axis, Fact("facing", axis, "inferred", why)
+
+
+def seems_mirrored(p: Mapping[str, np.ndarray]) -> bool | None:
+    """Whether left and right are swapped: toes and knees point backwards.
+
+    None if neither tells.
+
+    Args:
+        p: joint to (T, 3), in any axes and units.
+    """
+    forward = body_forward(p)
+    toes = [
+        _unit_vector(p[f"{side}_toe"] - p[f"{side}_ankle"])
+        for side in SIDES
+        if f"{side}_toe" in p
+    ]
+    score = np.median([np.sum(toe * forward, axis=-1) for toe in toes] or [0.0])
+    if abs(score) > 0.3:
+        return bool(score < 0.0)
+    bends = []
+    for side in SIDES:
+        hip, knee, ankle = (p[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
+        along = _unit_vector(ankle - hip)
+        out = knee - hip
+        out = out - np.sum(out * along, axis=-1, keepdims=True) * along
+        bends.append(np.sum(out * forward, axis=-1))
+    bend = float(np.mean(bends)) / leg_length(p)
+    return bool(bend < 0.0) if abs(bend) > 0.01 else None

@@ -1,0 +1,372 @@
+"""Biovision hierarchies (BVH): reading and kinematics.
+
+The format: a tree of joints, each with an OFFSET from its parent and a list of
+CHANNELS, whose order says in which order they are applied; then one line of numbers
+per frame. It states neither unit, up axis nor facing, and no two programs name joints
+alike, see `performers.bvh`.
+
+Own code, because maintained readers on PyPI (pybvh 0.9, bvhio 1.5) take NaN for a
+number, cannot tell the line of most mistakes, and refuse keywords in lower case.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+
+_POSITIONS = {"xposition": 0, "yposition": 1, "zposition": 2}
+_ROTATIONS = {"xrotation": 0, "yrotation": 1, "zrotation": 2}
+_SHORTEST_FRAME = 1e-4  # [s]: no camera takes 10,000 pictures a second
+
+
+@dataclass(frozen=True)
+class BvhJoint:
+    """One joint of a hierarchy.
+
+    Attributes:
+        name: as in the file, without surrounding blanks; "" for an end site.
+        parent: index of its parent; -1 for a root.
+        offset: (3,) from its parent at zero rotation [file units].
+        channels: in the file's order, in lower case: "xposition", "zrotation", ...
+    """
+
+    name: str
+    parent: int
+    offset: np.ndarray
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Bvh:
+    """A hierarchy and its motion.
+
+    Attributes:
+        joints: each parent before its children, end sites among them.
+        values: (T, number of channels) as in the file: file units and degrees.
+        frame_time: from frame to frame [s].
+    """
+
+    joints: tuple[BvhJoint, ...]
+    values: np.ndarray
+    frame_time: float
+
+    @property
+    def num_frames(self) -> int:
+        """Number of samples T."""
+        return len(self.values)
+
+    def path(self, index: int) -> list[int]:
+        """Indices from the root to that joint, both included."""
+        path = []
+        while index >= 0:
+            path.append(index)
+            index = self.joints[index].parent
+        return path[::-1]
+
+
+def read_bvh(path: str | os.PathLike[str]) -> Bvh:
+    """Reads a BVH file.
+
+    Keywords may be in any case, blanks and line ends of any kind; a byte order mark,
+    names with blanks, joints without an end site, and more than one root are read.
+
+    Raises:
+        MotionError: the file is missing, cut off, or has a frame time of 0, no frames,
+            or a wrong number of values in a line; the message names file and line.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise MotionError(
+            f"{path}: cannot read this motion: {error.strerror or error}"
+        ) from error
+    return _Parser(path, text).parse()
+
+
+class _Parser:
+    """One pass over the lines; braces and keywords may share a line."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        # splitlines would break at form feeds and the like, which are mere blanks.
+        self.lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        self.number = 0  # of the line that is looked at
+        self.joints: list[BvhJoint] = []
+
+    def fail(self, message: str) -> NoReturn:
+        raise MotionError(f"{self.path}:{self.number}: {message}")
+
+    def parse(self) -> Bvh:
+        motion = self.hierarchy()
+        frames, frame_time, first = self.header(motion)
+        return Bvh(tuple(self.joints), self.frames(first, frames), frame_time)
+
+    # The tree ---------------------------------------------------------------------
+
+    def hierarchy(self) -> int:
+        """Reads the tree, and returns the index of the line after MOTION."""
+        begun = False
+        stack: list[int] = []  # joints whose block is open
+        waiting: tuple[str, int] | None = None  # joint whose block is to be opened
+        offsets: set[int] = set()
+        for index, line in enumerate(self.lines):
+            self.number = index + 1
+            words = line.replace("{", " { ").replace("}", " } ").split()
+            while words:
+                word = words.pop(0)
+                keyword = word.lower()
+                if not begun:
+                    if keyword != "hierarchy":
+                        self.fail(
+                            "not a BVH motion: expected HIERARCHY, found "
+                            f"{_shown(word)}"
+                        )
+                    begun = True
+                elif word == "{":
+                    if waiting is None:
+                        self.fail("a { without a ROOT, JOINT or End Site before it")
+                    stack.append(len(self.joints))
+                    self.joints.append(BvhJoint(*waiting, np.zeros(3)))
+                    waiting = None
+                elif waiting is not None:
+                    self.fail(f"expected {{ after a joint's name, found {_shown(word)}")
+                elif word == "}":
+                    if not stack:
+                        self.fail("a } too many")
+                    if stack[-1] not in offsets:
+                        self.fail(f"{self.called(stack[-1])} has no OFFSET")
+                    stack.pop()
+                elif keyword in ("root", "joint", "end"):
+                    if (keyword == "root") == bool(stack):
+                        what = "inside another joint" if stack else "outside of a ROOT"
+                        self.fail(f"{word} {what}")
+                    name, words = self.name(keyword, words)
+                    waiting = (name, stack[-1] if stack else -1)
+                elif keyword == "offset":
+                    if not stack:
+                        self.fail("an OFFSET outside of a joint")
+                    self.set(stack[-1], offset=np.array(self.numbers(words[:3], 3)))
+                    words, _ = words[3:], offsets.add(stack[-1])
+                elif keyword == "channels":
+                    if not stack:
+                        self.fail("CHANNELS outside of a joint")
+                    names, words = self.channels(words)
+                    self.set(stack[-1], channels=names)
+                elif keyword == "motion":
+                    if stack:
+                        self.fail(
+                            f"MOTION inside {self.called(stack[-1])}: a }} is missing"
+                        )
+                    if not self.joints:
+                        self.fail("the hierarchy has no joints")
+                    return index + 1
+                else:
+                    self.fail(
+                        "expected OFFSET, CHANNELS, JOINT, End Site, } or MOTION, "
+                        f"found {_shown(word)}"
+                    )
+        if not begun:
+            self.fail("the file is empty: expected HIERARCHY")
+        self.fail("the file ends before MOTION; it seems cut off")
+
+    def called(self, index: int) -> str:
+        name = self.joints[index].name
+        return f"joint {_shown(name)}" if name else "an end site"
+
+    def set(self, index: int, **values) -> None:
+        joint = self.joints[index]
+        self.joints[index] = BvhJoint(
+            joint.name,
+            joint.parent,
+            values.get("offset", joint.offset),
+            values.get("channels", joint.channels),
+        )
+
+    def name(self, keyword: str, words: list[str]) -> tuple[str, list[str]]:
+        """The name, which may have blanks, and the words after it."""
+        end = words.index("{") if "{" in words else len(words)
+        if keyword == "end":
+            return "", words[end:]
+        if end == 0:
+            self.fail(f"{keyword.upper()} without a name")
+        return " ".join(words[:end]), words[end:]
+
+    def channels(self, words: list[str]) -> tuple[tuple[str, ...], list[str]]:
+        if not words or not words[0].isdecimal():
+            self.fail("CHANNELS needs the number of channels")
+        count = int(words[0])
+        names = tuple(word.lower() for word in words[1 : count + 1])
+        for word in names:
+            if word not in _POSITIONS and word not in _ROTATIONS:
+                self.fail(f"channel {_shown(word)} is not known, only Xposition, ...")
+        if len(names) < count:
+            self.fail(f"CHANNELS says {count}, found {len(names)}")
+        if len(set(names)) < count:
+            self.fail("a channel is listed twice")
+        return names, words[count + 1 :]
+
+    def numbers(self, words: list[str], count: int) -> list[float]:
+        if len(words) != count:
+            self.fail(f"expected {count} numbers, found {len(words)}")
+        values = []
+        for word in words:
+            try:
+                values.append(float(word))
+            except ValueError:
+                self.fail(f"expected a number, found {_shown(word)}")
+            if not math.isfinite(values[-1]):
+                self.fail(f"{word} is not a finite number; repair the file")
+        return values
+
+    # The motion -------------------------------------------------------------------
+
+    def header(self, index: int) -> tuple[int, float, int]:
+        """Returns number of frames, frame time [s], and the first frame's index."""
+        found: dict[str, float] = {}
+        for i in range(index, len(self.lines)):
+            self.number = i + 1
+            words = self.lines[i].replace(":", " ").split()
+            if not words:
+                continue
+            lowered = [word.lower() for word in words]
+            if lowered[0] == "frames":
+                found["frames"] = self.numbers(words[1:], 1)[0]
+            elif lowered[:2] == ["frame", "time"]:
+                found["time"] = self.numbers(words[2:], 1)[0]
+                if found["time"] < _SHORTEST_FRAME:
+                    self.fail(
+                        f"a frame time of {found['time']:g} s; write the seconds from "
+                        "frame to frame, such as 0.008333"
+                    )
+            else:
+                self.fail(f"expected Frames: or Frame Time:, found {_shown(words[0])}")
+            if len(found) == 2:
+                break
+        else:
+            self.fail("the file ends before Frames: and Frame Time:")
+        frames = found["frames"]
+        if frames != int(frames) or frames < 1:
+            self.fail(f"the motion has no frames: Frames: {frames:g}")
+        return int(frames), found["time"], i + 1
+
+    def frames(self, first: int, frames: int) -> np.ndarray:
+        """The (frames, channels) values, a line each."""
+        width = sum(len(joint.channels) for joint in self.joints)
+        if width == 0:
+            self.fail("no joint has CHANNELS, so nothing can move")
+        rows = []
+        for i in range(first, len(self.lines)):
+            words = self.lines[i].split()
+            if not words:
+                continue
+            self.number = i + 1
+            if len(rows) == frames:
+                self.fail(f"a line too many: Frames: says {frames}")
+            if len(words) != width:
+                self.fail(
+                    f"{len(words)} values in frame {len(rows) + 1}, but the channels "
+                    f"are {width}"
+                )
+            try:
+                row = np.array(words, dtype=float)
+            except ValueError:
+                row = np.array(self.numbers(words, width))
+            if not np.isfinite(row).all():
+                self.numbers(words, width)
+            rows.append(row)
+        if len(rows) < frames:
+            self.number = len(self.lines)
+            self.fail(
+                f"{len(rows)} of {frames} frames are there; the file seems cut off"
+            )
+        return np.array(rows)
+
+
+def _shown(text: str) -> str:
+    """Returns foreign text as something short that is safe to print."""
+    return ascii(text if len(text) <= 24 else text[:21] + "...")
+
+
+# --- kinematics -------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BvhPoses:
+    """Where each joint is, in the file's own axes and unit.
+
+    Attributes:
+        positions: (J, T, 3) p_FJ [file units].
+        rotations: (J, T, 3, 3) R_FJ, the identity where all channels are zero.
+        local: (J, T, 3, 3) against the parent.
+    """
+
+    positions: np.ndarray
+    rotations: np.ndarray
+    local: np.ndarray
+
+
+def bvh_kinematics(bvh: Bvh) -> BvhPoses:
+    """Returns where every joint is at every frame.
+
+    R_FJ = R_FP R_1 R_2 ... in the order of the rotation channels, and
+    p_FJ = p_FP + R_FP t, with t the OFFSET or, where a joint has position channels,
+    their values: programs that write them write the whole translation.
+    """
+    T, J = bvh.num_frames, len(bvh.joints)
+    positions = np.zeros((J, T, 3))
+    rotations = np.zeros((J, T, 3, 3))
+    local = np.zeros((J, T, 3, 3))
+    column = 0
+    for j, joint in enumerate(bvh.joints):
+        t = np.tile(joint.offset, (T, 1))
+        R = np.tile(np.eye(3), (T, 1, 1))
+        for channel in joint.channels:
+            value = bvh.values[:, column]
+            column += 1
+            if channel in _POSITIONS:
+                t[:, _POSITIONS[channel]] = value
+            else:
+                R = R @ _about(_ROTATIONS[channel], np.radians(value))
+        local[j] = R
+        if joint.parent < 0:
+            positions[j], rotations[j] = t, R
+        else:
+            R_FP = rotations[joint.parent]
+            positions[j] = positions[joint.parent] + np.einsum("tij,tj->ti", R_FP, t)
+            rotations[j] = R_FP @ R
+    return BvhPoses(positions, rotations, local)
+
+
+def rest_positions(bvh: Bvh, poses: BvhPoses) -> np.ndarray:
+    """(J, 3) where the joints are with all rotations zero, the root at 0.
+
+    A joint without OFFSET, but with position channels, is as in the first frame.
+    """
+    p = np.zeros((len(bvh.joints), 3))
+    for j, joint in enumerate(bvh.joints):
+        if joint.parent < 0:
+            continue
+        t = joint.offset
+        if joint.channels and joint.channels[0] in _POSITIONS and not t.any():
+            step = poses.positions[j, 0] - poses.positions[joint.parent, 0]
+            t = poses.rotations[joint.parent, 0].T @ step
+        p[j] = p[joint.parent] + t
+    return p
+
+
+def _about(axis: int, angle: np.ndarray) -> np.ndarray:
+    """(T, 3, 3) rotations by (T,) angles [rad] about x, y or z."""
+    R = np.tile(np.eye(3), (len(angle), 1, 1))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R[:, i, i] = R[:, j, j] = np.cos(angle)
+    R[:, j, i] = np.sin(angle)
+    R[:, i, j] = -R[:, j, i]
+    return R

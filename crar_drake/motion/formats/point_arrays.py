@@ -1,0 +1,181 @@
+"""Arrays of points: what pose estimators and body models give.
+
+NPZ: `positions` (or `joints`, `keypoints`, `poses3d`, or the only such array) of shape
+(T, J, 3), and, if they are there, `names` (J,) and `frame_rate` (or `fps`,
+`mocap_framerate`).
+NPY: the array alone. CSV: a heading with a column per number, `NAME_x`, `NAME_y`,
+`NAME_z`, and perhaps `time` in seconds.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+
+_ARRAYS = ("positions", "joints", "keypoints", "keypoints_3d", "joints3d", "poses3d")
+_NAMES = ("names", "joint_names", "labels")
+_RATES = ("frame_rate", "fps", "mocap_framerate", "mocap_frame_rate", "framerate")
+_UNIT = "unit"
+
+
+@dataclass(frozen=True)
+class PointArrays:
+    """Points over time.
+
+    Attributes:
+        names: (J,) of the points; empty if the file has none.
+        positions: (T, J, 3) [file units]; NaN where a point is missing.
+        frame_rate: samples per second [Hz]; 0 if the file does not say.
+        unit: what the file says, or "".
+    """
+
+    names: tuple[str, ...]
+    positions: np.ndarray
+    frame_rate: float  # [Hz]
+    unit: str = ""
+
+
+def read_point_arrays(path: str | os.PathLike[str]) -> PointArrays:
+    """Reads an NPZ, NPY or CSV file of points.
+
+    Raises:
+        MotionError: the file is missing, damaged, or has no array (T, J, 3); of a CSV
+            the message names file and line.
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() == ".csv":
+            return _read_csv(path)
+        loaded = np.load(path, allow_pickle=False)
+        if path.suffix.lower() == ".npy":
+            return PointArrays((), _checked(path, "the array", loaded), 0.0)
+        with loaded:
+            return _of_npz(path, {key: loaded[key] for key in loaded.files})
+    except OSError as error:
+        raise MotionError(
+            f"{path}: cannot read this motion: {error.strerror or error}"
+        ) from error
+    except MotionError:
+        raise
+    except (ValueError, EOFError, KeyError) as error:  # BadZipFile is an OSError's kin
+        raise MotionError(f"{path}: not a readable file of arrays: {error}") from error
+    except Exception as error:
+        if type(error).__name__ != "BadZipFile":
+            raise
+        raise MotionError(f"{path}: not a readable NPZ file: {error}") from error
+
+
+def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
+    def first(names: tuple[str, ...]) -> np.ndarray | None:
+        return next((arrays[name] for name in names if name in arrays), None)
+
+    points = first(_ARRAYS)
+    if points is None:
+        fitting = [
+            key
+            for key, array in arrays.items()
+            if array.ndim == 3 and array.shape[-1] == 3
+        ]
+        if len(fitting) != 1:
+            held = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())
+            raise MotionError(
+                f"{path}: no array {_ARRAYS[0]} of shape (T, J, 3); the file holds "
+                f"{held or 'nothing'}"
+            )
+        points = arrays[fitting[0]]
+    rate = first(_RATES)
+    names = first(_NAMES)
+    positions = _checked(path, "the positions", points)
+    listed = tuple(str(name) for name in np.ravel(names)) if names is not None else ()
+    if listed and len(listed) != positions.shape[1]:
+        raise MotionError(
+            f"{path}: {len(listed)} names for {positions.shape[1]} points"
+        )
+    if rate is not None and (
+        np.size(rate) != 1 or not (0.0 < float(np.ravel(rate)[0]) < np.inf)
+    ):
+        raise MotionError(f"{path}: the frame rate must be one positive number")
+    return PointArrays(
+        listed,
+        positions,
+        float(np.ravel(rate)[0]) if rate is not None else 0.0,
+        str(arrays[_UNIT]) if _UNIT in arrays else "",
+    )
+
+
+def _checked(path: Path, what: str, array: np.ndarray) -> np.ndarray:
+    if array.ndim != 3 or array.shape[-1] != 3 or array.dtype.kind not in "fiu":
+        raise MotionError(
+            f"{path}: {what} must be numbers of shape (T, J, 3), not {array.dtype} "
+            f"{array.shape}"
+        )
+    if not len(array):
+        raise MotionError(f"{path}: the motion has no frames")
+    positions = array.astype(float)
+    positions[~np.isfinite(positions).all(axis=2)] = np.nan
+    return positions
+
+
+def _read_csv(path: Path) -> PointArrays:
+    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+        rows = csv.reader(file)
+        heading = [cell.strip() for cell in next(rows, [])]
+        columns: dict[str, dict[str, int]] = {}
+        time = None
+        for i, cell in enumerate(heading):
+            found = re.fullmatch(r"(.+?)[\s_.:]*([xyzXYZ])", cell)
+            if cell.lower() in ("time", "t", "timestamp"):
+                time = i
+            elif found and cell.lower() not in ("frame", "index"):
+                columns.setdefault(found[1], {})[found[2].lower()] = i
+        points = {name: axes for name, axes in columns.items() if len(axes) == 3}
+        if not points:
+            raise MotionError(
+                f"{path}:1: expected a heading such as left_hip_x, left_hip_y, "
+                f"left_hip_z; found {', '.join(heading[:6]) or 'nothing'}"
+            )
+        order = [axes[axis] for axes in points.values() for axis in "xyz"]
+        values, times = [], []
+        for row in rows:
+            if not any(cell.strip() for cell in row):
+                continue
+            line = rows.line_num
+            if len(row) != len(heading):
+                raise MotionError(
+                    f"{path}:{line}: {len(row)} values, but the heading has "
+                    f"{len(heading)}"
+                )
+            try:
+                # An empty cell is a point that was not seen.
+                values.append(
+                    [float(row[i]) if row[i].strip() else np.nan for i in order]
+                )
+                if time is not None:
+                    times.append(float(row[time]))
+            except ValueError as error:
+                raise MotionError(f"{path}:{line}: {error}") from error
+    if not values:
+        raise MotionError(f"{path}: the motion has no frames")
+    positions = np.array(values).reshape(len(values), -1, 3)
+    return PointArrays(
+        tuple(points), _checked(path, "the columns", positions), _rate_of(path, times)
+    )
+
+
+def _rate_of(path: Path, times: list[float]) -> float:
+    if len(times) < 2:
+        return 0.0
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    if not step > 0.0 or np.abs(steps - step).max() > 0.5 * step:
+        raise MotionError(
+            f"{path}: its times are not evenly spaced; resample it to a constant rate"
+        )
+    return (len(times) - 1) / (times[-1] - times[0])

@@ -1,0 +1,105 @@
+"""Gaps in recorded points: filled where they are short, told where they are not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+# Longer than this a cubic spline says nothing of what a limb did meanwhile: voluntary
+# motion of up to 6 Hz has a period of 0.17 s. A straight line is put there instead.
+LONGEST_GAP = 0.2  # [s]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Frames first..last of a point that are missing.
+
+    Attributes:
+        point: its name.
+        first, last: frame numbers, from 1.
+        filled: "spline", "line", or "held" (at the beginning or end).
+    """
+
+    point: str
+    first: int
+    last: int
+    filled: str
+
+
+def fill_gaps(
+    name: str, samples: np.ndarray, frame_rate: float
+) -> tuple[np.ndarray, list[Gap]]:
+    """Fills missing frames of a point.
+
+    Args:
+        name: of the point.
+        samples: (T, 3); a frame with a NaN is missing.
+        frame_rate: samples per second [Hz].
+
+    Returns:
+        The samples without gaps, all NaN if there are fewer than two frames to go by,
+        and the gaps.
+    """
+    seen = np.isfinite(samples).all(axis=1)
+    if seen.all():
+        return samples, []
+    index = np.arange(len(samples))
+    if np.count_nonzero(seen) < 2:
+        return np.full_like(samples, np.nan), [Gap(name, 1, len(samples), "held")]
+    filled = samples.copy()
+    cubic = CubicSpline(index[seen], samples[seen])
+    edges = np.diff(np.concatenate([[0], (~seen).astype(int), [0]]))
+    gaps = []
+    for begin, end in zip(
+        np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
+    ):
+        missing = index[begin:end]
+        if begin == 0 or end == len(samples):
+            how = "held"
+            filled[missing] = samples[end if begin == 0 else begin - 1]
+        elif (end - begin) / frame_rate <= LONGEST_GAP:
+            how = "spline"
+            filled[missing] = cubic(missing)
+        else:
+            how = "line"
+            share = (missing - (begin - 1))[:, None] / (end - begin + 1)
+            filled[missing] = (1 - share) * samples[begin - 1] + share * samples[end]
+        gaps.append(Gap(name, int(begin) + 1, int(end), how))
+    return filled, gaps
+
+
+def fill_all(
+    points: dict[str, np.ndarray], frame_rate: float
+) -> tuple[dict[str, np.ndarray], tuple[str, ...], tuple[str, ...]]:
+    """Fills the gaps of all points; those that are never seen are left out.
+
+    Returns:
+        The points; a note on short gaps; findings, a line for each point with gaps that
+        no spline fills.
+    """
+    filled, short, long = {}, [], []
+    for name, samples in points.items():
+        whole, gaps = fill_gaps(name, samples, frame_rate)
+        if np.isfinite(whole).all():
+            filled[name] = whole
+            short += [gap for gap in gaps if gap.filled == "spline"]
+            rest = [gap for gap in gaps if gap.filled != "spline"]
+            if rest:
+                worst = max(rest, key=lambda gap: gap.last - gap.first)
+                long.append(
+                    f"{name} is hidden {len(rest)} times too long for a spline"
+                    f" or at an end, at most in frames {worst.first} to {worst.last} "
+                    f"({(worst.last - worst.first + 1) / frame_rate:.2f} s): it goes "
+                    "straight there, or stands still"
+                )
+    notes = ()
+    if short:
+        frames = sum(gap.last - gap.first + 1 for gap in short)
+        many = len({gap.point for gap in short})
+        notes = (
+            f"{len(short)} gaps of {many} points, {frames} frames in all and none "
+            f"longer than {LONGEST_GAP:g} s, are filled by splines",
+        )
+    return filled, notes, tuple(long)

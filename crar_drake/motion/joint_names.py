@@ -1,0 +1,174 @@
+"""Which joint of the body a name in a file means, whoever gave it.
+
+A name is cut into words (at blanks, signs, digits and capitals), its side is taken
+out, and the words left are looked up. What one maker calls a shoulder is another's
+collar bone, so names are weighed against the others of their side.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from crar_drake.motion.performer import SIDES
+
+_SIDE_WORDS = {
+    "left": ("left", "lft", "lt", "l"),
+    "right": ("right", "rgt", "rt", "r"),
+}
+
+# A joint with one of these words in its name is none of the body's own.
+_OTHERS = frozenset(
+    "twist roll ik fk pole target helper end nub tip site finger fingers index middle "
+    "mid ring pinky pinkie little palm eye jaw tongue hair ear heel effector aim ctrl "
+    "control bigtoe prop meta metacarpal carpal inhand breast pocket weapon".split()
+)
+
+# Part of the body: what it is called, words glued together.
+_WORDS = {
+    "toe": "toe toes toebase ball forefoot toejoint",
+    "ankle": "ankle anklejoint talus",
+    "foot": "foot feet",
+    "knee": "knee lowerleg lowleg loleg lleg shin calf tibia shank leglower crus "
+    "kneejoint fleg",
+    "thigh": "upleg upperleg uleg thigh femur legupper legup hip hips",
+    "hip joint": "hipjoint",
+    "leg": "leg",
+    "elbow": "forearm forarm elbow lowerarm lowarm loarm farm radius armlower ulna "
+    "elbowjoint",
+    "wrist": "wrist wristjoint",
+    "hand": "hand",
+    "upper arm": "upperarm uparm uarm humerus armupper",
+    "arm": "arm",
+    "collar": "collar clavicle clav scapula collarbone shoulderblade innershoulder",
+    "shoulder": "shoulder shldr shoulderjoint",
+    "thumb": "thumb",
+    "pelvis": "hips hip pelvis",
+    "neck": "neck lowerneck neckbase cervical",
+    "head": "head skull",
+}
+_UNSIDED = ("pelvis", "neck", "head")
+_PART_OF = {
+    sided: {
+        word: part
+        for part, words in _WORDS.items()
+        if (part not in _UNSIDED) == sided
+        for word in words.split()
+    }
+    for sided in (True, False)
+}
+
+_MOST_WORDS = 3  # that are glued together
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name says.
+
+    Attributes:
+        side: "left", "right" or "".
+        part: a key of the table of words.
+    """
+
+    side: str
+    part: str
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a joint's name, in lower case, without namespace and digits."""
+    name = name.rpartition(":")[2] or name
+    found = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+", name)
+    return [word.lower() for word in found]
+
+
+def meaning(name: str) -> Meaning | None:
+    """What a joint's name means; None if it is none of the body's main joints."""
+    words = words_of(name)
+    side, words = _take_side(words)
+    if _OTHERS.intersection(words):
+        return None
+    table = _PART_OF[bool(side)]
+    for count in range(min(_MOST_WORDS, len(words)), 0, -1):
+        for start in range(len(words) - count, -1, -1):
+            part = table.get("".join(words[start : start + count]))
+            if part is not None:
+                return Meaning(side, part)
+    return None
+
+
+def _take_side(words: list[str]) -> tuple[str, list[str]]:
+    """The side, and the words without it."""
+    for side in SIDES:
+        for word in _SIDE_WORDS[side]:
+            if word in words:
+                rest = list(words)
+                rest.remove(word)
+                return side, rest
+    for i, word in enumerate(words):
+        for side in SIDES:
+            for spelled in (side, side[0]):
+                rest = word.removeprefix(spelled)
+                if rest == word or not rest:
+                    continue
+                glued = rest + "".join(words[i + 1 : i + 2])  # LUArm: "lu", "arm"
+                known = rest in _PART_OF[True] or rest in _OTHERS
+                if known or glued in _PART_OF[True]:
+                    return side, [*words[:i], rest, *words[i + 1 :]]
+            # "armleft", "handr" in small letters throughout
+            for spelled in (side, side[0]):
+                rest = word.removesuffix(spelled)
+                if rest != word and len(rest) > 2 and rest in _PART_OF[True]:
+                    return side, [*words[:i], rest, *words[i + 1 :]]
+    return "", words
+
+
+def joints_by_name(names: Sequence[str]) -> dict[str, int]:
+    """Joints (of `performer.JOINTS`, and "left_thumb", ...) to the index of a name.
+
+    Of several names that mean the same the first counts.
+
+    Args:
+        names: of the file's joints, parents first; "" for an end site.
+    """
+    found: dict[tuple[str, str], int] = {}
+    for index, name in enumerate(names):
+        what = meaning(name) if name else None
+        if what is not None:
+            found.setdefault((what.side, what.part), index)
+    result = {
+        part: found["", part]
+        for part in ("pelvis", "neck", "head")
+        if ("", part) in found
+    }
+    for side in SIDES:
+        parts = {part: i for (s, part), i in found.items() if s == side}
+        for joint, index in _limbs(parts).items():
+            result[f"{side}_{joint}"] = index
+    return result
+
+
+def _limbs(parts: Mapping[str, int]) -> dict[str, int]:
+    """Joints of one side, from what names of that side mean."""
+
+    def first(*kinds: str) -> int | None:
+        return next((parts[kind] for kind in kinds if kind in parts), None)
+
+    # A "leg" below a thigh is the shank; without a thigh it is the thigh itself.
+    thigh = first("thigh", *(() if "knee" not in parts else ("leg",)), "hip joint")
+    knee = first("knee", *(("leg",) if "thigh" in parts else ()))
+    if thigh is None and "leg" in parts:
+        thigh = parts["leg"]
+    # An "arm" is the upper arm. A "shoulder" is the collar bone if there is an arm.
+    shoulder = first("upper arm", "arm", "shoulder")
+    chosen = {
+        "hip": thigh,
+        "knee": knee,
+        "ankle": first("ankle", "foot"),
+        "toe": first("toe", *(("foot",) if "ankle" in parts else ())),
+        "shoulder": shoulder,
+        "elbow": first("elbow"),
+        "wrist": first("wrist", "hand"),
+        "thumb": first("thumb"),
+    }
+    return {joint: index for joint, index in chosen.items() if index is not None}

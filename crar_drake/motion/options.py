@@ -1,0 +1,82 @@
+"""What a user says of a motion file that the file leaves open."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from crar_drake.errors import MotionError
+
+# Name of a unit: metres.
+UNITS = {
+    "m": 1.0,
+    "cm": 0.01,
+    "mm": 0.001,
+    "in": 0.0254,
+    "cmu": 0.0254 / 0.45,  # of the CMU database's ASF files, and of BVHs made of them
+}
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """Overrides of what is read off a motion file, or inferred from it.
+
+    Attributes:
+        skeleton: the ASF file of an AMC motion; "" for the one beside it.
+        frame_rate: samples per second [Hz]; None for the file's own.
+        unit: a key of UNITS, or the metres in a unit as a number; "" to infer it.
+        up: the file's axis that points up, one of AXES (the + may be left out).
+        facing: the file's axis that becomes forward.
+        joints: YAML file that says which of the file's joints are meant.
+    """
+
+    skeleton: str = ""
+    frame_rate: float | None = None  # [Hz]
+    unit: str = ""
+    up: str = ""
+    facing: str = ""
+    joints: str = ""
+
+    def __post_init__(self) -> None:
+        """Raises MotionError if an axis or the unit is none."""
+        if self.unit:
+            metres_of(self.unit)
+        for option, axis in (("up", self.up), ("facing", self.facing)):
+            if axis:
+                axis_of(axis, option)
+        if self.up and self.facing:
+            if axis_of(self.up, "up")[1] == axis_of(self.facing, "facing")[1]:
+                raise MotionError(
+                    f"facing: {self.facing} and up: {self.up} are along one axis"
+                )
+
+
+def metres_of(unit: str) -> float:
+    """Metres in a unit [m].
+
+    Raises:
+        MotionError: it is neither a key of UNITS nor a positive number.
+    """
+    try:
+        metres = UNITS[unit] if unit in UNITS else float(unit)
+    except ValueError:
+        metres = math.nan
+    if not 0.0 < metres < math.inf:
+        raise MotionError(
+            f"unit: {unit!r} is none; known: {', '.join(UNITS)}, or a number of metres"
+        )
+    return metres
+
+
+def axis_of(text: str, option: str) -> tuple[int, int]:
+    """(sign, index) of an axis such as "-y".
+
+    Raises:
+        MotionError: there is no such axis.
+    """
+    axis = text.strip().lower()
+    axis = axis if axis[:1] in "+-" else f"+{axis}"
+    if axis not in AXES:
+        raise MotionError(f"{option}: {text!r} is none of {', '.join(AXES)}")
+    return (-1 if axis[0] == "-" else 1), "xyz".index(axis[1])

@@ -1,0 +1,177 @@
+"""The one performer that every format of motion files is read into."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+
+# Joint centre: the one that it hangs on. "head" is where the head turns on the neck,
+# "toe" where the toes begin.
+PARENTS: Mapping[str, str] = MappingProxyType(
+    {
+        "pelvis": "",
+        "neck": "pelvis",
+        "head": "neck",
+        "left_shoulder": "neck",
+        "left_elbow": "left_shoulder",
+        "left_wrist": "left_elbow",
+        "right_shoulder": "neck",
+        "right_elbow": "right_shoulder",
+        "right_wrist": "right_elbow",
+        "left_hip": "pelvis",
+        "left_knee": "left_hip",
+        "left_ankle": "left_knee",
+        "left_toe": "left_ankle",
+        "right_hip": "pelvis",
+        "right_knee": "right_hip",
+        "right_ankle": "right_knee",
+        "right_toe": "right_ankle",
+    }
+)
+JOINTS = tuple(PARENTS)
+SIDES = ("left", "right")
+ARM = ("shoulder", "elbow", "wrist")
+LEG = ("hip", "knee", "ankle")
+
+# Where a fact comes from: what the user gave, what the file states, what was inferred
+# from its numbers, or what is assumed for want of anything better.
+SOURCES = ("given", "file", "database", "inferred", "assumed")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """Something about a recording that a format may leave open.
+
+    Attributes:
+        what: of it, e.g. "unit".
+        value: in words.
+        source: one of SOURCES.
+        why: what it was inferred from, or which option gave it; may be "".
+    """
+
+    what: str
+    value: str
+    source: str
+    why: str = ""
+
+    def __str__(self) -> str:
+        source = {"file": "of the file", "database": "of the database"}
+        said = source.get(self.source, self.source)
+        subject = f"{self.what} {self.value}".strip()
+        return f"{subject} ({said}{': ' if self.why else ''}{self.why})"
+
+
+@dataclass(frozen=True)
+class Performer:
+    """A person in motion, in the robot's world W: z up, x forward, y left.
+
+    A joint that the recording does not have is in none of the mappings.
+
+    Attributes:
+        name: what the user calls the motion.
+        format: of the file, e.g. "BVH".
+        frame_rate: samples per second [Hz].
+        rate_source: where that comes from, one of SOURCES.
+        positions: name of JOINTS to (T, 3) p_WJ [m].
+        orientations: name of JOINTS to (T, 3, 3) R_WJ, of the part of the body that
+            begins there. It is the identity as the skeleton stands at rest, where
+            the file's rest pose is a standing person, else see `facts`. Empty where
+            the format has none.
+        hands: "left_hand", "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`.
+        heading: (T,) yaw of the pelvis about z, unwrapped [rad]; 0 faces x.
+        hip_height: the pelvis's height above the soles, standing [m].
+        height: of the standing performer [m].
+        up: the file's axis that points up, e.g. "+y"; "" if W's own are the file's.
+        facing: the file's axis that becomes W's x.
+        joints: name of JOINTS to what it is taken from in the file.
+        guessed: names of JOINTS whose position the file does not have as such (a mean
+            of others, or by a regression).
+        facts: what the file says, and what was inferred or assumed.
+        bones: number of the file's bones, markers or points.
+        bones_called: which of these they are.
+        turns: bone to the (T - 1,) angles by which it turns against its parent from
+            one frame to the next [rad].
+        carriers: name of JOINTS to the bones whose rotations move it.
+        same: (T - 1,) whether a frame's numbers are all the same as the one's before.
+        doubts: what is implausible as a whole, each with what would explain it.
+        notes: what was mended, e.g. gaps that were filled.
+        obstacle: why it cannot drive a robot, or "".
+        hands_obstacle: why there are no `hands`, or "".
+    """
+
+    name: str
+    format: str
+    frame_rate: float  # [Hz]
+    rate_source: str
+    positions: Mapping[str, np.ndarray]  # [m]
+    heading: np.ndarray  # [rad]
+    hip_height: float  # [m]
+    height: float  # [m]
+    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    hands: Mapping[str, np.ndarray] = field(default_factory=dict)
+    up: str = ""
+    facing: str = ""
+    joints: Mapping[str, str] = field(default_factory=dict)
+    guessed: frozenset[str] = frozenset()
+    facts: tuple[Fact, ...] = ()
+    bones: int = 0
+    bones_called: str = "bones"
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # [rad]
+    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    obstacle: str = ""
+    hands_obstacle: str = ""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of samples T."""
+        return len(self.heading)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return (self.num_frames - 1) / self.frame_rate
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T,) sample times, from 0 [s]."""
+        return np.arange(self.num_frames) / self.frame_rate
+
+    def matches(self) -> Iterator[str]:
+        """Yields "joint: what of the file", a line for each joint of JOINTS."""
+        for joint in JOINTS:
+            if joint in self.positions:
+                guessed = " (a guess)" if joint in self.guessed else ""
+                yield f"{joint}: {self.joints.get(joint, '?')}{guessed}"
+            else:
+                yield f"{joint}: not in the file"
+
+
+def turning(R: np.ndarray) -> np.ndarray:
+    """The (T - 1,) angles between neighbours of (T, 3, 3) rotations [rad]."""
+    # trace(RᵀS) is the sum of the products of the elements.
+    trace = np.einsum("tij,tij->t", R[:-1], R[1:])
+    return np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+
+
+def repeated(values: np.ndarray) -> np.ndarray:
+    """(T - 1,) whether a row of (T, k) values equals the one before."""
+    return np.all(values[1:] == values[:-1], axis=1)
+
+
+def sides_swapped(mapping: Mapping[str, T]) -> dict[str, T]:
+    """A mapping by joints with left and right exchanged."""
+    other = {"left": "right", "right": "left"}
+    return {
+        f"{other[side]}_{part}" if (side := key.partition("_")[0]) in other else key: v
+        for key, v in mapping.items()
+        for part in [key.partition("_")[2]]
+    }

@@ -1,0 +1,1 @@
+"""From what each format holds to the one performer."""

@@ -1,0 +1,263 @@
+"""From joint centres in a file's own axes and unit to the performer in the world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.file_frame import (
+    ANKLE_SHARE,
+    LEG_SHARE,
+    find_frame,
+    leg_length,
+    seems_mirrored,
+)
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import ARM, JOINTS, LEG, SIDES, Fact, Performer
+
+# A performer whose feet are no farther than this from the file's zero height stands
+# on it; else the file's origin is elsewhere (often at the pelvis).
+_FLOOR = 0.15  # [m]
+_FLOOR_QUANTILE = 0.02  # of the frames, by which single bad frames do not count
+
+# A whole body moves this fast from one frame to the next, and this many times as fast
+# as ever later: the first frame is a pose apart, which converters write first.
+_APART_SPEED = 6.0  # [m/s]
+_APART_FACTOR = 5.0
+
+REQUIRED = (
+    "pelvis",
+    "neck",
+    *(f"{side}_{joint}" for side in SIDES for joint in (*ARM, *LEG)),
+)
+
+
+MIRRORED = (
+    "left and right are swapped in the file, for toes or knees point backwards: taken "
+    "the other way; --joints FILE takes it as it says"
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a format gives, in the file's own axes F and units.
+
+    Attributes:
+        name, format, frame_rate, rate_source: as in `Performer`.
+        positions: name of JOINTS to (T, 3) p_FJ, REQUIRED among them.
+        joints: name of JOINTS to what it is taken from.
+        guessed: as in `Performer`.
+        rest: name of JOINTS to (3,) in a standing rest pose; empty if there is none.
+        rotations: name of JOINTS to (T, 3, 3) R_FJ, the identity in the rest pose
+            where there is one.
+        pelvis_up: (T, 3) what is up in the pelvis; the neck from it by default.
+        hands: hand to the vectors (T, 3) to its fingertips and to its thumb's side.
+        hands_obstacle: why there are none.
+        unit: what the file states, a key of `options.UNITS`, or "".
+        unit_fact: where the unit comes from, if the positions are in metres already.
+        up: axis that the file states, or "".
+        bones, bones_called, turns, carriers, same, doubts, notes, facts: as in
+            `Performer`.
+    """
+
+    name: str
+    format: str
+    frame_rate: float  # [Hz]
+    rate_source: str
+    positions: Mapping[str, np.ndarray]
+    joints: Mapping[str, str]
+    guessed: frozenset[str] = frozenset()
+    rest: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    pelvis_up: np.ndarray | None = None
+    hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    hands_obstacle: str = ""
+    unit: str = ""
+    unit_fact: Fact | None = None
+    up: str = ""
+    bones: int = 0
+    bones_called: str = "bones"
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    facts: tuple[Fact, ...] = ()
+
+
+def assemble(recording: Recording, options: MotionOptions) -> Performer:
+    """Returns the performer of a recording, in metres and the robot's world.
+
+    Raises:
+        MotionError: joints are missing, there are fewer than two frames, or no unit
+            makes a person of it.
+    """
+    p = recording.positions
+    name = recording.name
+    missing = [joint for joint in REQUIRED if joint not in p]
+    if missing:
+        raise MotionError(
+            f"motion {name}: no {', '.join(missing)} in it; found: "
+            f"{', '.join(recording.joints.values()) or 'nothing'}"
+        )
+    if len(p["pelvis"]) < 2:
+        raise MotionError(
+            f"motion {name}: it has a single frame; at least 2 are needed"
+        )
+    mirrored = seems_mirrored(p)
+    frame = find_frame(
+        p,
+        recording.rest,
+        recording.unit,
+        options,
+        name,
+        up_stated=recording.up,
+        unit_fact=recording.unit_fact,
+    )
+    doubts = [*recording.doubts, *frame.doubts]
+    if mirrored:
+        doubts.append("toes or knees point backwards: left and right seem swapped")
+    R_WF = frame.R_WF
+    world = {joint: frame.metres * p[joint] @ R_WF.T for joint in JOINTS if joint in p}
+    facts = [*frame.facts, *recording.facts]
+    floor, floor_fact = _floor(world, leg_length(world))
+    world = {joint: q - [0.0, 0.0, floor] for joint, q in world.items()}
+    if floor_fact is not None:
+        facts.append(floor_fact)
+    R_WP, orientations, orientation_fact = _orientations(recording, world, R_WF)
+    facts.append(orientation_fact)
+    leg = leg_length(world)
+    hips = (world["left_hip"] + world["right_hip"]) / 2.0
+    drop = float(np.median(np.sum((world["pelvis"] - hips) * R_WP[:, :, 2], axis=1)))
+    return Performer(
+        name=name,
+        format=recording.format,
+        frame_rate=recording.frame_rate,
+        rate_source=recording.rate_source,
+        positions=world,
+        orientations=orientations,
+        hands={
+            hand: _frames(*(v @ R_WF.T for v in vectors))
+            for hand, vectors in recording.hands.items()
+        },
+        heading=_heading(R_WP),
+        hip_height=drop + leg * (1.0 + ANKLE_SHARE / LEG_SHARE),
+        height=leg / LEG_SHARE,
+        up=frame.up,
+        facing=frame.facing,
+        joints=recording.joints,
+        guessed=recording.guessed,
+        facts=tuple(facts),
+        bones=recording.bones,
+        bones_called=recording.bones_called,
+        turns=recording.turns,
+        carriers=recording.carriers,
+        same=recording.same,
+        doubts=tuple(doubts),
+        notes=recording.notes,
+        hands_obstacle=recording.hands_obstacle,
+    )
+
+
+def first_is_apart(p: Mapping[str, np.ndarray], frame_rate: float) -> bool:
+    """Whether the first frame is a pose by itself, such as a T-pose.
+
+    Args:
+        p: joint to (T, 3) in any unit.
+        frame_rate: samples per second [Hz].
+    """
+    # Against the pelvis, in heights per second.
+    scale = 1.6 * LEG_SHARE / leg_length(p)
+    moving = [q - p["pelvis"] for joint, q in p.items() if joint != "pelvis"]
+    steps = np.mean(
+        [np.linalg.norm(np.diff(q, axis=0), axis=1) for q in moving], axis=0
+    )
+    if len(steps) < 10:
+        return False
+    speed = steps * scale * frame_rate
+    later = max(float(np.quantile(speed[1:], 0.99)), float(speed[1:6].max()))
+    return bool(speed[0] > _APART_SPEED and speed[0] > _APART_FACTOR * later)
+
+
+def _floor(p: Mapping[str, np.ndarray], leg: float) -> tuple[float, Fact | None]:
+    """Height of the floor in the file [m], 0 unless the body says otherwise."""
+    feet = [joint for joint in p if joint.endswith(("ankle", "toe"))]
+    lowest = np.min([p[joint][:, 2] for joint in p], axis=0)
+    height = float(np.quantile(lowest, _FLOOR_QUANTILE))
+    if not any(joint.endswith("toe") for joint in feet):
+        height -= leg * ANKLE_SHARE / LEG_SHARE
+    if abs(height) < _FLOOR:
+        return 0.0, None
+    why = "the lowest that the body comes"
+    return height, Fact("floor", f"at {height:.2f} m of the file", "inferred", why)
+
+
+def _frames(x: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """(T, 3, 3) rotations whose first axis is along x and whose third near z."""
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    z = z - np.sum(z * x, axis=1, keepdims=True) * x
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def _orientations(
+    recording: Recording, world: Mapping[str, np.ndarray], R_WF: np.ndarray
+) -> tuple[np.ndarray, dict[str, np.ndarray], Fact]:
+    """R_WP of the pelvis, those of all parts, and where they come from."""
+    rotations = recording.rotations
+    turned = {joint: R_WF @ R @ R_WF.T for joint, R in rotations.items()}
+    if turned and recording.rest:
+        why = "against the standing rest pose"
+        return turned["pelvis"], turned, Fact("orientations", "", "file", why)
+    # By geometry: y to the left hip, z up in the pelvis.
+    y = world["left_hip"] - world["right_hip"]
+    if recording.pelvis_up is None:
+        z = world["neck"] - world["pelvis"]
+    else:
+        z = recording.pelvis_up @ R_WF.T
+    R_WP = _pelvis_frames(y, z)
+    if not turned:
+        fact = Fact("orientations", "of the pelvis", "inferred", "from hips and trunk")
+        return R_WP, {"pelvis": R_WP}, fact
+    # The zero pose is no standing person: the most upright frame stands in for it.
+    bones = [
+        (world[f"{side}_{a}"] - world[f"{side}_{b}"], side)
+        for side in SIDES
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    trunk = world["neck"] - world["pelvis"]
+    upright = np.min(
+        [v[:, 2] / np.linalg.norm(v, axis=1) for v in (trunk, *(b for b, _ in bones))],
+        axis=0,
+    )
+    k = int(np.argmax(upright))
+    c, s = np.cos(_heading(R_WP)[k]), np.sin(_heading(R_WP)[k])
+    yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    orientations = {joint: R @ R[k].T @ yaw for joint, R in turned.items()}
+    why = f"against frame {k + 1}, the most upright: the zero pose is not standing"
+    return (
+        R_WP,
+        orientations | {"pelvis": R_WP},
+        Fact("orientations", "", "inferred", why),
+    )
+
+
+def _pelvis_frames(y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """(T, 3, 3) rotations whose second axis is along y and whose third near z."""
+    y = y / np.linalg.norm(y, axis=1, keepdims=True)
+    z = z - np.sum(z * y, axis=1, keepdims=True) * y
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    return np.stack([np.cross(y, z), y, z], axis=2)
+
+
+def _heading(R_WP: np.ndarray) -> np.ndarray:
+    """(T,) the twist about the vertical, unwrapped [rad].
+
+    It is 2 atan2(q_z, q_w): defined for a performer who bends over by 90 degrees.
+    """
+    sine = R_WP[:, 1, 0] - R_WP[:, 0, 1]
+    cosine = R_WP[:, 0, 0] + R_WP[:, 1, 1]
+    return np.unwrap(np.arctan2(sine, cosine))

@@ -1,0 +1,283 @@
+"""The performer of a BVH file, whatever its names, unit and axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.file_frame import body_forward, seems_mirrored
+from crar_drake.motion.formats.bvh import (
+    Bvh,
+    BvhPoses,
+    bvh_kinematics,
+    rest_positions,
+)
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import (
+    JOINTS,
+    SIDES,
+    Fact,
+    Performer,
+    repeated,
+    sides_swapped,
+    turning,
+)
+from crar_drake.motion.performers.assemble import (
+    MIRRORED,
+    Recording,
+    assemble,
+    first_is_apart,
+)
+from crar_drake.motion.performers.bvh_joints import SHORT, JointMatch
+
+# In a standing rest pose, legs point away from the neck by more than this.
+_AWAY = -0.8  # cosine
+
+
+def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
+    """Returns the performer of a BVH.
+
+    Args:
+        bvh: the file's contents.
+        name: what the user calls the motion.
+        options: what the user says of it.
+
+    Raises:
+        MotionError: it has no two arms and legs, too few frames, or lengths that are
+            a person's in no unit; the message says what was found.
+    """
+    if bvh.num_frames < 2:
+        raise MotionError(
+            f"motion {name}: it has a single frame; at least 2 are needed"
+        )
+    poses = bvh_kinematics(bvh)
+    found = JointMatch(bvh, poses, name, options).joints()
+    notes, doubts = [], []
+    guessed = frozenset({"neck"} - set(found))
+
+    def points_of(p: np.ndarray) -> dict[str, np.ndarray]:
+        points = {joint: p[i] for joint, i in found.items() if joint in JOINTS}
+        if guessed:
+            points["neck"] = (points["left_shoulder"] + points["right_shoulder"]) / 2.0
+        return points
+
+    points = points_of(poses.positions)
+    if seems_mirrored(points) and not options.joints:
+        found = sides_swapped(found)
+        doubts.append(MIRRORED)
+        points = points_of(poses.positions)
+    rate = 1.0 / bvh.frame_time
+    first = 0
+    if first_is_apart(points, rate):
+        first = 1
+        notes.append("frame 1 is a pose apart (often a T-pose): left out")
+    points = {joint: q[first:] for joint, q in points.items()}
+    rotations = {
+        joint: poses.rotations[i][first:]
+        for joint, i in found.items()
+        if joint in points
+    }
+    labels = {
+        joint: bvh.joints[i].name or f"end of {bvh.joints[bvh.joints[i].parent].name}"
+        for joint, i in found.items()
+        if joint in points
+    }
+    if guessed:
+        labels["neck"] = "between the shoulders"
+    rest_all = rest_positions(bvh, poses)
+    rest = points_of(rest_all)
+    standing = _stands(rest)
+    hands, hands_obstacle = _hands(
+        bvh,
+        poses,
+        found,
+        rest if standing else {},
+        rest_all if standing else None,
+        name,
+    )
+    turns = {
+        _bone(bvh, j): turning(poses.local[j][first:])
+        for j, joint in enumerate(bvh.joints)
+        if any(channel.endswith("rotation") for channel in joint.channels)
+    }
+    return assemble(
+        Recording(
+            name=name,
+            format="BVH",
+            frame_rate=_exact_rate(rate)
+            if options.frame_rate is None
+            else options.frame_rate,
+            rate_source="file" if options.frame_rate is None else "given",
+            positions=points,
+            joints=labels,
+            guessed=guessed,
+            rest=rest if standing else {},
+            rotations=rotations,
+            pelvis_up=_pelvis_up(bvh, poses, found)[first:],
+            hands={
+                hand: tuple(v[first:] for v in vectors)
+                for hand, vectors in hands.items()
+            },
+            hands_obstacle=hands_obstacle,
+            bones=sum(bool(joint.name) for joint in bvh.joints),
+            bones_called="joints",
+            turns=turns,
+            carriers={
+                joint: frozenset(_bone(bvh, k) for k in bvh.path(i)[:-1])
+                for joint, i in found.items()
+            },
+            same=repeated(bvh.values[first:]),
+            doubts=tuple(doubts),
+            notes=tuple(notes),
+            facts=(_pose_fact(rest if standing else {}),),
+        ),
+        options,
+    )
+
+
+def _bone(bvh: Bvh, index: int) -> str:
+    return bvh.joints[index].name or f"joint {index + 1}"
+
+
+def _exact_rate(rate: float) -> float:
+    """Frame times are rounded: 0.0083333 s is 120 Hz [Hz]."""
+    near = round(rate)
+    return float(near) if near and abs(rate / near - 1.0) < 1e-3 else rate
+
+
+def _stands(rest: Mapping[str, np.ndarray]) -> bool:
+    """Whether the rest pose is a person's that stands: legs away from the neck."""
+    up = rest["neck"] - rest["pelvis"]
+    hips = rest["left_hip"] - rest["right_hip"]
+    legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
+    if min(np.linalg.norm(v) for v in (up, hips, *legs)) < 1e-9:
+        return False
+    up, hips = up / np.linalg.norm(up), hips / np.linalg.norm(hips)
+    return abs(hips @ up) < 0.5 and all(
+        leg @ up / np.linalg.norm(leg) < _AWAY for leg in legs
+    )
+
+
+def _pose_fact(rest: Mapping[str, np.ndarray]) -> Fact:
+    if not rest:
+        return Fact("rest pose", "not a standing person's", "inferred")
+    up = rest["neck"] - rest["pelvis"]
+    left = rest["left_wrist"] - rest["left_shoulder"]
+    cosine = float(up @ left / np.linalg.norm(up) / np.linalg.norm(left))
+    spread = np.degrees(math.acos(max(-1.0, min(1.0, -cosine))))
+    pose = (
+        "T-pose"
+        if 65.0 < spread < 115.0
+        else ("arms hanging" if spread <= 25.0 else f"arms at {spread:.0f} degrees")
+    )
+    return Fact("rest pose", pose, "file")
+
+
+def _pelvis_up(bvh: Bvh, poses: BvhPoses, found: Mapping[str, int]) -> np.ndarray:
+    """(T, 3) up in the pelvis: from between the hips to what is fixed above them.
+
+    That is the spine's first joint, unless it lies in the pelvis itself: what comes
+    after it turns against the pelvis. Then it is the pelvis's own origin, unless that
+    lies between the hips.
+    """
+    p = poses.positions
+    hips = (p[found["left_hip"]] + p[found["right_hip"]]) / 2.0
+    pelvis, above = found["pelvis"], found.get("neck", found["left_shoulder"])
+    least = SHORT * np.linalg.norm(p[found["left_knee"], 0] - p[found["left_hip"], 0])
+    path = bvh.path(above)
+    spine = path[path.index(pelvis) + 1 :] if pelvis in path else [above]
+    for fixed in (spine[0], pelvis):
+        origin = p[pelvis] if fixed != pelvis else hips
+        if np.linalg.norm(p[fixed, 0] - origin[0]) > least:
+            return p[fixed] - hips
+    return p[above] - hips
+
+
+# --- hands ------------------------------------------------------------------------
+
+
+def _hands(
+    bvh: Bvh,
+    poses: BvhPoses,
+    found: Mapping[str, int],
+    rest: Mapping[str, np.ndarray],
+    rest_all: np.ndarray | None,
+    name: str,
+) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], str]:
+    """Per hand (T, 3) to the fingertips and to the thumb's side, in the file's axes.
+
+    To the fingertips points the mean of what hangs on the wrist but the thumb, or else
+    the forearm; the thumb's side is the thumb's, or the front of a standing rest pose.
+    """
+    children: dict[int, list[int]] = {}
+    for j, joint in enumerate(bvh.joints):
+        children.setdefault(joint.parent, []).append(j)
+
+    def below(index: int) -> list[int]:
+        result = []
+        for child in children.get(index, []):
+            result += [child, *below(child)]
+        return result
+
+    result = {}
+    for side in SIDES:
+        wrist, elbow = found[f"{side}_wrist"], found[f"{side}_elbow"]
+        R = poses.rotations[wrist]
+        p = poses.positions
+        thumb = found.get(f"{side}_thumb")
+        thumbs = [thumb, *below(thumb)] if thumb is not None else []
+
+        least = SHORT * float(np.linalg.norm(p[wrist, 0] - p[elbow, 0]))
+        others = [i for i in below(wrist) if i not in thumbs]
+        fingers = _rigid(poses, rest_all, wrist, others, least)
+        x = (
+            np.einsum("tij,j->ti", R, fingers)
+            if fingers is not None
+            else p[wrist] - p[elbow]
+        )
+        ahead = fingers
+        if ahead is None:
+            ahead = np.median(np.einsum("tji,tj->ti", R, x), axis=0)
+        to_thumb = _rigid(poses, rest_all, wrist, thumbs, least)
+        if _along(to_thumb, ahead) and rest:
+            to_thumb = body_forward(rest)
+        if _along(to_thumb, ahead):
+            to_thumb = None
+        if to_thumb is None:
+            return {}, (
+                f"motion {name}: {bvh.joints[wrist].name} has no thumb, and the "
+                "skeleton at rest does not tell the thumb's side; track positions only"
+            )
+        result[f"{side}_hand"] = x, np.einsum("tij,j->ti", R, to_thumb)
+    return result, ""
+
+
+def _along(v: np.ndarray | None, x: np.ndarray) -> bool:
+    """Whether v is no direction, or one that hardly leaves that of x."""
+    if v is None:
+        return True
+    return bool(abs(v @ x) > 0.9 * np.linalg.norm(v) * np.linalg.norm(x))
+
+
+def _rigid(
+    poses: BvhPoses, rest: np.ndarray | None, joint: int, others: list[int], least
+) -> np.ndarray | None:
+    """(3,) mean, in a joint's own axes, of those farther from it than `least`.
+
+    It is that of the standing rest pose, where there is one: a bent thumb points where
+    the fingers do.
+    """
+    offsets = []
+    for i in others:
+        if rest is not None:
+            q = rest[i] - rest[joint]
+        else:
+            p = poses.positions[i] - poses.positions[joint]
+            p_J = np.einsum("tji,tj->ti", poses.rotations[joint], p)
+            q = np.median(p_J, axis=0)
+        if np.linalg.norm(q) > least:
+            offsets.append(q)
+    return np.mean(offsets, axis=0) if offsets else None

@@ -1,0 +1,92 @@
+"""The performer of a C3D file with a known set of markers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.file_frame import find_unit
+from crar_drake.motion.formats.c3d import Markers
+from crar_drake.motion.gaps import fill_all
+from crar_drake.motion.marker_sets import choose_markers, marker_body
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.performer import SIDES, Fact, Performer, repeated
+from crar_drake.motion.performers.assemble import Recording, assemble
+
+
+def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Performer:
+    """Returns the performer of a C3D file.
+
+    Args:
+        markers: the file's contents.
+        name: what the user calls the motion.
+        options: what the user says of it.
+
+    Raises:
+        MotionError: the markers are of no known set, one that is needed is never
+            seen, or the file says no rate.
+    """
+    if options.joints:
+        raise MotionError(
+            f"motion {name}: joints of a C3D come from its markers' labels; leave "
+            f"--joints {options.joints} away"
+        )
+    rate = options.frame_rate or markers.frame_rate
+    if not rate:
+        raise MotionError(f"motion {name}: the file says no rate: give --frame-rate HZ")
+    marker_set, subject, labels = choose_markers(markers.labels, name)
+    column = {label: i for i, label in reversed(list(enumerate(markers.labels)))}
+    seen = {
+        marker: markers.positions[:, column[label]] for marker, label in labels.items()
+    }
+    points, notes, doubts = fill_all(seen, rate)
+    hidden = {marker: label for marker, label in labels.items() if marker not in points}
+    if hidden:  # perhaps one that is needed
+        choose_markers([labels[marker] for marker in points], name)
+        notes += (f"never seen: {', '.join(hidden)}",)
+    legs = {"Hip": "ASI" if "LASI" in points else "FWT", "Knee": "KNE", "Ankle": "ANK"}
+    metres, unit, unit_doubts = find_unit(
+        {
+            f"{side}_{joint.lower()}": points[side[0].upper() + marker]
+            for side in SIDES
+            for joint, marker in legs.items()
+        },
+        markers.unit,
+        options,
+        name,
+    )
+    used = {marker: metres * samples for marker, samples in points.items()}
+    body = marker_body(
+        used,
+        marker_set,
+        subject,
+        {measure: metres * value for measure, value in markers.measures.items()},
+        rate,
+    )
+    others = {label.rpartition(":")[0] for label in markers.labels} - {subject, ""}
+    if others:
+        notes += (f"other subjects in the file: {', '.join(sorted(others))}",)
+    facts = [Fact("markers", marker_set, "file", f"subject {subject}" * bool(subject))]
+    if not any(measure.endswith("KneeWidth") for measure in markers.measures):
+        facts.append(Fact("widths of joints", "an adult's", "assumed"))
+    return assemble(
+        Recording(
+            name=name,
+            format="C3D",
+            frame_rate=rate,
+            rate_source="given" if options.frame_rate else "file",
+            positions=body.positions,
+            joints=body.sources,
+            guessed=frozenset({"head"} & set(body.positions)),
+            pelvis_up=body.pelvis_up,
+            hands=body.hands,
+            unit_fact=unit,
+            bones=len(points),
+            bones_called="markers",
+            same=repeated(np.hstack(list(points.values()))),
+            doubts=(*unit_doubts, *doubts),
+            notes=notes,
+            facts=tuple(facts),
+        ),
+        options,
+    )

@@ -1,0 +1,1 @@
+"""Motions of a whole robot that others published: read, written, converted, judged."""

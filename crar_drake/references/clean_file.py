@@ -1,0 +1,271 @@
+"""One file of reference motions in, a cleaned one of the same layout out."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.files import check_file
+from crar_drake.references.cleaning import Cleaner
+from crar_drake.references.following import (
+    FEET,
+    HANDS,
+    Cleaned,
+    CleaningParameters,
+)
+from crar_drake.references.margins import Margins
+from crar_drake.references.motion_certificate import (
+    CertifiedClip,
+    certificate_path,
+    make_certificate,
+    write_certificate,
+)
+from crar_drake.references.robot_motion import (
+    RobotMotion,
+    read_motions,
+    write_motions,
+)
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import (
+    LIMIT_TOLERANCE,
+    find_frame,
+    load_robot_description,
+)
+
+# A frame counts as changed if a joint is farther from the reference [rad or m].
+_CHANGED = 1e-6
+
+
+@dataclass(frozen=True)
+class CleanedClip:
+    """What cleaning made of one motion.
+
+    Attributes:
+        clip: its name; "" in files with one motion.
+        frames: T.
+        rate: [Hz].
+        penetrating_before, penetrating: frames with watched capsules in penetration.
+        beyond_limit_before, beyond_limit: frames with a joint beyond its limit.
+        too_fast_before, too_fast: frames from which a joint goes on beyond its speed
+            limit.
+        nearest_before, nearest: the smallest distance of watched capsules [m].
+        between: no distance on the straight ways between frames is smaller [m].
+        changed: frames with a joint that is not where the reference has it.
+        joints_rms, joints_worst: change of the joints [rad].
+        feet_rms, feet_worst, hands_rms, hands_worst: change of the feet's and the
+            hands' positions [m]; NaN without.
+        jerk_before, jerk: root mean square of the joints' [rad/s^3].
+        corrected, scaled: frames with a step that was.
+        moved_start: of the first frame, its farthest joint [rad].
+        num_watched: pairs that the law watched.
+        seconds: that cleaning took, without reading, writing and measuring [s].
+    """
+
+    clip: str
+    frames: int
+    rate: float
+    penetrating_before: int
+    penetrating: int
+    beyond_limit_before: int
+    beyond_limit: int
+    too_fast_before: int
+    too_fast: int
+    nearest_before: float
+    nearest: float
+    between: float
+    changed: int
+    joints_rms: float
+    joints_worst: float
+    feet_rms: float
+    feet_worst: float
+    hands_rms: float
+    hands_worst: float
+    jerk_before: float
+    jerk: float
+    corrected: int
+    scaled: int
+    moved_start: float
+    num_watched: int
+    seconds: float
+
+    @property
+    def times_real_time(self) -> float:
+        """How much faster than the motion itself the law was."""
+        return (self.frames - 1) / self.rate / self.seconds if self.seconds else 0.0
+
+    @property
+    def violated(self) -> bool:
+        """Whether anything is left."""
+        return bool(self.penetrating or self.beyond_limit or self.too_fast)
+
+
+NUMBERS = tuple(field.name for field in fields(CleanedClip) if field.name != "clip")
+
+
+def clean_file(
+    reference: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    robot: str,
+    parameters: CleaningParameters | None = None,
+    *,
+    layout: str | None = None,
+    rate: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[CleanedClip]:
+    """Cleans all motions of a file, and writes them and their certificate.
+
+    Args:
+        reference: the file.
+        out: to be written, in the same layout.
+        robot: name or folder of the robot.
+        parameters: how the reference is followed.
+        layout, rate: of the file, where it does not say them (`read_motion`).
+        progress: is told the frame that was reached, and of how many.
+
+    Raises:
+        MotionError: the file cannot be read, is of another robot, or no clear
+            configuration was found near the first frame of one.
+        ModelError: the robot is not there, or not one that can be cleaned for.
+        WriteError: the file or its certificate cannot be written.
+    """
+    reference, out = Path(reference), Path(out)
+    check_file(out)
+    if out.exists() and reference.exists() and os.path.samefile(reference, out):
+        raise MotionError(f"{out}: is the reference itself; name another file")
+    description = load_robot_description(robot)
+    whole_body = WholeBody(description)
+    motions = read_motions(reference, layout, rate, robot=whole_body)
+    cleaners: dict[float, Cleaner] = {}
+    written, cleaned = [], []
+    for motion in motions:
+        if motion.rate not in cleaners:
+            cleaners[motion.rate] = Cleaner(description, motion.rate, parameters)
+        cleaner = cleaners[motion.rate]
+        columns = _columns(motion, cleaner)
+        began = time.perf_counter()
+        try:
+            found = cleaner.clean(
+                np.ascontiguousarray(motion.joint_positions[:, columns]),
+                None
+                if progress is None
+                else lambda k, total=motion.num_frames: progress(k, total),
+            )
+        except MotionError as error:
+            raise MotionError(f"{reference}: {error}") from error
+        cleaned.append((found, time.perf_counter() - began))
+        joints = motion.joint_positions.copy()
+        joints[:, columns] = found.q
+        written.append(replace(motion, joint_positions=joints))
+    write_motions(out, written, written[0].layout, whole_body)
+    # What is certified is what stands in the file, rounded as its layout does.
+    again = read_motions(out, written[0].layout, written[0].rate, robot=whole_body)
+    clips, rows = [], []
+    for before, after, (found, seconds) in zip(motions, again, cleaned, strict=True):
+        cleaner = cleaners[after.rate]
+        margins = [_margins(motion, cleaner) for motion in (before, after)]
+        clips.append(CertifiedClip(after.clip, after.rate, margins[1], found.admitted))
+        rows.append(_row(before, after, margins, found, seconds, cleaner, whole_body))
+    p = parameters or CleaningParameters()
+    certificate = make_certificate(out, reference, description, clips, p.floor)
+    certificate["parameters"] = asdict(p)
+    certificate["motion"] |= {"layout": written[0].layout, "rate": written[0].rate}
+    write_certificate(certificate_path(out), certificate)
+    return rows
+
+
+def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
+    """Where the joints that are controlled stand in a motion's.
+
+    Raises:
+        MotionError: the motion moves joints that the robot does not control, so that
+            distances would not be those of the motion.
+    """
+    others = sorted(set(motion.joint_names) - set(cleaner.model.joint_names))
+    if others:
+        raise MotionError(
+            f"{motion.source}: robot {cleaner.description.name} does not control "
+            f"{', '.join(others[:5])}: import it with --whole-body, or take these out "
+            "of its prescribed_joints"
+        )
+    return [motion.joint_names.index(name) for name in cleaner.model.joint_names]
+
+
+def _margins(motion: RobotMotion, cleaner: Cleaner) -> Margins:
+    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, cleaner)])
+    return cleaner.margins(q)
+
+
+def _row(
+    before: RobotMotion,
+    after: RobotMotion,
+    margins: list[Margins],
+    found: Cleaned,
+    seconds: float,
+    cleaner: Cleaner,
+    robot: WholeBody,
+) -> CleanedClip:
+    change = after.joint_positions - before.joint_positions
+    task_frames = robot.description.task_frames
+    moved = {}
+    for what, frames in (("feet", FEET), ("hands", HANDS)):
+        links = tuple(
+            find_frame(robot.plant, task_frames[f]).body().name()
+            for f in frames
+            if f in task_frames
+        )
+        off = np.full(1, np.nan)
+        if links:
+            places = [
+                robot.poses_in_root(motion.joint_positions, links)[0]
+                for motion in (before, after)
+            ]
+            off = np.linalg.norm(places[1] - places[0], axis=2)
+        moved[what] = _rms(off), float(off.max())
+    was, now = margins
+    return CleanedClip(
+        clip=after.clip,
+        frames=after.num_frames,
+        rate=after.rate,
+        penetrating_before=_count(was.distance < 0.0),
+        penetrating=_count(now.distance < 0.0),
+        beyond_limit_before=_count(was.limit < -LIMIT_TOLERANCE),
+        beyond_limit=_count(now.limit < -LIMIT_TOLERANCE),
+        too_fast_before=_count(was.speed > 1.0 + 1e-6),
+        too_fast=_count(now.speed > 1.0 + 1e-6),
+        nearest_before=float(was.distance.min()),
+        nearest=float(now.distance.min()),
+        between=float(now.between.min()),
+        changed=_count(np.abs(change).max(axis=1) > _CHANGED),
+        joints_rms=_rms(change),
+        joints_worst=float(np.abs(change).max()),
+        feet_rms=moved["feet"][0],
+        feet_worst=moved["feet"][1],
+        hands_rms=moved["hands"][0],
+        hands_worst=moved["hands"][1],
+        jerk_before=_jerk(before),
+        jerk=_jerk(after),
+        corrected=_count(found.admitted == 1.0),
+        scaled=_count(found.admitted == 2.0),
+        moved_start=found.moved_start,
+        num_watched=found.num_watched,
+        seconds=seconds,
+    )
+
+
+def _jerk(motion: RobotMotion) -> float:
+    """Root mean square of the joints' third differences [rad/s^3]."""
+    return _rms(np.diff(motion.joint_positions, n=3, axis=0) * motion.rate**3)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _count(frames: np.ndarray) -> int:
+    return int(np.sum(frames))

@@ -1,0 +1,143 @@
+"""Many reference motions judged, several at a time; a bad file spoils no other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from crar_drake.errors import CrarError
+from crar_drake.references.reference_judge import (
+    ReferenceJudge,
+    ReferenceVerdict,
+    Tolerances,
+)
+from crar_drake.references.robot_motion import read_motions
+from crar_drake.robot.description import load_robot_description
+from crar_drake.studies.fresh_processes import FreshProcesses
+
+# What in a folder is taken for a motion.
+_SUFFIXES = (".csv", ".npz", ".pkl", ".pickle", ".joblib", ".p")
+
+# To read a robot's meshes takes as long as to judge a short motion, so that a process
+# judges several files; not too many, for the last ones to end together.
+_MOST_FILES = 8
+
+
+@dataclass(frozen=True)
+class JudgedFile:
+    """A file and what is said of it.
+
+    Attributes:
+        path: of the file.
+        verdicts: one for each motion in it; empty if it cannot be used.
+        error: why not, or "".
+    """
+
+    path: str
+    verdicts: tuple[ReferenceVerdict, ...]
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class JudgeOptions:
+    """How motions are read and judged.
+
+    Attributes:
+        robot: name or folder.
+        layout: of the files; None: each as it looks like.
+        rate: frames per second of files; None: as they say [Hz].
+        meshes: whether meshes are asked.
+        every: time between the frames in which they are; None: all frames [s].
+        tolerances: what is no violation.
+    """
+
+    robot: str
+    layout: str | None = None
+    rate: float | None = None
+    meshes: bool = True
+    every: float | None = None
+    tolerances: Tolerances = Tolerances()
+
+
+def motions_below(folder: Path) -> list[Path]:
+    """Files of a folder and of those in it that have the suffix of a motion."""
+    return sorted(
+        path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in _SUFFIXES and path.is_file()
+    )
+
+
+def judge_here(files: Sequence[str], options: JudgeOptions) -> list[JudgedFile]:
+    """Judges files one after the other.
+
+    Raises:
+        CrarError: the robot cannot be used; what is wrong with a file is in its entry.
+    """
+    judge = ReferenceJudge(load_robot_description(options.robot), options.meshes)
+    return [_judge_file(judge, file, options) for file in files]
+
+
+def judge_files(
+    files: Sequence[str],
+    options: JudgeOptions,
+    jobs: int | None = None,
+    told: Callable[[int], None] | None = None,
+) -> list[JudgedFile]:
+    """Judges files in several processes.
+
+    Args:
+        files: their paths.
+        options: for all of them.
+        jobs: number of processes; by default one per core.
+        told: is called with the number of files that are judged.
+
+    Returns:
+        An entry a file, in their order.
+
+    Raises:
+        CrarError: the robot cannot be used.
+    """
+    # A robot that cannot be used is told once, before any process starts.
+    load_robot_description(options.robot)
+    done: dict[str, JudgedFile] = {}
+    jobs = jobs or os.cpu_count() or 1
+    with FreshProcesses(jobs) as pool:
+        size = min(_MOST_FILES, -(-len(files) // jobs))
+        batches = [list(files[i : i + size]) for i in range(0, len(files), size)]
+        while batches:
+            running = {pool.submit(judge_here, b, options): b for b in batches}
+            batches = []
+            for future in as_completed(running):
+                batch = running[future]
+                try:
+                    judged = future.result()
+                except CrarError:
+                    raise
+                except Exception as error:
+                    # The process died, or ran into a defect: which file was it?
+                    if len(batch) > 1:
+                        batches += [[file] for file in batch]
+                        continue
+                    judged = [JudgedFile(batch[0], (), f"{batch[0]}: {error}")]
+                done |= {entry.path: entry for entry in judged}
+                if told is not None:
+                    told(len(done))
+    return [done[file] for file in files]
+
+
+def _judge_file(judge: ReferenceJudge, file: str, options: JudgeOptions) -> JudgedFile:
+    try:
+        motions = read_motions(file, options.layout, options.rate, robot=judge.robot)
+        return JudgedFile(
+            file,
+            tuple(
+                judge.judge(motion, options.every, options.tolerances)
+                for motion in motions
+            ),
+        )
+    except (CrarError, OSError) as error:
+        return JudgedFile(file, (), str(error))

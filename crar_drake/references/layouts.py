@@ -1,0 +1,227 @@
+"""The layouts of robot motions that are read and written, and how a file is told."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.nearest import nearest
+from crar_drake.references.csv_layouts import read_csv, write_csv
+from crar_drake.references.npz_layouts import read_npz, write_npz
+from crar_drake.references.pickle_layouts import read_pickle, write_pickle
+from crar_drake.references.robot_motion import RobotMotion, check_joint_names
+from crar_drake.references.whole_body import WholeBody
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A layout.
+
+    Attributes:
+        name: what it is called here.
+        suffix: of its files.
+        used_by: who writes and reads such files.
+        root_columns: before the joints, in the array of the joints; 0 if the root is
+            elsewhere.
+        breadth_first: whether joints are in that order, and not depth first.
+        several: whether a file can hold several motions.
+    """
+
+    name: str
+    suffix: str
+    used_by: str
+    root_columns: int = 0
+    breadth_first: bool = False
+    several: bool = False
+
+
+LAYOUTS = {
+    layout.name: layout
+    for layout in (
+        Layout("xyzw-csv", ".csv", "Unitree, input of BeyondMimic and mjlab", 7),
+        Layout("wxyz-csv", ".csv", "ProtoMotions, kimodo", 7),
+        Layout("beyondmimic-npz", ".npz", "BeyondMimic, Isaac Lab", breadth_first=True),
+        Layout("mjlab-npz", ".npz", "mjlab"),
+        Layout("holosoma-npz", ".npz", "holosoma", 7),
+        Layout("gmr-pkl", ".pkl", "GMR, TWIST"),
+        Layout("motion-lib-pkl", ".pkl", "PHC, ASAP, HumanoidVerse", several=True),
+    )
+}
+
+_READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
+
+# Also seen.
+_SUFFIXES = {".pickle": ".pkl", ".joblib": ".pkl", ".p": ".pkl"}
+
+
+def is_reference(path: str | os.PathLike[str]) -> bool:
+    """Whether a path has the suffix of a robot motion; its contents are not asked."""
+    suffix = Path(path).suffix.lower()
+    return _SUFFIXES.get(suffix, suffix) in _READERS
+
+
+def holds_reference(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has the suffix of a robot motion, and does not hold a person's
+    points instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
+
+    A file that cannot be read is none; whoever reads it says why.
+    """
+    path = Path(path)
+    if not is_reference(path):
+        return False
+    try:
+        if path.suffix.lower() == ".csv":
+            with open(path, encoding="utf-8-sig", errors="replace") as file:
+                return _is_numbers(file.readline())
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                return "joint_pos.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+    return True
+
+
+def _is_numbers(line: str) -> bool:
+    try:
+        return bool([float(cell) for cell in line.split(",")])
+    except ValueError:
+        return False
+
+
+def layout_named(name: str) -> Layout:
+    """The layout of that name.
+
+    Raises:
+        MotionError: there is none.
+    """
+    if name not in LAYOUTS:
+        raise MotionError(f"there is no layout {name!r}{nearest(name, LAYOUTS)}")
+    return LAYOUTS[name]
+
+
+def layouts_of(path: str | os.PathLike[str]) -> list[str]:
+    """Names of the layouts that a file with that suffix can have."""
+    suffix = Path(path).suffix.lower()
+    suffix = _SUFFIXES.get(suffix, suffix)
+    return [layout.name for layout in LAYOUTS.values() if layout.suffix == suffix]
+
+
+def read_file(
+    path: str | os.PathLike[str],
+    layout: str | None = None,
+    rate: float | None = None,
+    joint_names: Sequence[str] | None = None,
+) -> tuple[RobotMotion, ...]:
+    """Reads all motions of a file; see `robot_motion.read_motion`."""
+    path = Path(path)
+    if path.is_dir():
+        raise MotionError(f"{path}: this is a folder; name a file")
+    if not path.is_file():
+        raise MotionError(f"{path}: there is no such file")
+    if path.stat().st_size == 0:
+        raise MotionError(f"{path}: the file is empty")
+    if layout is not None:
+        suffix = layout_named(layout).suffix
+    else:
+        suffix = path.suffix.lower()
+        suffix = _SUFFIXES.get(suffix, suffix)
+    if suffix not in _READERS:
+        raise MotionError(
+            f"{path}: {path.suffix or 'no suffix'} is of no layout that is read; robot "
+            f"motions are {', '.join(sorted(_READERS))} files"
+        )
+    return _READERS[suffix](path, layout, rate, joint_names)
+
+
+def write_file(
+    path: str | os.PathLike[str],
+    motions: Sequence[RobotMotion],
+    layout: str,
+    robot: WholeBody | None = None,
+) -> None:
+    """Writes motions into a file; see `robot_motion.write_motion`."""
+    to = layout_named(layout)
+    if not motions:
+        raise MotionError(f"{path}: there is no motion to write")
+    if len(motions) > 1 and not to.several:
+        raise MotionError(
+            f"{path}: {layout} holds one motion, and there are {len(motions)}; choose "
+            "one (--clip), or motion-lib-pkl"
+        )
+    for motion in motions:
+        check_joint_names(motion.joint_names, motion.num_joints, motion.source)
+    ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
+    if to.suffix == ".csv":
+        write_csv(path, ordered[0], layout)
+    elif to.suffix == ".npz":
+        write_npz(path, ordered[0], layout, robot)
+    else:
+        write_pickle(path, ordered, layout, robot)
+
+
+def _in_layouts_order(
+    motion: RobotMotion, to: Layout, robot: WholeBody | None
+) -> RobotMotion:
+    """The motion with its joints as the layout has them."""
+    if robot is None:
+        here = LAYOUTS.get(motion.layout)
+        if here is not None and here.breadth_first != to.breadth_first:
+            raise MotionError(
+                f"{motion.source}: joints are in another order in {to.name} than in "
+                f"{here.name}: say which robot it is (--robot)"
+            )
+        return motion
+    from crar_drake.references.robot_match import matched
+
+    named = matched(motion, robot) if motion.joint_names == () else motion
+    wanted = robot.breadth_first if to.breadth_first else robot.joint_names
+    return reordered(named, wanted)
+
+
+def reordered(motion: RobotMotion, joint_names: Sequence[str]) -> RobotMotion:
+    """The same motion with its joints in another order.
+
+    Args:
+        motion: whose joints have names.
+        joint_names: the same names.
+
+    Raises:
+        MotionError: they are others.
+    """
+    if tuple(joint_names) == motion.joint_names:
+        return motion
+    if set(joint_names) != set(motion.joint_names):
+        missing = sorted(set(joint_names) - set(motion.joint_names))
+        unknown = sorted(set(motion.joint_names) - set(joint_names))
+        raise MotionError(
+            f"{motion.source}: its joints are of another robot: "
+            + "; ".join(
+                f"{what} {', '.join(names[:4])}"
+                + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+                for what, names in (("it lacks", missing), ("it has", unknown))
+                if names
+            )
+        )
+    order = [motion.joint_names.index(name) for name in joint_names]
+    computed = dict(motion.computed)
+    # What has a column a joint goes with them; what has a row a link stays, and is
+    # written only in the layout that it was read from.
+    if "joint_vel" in computed:
+        velocities = np.asarray(computed["joint_vel"])
+        root = velocities.shape[1] - motion.num_joints
+        columns = [*range(root), *(root + i for i in order)]
+        computed["joint_vel"] = velocities[:, columns]
+    computed.pop("pose_aa", None)
+    changed = replace(
+        motion,
+        joint_names=tuple(joint_names),
+        joint_positions=motion.joint_positions[:, order],
+        computed=computed,
+    )
+    return changed.as_read() if motion.is_as_read else changed

@@ -1,0 +1,136 @@
+"""What a motion of the joints keeps from collisions and limits, frame by frame.
+
+Between two frames a motion is taken to go straight in joint space, as those who play
+or interpolate it do. The distance on the whole of such a way is bounded from below as
+that of a braking path is, (A5) of `equations.admission`: by a bound, not by samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.control.modes.lookahead import LookaheadMode
+from crar_drake.equations.admission import path_bounds, travel
+from crar_drake.equations.kinematics import Measured, row_distances
+from crar_drake.robot.model import ControlModel
+
+# A way's bound is sought so far below what its ends keep, then four times farther
+# and so on [m].
+_FIRST_SLACK = 2e-4
+_LARGEST_SLACK = 0.05
+
+_NOTHING_ASKED = np.zeros((0, 7))
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Of T frames.
+
+    Attributes:
+        distance: (T,) the smallest of all watched pairs [m], negative in penetration.
+        pair: (T,) which pair it is of.
+        between: (T,) no distance on the way to the next frame is smaller [m]; of the
+            last frame its own distance.
+        limit: (T,) what is left to the nearest joint limit [rad or m].
+        speed: (T,) on the way to the next frame, the largest share of its speed limit
+            that a joint uses; of the last frame 0.
+    """
+
+    distance: np.ndarray
+    pair: np.ndarray
+    between: np.ndarray
+    limit: np.ndarray
+    speed: np.ndarray
+
+
+def find_margins(
+    model: ControlModel,
+    mode: LookaheadMode,
+    speed_limits: np.ndarray,
+    q: np.ndarray,
+    rate: float,
+) -> Margins:
+    """The margins of a motion.
+
+    Args:
+        model: of the robot; its watched pairs are capsules and spheres.
+        mode: of it.
+        speed_limits: (n,) of the controlled joints [rad/s or m/s].
+        q: (T, n) their positions [rad or m].
+        rate: frames per second [Hz].
+    """
+    frames = len(q)
+    robot, reaches = model.robot_ahead.value, mode.reaches.value
+    whole = _configurations(model, q)
+    still = np.zeros(whole.shape[1])
+    pair_of_row = _pair_of_row(model)
+    distance, between = np.empty(frames), np.empty(frames)
+    pair = np.empty(frames, dtype=int)
+    for k in range(frames):
+        ends = whole[[k, min(k + 1, frames - 1)]]
+        d = row_distances(Measured(ends, still, _NOTHING_ASKED), robot)[:, reaches.rows]
+        nearest = int(d[0].argmin())
+        distance[k], pair[k] = d[0, nearest], pair_of_row[reaches.rows[nearest]]
+        start = ends[0][model.order]
+        between[k] = _on_way(start, ends[1][model.order] - start, d, robot, mode)
+    speed = np.zeros(frames)
+    speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / speed_limits).max(axis=1)
+    limit = np.minimum(q - model.lower, model.upper - q).min(axis=1)
+    return Margins(distance, pair, between, limit, speed)
+
+
+def pair_distances(model: ControlModel, q: np.ndarray) -> np.ndarray:
+    """Signed distances of all watched pairs at each frame, (T, Nc) [m].
+
+    Args:
+        model: of the robot.
+        q: (T, n) positions of the controlled joints [rad or m].
+    """
+    whole, robot = _configurations(model, q), model.robot_ahead.value
+    still = np.zeros(whole.shape[1])
+    found = np.empty((len(q), len(model.pairs.shape_pairs)))
+    for k in range(0, len(q), 2):  # the equations take two configurations at a time
+        two = whole[[k, min(k + 1, len(q) - 1)]]
+        d = row_distances(Measured(two, still, _NOTHING_ASKED), robot)
+        found[k : k + 2] = d[:, model.pairs.shape_pairs].min(axis=2)[: len(q) - k]
+    return found
+
+
+def _configurations(model: ControlModel, q: np.ndarray) -> np.ndarray:
+    """(T, nq) of the plant, the prescribed joints at rest."""
+    whole = np.tile(model.rest_positions(), (len(q), 1))
+    whole[:, model.controlled] = q
+    return whole
+
+
+def _on_way(start, x, d, robot, mode: LookaheadMode) -> float:
+    """A bound for all distances on the way from `start` to `start` + x [m].
+
+    Args:
+        start, x: (nv,) in the equations' order.
+        d: (2, Np) the distances at its ends [m].
+        robot, mode: of the pairs.
+    """
+    ends = d.min(axis=0)
+    low = 0.5 * (d[0] + d[1] - travel(x, mode.reaches))
+    slack = _FIRST_SLACK
+    while slack < _LARGEST_SLACK:
+        level = np.full(len(low), ends.min() - slack)
+        asked = low < level
+        if not asked.any():
+            return float(low.min())
+        found = path_bounds(start, x, level, asked, robot, mode.reaches)
+        shown = asked & (found.at < 0.0)
+        low[shown] = np.maximum(low[shown], found.low[shown])
+        slack *= 4.0
+    return float(low.min())
+
+
+def _pair_of_row(model: ControlModel) -> np.ndarray:
+    """The watched pair of each row of a pair of shapes."""
+    pair_of_row = np.empty(int(model.pairs.shape_pairs.max()) + 1, dtype=int)
+    for pair, rows in enumerate(model.pairs.shape_pairs):
+        pair_of_row[rows] = pair
+    return pair_of_row

@@ -1,0 +1,314 @@
+"""NPZ files of motions that policies are trained on, with T frames.
+
+===============  ============  ====================================================
+key              shape         what
+===============  ============  ====================================================
+fps              (1,) or ()    frames per second [Hz]
+joint_pos        (T, n)        joints [rad]; or (T, 7 + n): x y z [m] and w x y z of
+                               the root before them
+joint_vel        (T, n)        their velocities [rad/s]; or (T, 6 + n): the root's
+                               velocity [m/s] and angular velocity [rad/s] before
+                               them, both in the world
+body_pos_w       (T, B, 3)     origins of the links in the world [m]
+body_quat_w      (T, B, 4)     their orientations, w x y z
+body_lin_vel_w   (T, B, 3)     velocities of the origins, in the world [m/s]
+body_ang_vel_w   (T, B, 3)     angular velocities, in the world [rad/s]
+joint_names      (n,)          only with the root in `joint_pos`
+body_names       (B,)          the same
+===============  ============  ====================================================
+
+Three kinds are in use. `beyondmimic-npz` has joints and links breadth first, as Isaac
+Lab has them, and `mjlab-npz` depth first, as MuJoCo has them; link 0 is the root, and
+names are in neither. (mjlab trained on the other kind tracks wrong links.)
+`holosoma-npz` has the root in `joint_pos`, depth first, and the names.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crar_drake.errors import MotionError
+from crar_drake.files import whole_file
+from crar_drake.references.plain_pickle import LARGEST
+from crar_drake.references.robot_motion import UNTOLD_ORDER, RobotMotion
+from crar_drake.references.whole_body import WholeBody
+
+USUAL_RATE = 50.0  # [Hz]
+
+_BODY_KEYS = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
+_COMPUTED = ("joint_vel", *_BODY_KEYS)
+_NAMES = ("joint_names", "body_names")
+
+# Links whose distance to the one before changes less than this hang on it [m]; what
+# float32 rounds a few metres to is a tenth of it.
+_RIGID = 1e-5
+
+# Depth first, most links hang on the one before; breadth first, few do.
+_DEPTH_FIRST_SHARE, _BREADTH_FIRST_SHARE = 0.6, 0.4
+
+
+def read_npz(
+    path: Path,
+    layout: str | None,
+    rate: float | None,
+    joint_names: Sequence[str] | None,
+) -> tuple[RobotMotion]:
+    """Reads an NPZ file; `layout` None tells the kinds apart.
+
+    Where the file does not tell the two kinds without names apart, `layout` of the
+    motion is `UNTOLD_ORDER`, and its robot has to (`robot_match`).
+
+    Raises:
+        MotionError: the file is damaged.
+    """
+    arrays = _load(path)
+    if "joint_pos" not in arrays:
+        log = "; it looks like the log of a run" if "signed_distances" in arrays else ""
+        raise MotionError(
+            f"{path}: it has no joint_pos, and so is no motion of a robot{log}"
+        )
+    guesses = []
+    if rate is None:
+        rate = _rate(path, arrays, guesses)
+    q = _numbers(path, arrays, "joint_pos", 2)
+    with_root = _has_root(path, layout, arrays, q)
+    if with_root:
+        layout = "holosoma-npz"
+        p_WR, Q_WR, joints = q[:, :3], q[:, 3:7], q[:, 7:]
+        names = tuple(str(name) for name in arrays.get("joint_names", ()))
+    else:
+        if layout is None:
+            layout, evidence = _guess_order(path, arrays)
+            guesses.append(evidence)
+        p_WR = _numbers(path, arrays, "body_pos_w", 3)
+        Q_WR = _numbers(path, arrays, "body_quat_w", 3)
+        if len(p_WR) != len(q) or len(Q_WR) != len(q) or not p_WR.shape[1]:
+            raise MotionError(
+                f"{path}: joint_pos has {len(q)} frames, body_pos_w {len(p_WR)} and "
+                f"body_quat_w {len(Q_WR)}, or there is no link"
+            )
+        p_WR, Q_WR, joints, names = p_WR[:, 0], Q_WR[:, 0], q, ()
+    return (
+        RobotMotion(
+            joint_names=names or tuple(joint_names or ()),
+            root_positions=p_WR.astype(float),
+            root_quaternions=Q_WR.astype(float),
+            joint_positions=joints.astype(float),
+            rate=float(rate),
+            layout=layout,
+            source=str(path),
+            precision=q.dtype.name,
+            guesses=tuple(guesses),
+            extras={
+                key: value
+                for key, value in arrays.items()
+                if key not in ("fps", "joint_pos", "joint_names", *_COMPUTED)
+            },
+            computed={key: arrays[key] for key in _COMPUTED if key in arrays},
+        ).as_read(),
+    )
+
+
+def write_npz(
+    path: str | os.PathLike[str],
+    motion: RobotMotion,
+    layout: str,
+    robot: WholeBody | None,
+) -> None:
+    """Writes an NPZ file.
+
+    Velocities are central differences of the samples (one-sided at the ends), as the
+    tools that make such files take them; links' poses and velocities are the robot's.
+
+    Args:
+        path: of the file.
+        motion: its joints in the order of the layout.
+        layout: its name.
+        robot: that moves; not needed where the file had its links' poses and nothing
+            has changed since.
+
+    Raises:
+        MotionError: there is no robot to compute links' poses with.
+    """
+    same = motion.layout == layout
+    precision = motion.precision if same and motion.precision else _precision(layout)
+    values = dict(motion.computed) if same and motion.is_as_read else {}
+    extras = dict(motion.extras) if same else {}
+    if not set(_COMPUTED) <= values.keys():
+        if robot is None:
+            raise MotionError(
+                f"{path}: {layout} has the poses of the robot's links, which follow "
+                "from its model: say which robot (--robot)"
+            )
+        links = robot.links_of(motion.joint_names)
+        values = {
+            key: value.astype(precision)
+            for key, value in _computed(motion, layout, robot, links).items()
+        }
+        extras.pop("body_names", None)
+        if layout == "holosoma-npz":
+            extras["body_names"] = np.array(links)
+    q = motion.joint_positions
+    if layout == "holosoma-npz":
+        q = np.hstack([motion.root_positions, motion.root_quaternions, q])
+        if motion.joint_names:
+            extras["joint_names"] = np.array(motion.joint_names)
+    rate = motion.rate
+    fps = np.array([int(rate) if rate == int(rate) else rate])
+    arrays = {"fps": fps, "joint_pos": q.astype(precision), **values, **extras}
+    with whole_file(path) as temporary:
+        np.savez(temporary, **arrays)
+
+
+def _precision(layout: str) -> str:
+    return "float64" if layout == "holosoma-npz" else "float32"
+
+
+def _computed(
+    motion: RobotMotion, layout: str, robot: WholeBody, links: tuple[str, ...]
+) -> dict[str, np.ndarray]:
+    """Velocities, and the links' poses and velocities in the world."""
+    step = 1.0 / motion.rate
+    R_WR = motion.root_rotations
+    v_WR, w_WR = _difference(motion.root_positions, step), _turning(R_WR, step)
+    qdot = _difference(motion.joint_positions, step)
+    columns = robot.columns_in(motion.joint_names)
+    q, v = motion.joint_positions[:, columns], qdot[:, columns]
+    p_RB, R_RB = robot.poses_in_root(q, links)
+    v_RB, w_RB = robot.velocities_in_root(q, v, links)
+    R = R_WR.as_matrix()[:, None]
+    p_RB_W, v_RB_W, w_RB_W = (
+        np.einsum("tlij,tlj->tli", np.broadcast_to(R, R_RB.shape), x)
+        for x in (p_RB, v_RB, w_RB)
+    )
+    turned = np.cross(w_WR[:, None], p_RB_W)
+    quaternions = Rotation.from_matrix((R @ R_RB).reshape(-1, 3, 3)).as_quat()
+    quaternions = quaternions[:, [3, 0, 1, 2]].reshape(*p_RB.shape[:2], 4)
+    # Of the root the samples themselves, not what they are after two conversions.
+    quaternions[:, 0] = motion.root_quaternions
+    joint_vel = qdot
+    if layout == "holosoma-npz":
+        joint_vel = np.hstack([v_WR, w_WR, qdot])
+    return {
+        "joint_vel": joint_vel,
+        "body_pos_w": motion.root_positions[:, None] + p_RB_W,
+        "body_quat_w": quaternions,
+        "body_lin_vel_w": v_WR[:, None] + turned + v_RB_W,
+        "body_ang_vel_w": w_WR[:, None] + w_RB_W,
+    }
+
+
+def _difference(samples: np.ndarray, step: float) -> np.ndarray:
+    if len(samples) < 2:
+        return np.zeros_like(samples)
+    return np.gradient(samples, step, axis=0)
+
+
+def _turning(R: Rotation, step: float) -> np.ndarray:
+    """(T, 3) angular velocities in the world [rad/s]."""
+    if len(R) < 2:
+        return np.zeros((len(R), 3))
+    inner = (R[2:] * R[:-2].inv()).as_rotvec() / (2.0 * step)
+    first, last = ((R[i + 1] * R[i].inv()).as_rotvec() / step for i in (0, len(R) - 2))
+    return np.vstack([first, inner, last])
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST:
+            raise MotionError(
+                f"{path}: it unpacks to more than {LARGEST / 2**30:g} GiB"
+            )
+        with np.load(path, allow_pickle=False) as file:
+            return {key: file[key] for key in file.files}
+    except (zipfile.BadZipFile, EOFError, KeyError, zipfile.zlib.error) as error:
+        raise MotionError(
+            f"{path}: it is no NPZ file, or a damaged or cut-off one ({error})"
+        ) from None
+    except ValueError as error:
+        if isinstance(error, MotionError):
+            raise
+        raise MotionError(
+            f"{path}: one of its arrays is damaged or holds objects, which are not "
+            f"read ({error})"
+        ) from None
+
+
+def _numbers(
+    path: Path, arrays: dict[str, np.ndarray], key: str, dimensions: int
+) -> np.ndarray:
+    if key not in arrays:
+        raise MotionError(f"{path}: it has no {key}")
+    array = arrays[key]
+    if array.dtype.kind not in "fiu" or array.ndim != dimensions:
+        raise MotionError(
+            f"{path}: {key} is an array {array.shape} of {array.dtype}; numbers in "
+            f"{dimensions} dimensions are expected"
+        )
+    return array if array.dtype.kind == "f" else array.astype(float)
+
+
+def _rate(path: Path, arrays: dict[str, np.ndarray], guesses: list[str]) -> float:
+    if "fps" not in arrays:
+        guesses.append(
+            f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps"
+        )
+        return USUAL_RATE
+    fps = arrays["fps"]
+    if fps.size != 1 or fps.dtype.kind not in "fiu":
+        raise MotionError(f"{path}: fps is {fps}, not one number")
+    return float(fps.reshape(()))
+
+
+def _has_root(
+    path: Path, layout: str | None, arrays: dict[str, np.ndarray], q: np.ndarray
+) -> bool:
+    """Whether the root is in joint_pos."""
+    columns = q.shape[1]
+    with_root = layout == "holosoma-npz"
+    if "joint_names" in arrays:
+        names = len(arrays["joint_names"])
+        if columns not in (names, names + 7):
+            raise MotionError(
+                f"{path}: joint_pos has {columns} columns, but there are {names} joint "
+                f"names; {names} columns are expected, or {names + 7} with the root"
+            )
+        with_root = columns == names + 7
+    elif layout is None and "joint_vel" in arrays:
+        # A quaternion has one number more than an angular velocity.
+        with_root = arrays["joint_vel"].shape[1:] == (columns - 1,)
+    if with_root and columns < 8:
+        raise MotionError(
+            f"{path}: joint_pos has {columns} columns; of {layout} the root has seven, "
+            "and there is a joint at least"
+        )
+    if layout is not None and with_root != (layout == "holosoma-npz"):
+        raise MotionError(
+            f"{path}: joint_pos has {columns} columns, which is not as {layout} has "
+            "it; leave --layout away"
+        )
+    return with_root
+
+
+def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
+    """Which of the kinds without names, by which links hang on the one before."""
+    p = _numbers(path, arrays, "body_pos_w", 3).astype(float)
+    apart = np.linalg.norm(np.diff(p[:, 1:], axis=1), axis=2)
+    share = float((np.ptp(apart, axis=0) < _RIGID).mean()) if apart.size else 1.0
+    evidence = f"{100 * share:.0f} % of the links hang on the one before"
+    if share > _DEPTH_FIRST_SHARE:
+        return "mjlab-npz", f"joints are depth first, as MuJoCo's: {evidence}"
+    if share < _BREADTH_FIRST_SHARE:
+        return "beyondmimic-npz", f"joints are breadth first, as Isaac's: {evidence}"
+    return UNTOLD_ORDER, (
+        "whether joints are depth first or breadth first cannot be guessed "
+        f"({evidence})"
+    )

@@ -1,0 +1,314 @@
+"""What a reference motion does to its robot: collisions, limits, ground, smoothness.
+
+Nothing here is the controller's: capsules are judged by the referee, meshes by
+`MeshJudge`. The root stands still for both, since only the joints decide whether the
+robot meets itself; its pose counts against the ground.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from crar_drake.errors import ModelError
+from crar_drake.references.ground_contact import FootSlip, Outline
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.smoothness import (
+    Jump,
+    find_jumps,
+    joint_jerks,
+    step_speeds,
+)
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.results.link_meshes import check_installed, has_meshes
+from crar_drake.results.mesh_judge import MeshJudge, MeshVerdict
+from crar_drake.results.referee import Referee
+from crar_drake.robot.description import (
+    LIMIT_TOLERANCE,
+    SPEED_TOLERANCE,
+    RobotDescription,
+)
+
+# Capsules that are farther apart are not plotted [m].
+_NEAR = 0.05
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What is still no violation.
+
+    Attributes:
+        below_ground: depth of the lowest point [m].
+        slip: way of a foot in one contact [m]; infinite: slip is told, but violates
+            nothing.
+    """
+
+    below_ground: float = 0.01
+    slip: float = np.inf
+
+
+@dataclass(frozen=True)
+class PairFrames:
+    """Two links that penetrate each other.
+
+    Attributes:
+        pair: the links.
+        frames: in which they do, from 0.
+        depths: how deep in each [m].
+    """
+
+    pair: tuple[str, str]
+    frames: tuple[int, ...]
+    depths: tuple[float, ...]
+
+    @property
+    def depth(self) -> float:
+        """The deepest [m]."""
+        return max(self.depths)
+
+    @property
+    def frame(self) -> int:
+        """Of the deepest."""
+        return self.frames[int(np.argmax(self.depths))]
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """How far a joint, or its speed, is beyond a limit.
+
+    Attributes:
+        joint: its name.
+        frames: in which it is; of a speed the first one of the step.
+        excess: the largest [rad or rad/s; m or m/s].
+        frame: of the largest.
+    """
+
+    joint: str
+    frames: tuple[int, ...]
+    excess: float
+    frame: int
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceVerdict:
+    """What is to be said of a motion with T frames.
+
+    Attributes:
+        motion: that was judged, without what the file had besides.
+        capsules: pairs of capsules that penetrate, the deepest first; None where the
+            robot's shapes are no capsules.
+        capsule_distances: (T,) the smallest; NaN beyond 5 cm [m].
+        mesh_frames: (K,) the frames in which the meshes were judged.
+        meshes: what they said; None where they were not asked.
+        mesh_pairs: pairs of meshes that penetrate, the deepest first.
+        limits, speeds: joints beyond their limits, the farthest first.
+        limit_excess: (T,) the largest of all joints, negative within [rad or m].
+        speed_ratio: (T - 1,) the largest share of a speed limit; 0 without any.
+        lowest: (T,) height of the lowest point [m].
+        lowest_link: where it is lowest of all.
+        floor: height of the feet when they are lowest [m].
+        feet: what each does on the floor.
+        jumps: in the order of their frames.
+        rms_jerk, peak_jerk: of all joints [rad/s^3].
+        peak_jerk_joint: where it is.
+        violations: what of these is violated, in words.
+    """
+
+    motion: RobotMotion
+    capsules: tuple[PairFrames, ...] | None
+    capsule_distances: np.ndarray
+    mesh_frames: np.ndarray
+    meshes: MeshVerdict | None
+    mesh_pairs: tuple[PairFrames, ...]
+    limits: tuple[Beyond, ...]
+    speeds: tuple[Beyond, ...]
+    limit_excess: np.ndarray
+    speed_ratio: np.ndarray
+    lowest: np.ndarray
+    lowest_link: str
+    floor: float
+    feet: tuple[FootSlip, ...]
+    jumps: tuple[Jump, ...]
+    rms_jerk: float
+    peak_jerk: float
+    peak_jerk_joint: str
+    violations: tuple[str, ...] = field(default=())
+
+    @property
+    def capsule_frames(self) -> tuple[int, ...]:
+        """Frames in which any capsules penetrate."""
+        return _union(self.capsules or ())
+
+    @property
+    def penetrating_frames(self) -> tuple[int, ...]:
+        """Frames in which any meshes do."""
+        return _union(self.mesh_pairs)
+
+    def mesh_depths(self) -> np.ndarray:
+        """(K,) how deep meshes penetrate in each frame judged, 0 if not [m]."""
+        depths = dict.fromkeys(self.mesh_frames.tolist(), 0.0)
+        for pair in self.mesh_pairs:
+            for frame, depth in zip(pair.frames, pair.depths, strict=True):
+                depths[frame] = max(depths[frame], depth)
+        return np.array(list(depths.values()))
+
+
+class ReferenceJudge:
+    """Judges motions of one robot; making it takes longer than a short motion.
+
+    Attributes:
+        robot: the robot.
+        why_no_capsules: why capsules are not judged, or "".
+    """
+
+    def __init__(self, description: RobotDescription, meshes: bool = True) -> None:
+        """
+        Args:
+            description: of the robot, all of whose joints a motion has.
+            meshes: whether to judge by meshes, where it has any.
+
+        Raises:
+            ModelError: the model or a mesh cannot be read, or what reads meshes is not
+                installed.
+        """
+        self.robot = WholeBody(description)
+        plant, graph = self.robot.plant, self.robot.scene_graph
+        self._mesh_judge = None
+        if meshes and has_meshes(plant, graph):
+            check_installed()
+            self._mesh_judge = MeshJudge(description)
+        self._referee, self.why_no_capsules = None, ""
+        try:
+            self._referee = Referee(
+                plant, graph, description.pairs, self.robot.plant_speed_limits()
+            )
+        except ModelError as error:
+            self.why_no_capsules = str(error)
+        if not description.pairs:
+            self._referee, self.why_no_capsules = None, "no pairs are watched"
+        self._outline = Outline(self.robot)
+
+    def judge(
+        self,
+        motion: RobotMotion,
+        every: float | None = None,
+        tolerances: Tolerances | None = None,
+    ) -> ReferenceVerdict:
+        """Judges every frame of a motion.
+
+        Args:
+            motion: with its joints in the robot's order (`robot_match.matched`).
+            every: time between frames whose meshes are judged [s]; by default all are.
+            tolerances: what is still no violation.
+        """
+        q = self.robot.configurations(motion.joint_positions)
+        capsules, distances = self._judge_capsules(q)
+        step = 1 if every is None else max(1, round(every * motion.rate))
+        mesh_frames = np.arange(0, motion.num_frames, step)
+        meshes, mesh_pairs = None, ()
+        if self._mesh_judge is not None:
+            meshes = self._mesh_judge.judge(q[mesh_frames])
+            mesh_pairs = tuple(
+                PairFrames(
+                    contact.pair,
+                    tuple(int(mesh_frames[i]) for i in contact.samples),
+                    contact.depths,
+                )
+                for contact in meshes.penetrations
+            )
+        names = self.robot.joint_names
+        excess = np.maximum(
+            self.robot.lower - motion.joint_positions,
+            motion.joint_positions - self.robot.upper,
+        )
+        speeds = np.abs(step_speeds(motion))
+        jerks = joint_jerks(motion)
+        peak = int(np.abs(jerks).max(axis=0).argmax()) if jerks.size else 0
+        ground = self._outline.ground_contact(motion)
+        verdict = ReferenceVerdict(
+            # Of thousands of files the poses of all links would fill the memory.
+            motion=replace(motion, extras={}, computed={}),
+            capsules=capsules,
+            capsule_distances=distances,
+            mesh_frames=mesh_frames,
+            meshes=meshes,
+            mesh_pairs=mesh_pairs,
+            limits=_beyond(names, excess, LIMIT_TOLERANCE),
+            speeds=_beyond(names, speeds - self.robot.speed_limits, SPEED_TOLERANCE),
+            limit_excess=excess.max(axis=1),
+            speed_ratio=(speeds / self.robot.speed_limits).max(axis=1, initial=0.0),
+            lowest=ground.lowest,
+            lowest_link=ground.lowest_links[int(ground.lowest.argmin())],
+            floor=ground.floor,
+            feet=ground.feet,
+            jumps=find_jumps(motion),
+            rms_jerk=float(np.sqrt(np.mean(jerks**2))) if jerks.size else 0.0,
+            peak_jerk=float(np.abs(jerks).max(initial=0.0)),
+            peak_jerk_joint=names[peak],
+        )
+        return _with_violations(verdict, tolerances or Tolerances())
+
+    def _judge_capsules(
+        self, q_trajectory: np.ndarray
+    ) -> tuple[tuple[PairFrames, ...] | None, np.ndarray]:
+        distances = np.full(len(q_trajectory), np.nan)
+        if self._referee is None:
+            return None, distances
+        found: dict[int, dict[int, float]] = {}
+        for frame, q in enumerate(q_trajectory):
+            near = self._referee.distances_below(q, _NEAR)
+            smallest = min(near.values(), default=np.inf)
+            if smallest < _NEAR:
+                distances[frame] = smallest
+            for pair, distance in near.items():
+                if distance < 0.0:
+                    found.setdefault(pair, {})[frame] = -distance
+        pairs = [
+            PairFrames(self._referee.pairs[pair], tuple(depths), tuple(depths.values()))
+            for pair, depths in found.items()
+        ]
+        return tuple(sorted(pairs, key=lambda pair: -pair.depth)), distances
+
+
+def _beyond(
+    names: tuple[str, ...], excess: np.ndarray, tolerance: float
+) -> tuple[Beyond, ...]:
+    """Joints whose (T, n) excess is beyond a tolerance, the farthest first."""
+    found = []
+    for column in np.flatnonzero((excess > tolerance).any(axis=0)):
+        of_joint = excess[:, column]
+        found.append(
+            Beyond(
+                names[column],
+                tuple(np.flatnonzero(of_joint > tolerance).tolist()),
+                float(of_joint.max()),
+                int(of_joint.argmax()),
+            )
+        )
+    return tuple(sorted(found, key=lambda beyond: -beyond.excess))
+
+
+def _with_violations(
+    verdict: ReferenceVerdict, tolerances: Tolerances
+) -> ReferenceVerdict:
+    found = []
+    if verdict.mesh_pairs:
+        found.append("meshes penetrate")
+    elif verdict.meshes is None and verdict.capsules:
+        found.append("capsules penetrate")
+    if verdict.limits:
+        found.append("joint limits")
+    if verdict.speeds:
+        found.append("speed limits")
+    if verdict.lowest.min() < -tolerances.below_ground:
+        found.append("below the ground")
+    if verdict.jumps:
+        found.append("jumps")
+    if any(foot.worst > tolerances.slip for foot in verdict.feet):
+        found.append("feet slip")
+    return replace(verdict, violations=tuple(found))
+
+
+def _union(pairs: tuple[PairFrames, ...]) -> tuple[int, ...]:
+    return tuple(sorted({frame for pair in pairs for frame in pair.frames}))

@@ -1,0 +1,87 @@
+"""Speeds, jerk and jumps of a motion's samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.references.robot_motion import RobotMotion
+
+# A step is a jump where its speed differs by more than this from that of both steps
+# beside it: a fast motion has fast neighbours.
+_JOINT_JUMP = 15.0  # [rad/s]
+_ROOT_JUMP = 3.0  # [m/s]
+_ROOT_TURN_JUMP = 15.0  # [rad/s]
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A step from one frame to the next that its neighbours do not explain.
+
+    Attributes:
+        what: "root position", "root orientation", or a joint's name.
+        frame: the first frame after it, from 0.
+        size: of the step, beyond that of its neighbours [m or rad].
+        unit: of `size`.
+    """
+
+    what: str
+    frame: int
+    size: float
+    unit: str
+
+
+def joint_label(motion: RobotMotion, column: int) -> str:
+    """A joint's name, or its number from 1 where the file has no names."""
+    if motion.joint_names:
+        return motion.joint_names[column]
+    return f"joint {column + 1}"
+
+
+def step_speeds(motion: RobotMotion) -> np.ndarray:
+    """(T - 1, n) mean speeds from each frame to the next [rad/s or m/s].
+
+    Whatever the motion does between two samples, it is as fast as that once.
+    """
+    return np.diff(motion.joint_positions, axis=0) * motion.rate
+
+
+def joint_jerks(motion: RobotMotion) -> np.ndarray:
+    """(T - 3, n) third differences over the third power of the step [rad/s^3]."""
+    return np.diff(motion.joint_positions, 3, axis=0) * motion.rate**3
+
+
+def find_jumps(motion: RobotMotion) -> tuple[Jump, ...]:
+    """All jumps, in the order of their frames."""
+    jumps = []
+    rate = motion.rate
+    for column in range(motion.num_joints):
+        steps = np.diff(motion.joint_positions[:, column : column + 1], axis=0)
+        for frame, size in _jumps(steps, _JOINT_JUMP / rate):
+            jumps.append(Jump(joint_label(motion, column), frame, size, "rad"))
+    for frame, size in _jumps(
+        np.diff(motion.root_positions, axis=0), _ROOT_JUMP / rate
+    ):
+        jumps.append(Jump("root position", frame, size, "m"))
+    R = motion.root_rotations
+    if len(R) > 1:
+        turns = (R[1:] * R[:-1].inv()).as_rotvec()
+        for frame, size in _jumps(turns, _ROOT_TURN_JUMP / rate):
+            jumps.append(Jump("root orientation", frame, size, "rad"))
+    return tuple(sorted(jumps, key=lambda jump: (jump.frame, jump.what)))
+
+
+def _jumps(steps: np.ndarray, threshold: float) -> list[tuple[int, float]]:
+    """(frame after it, size) of the (T - 1, k) steps that are jumps."""
+    if len(steps) < 3:
+        return []
+    index = np.arange(len(steps))
+    # The first and the last step are compared with the two beside them.
+    before = np.where(index > 0, index - 1, 2)
+    after = np.where(index < len(steps) - 1, index + 1, len(steps) - 3)
+    excess = np.minimum(
+        np.linalg.norm(steps - steps[before], axis=1),
+        np.linalg.norm(steps - steps[after], axis=1),
+    )
+    return [(int(i) + 1, float(excess[i])) for i in np.flatnonzero(excess > threshold)]

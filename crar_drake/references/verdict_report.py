@@ -1,0 +1,308 @@
+"""A reference motion's verdict in words, as a row of a table, and as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from crar_drake.references.reference_judge import Beyond, PairFrames, ReferenceVerdict
+
+# Pairs and joints that are told one by one.
+_MOST = 5
+
+HEADER = (
+    "motion",
+    "frames",
+    "meshes",
+    "deepest",
+    "capsules",
+    "limits",
+    "speeds",
+    "ground",
+    "jumps",
+    "slip",
+    "verdict",
+)
+
+
+def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
+    """A row of the table with `HEADER`: shares of frames, millimetres, numbers."""
+    motion = verdict.motion
+    judged, deepest = "-", "-"
+    if verdict.meshes is not None:
+        judged = _percent(len(verdict.penetrating_frames), len(verdict.mesh_frames))
+        deepest = _millimetres(max((p.depth for p in verdict.mesh_pairs), default=0.0))
+    capsules = "-"
+    if verdict.capsules is not None:
+        capsules = _percent(len(verdict.capsule_frames), motion.num_frames)
+    slip = max((foot.worst for foot in verdict.feet), default=np.nan)
+    return (
+        name_of(verdict),
+        str(motion.num_frames),
+        judged,
+        deepest,
+        capsules,
+        _percent(len(_frames(verdict.limits)), motion.num_frames),
+        _percent(len(_frames(verdict.speeds)), max(1, motion.num_frames - 1)),
+        _millimetres(verdict.lowest.min()),
+        str(len(verdict.jumps)),
+        "-" if np.isnan(slip) else _millimetres(slip),
+        "; ".join(verdict.violations) or "clean",
+    )
+
+
+def name_of(verdict: ReferenceVerdict) -> str:
+    """The file's name, and the clip's if it has several."""
+    name = verdict.motion.source.rpartition("/")[2]
+    return f"{name}:{verdict.motion.clip}" if verdict.motion.clip else name
+
+
+def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
+    """Yields lines for a person to read."""
+    motion = verdict.motion
+    clip = f", clip {motion.clip}" if motion.clip else ""
+    yield (
+        f"{motion.source}{clip}: {motion.layout}, {motion.num_frames} frames at "
+        f"{motion.rate:g} Hz, {motion.num_joints} joints"
+    )
+    for guess in motion.guesses:
+        yield f"  guessed: {guess}"
+    yield from _mesh_lines(verdict)
+    if verdict.capsules is None:
+        yield "  capsules: not judged"
+    else:
+        yield (
+            f"  capsules: {_of(len(verdict.capsule_frames), motion.num_frames)} in "
+            "penetration" + _smallest(verdict.capsule_distances, motion.rate)
+        )
+        yield from _pair_lines(verdict.capsules, motion.rate)
+    yield from _beyond_lines("joint limits", verdict.limits, "rad", motion.rate)
+    yield from _beyond_lines("speed limits", verdict.speeds, "rad/s", motion.rate)
+    lowest = int(verdict.lowest.argmin())
+    yield (
+        f"  ground: lowest {1e3 * verdict.lowest[lowest]:.1f} mm "
+        f"({verdict.lowest_link}) at {lowest / motion.rate:.2f} s; feet stand at "
+        f"{1e3 * verdict.floor:.1f} mm"
+    )
+    for foot in verdict.feet:
+        text = (
+            f"  {foot.foot}: planted {100 * foot.planted.mean():.0f} % of the time, "
+            f"{foot.num_contacts} contacts; slips {1e3 * foot.total:.0f} mm in all"
+        )
+        if foot.worst_start is not None:
+            text += (
+                f", {1e3 * foot.worst:.0f} mm at most in one, from "
+                f"{foot.worst_start / motion.rate:.2f} to "
+                f"{foot.worst_end / motion.rate:.2f} s, at up to "
+                f"{foot.top_speed:.2f} m/s"
+            )
+        yield text
+    if not verdict.feet:
+        yield "  feet: the robot has no frames left_foot and right_foot"
+    yield (
+        f"  jerk: rms {verdict.rms_jerk:.0f}, peak {verdict.peak_jerk:.0f} rad/s³ "
+        f"({verdict.peak_jerk_joint})"
+    )
+    for jump in verdict.jumps[:_MOST]:
+        yield (
+            f"  jump: {jump.what} by {jump.size:.3g} {jump.unit} to frame "
+            f"{jump.frame + 1} ({jump.frame / motion.rate:.2f} s)"
+        )
+    yield from _more(len(verdict.jumps), "jumps")
+    if verdict.violations:
+        yield f"  VIOLATED: {', '.join(verdict.violations)}"
+    else:
+        yield "  clean"
+
+
+def verdict_data(verdict: ReferenceVerdict) -> dict:
+    """The verdict for JSON: SI units; frames are counted from 0."""
+    motion, meshes = verdict.motion, verdict.meshes
+    data = {
+        "file": motion.source,
+        "clip": motion.clip,
+        "layout": motion.layout,
+        "rate": motion.rate,
+        "frames": motion.num_frames,
+        "joints": list(motion.joint_names),
+        "guesses": list(motion.guesses),
+        "violations": list(verdict.violations),
+        "meshes": None,
+        "capsules": None,
+        "limits": [_beyond_data(beyond) for beyond in verdict.limits],
+        "speeds": [_beyond_data(beyond) for beyond in verdict.speeds],
+        "ground": {
+            "lowest": float(verdict.lowest.min()),
+            "frame": int(verdict.lowest.argmin()),
+            "link": verdict.lowest_link,
+            "floor": verdict.floor,
+        },
+        "feet": [
+            {
+                "foot": foot.foot,
+                "planted": float(foot.planted.mean()),
+                "contacts": foot.num_contacts,
+                "slip": foot.total,
+                "worst_slip": foot.worst,
+                "worst_frames": [foot.worst_start, foot.worst_end],
+                "top_speed": foot.top_speed,
+            }
+            for foot in verdict.feet
+        ],
+        "jumps": [
+            {"what": j.what, "frame": j.frame, "size": j.size, "unit": j.unit}
+            for j in verdict.jumps
+        ],
+        "jerk": {
+            "rms": verdict.rms_jerk,
+            "peak": verdict.peak_jerk,
+            "joint": verdict.peak_jerk_joint,
+        },
+    }
+    if meshes is not None:
+        data["meshes"] = {
+            "judged_frames": len(verdict.mesh_frames),
+            "judged_pairs": meshes.num_pairs,
+            "penetrating_frames": list(verdict.penetrating_frames),
+            "smallest_distance": _finite(meshes.nearest.distance),
+            "hulls_penetrating": meshes.num_hulls_touching,
+            "pairs": [_pair_data(pair) for pair in verdict.mesh_pairs],
+            "only_hulls": [
+                {"pair": list(c.pair), "frames": c.num_samples} for c in meshes.refuted
+            ],
+            "left_out": [list(pair) for pair in meshes.left_out],
+        }
+    if verdict.capsules is not None:
+        data["capsules"] = {
+            "penetrating_frames": list(verdict.capsule_frames),
+            "pairs": [_pair_data(pair) for pair in verdict.capsules],
+        }
+    return data
+
+
+def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
+    meshes, rate = verdict.meshes, verdict.motion.rate
+    if meshes is None:
+        yield "  meshes: not judged"
+        return
+    penetrating = _of(len(verdict.penetrating_frames), len(verdict.mesh_frames))
+    text = (
+        f"  meshes: {penetrating} in penetration, {meshes.num_pairs} pairs more than "
+        "one joint apart"
+    )
+    if meshes.nearest.pair is not None and not verdict.mesh_pairs:
+        text += f", smallest distance {1e3 * meshes.nearest.distance:.1f} mm" + _pair(
+            meshes.nearest.pair
+        )
+    yield text
+    yield from _pair_lines(verdict.mesh_pairs, rate)
+    yield (
+        f"  hulls: {_of(meshes.num_hulls_touching, len(verdict.mesh_frames))} in "
+        "penetration"
+    )
+    for contact in meshes.refuted[:_MOST]:
+        yield (
+            f"    {contact.pair[0]} - {contact.pair[1]}: only their hulls, in "
+            f"{contact.num_samples} frames"
+        )
+    yield from _more(len(meshes.refuted), "pairs of hulls")
+    if meshes.left_out:
+        pairs = ", ".join(f"{a} - {b}" for a, b in meshes.left_out)
+        yield f"  left out, since their meshes meet at zero and at rest: {pairs}"
+    if meshes.coarse_links:
+        yield (
+            "  only simplified meshes are there, of an import by an earlier version; "
+            "import the robot again"
+        )
+
+
+def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:
+    for pair in pairs[:_MOST]:
+        yield (
+            f"    {pair.pair[0]} - {pair.pair[1]}: {len(pair.frames)} frames "
+            f"({_spans(pair.frames)}), deepest {1e3 * pair.depth:.1f} mm at "
+            f"{pair.frame / rate:.2f} s"
+        )
+    yield from _more(len(pairs), "pairs")
+
+
+def _beyond_lines(
+    what: str, beyond: tuple[Beyond, ...], unit: str, rate: float
+) -> Iterator[str]:
+    yield f"  {what}: " + (
+        f"{len(_frames(beyond))} frames beyond" if beyond else "none beyond"
+    )
+    for joint in beyond[:_MOST]:
+        yield (
+            f"    {joint.joint}: {len(joint.frames)} frames ({_spans(joint.frames)}), "
+            f"by up to {joint.excess:.3g} {unit} at {joint.frame / rate:.2f} s"
+        )
+    yield from _more(len(beyond), "joints")
+
+
+def _spans(frames: tuple[int, ...]) -> str:
+    """Frames, counted from 1, as "3-7, 12"; the first three stretches."""
+    cuts = np.flatnonzero(np.diff(frames) > 1) + 1
+    spans = [
+        f"{s[0] + 1}-{s[-1] + 1}" if len(s) > 1 else f"{s[0] + 1}"
+        for s in np.split(np.array(frames), cuts)
+    ]
+    return ", ".join(spans[:3]) + (", ..." if len(spans) > 3 else "")
+
+
+def _more(number: int, what: str) -> Iterator[str]:
+    if number > _MOST:
+        yield f"    and {number - _MOST} more {what}"
+
+
+def _smallest(distances: np.ndarray, rate: float) -> str:
+    if np.isnan(distances).all():
+        return ""
+    frame = int(np.nanargmin(distances))
+    return (
+        f", smallest distance {1e3 * distances[frame]:.1f} mm at {frame / rate:.2f} s"
+    )
+
+
+def _frames(beyond: tuple[Beyond, ...]) -> set[int]:
+    return {frame for joint in beyond for frame in joint.frames}
+
+
+def _of(number: int, total: int) -> str:
+    return f"{number} of {total} frames ({_percent(number, total)})"
+
+
+def _percent(number: int, total: int) -> str:
+    return f"{100.0 * number / total:.1f} %"
+
+
+def _millimetres(length: float) -> str:
+    return f"{1e3 * length:.1f} mm"
+
+
+def _pair(pair: tuple[str, str]) -> str:
+    return f" ({pair[0]} - {pair[1]})"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _pair_data(pair: PairFrames) -> dict:
+    return {
+        "pair": list(pair.pair),
+        "frames": list(pair.frames),
+        "depths": list(pair.depths),
+        "deepest": pair.depth,
+        "deepest_frame": pair.frame,
+    }
+
+
+def _beyond_data(beyond: Beyond) -> dict:
+    return {
+        "joint": beyond.joint,
+        "frames": list(beyond.frames),
+        "excess": beyond.excess,
+        "frame": beyond.frame,
+    }

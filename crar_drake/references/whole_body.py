@@ -1,0 +1,262 @@
+"""A robot as reference motions see it: a root that is posed, and all its joints.
+
+Frames: W the world, z up; R the root link; B another link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import Joint, RevoluteJoint, RigidBody
+from pydrake.systems.framework import DiagramBuilder
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import (
+    RobotDescription,
+    add_robot,
+    find_frame,
+)
+from crar_drake.robot.speed_limits import speed_limits
+
+# What moves the root link follows the motion's waist; joints that are only held do not.
+_HELD = "hold"
+
+
+class WholeBody:
+    """Kinematics of a robot below its root link, which stands still here.
+
+    Whatever carries the root (prescribed joints, a floating base, a weld) is left where
+    it is at zero: a motion says where the root is.
+
+    Attributes:
+        description: of the robot.
+        plant, scene_graph: of its model, finalized.
+        root: name of the root link R.
+        joint_names: (n,) of all joints with one position that the root carries, depth
+            first, branches in the order of the model: the order of MuJoCo and of files
+            without names.
+        breadth_first: (n,) the same joints, breadth first: the order of Isaac Lab.
+        link_names: (1 + n,) the root, then the link that each joint moves.
+        lower, upper: (n,) position limits [rad or m].
+        speed_limits: (n,) largest speeds [rad/s or m/s], infinite where there is none.
+    """
+
+    def __init__(self, description: RobotDescription) -> None:
+        """
+        Raises:
+            ModelError: the model cannot be read, or has no joint below its root.
+        """
+        self.description = description
+        self._builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(self._builder, 0.0)
+        add_robot(self.plant, description)
+        self.plant.Finalize()
+        self._context = self.plant.CreateDefaultContext()
+        self._children = self._find_children()
+        self._root = self._find_root()
+        self.root = self._root.name()
+        self._joints = self._in_order(depth_first=True)
+        if not self._joints:
+            raise ModelError(
+                f"robot {description.name}: no joint moves what hangs on its root link "
+                f"{self.root!r}"
+            )
+        self.joint_names = tuple(joint.name() for joint in self._joints)
+        self.breadth_first = tuple(
+            joint.name() for joint in self._in_order(depth_first=False)
+        )
+        self.link_names = (
+            self.root,
+            *(joint.child_body().name() for joint in self._joints),
+        )
+        self._columns = np.array([joint.position_start() for joint in self._joints])
+        self._v_columns = np.array([joint.velocity_start() for joint in self._joints])
+        self.lower = self.plant.GetPositionLowerLimits()[self._columns]
+        self.upper = self.plant.GetPositionUpperLimits()[self._columns]
+        self.speed_limits = speed_limits(self.plant, description)[self._v_columns]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self._joints)
+
+    def links_of(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """(1 + n,) the root, then the link that each of the joints moves."""
+        links = dict(zip(self.joint_names, self.link_names[1:], strict=True))
+        return (self.root, *(links[name] for name in joint_names))
+
+    def columns_in(self, joint_names: Sequence[str]) -> list[int]:
+        """(n,) for each joint of this robot its column where they are in that order."""
+        column = {name: i for i, name in enumerate(joint_names)}
+        return [column[name] for name in self.joint_names]
+
+    def configurations(self, joint_positions: np.ndarray) -> np.ndarray:
+        """(T, nq) positions of the plant, its root at rest.
+
+        Args:
+            joint_positions: (T, n), in the order of `joint_names` [rad or m].
+        """
+        q = np.tile(self._rest, (len(joint_positions), 1))
+        q[:, self._columns] = joint_positions
+        return q
+
+    def velocities(self, joint_velocities: np.ndarray) -> np.ndarray:
+        """(T, nv) velocities of the plant, from (T, n) of the joints."""
+        v = np.zeros((len(joint_velocities), self.plant.num_velocities()))
+        v[:, self._v_columns] = joint_velocities
+        return v
+
+    def plant_speed_limits(self) -> np.ndarray:
+        """(nv,) largest speeds; what carries the root has none."""
+        limits = np.full(self.plant.num_velocities(), np.inf)
+        limits[self._v_columns] = self.speed_limits
+        return limits
+
+    def has_link(self, name: str) -> bool:
+        """Whether there is a link of that name."""
+        return self.plant.NumBodiesWithName(name) == 1
+
+    def poses_in_root(
+        self, joint_positions: np.ndarray, links: tuple[str, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where links are in the root's frame.
+
+        Args:
+            joint_positions: (T, n) [rad or m].
+            links: (L) names.
+
+        Returns:
+            p_RB (T, L, 3) [m] and R_RB (T, L, 3, 3).
+        """
+        bodies = [self.plant.GetBodyByName(name) for name in links]
+        p_RB = np.empty((len(joint_positions), len(links), 3))
+        R_RB = np.empty((len(joint_positions), len(links), 3, 3))
+        for t, q in enumerate(self.configurations(joint_positions)):
+            self.plant.SetPositions(self._context, q)
+            X_RM = self.plant.EvalBodyPoseInWorld(self._context, self._root).inverse()
+            for i, body in enumerate(bodies):
+                X_MB = self.plant.EvalBodyPoseInWorld(self._context, body)
+                X_RB = (X_RM @ X_MB).GetAsMatrix34()
+                p_RB[t, i], R_RB[t, i] = X_RB[:, 3], X_RB[:, :3]
+        return p_RB, R_RB
+
+    def velocities_in_root(
+        self,
+        joint_positions: np.ndarray,
+        joint_velocities: np.ndarray,
+        links: tuple[str, ...],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How links move as seen from the root, in its frame.
+
+        Args:
+            joint_positions: (T, n) [rad or m].
+            joint_velocities: (T, n) [rad/s or m/s].
+            links: (L) names.
+
+        Returns:
+            v_RB (T, L, 3) of the links' origins [m/s] and w_RB (T, L, 3) [rad/s].
+        """
+        bodies = [self.plant.GetBodyByName(name) for name in links]
+        shape = (len(joint_positions), len(links), 3)
+        v_RB, w_RB = np.empty(shape), np.empty(shape)
+        states = zip(
+            self.configurations(joint_positions),
+            self.velocities(joint_velocities),
+            strict=True,
+        )
+        for t, (q, v) in enumerate(states):
+            self.plant.SetPositionsAndVelocities(self._context, np.concatenate([q, v]))
+            X_MR = self.plant.EvalBodyPoseInWorld(self._context, self._root)
+            R_RM = X_MR.rotation().matrix().T
+            for i, body in enumerate(bodies):
+                V = self.plant.EvalBodySpatialVelocityInWorld(self._context, body)
+                v_RB[t, i] = R_RM @ V.translational()
+                w_RB[t, i] = R_RM @ V.rotational()
+        return v_RB, w_RB
+
+    @cached_property
+    def joint_axes(self) -> np.ndarray:
+        """(n, 3) the joints' unit axes, in their own links' frames.
+
+        Raises:
+            ModelError: a joint does not turn.
+        """
+        for joint in self._joints:
+            if not isinstance(joint, RevoluteJoint):
+                raise ModelError(
+                    f"robot {self.description.name}: joint {joint.name()!r} does not "
+                    "turn about an axis"
+                )
+        axes = []
+        for joint in self._joints:
+            X_BM = joint.frame_on_child().GetFixedPoseInBodyFrame()
+            axes.append(X_BM.rotation() @ joint.revolute_axis())
+        return np.array(axes)
+
+    @cached_property
+    def _rest(self) -> np.ndarray:
+        return self.plant.GetPositions(self.plant.CreateDefaultContext())
+
+    def _find_children(self) -> dict[int, list[Joint]]:
+        """Each body to the joints that it carries, in the order of the model."""
+        children: dict[int, list[Joint]] = {}
+        for index in self.plant.GetJointIndices():
+            joint = self.plant.get_joint(index)
+            children.setdefault(int(joint.parent_body().index()), []).append(joint)
+        return children
+
+    def _carries_root(self, joint: Joint) -> bool:
+        source = self.description.prescribed_joints.get(joint.name(), _HELD)
+        return source != _HELD or joint.num_velocities() == 6
+
+    def _find_root(self) -> RigidBody:
+        body = self.plant.world_body()
+        while True:
+            carried = self._children.get(int(body.index()), [])
+            moved = [joint for joint in carried if self._carries_root(joint)]
+            if not moved:
+                break
+            body = moved[0].child_body()
+        if body.index() != self.plant.world_body().index():
+            return body
+        if self.description.base:
+            return find_frame(self.plant, self.description.base).body()
+        welded = [
+            joint.child_body()
+            for joint in self._children.get(int(body.index()), [])
+            if joint.num_velocities() == 0
+        ]
+        # Beside the robot other things may stand in the world.
+        return max(welded, key=lambda b: len(self._below(b, True)), default=body)
+
+    def _in_order(self, depth_first: bool) -> list[Joint]:
+        return self._below(self._root, depth_first)
+
+    def _below(self, body: RigidBody, depth_first: bool) -> list[Joint]:
+        """Joints that move and that a body carries; welded links are one with it."""
+        found, queue = [], self._moving(body)
+        while queue:
+            joint = queue.pop(0)
+            found.append(joint)
+            further = self._moving(joint.child_body())
+            queue = further + queue if depth_first else queue + further
+        for joint in found:
+            if joint.num_positions() != 1:
+                raise ModelError(
+                    f"robot {self.description.name}: joint {joint.name()!r} has "
+                    f"{joint.num_positions()} positions; only joints with one are "
+                    "in reference motions"
+                )
+        return found
+
+    def _moving(self, body: RigidBody) -> list[Joint]:
+        moving = []
+        for joint in self._children.get(int(body.index()), []):
+            if joint.num_velocities() == 0:
+                moving += self._moving(joint.child_body())
+            else:
+                moving.append(joint)
+        return moving

@@ -1,0 +1,1 @@
+"""Targets come over a network, safe commands go back: `crar-drake serve`."""

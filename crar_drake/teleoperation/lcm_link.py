@@ -1,0 +1,129 @@
+"""The same targets and commands over LCM: messages of Drake's type lcmt_drake_signal.
+
+Such a message has a time stamp [ms], names and numbers. Channel CRAR_TARGETS carries
+targets: a task's numbers are named `TASK.x`, `.y`, `.z` [m] and `.qw`, `.qx`, `.qy`,
+`.qz`, that of a task that is a joint `TASK` [rad or m]. Channel CRAR_COMMAND carries
+what goes back: `q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N], and
+`braking`, 1 or 0.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+from drake import lcmt_drake_signal
+from pydrake.lcm import DrakeLcm
+
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.errors import CrarError
+from crar_drake.teleoperation.messages import (
+    LONGEST,
+    PARTS,
+    Command,
+    MessageError,
+    TargetMessage,
+    make_targets,
+)
+
+TARGETS, COMMAND = "CRAR_TARGETS", "CRAR_COMMAND"
+_PROBE = "CRAR_PROBE"
+_PATIENCE = 500  # [ms]
+_ENDINGS = {"orientation": ("qw", "qx", "qy", "qz"), "position": ("x", "y", "z")}
+
+
+class LcmLink:
+    """Subscribes to targets and publishes commands."""
+
+    def __init__(
+        self,
+        url: str,
+        layout: TaskLayout,
+        names: list[str],
+        take: Callable[[TargetMessage | MessageError], None],
+    ) -> None:
+        """
+        Args:
+            url: of LCM, as "udpm://239.255.76.67:7667?ttl=0".
+            layout: of the tasks.
+            names: of the numbers of a command, in their order.
+            take: is called with every message, or with what is wrong with it.
+
+        Raises:
+            CrarError: there is no LCM at the URL.
+        """
+        self._lcm = DrakeLcm(url)
+        self._check(url)
+        self._layout, self._names, self._take = layout, names, take
+        self._lcm.Subscribe(TARGETS, self._receive)
+
+    def poll(self) -> None:
+        """Takes what has arrived, and does not wait."""
+        self._lcm.HandleSubscriptions(0)
+
+    def publish(self, command: Command) -> None:
+        """Sends a command."""
+        message = lcmt_drake_signal()
+        message.val = [
+            *command.positions,
+            *command.velocities,
+            *command.torques,
+            float(command.status == "braking"),
+        ]
+        message.coord, message.dim = self._names, len(self._names)
+        message.timestamp = int(1e3 * command.time)
+        self._lcm.Publish(COMMAND, message.encode())
+
+    def _check(self, url: str) -> None:
+        """Hears another LCM at the same URL.
+
+        Where a URL is wrong, LCM says so on stderr alone, and Drake then carries
+        messages within each DrakeLcm.
+        """
+        if url.startswith("memq:"):  # which does just that
+            return
+        heard: list[bytes] = []
+        self._lcm.Subscribe(_PROBE, heard.append)
+        DrakeLcm(url).Publish(_PROBE, b"")
+        self._lcm.HandleSubscriptions(_PATIENCE)
+        if not heard:
+            raise CrarError(
+                f"--lcm {url}: LCM carries no messages there; LCM itself says why above"
+            )
+
+    def _receive(self, data: bytes) -> None:
+        try:
+            self._take(decode(data, self._layout))
+        except MessageError as error:
+            self._take(error)
+
+
+def decode(data: bytes, layout: TaskLayout) -> TargetMessage:
+    """Targets from the bytes of an lcmt_drake_signal.
+
+    Raises:
+        MessageError: it is none, or as `messages.parse`.
+    """
+    if len(data) > LONGEST:
+        raise MessageError(f"longer than {LONGEST} bytes")
+    try:
+        message = lcmt_drake_signal.decode(data)
+    except (ValueError, struct.error, UnicodeDecodeError, IndexError) as error:
+        raise MessageError(f"no lcmt_drake_signal: {error}") from error
+    numbers = dict(zip(message.coord, message.val, strict=True))
+    if len(numbers) < message.dim:
+        raise MessageError("a name twice")
+    targets: dict[str, dict] = {}
+    for name, kind in zip(layout.names, layout.kinds, strict=True):
+        if kind == "joint":
+            if name in numbers:
+                targets[name] = {"position": numbers.pop(name)}
+            continue
+        for part, _ in PARTS[kind]:
+            keys = [f"{name}.{ending}" for ending in _ENDINGS[part]]
+            if all(key in numbers for key in keys):
+                values = [numbers.pop(key) for key in keys]
+                targets.setdefault(name, {})[part] = values
+    if numbers:
+        raise MessageError(f"no task has {next(iter(numbers))[:40]!r}")
+    return make_targets(message.timestamp * 1e-3, targets, layout)

@@ -1,0 +1,200 @@
+"""What clients and the filter for teleoperation say to each other: JSON, a line each.
+
+A client sends targets, any of the tasks in one line:
+
+    {"time": 12.345, "targets": {
+        "left_wrist": {"position": [0.3, 0.2, 0.9]},
+        "right_hand": {"position": [0.3, -0.2, 0.9], "orientation": [1, 0, 0, 0]},
+        "left_elbow_bend": {"position": 0.5}}}
+
+`time` is the client's own clock [s], which only has to run forward; it may be left out.
+Positions are in the world frame W [m], orientations unit quaternions (w, x, y, z); of a
+task that is a joint the position is a number [rad or m]. `{"describe": true}` asks for
+the names and the order of what comes back.
+
+Numbers are all that is taken from a message: nothing in it is run, and no name in it is
+looked up but among those of the tasks.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.equations.tasks import TaskLayout
+
+# A longer datagram is dropped unread [bytes]; sixty poses take half of it.
+LONGEST = 16384
+# A target farther from the world's origin is no target [m, rad].
+_FARTHEST = 1e3
+
+# What the targets of each kind of task consist of: key, and how many numbers.
+PARTS: Mapping[str, tuple[tuple[str, int], ...]] = {
+    "position": (("position", 3),),
+    "orientation": (("orientation", 4),),
+    "pose": (("orientation", 4), ("position", 3)),  # in the order of TaskLayout
+    "joint": (("position", 1),),
+}
+
+
+class MessageError(ValueError):
+    """A message that is not one of those above; it says why."""
+
+
+@dataclass(frozen=True)
+class TargetMessage:
+    """New targets of some tasks.
+
+    Attributes:
+        time: on the sender's clock [s]; None where it sent none.
+        targets: task number to its entries of x_d, see `TaskLayout`; quaternions are of
+            unit length.
+    """
+
+    time: float | None
+    targets: Mapping[int, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Describe:
+    """A client asks for names and order."""
+
+
+def parse(line: bytes, layout: TaskLayout) -> TargetMessage | Describe:
+    """Reads one line.
+
+    Args:
+        line: as it came, without trust.
+        layout: of the tasks.
+
+    Raises:
+        MessageError: it is too long, no JSON object, has a key that is not known, a
+            task that is not there, a wrong number of numbers, or one that is not
+            finite, too large, or no orientation.
+    """
+    if len(line) > LONGEST:
+        raise MessageError(f"longer than {LONGEST} bytes")
+    try:
+        said = json.loads(line, parse_constant=_refuse, object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:
+        raise MessageError(f"no JSON: {error}") from error
+    if not isinstance(said, dict):
+        raise MessageError("no JSON object")
+    if said == {"describe": True}:
+        return Describe()
+    unknown = set(said) - {"time", "targets"}
+    if unknown or not isinstance(said.get("targets"), dict):
+        raise MessageError('give "targets", and "time" if you like')
+    time = None if said.get("time") is None else _number(said["time"], math.inf)
+    return make_targets(time, said["targets"], layout)
+
+
+def make_targets(
+    time: float | None, targets: Mapping[str, object], layout: TaskLayout
+) -> TargetMessage:
+    """Checks targets by name, from whatever message.
+
+    Args:
+        time: on the sender's clock [s], or None.
+        targets: task name to a mapping of "position", "orientation" or both.
+        layout: of the tasks.
+
+    Raises:
+        MessageError: as `parse`.
+    """
+    if not targets:
+        raise MessageError("no target")
+    found: dict[int, np.ndarray] = {}
+    for name, target in targets.items():
+        if name not in layout.names:
+            raise MessageError(f"no task {name[:40]!r}")
+        task = layout.names.index(name)
+        found[task] = _entries(target, layout.kinds[task])
+    return TargetMessage(time, found)
+
+
+def _entries(target: object, kind: str) -> np.ndarray:
+    parts = PARTS[kind]
+    if not isinstance(target, dict) or set(target) != {key for key, _ in parts}:
+        raise MessageError(f"a {kind} has {' and '.join(key for key, _ in parts)}")
+    entries: list[float] = []
+    for key, count in parts:
+        values = target[key] if count > 1 else [target[key]]
+        if not isinstance(values, list) or len(values) != count:
+            raise MessageError(f"{key} has {count} numbers")
+        numbers = [_number(value, _FARTHEST) for value in values]
+        if key == "orientation":
+            length = math.hypot(*numbers)
+            if not 0.5 < length < 2.0:
+                raise MessageError(f"a quaternion of length {length:.3g}")
+            numbers = [number / length for number in numbers]
+        entries += numbers
+    return np.array(entries)
+
+
+def _number(value: object, largest: float) -> float:
+    # To Python, true is a number.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MessageError(f"{str(value)[:40]!r} is no number")
+    try:
+        number = float(value)
+    except OverflowError as error:
+        raise MessageError("a number beyond all sense") from error
+    if not math.isfinite(number) or abs(number) > largest:
+        raise MessageError("a number beyond all sense")
+    return number
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number")
+
+
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key twice")
+    return found
+
+
+@dataclass(frozen=True)
+class Command:
+    """What goes back each period.
+
+    Attributes:
+        time: of the server's clock, since it started [s].
+        of: `time` of the newest message that the command knows, on the sender's clock
+            [s]; None before the first, or where it had none.
+        status: "tracking", "blending" (onto the targets, after a start or a gap) or
+            "braking" (there are no targets).
+        positions, velocities: (nq,), (nv,) where to be one period on [rad, m].
+        torques: (nu,) of this period, at the state that it begins in [Nm or N].
+        distance: of the nearest watched pair [m].
+        admitted: "as wished", "corrected", or "scaled", see docs/lookahead.md.
+    """
+
+    time: float
+    of: float | None
+    status: str
+    positions: np.ndarray
+    velocities: np.ndarray
+    torques: np.ndarray
+    distance: float
+    admitted: str
+
+    def to_line(self) -> bytes:
+        """As JSON: numbers have as many digits as make sense for a robot."""
+        said = {
+            "time": round(self.time, 6),
+            "of": self.of,
+            "status": self.status,
+            "admitted": self.admitted,
+            "distance": round(self.distance, 6),
+            "positions": self.positions.round(9).tolist(),
+            "velocities": self.velocities.round(9).tolist(),
+            "torques": self.torques.round(6).tolist(),
+        }
+        return json.dumps(said, separators=(",", ":")).encode() + b"\n"

@@ -1,0 +1,369 @@
+"""The loop of `crar-drake serve`: targets in over UDP or LCM, safe commands out.
+
+One thread does all of it. Between two ticks it waits for messages and judges them as
+they come; at each tick it takes a control step and sends the command. No message can
+hold it up: what is read in a period is bounded, and the rest is thrown away.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import select
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crar_drake.control.law import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.equations.admission import CORRECTED, SCALED
+from crar_drake.errors import CrarError
+from crar_drake.teleoperation.latencies import Latencies
+from crar_drake.teleoperation.lcm_link import LcmLink
+from crar_drake.teleoperation.messages import (
+    LONGEST,
+    Command,
+    Describe,
+    MessageError,
+    TargetMessage,
+    parse,
+)
+from crar_drake.teleoperation.safe_motion import SafeMotion
+from crar_drake.teleoperation.target_stream import Gate, TargetStream
+
+# Messages that are read in one period; of more, as many again are thrown away at once.
+_MOST_PER_PERIOD = 64
+# Clients that get commands; another one takes the place of who was silent longest.
+_MOST_CLIENTS = 8
+_CLIENT_TIMEOUT = 5.0  # [s] of silence
+_LCM_POLL = 1e-3  # [s] LCM has no socket to wait for
+
+_STATUS = {STATUS_BLENDING: "blending", STATUS_BRAKING: "braking"}
+_ADMITTED = {CORRECTED: "corrected", SCALED: "scaled"}
+
+MALFORMED, OVERSIZED, FLOODING = "malformed", "oversized", "flooding"
+
+Address = tuple[str, int]
+
+
+@dataclass
+class Statistics:
+    """What a server has done so far.
+
+    Attributes:
+        messages: datagrams that arrived, by what became of them: "taken", "malformed",
+            "oversized", "flooding" (more in a period than are read).
+        targets: verdict to number of targets, see `target_stream.VERDICTS`.
+        steps: status of the command to how many there were.
+        held_back: steps that were corrected or scaled.
+        overruns: steps that began more than a period late.
+        unsent: commands that the network did not take.
+        smallest_distance: of a watched pair [m].
+        latency: from a target's arrival to the first command that knows it.
+        step_time: of the control steps.
+        last_error: what was wrong with the last malformed message.
+    """
+
+    messages: Counter = field(default_factory=Counter)
+    targets: Counter = field(default_factory=Counter)
+    steps: Counter = field(default_factory=Counter)
+    held_back: int = 0
+    overruns: int = 0
+    unsent: int = 0
+    smallest_distance: float = np.inf
+    latency: Latencies = field(default_factory=Latencies)
+    step_time: Latencies = field(default_factory=Latencies)
+    last_error: str = ""
+
+    def lines(self) -> list[str]:
+        """For people."""
+
+        def counted(counter: Counter) -> str:
+            return ", ".join(f"{n} {what}" for what, n in counter.items()) or "none"
+
+        def times(latencies: Latencies) -> str:
+            if not latencies.count:
+                return "none"
+            p50, p99 = latencies.percentile(50), latencies.percentile(99)
+            return (
+                f"p50 {1e3 * p50:.2f} ms, p99 {1e3 * p99:.2f} ms, "
+                f"longest {1e3 * latencies.longest:.2f} ms"
+            )
+
+        lines = [
+            f"messages: {counted(self.messages)}",
+            f"targets: {counted(self.targets)}",
+            f"steps: {counted(self.steps)}; {self.held_back} corrected or scaled, "
+            f"{self.overruns} late by more than a period",
+            f"from target to command: {times(self.latency)}",
+            f"control step: {times(self.step_time)}",
+        ]
+        if np.isfinite(self.smallest_distance):
+            lines.append(f"smallest distance: {1e3 * self.smallest_distance:.1f} mm")
+        if self.unsent:
+            lines.append(f"{self.unsent} commands could not be sent")
+        if self.last_error:
+            lines.append(f"last malformed message: {self.last_error}")
+        return lines
+
+
+class TeleoperationServer:
+    """A safe motion that whoever sends targets moves.
+
+    Attributes:
+        motion: the robot.
+        stream: the targets.
+        statistics: of all since it was made.
+        address: (host, port) that it listens at.
+    """
+
+    def __init__(
+        self,
+        motion: SafeMotion,
+        gate: Gate | None = None,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        lcm_url: str = "",
+    ) -> None:
+        """
+        Args:
+            motion: the robot.
+            gate: what a target may be.
+            host: to listen at; that of another interface than the loopback lets
+                everybody there move the robot.
+            port: of UDP; 0 takes one that is free.
+            lcm_url: "" for no LCM.
+
+        Raises:
+            CrarError: nothing can listen there.
+        """
+        self.motion = motion
+        model = motion.model
+        self.stream = TargetStream(model.layout, gate or Gate())
+        self.statistics = Statistics(targets=self.stream.counts)
+        self.period = motion.law.parameters.period
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise CrarError(
+                f"UDP at {host}:{port}: {error.strerror or error}; choose another "
+                "--port or --host"
+            ) from error
+        except OverflowError as error:
+            self._socket.close()
+            raise CrarError(f"--port: {port} must be below 65536") from error
+        self.address: Address = self._socket.getsockname()[:2]
+        self._lcm = None
+        if lcm_url:
+            try:
+                self._lcm = LcmLink(
+                    lcm_url, model.layout, self._names(), self._from_lcm
+                )
+            except CrarError:
+                self.close()
+                raise
+        self._clients: dict[Address, float] = {}
+        self._arrived: list[float] = []  # of targets that no command knows yet
+        self._of: float | None = None
+        self._here = motion.where()
+        self._budget = _MOST_PER_PERIOD
+        self._start = time.monotonic()
+        self._stopped = False
+
+    def close(self) -> None:
+        """Gives the port free."""
+        self._socket.close()
+
+    def stop(self) -> None:
+        """Ends `run` after the step that it is in, from whatever thread."""
+        self._stopped = True
+
+    def run(
+        self,
+        duration: float | None = None,
+        tell: Callable[[Statistics], None] | None = None,
+        every: float = 5.0,
+    ) -> Statistics:
+        """Serves until interrupted or stopped, or for a time.
+
+        Args:
+            duration: [s]; None for no end.
+            tell: is called now and then with what was done so far.
+            every: how often [s].
+
+        Returns:
+            The statistics.
+        """
+        # What lives as long as the server need not be looked through again and again.
+        gc.collect()
+        gc.freeze()
+        self._start = tick = told = time.monotonic()
+        self._stopped = False
+        while not self._stopped and (duration is None or tick - self._start < duration):
+            self._wait(tick)
+            late = time.monotonic() - tick
+            if late > self.period:
+                self.statistics.overruns += 1
+                tick += late  # what was missed is not made up for
+            self.tick(tick)
+            tick += self.period
+            if tell is not None and tick - told >= every:
+                told = tick
+                tell(self.statistics)
+        return self.statistics
+
+    def tick(self, now: float) -> Command:
+        """One control step on what has arrived, and its command to all clients.
+
+        Args:
+            now: on our monotonic clock [s].
+        """
+        statistics = self.statistics
+        began = time.monotonic()
+        desired = self.stream.desired_at(now, self._here)
+        solution = self.motion.advance(desired)
+        statistics.step_time.add(time.monotonic() - began)
+        held = _ADMITTED.get(float(solution.admission[0]), "as wished")
+        status = _STATUS.get(float(solution.status[0]), "tracking")
+        distances = solution.signed_distances
+        command = Command(
+            time=now - self._start,
+            of=self._of,
+            status=status,
+            positions=self.motion.q,
+            velocities=self.motion.v,
+            torques=solution.actuation,
+            distance=float(distances.min()) if len(distances) else float("inf"),
+            admitted=held,
+        )
+        self._send(command, now)
+        sent = time.monotonic()
+        for arrived in self._arrived:
+            statistics.latency.add(sent - arrived)
+        self._arrived.clear()
+        statistics.steps[status] += 1
+        statistics.held_back += held != "as wished"
+        statistics.smallest_distance = min(
+            statistics.smallest_distance, command.distance
+        )
+        self._here = self.motion.where()
+        self._budget = _MOST_PER_PERIOD
+        return command
+
+    def _wait(self, until: float) -> None:
+        """Takes messages as they come, until it is time for the next step."""
+        while (left := until - time.monotonic()) > 0.0:
+            if self._lcm is not None:
+                self._lcm.poll()
+                left = min(left, _LCM_POLL)
+            if self._budget <= 0:
+                time.sleep(left)  # a flood: the rest waits, and is thrown away
+            elif select.select([self._socket], [], [], left)[0]:
+                self._receive()
+        # Also those that came while nothing waited.
+        self._receive()
+        if self._lcm is not None:
+            self._lcm.poll()
+
+    def _receive(self) -> None:
+        """Reads what is there, at most the period's budget, and drops as many more."""
+        while self._budget > -_MOST_PER_PERIOD:
+            try:
+                data, sender = self._socket.recvfrom(LONGEST + 1)
+            except BlockingIOError:
+                return
+            except OSError:  # an answer to nobody: the network says so here
+                continue
+            finally:
+                self._budget -= 1
+            if self._budget < 0:
+                self.statistics.messages[FLOODING] += 1
+                continue
+            self._take(data, sender, time.monotonic())
+
+    def _take(self, data: bytes, sender: Address, now: float) -> None:
+        if len(data) > LONGEST:
+            self.statistics.messages[OVERSIZED] += 1
+            return
+        try:
+            message = parse(data, self.stream.layout)
+        except MessageError as error:
+            self._note(error)
+            return
+        self._clients.pop(sender, None)
+        while len(self._clients) >= _MOST_CLIENTS:
+            del self._clients[next(iter(self._clients))]
+        self._clients[sender] = now
+        if isinstance(message, Describe):
+            self._reply(self._description(), sender)
+        else:
+            self._use(message, now)
+
+    def _from_lcm(self, message: TargetMessage | MessageError) -> None:
+        if self._budget <= 0:
+            self.statistics.messages[FLOODING] += 1
+            return
+        self._budget -= 1
+        if isinstance(message, MessageError):
+            self._note(message)
+        else:
+            self._use(message, time.monotonic())
+
+    def _note(self, error: MessageError) -> None:
+        self.statistics.messages[MALFORMED] += 1
+        self.statistics.last_error = str(error)[:200]
+
+    def _use(self, message: TargetMessage, now: float) -> None:
+        self.statistics.messages["taken"] += 1
+        if self.stream.take(message, now, self._here):
+            self._arrived.append(now)
+            self._of = message.time
+
+    def _send(self, command: Command, now: float) -> None:
+        if self._lcm is not None:
+            self._lcm.publish(command)
+        silent = [c for c, at in self._clients.items() if now - at > _CLIENT_TIMEOUT]
+        for client in silent:
+            del self._clients[client]
+        if self._clients:
+            line = command.to_line()
+            for client in list(self._clients):
+                self._reply(line, client)
+
+    def _reply(self, line: bytes, client: Address) -> None:
+        try:
+            self._socket.sendto(line, client)
+        except OSError:  # a full buffer, or nobody there any more
+            self.statistics.unsent += 1
+
+    def _description(self) -> bytes:
+        """Names and order, as JSON."""
+        model = self.motion.model
+        said = {
+            "robot": model.description.name,
+            "period": self.period,
+            "tasks": dict(zip(model.layout.names, model.layout.kinds, strict=True)),
+            "positions": list(model.position_names),
+            "velocities": [model.position_names[i] for i in range(len(self.motion.v))],
+            "torques": self._actuators(),
+        }
+        return json.dumps(said).encode() + b"\n"
+
+    def _actuators(self) -> list[str]:
+        plant = self.motion.model.plant
+        return list(plant.GetActuatorNames(add_model_instance_prefix=False))
+
+    def _names(self) -> list[str]:
+        joints = self.motion.model.position_names
+        return [
+            *(f"q.{name}" for name in joints),
+            *(f"v.{name}" for name in joints),
+            *(f"tau.{name}" for name in self._actuators()),
+            "braking",
+        ]

@@ -1,0 +1,78 @@
+"""A server from a scenario: its robot, its tasks, its gains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from crar_drake.control.parameters import TargetGovernor
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.simulation.scenario import load_scenario
+from crar_drake.teleoperation.safe_motion import SafeMotion
+from crar_drake.teleoperation.server import TeleoperationServer
+from crar_drake.teleoperation.target_stream import Gate
+
+# How fast a governed target may change its velocity: from rest to the gate's speed in
+# so long [s].
+_RISE = 0.1
+
+
+def make_server(
+    scenario: str = "dance_wrists",
+    *,
+    robot: str = "",
+    experiment: str = "",
+    rate: float = 200.0,
+    gate: Gate | None = None,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    lcm_url: str = "",
+) -> TeleoperationServer:
+    """Makes a server, ready to run.
+
+    Args:
+        scenario: path or name; its motion is not used, and whatever its constraints
+            are, these are those that hold by proof.
+        robot: instead of its robot.
+        experiment: instead of its tasks.
+        rate: commands per second [Hz].
+        gate: what a target may be; it is also the governor's, unless the scenario has
+            one of its own.
+        host, port, lcm_url: see `TeleoperationServer`.
+
+    Raises:
+        CrarError: something in the scenario or the robot is wrong, or nothing can
+            listen there.
+    """
+    gate, loaded = gate or Gate(), load_scenario(scenario)
+    if experiment:
+        loaded.experiment, loaded.tasks = experiment, []
+    governor = loaded.controller.governor
+    if governor.bounds() is None:
+        governor = TargetGovernor(
+            speed=gate.speed,
+            acceleration=gate.speed / _RISE,
+            angular_speed=gate.angular_speed,
+            angular_acceleration=gate.angular_speed / _RISE,
+        )
+    period = 1.0 / rate
+    try:
+        parameters = replace(
+            loaded.controller,
+            constraints="lookahead",
+            period=period,
+            torque_period=None,
+            governor=governor,
+        )
+        parameters.validate()
+    except ScenarioError as error:
+        raise ScenarioError(f"--rate {rate:g}: {error}") from error
+    model = ControlModel.FromDescription(
+        load_robot_description(robot or loaded.robot),
+        loaded.task_list(),
+        distances=parameters.distances,
+        time_step=period,
+    )
+    motion = SafeMotion(model, parameters)
+    return TeleoperationServer(motion, gate, host, port, lcm_url)

@@ -1,0 +1,147 @@
+"""Tasks of kind joint: their rows, and that the damping does not bias them."""
+
+import numpy as np
+import pytest
+from small_robots import chain_urdf, make_model, random_state
+
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.errors import ModelError
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task, joint_tasks
+
+TASKS = [
+    Task(frame="tip", kind="pose", position_weight=3.0),
+    *joint_tasks(["j2", "j0"], 0.5),
+    Task(frame="l1", position_weight=2.0),
+    *joint_tasks(["j1", "j3"]),
+]
+
+
+@pytest.fixture(scope="module")
+def model() -> ControlModel:
+    return make_model(chain_urdf("zxyz"), TASKS)
+
+
+def consistent(model: ControlModel, seed: int):
+    """A state, joint accelerations, and the targets that all tasks have of them."""
+    q, v = random_state(model, seed)
+    a = np.random.default_rng(seed).normal(size=model.n)
+    state = model.evaluate(model.MakeWorkspace(), q, v)
+    targets = model.layout.pack(
+        state.R,
+        state.p,
+        state.v,
+        state.J @ a + state.Jdot_qdot,
+        q[model.layout.rows.joints],
+    )
+    return q, v, a, targets
+
+
+def test_rows_and_entries_stand_in_the_order_of_the_tasks(model):
+    layout = model.layout
+    assert layout.m == 6 + 2 + 3 + 2
+    assert layout.joint_rows.tolist() == [6, 7, 11, 12]
+    assert layout.joint_entries.tolist() == [7, 8, 12, 13]
+    assert layout.rows.joints.tolist() == [2, 0, 1, 3]
+    assert [layout.rows_of(i) for i in (1, 3, 5)] == [
+        slice(6, 7), slice(8, 11), slice(12, 13)
+    ]  # fmt: skip
+    assert layout == TaskLayout(layout.names, layout.kinds)  # as a log makes it
+    S = model.row_weights
+    assert S.tolist() == [1, 1, 1, 3, 3, 3, 0.5, 0.5, 2, 2, 2, 1, 1]
+
+
+def test_their_jacobian_is_the_joints_own(model):
+    q, v = random_state(model, 1)
+    state = model.evaluate(model.MakeWorkspace(), q, v)
+    np.testing.assert_array_equal(
+        state.J[model.layout.joint_rows], np.eye(4)[[2, 0, 1, 3]]
+    )
+    assert not state.Jdot_qdot[model.layout.joint_rows].any()
+
+
+def test_what_is_packed_is_unpacked(model):
+    rng = np.random.default_rng(2)
+    vector = rng.normal(size=model.layout.size)
+    vector[:4] = [0.5, 0.5, 0.5, 0.5]
+    desired = model.layout.unpack(vector)
+    again = model.layout.pack(desired.R, desired.p, desired.v, desired.a, desired.q)
+    np.testing.assert_allclose(again, vector, atol=1e-14)
+
+
+@pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])
+def test_consistent_targets_are_followed_without_bias(model, constraints):
+    """The acceleration is the targets' own although the inverse is damped."""
+    if constraints == "lookahead":
+        # Weights that do not count away from the constraints.
+        far = LookaheadParameters(
+            rho=1e-14, rho_limits=1e-14, limit_margin=1e-9, guard_norm="tasks"
+        )
+        parameters = CrarParameters(damping=0.5, blend_time=0.0, lookahead=far)
+    else:
+        parameters = CrarParameters(
+            constraints=constraints, damping=0.5, blend_time=0.0
+        )
+    parameters.respect_effort_limits = False
+    for seed in range(5):
+        q, v, a, targets = consistent(model, seed)
+        found = ControlLaw(model, parameters).step(q, v, targets)
+        if constraints == "lookahead" and found.admission[0] != 0.0:
+            continue
+        np.testing.assert_allclose(found.acceleration, a, atol=1e-7)
+        np.testing.assert_allclose(found.constrained_velocity, v, atol=1e-8)
+        np.testing.assert_allclose(found.task_error, 0.0, atol=1e-12)
+
+
+def test_other_targets_give_the_least_squares_about_the_preference(model):
+    """Against NumPy's least squares of |S (J x - b)|^2 + lambda^2 |x - x_0|^2."""
+    damping, rng = 0.3, np.random.default_rng(4)
+    gains = CrarParameters(constraints="none", damping=damping, blend_time=0.0)
+    q, v, _, targets = consistent(model, 7)
+    layout = model.layout
+    targets[layout.size_x + layout.m :] += rng.normal(size=layout.m)
+    targets[layout.joint_entries] += 0.1 * rng.normal(size=4)
+    state = model.evaluate(model.MakeWorkspace(), q, v)
+    desired = layout.unpack(targets)
+    e = np.zeros(layout.m)
+    e[layout.joint_rows] = desired.q - q[layout.rows.joints]
+    K, Kp, S = gains.K, gains.Kp, model.row_weights
+    levels = []
+    for b in (desired.v + K * e, desired.a + Kp * e - state.Jdot_qdot):
+        x_0 = np.zeros(4)
+        x_0[layout.rows.joints] = b[layout.joint_rows]
+        A = np.vstack([S[:, None] * state.J, damping * np.eye(4)])
+        levels.append(np.linalg.lstsq(A, np.r_[S * b, damping * x_0], rcond=None)[0])
+    qdot_c, alpha = levels
+    found = ControlLaw(model, gains).step(q, v, targets)
+    np.testing.assert_allclose(found.task_error, e, atol=1e-12)
+    np.testing.assert_allclose(found.constrained_velocity, qdot_c, atol=1e-9)
+    np.testing.assert_allclose(
+        found.acceleration, alpha + gains.Gv * (qdot_c - v), atol=1e-8
+    )
+
+
+def test_they_are_blended_in_from_where_the_joint_is(model):
+    q, v, _, targets = consistent(model, 3)
+    targets[model.layout.joint_entries] += 0.5
+    law = ControlLaw(model, CrarParameters(constraints="none"))
+    first = law.step(q, 0.0 * v, targets)
+    # At rest and at the start of the blending nothing is asked of a joint.
+    rows = model.layout.joint_rows
+    assert np.abs(first.task_error[rows] - 0.5).max() < 1e-12
+    assert np.abs(first.constrained_velocity).max() < 1e-9
+
+
+def test_wrong_joints_are_named():
+    urdf = chain_urdf("zz")
+    for task, text in (
+        (Task(kind="joint", joint="j7"), "'j7' is no controlled joint"),
+        (Task(kind="joint", frame="tip"), "joint: give the name of the joint"),
+        (Task(kind="joint"), "give the name of the joint"),
+        (Task(frame="tip", joint="j0"), "only for kind joint"),
+    ):
+        with pytest.raises(ModelError, match=text):
+            make_model(urdf, [task])

@@ -1,0 +1,122 @@
+"""Cleaned references, judged by the referee and by what the reference itself was."""
+
+import numpy as np
+import pytest
+from small_reference_robots import SPEED, reaching, write_robot
+
+from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.references.cleaning import Cleaner
+from crar_drake.references.following import CleaningParameters
+from crar_drake.results.referee import Referee
+from crar_drake.robot.description import load_robot_description
+
+RATE = 50.0
+FLOOR = 4e-3
+
+
+@pytest.fixture(scope="module")
+def cleaner(tmp_path_factory) -> Cleaner:
+    folder = write_robot(tmp_path_factory.mktemp("robot"))
+    return Cleaner(load_robot_description(folder), RATE)
+
+
+def least_distances(cleaner: Cleaner, q: np.ndarray, between: int = 8) -> np.ndarray:
+    """The referee's smallest distance at points on the straight ways of a motion."""
+    model = cleaner.model
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    share = np.arange(between)[:, None] / between
+    ways = q[:-1, None] + share * np.diff(q, axis=0)[:, None]
+    points = np.vstack([ways.reshape(-1, q.shape[1]), q[-1:]])
+    return np.array([referee.distances(point).min() for point in points])
+
+
+def test_a_clean_reference_comes_back_as_it_was(cleaner):
+    q = reaching(30, RATE, 0.3)
+    assert least_distances(cleaner, q).min() > 0.04
+    cleaned = cleaner.clean(q)
+    np.testing.assert_allclose(cleaned.q, q, rtol=0.0, atol=1e-9)
+    assert (cleaned.admitted == 0.0).all() and cleaned.moved_start == 0.0
+
+
+def test_one_frame_is_a_motion(cleaner):
+    q = np.array([[0.1, 0.2, 0.3]])
+    np.testing.assert_array_equal(cleaner.clean(q).q, q)
+
+
+def test_a_collision_is_taken_out_and_the_rest_stays(cleaner):
+    q = reaching(50, RATE, 1.0)
+    assert least_distances(cleaner, q).min() < -0.02
+    cleaned = cleaner.clean(q)
+    assert least_distances(cleaner, cleaned.q).min() > FLOOR - 1e-6
+    assert cleaned.clear.all()
+    change = np.abs(cleaned.q - q).max(axis=1)
+    assert change.max() > 0.05
+    assert change[:10].max() < 1e-6  # before, and after it has caught up
+    assert change[-1] < 2e-2
+
+
+def test_speed_limits_hold_and_are_caught_up_with(cleaner):
+    q = np.zeros((60, 3))
+    q[10:, 0] = -0.6  # a jump that would need 30 rad/s
+    cleaned = cleaner.clean(q)
+    assert np.abs(np.diff(cleaned.q, axis=0)).max() * RATE <= SPEED + 1e-9
+    np.testing.assert_allclose(cleaned.q[:10], q[:10], atol=1e-9)
+    assert np.abs(cleaned.q - q)[-20:].max() < 1e-3
+
+
+def test_limits_hold_where_a_reference_passes_them(cleaner):
+    q = np.zeros((40, 3))
+    q[:, 2] = -2.45 + np.linspace(0.0, 1.0, 40) * (-0.3)
+    q[:, 0] = -1.0
+    cleaned = cleaner.clean(q)
+    assert cleaned.q.min() >= -2.5
+    assert np.abs(cleaned.q[-1, 2] + 2.5) < 1e-3  # and it goes as far as it may
+
+
+def test_a_start_in_penetration_is_told_and_left(cleaner):
+    q = reaching(61, RATE, 1.0)[30:]
+    assert least_distances(cleaner, q[:2]).min() < 0.0
+    cleaned = cleaner.clean(q)
+    assert cleaned.moved_start > 0.01
+    assert least_distances(cleaner, cleaned.q).min() > FLOOR - 1e-6
+
+
+def test_margins_bound_what_the_referee_finds(cleaner):
+    rng = np.random.default_rng(0)
+    q = np.cumsum(rng.normal(scale=0.1, size=(12, 3)), axis=0) + [0.6, 0.3, 0.1]
+    found = cleaner.margins(q)
+    fine = least_distances(cleaner, q, 50)
+    frames = fine[::50]
+    np.testing.assert_allclose(found.distance, frames, atol=1e-9)
+    for k in range(len(q) - 1):
+        least = fine[50 * k : 50 * k + 51].min()
+        assert found.between[k] <= least + 1e-9
+        assert found.between[k] > least - 2e-3  # and is not far below
+    np.testing.assert_allclose(
+        found.speed[:-1], np.abs(np.diff(q, axis=0)).max(axis=1) * RATE / SPEED
+    )
+    np.testing.assert_allclose(found.limit, (2.5 - np.abs(q)).min(axis=1))
+
+
+def test_what_cannot_be_cleaned_is_refused(tmp_path):
+    folder = write_robot(tmp_path)
+    description = load_robot_description(folder)
+    with pytest.raises(ModelError, match="left_hand"):
+        Cleaner(description, RATE, CleaningParameters(hands=True))
+    with pytest.raises(ScenarioError, match="catch_up"):
+        Cleaner(description, RATE, CleaningParameters(catch_up=0.0))
+    description.pairs = []
+    with pytest.raises(ModelError, match="pairs"):
+        Cleaner(description, RATE)
+
+
+def test_a_start_without_a_way_out_is_an_error(tmp_path):
+    """Ball and link are welded into each other: no joint parts them."""
+    folder = write_robot(tmp_path)
+    urdf = (folder / "chain.urdf").read_text()
+    (folder / "chain.urdf").write_text(
+        urdf.replace('lower="-2.5" upper="2.5"', 'lower="0.899" upper="0.901"')
+    )
+    cleaner = Cleaner(load_robot_description(folder), RATE)
+    with pytest.raises(MotionError, match="clear of collisions"):
+        cleaner.clean(np.full((2, 3), 0.9))

@@ -1,0 +1,64 @@
+"""Slip of feet whose way is known."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crar_drake.references.ground_contact import foot_slip
+
+RATE = 50.0
+SOLE = np.array([[0.1, 0.05, 0], [0.1, -0.05, 0], [-0.1, 0.05, 0], [-0.1, -0.05, 0]])
+
+
+def sliding(speeds: np.ndarray, heights: np.ndarray | float = 0.0) -> np.ndarray:
+    """(T, 4, 3) a flat sole that slides along x at (T - 1,) speeds [m/s]."""
+    x = np.concatenate([[0.0], np.cumsum(speeds)]) / RATE
+    p = np.repeat(SOLE[None], len(x), axis=0)
+    p[..., 0] += x[:, None]
+    p[..., 2] += np.broadcast_to(heights, len(x))[:, None]
+    return p
+
+
+def test_slip_adds_up():
+    slip = foot_slip("f", sliding(np.full(20, 0.1)), 0.0, RATE)
+    assert slip.planted.all() and slip.num_contacts == 1
+    assert slip.total == slip.worst == pytest.approx(20 * 0.1 / RATE)
+    assert slip.top_speed == pytest.approx(0.1)
+    assert (slip.worst_start, slip.worst_end) == (0, 20)
+
+
+def test_fast_feet_are_planted_only_if_they_were_slow():
+    fast = foot_slip("f", sliding(np.full(20, 0.3)), 0.0, RATE)
+    assert fast.num_contacts == 0 and not fast.planted.any()
+    speeds = np.concatenate([np.full(8, 0.1), np.full(8, 0.3), np.full(8, 0.6)])
+    slow_first = foot_slip("f", sliding(speeds), 0.0, RATE)
+    assert slow_first.planted.sum() == 17  # the ends of 16 steps
+    assert slow_first.total == pytest.approx((8 * 0.1 + 8 * 0.3) / RATE)
+
+
+def test_high_feet_are_planted_only_if_they_were_low():
+    still = np.zeros(20)
+    assert foot_slip("f", sliding(still, 0.02), 0.0, RATE).num_contacts == 0
+    assert foot_slip("f", sliding(still, 0.02), 0.01, RATE).num_contacts == 1
+    lifted = np.concatenate([np.zeros(10), np.full(5, 0.02), np.full(6, 0.04)])
+    assert foot_slip("f", sliding(still, lifted), 0.0, RATE).planted.sum() == 15
+
+
+def test_a_foot_that_rolls_over_its_toes_does_not_slip():
+    toe = np.array([0.1, 0.0, 0.0])
+    p = np.array(
+        [
+            Rotation.from_rotvec([0, a, 0]).apply(SOLE - toe) + toe
+            for a in np.linspace(0.0, 0.6, 20)
+        ]
+    )
+    slip = foot_slip("f", p, 0.0, RATE)
+    assert slip.planted.all() and slip.total == pytest.approx(0.0, abs=1e-12)
+    # Its middle moves meanwhile.
+    assert np.linalg.norm(p[-1].mean(axis=0) - p[0].mean(axis=0)) > 0.05
+
+
+def test_a_touch_is_no_contact():
+    heights = np.full(20, 0.1)
+    heights[8:11] = 0.0
+    assert foot_slip("f", sliding(np.zeros(19), heights), 0.0, RATE).num_contacts == 0

@@ -1,0 +1,67 @@
+"""Targets and commands over LCM, within one process."""
+
+import numpy as np
+import pytest
+from drake import lcmt_drake_signal
+from pydrake.lcm import DrakeLcm
+
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.teleoperation.lcm_link import COMMAND, TARGETS, LcmLink, decode
+from crar_drake.teleoperation.messages import Command, MessageError
+
+LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
+NUMBERS = {
+    "wrist.x": 0.1, "wrist.y": 0.2, "wrist.z": 0.3,
+    "hand.x": 1.0, "hand.y": 2.0, "hand.z": 3.0,
+    "hand.qw": 0.0, "hand.qx": 0.0, "hand.qy": 1.0, "hand.qz": 0.0,
+}  # fmt: skip
+
+
+def signal(numbers: dict[str, float]) -> bytes:
+    message = lcmt_drake_signal()
+    message.coord, message.val = list(numbers), list(numbers.values())
+    message.dim, message.timestamp = len(numbers), 1500
+    return message.encode()
+
+
+def test_targets():
+    message = decode(signal(NUMBERS), LAYOUT)
+    assert message.time == 1.5
+    np.testing.assert_array_equal(message.targets[0], [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(message.targets[1], [0, 0, 1, 0, 1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "data, why",
+    [
+        (b"", "no lcmt_drake_signal"),
+        (signal(NUMBERS)[:-9], "no lcmt_drake_signal"),
+        (signal(NUMBERS)[:8] + b"\x7f\xff\xff\xff", "no lcmt_drake_signal"),
+        (signal(NUMBERS)[:8] + b"\xff" * 60, "no lcmt_drake_signal"),
+        (signal({}), "no target"),
+        (signal({"wrist.x": 0.0}), "no task has 'wrist.x'"),
+        (signal(NUMBERS | {"head.x": 0.0}), "no task has 'head.x'"),
+        (signal(NUMBERS | {"wrist.x": np.nan}), "beyond all sense"),
+        (signal(NUMBERS).replace(b"wrist.x", b"wrist.y"), "twice"),
+    ],
+)
+def test_what_is_refused(data, why):
+    with pytest.raises(MessageError, match=why):
+        decode(data, LAYOUT)
+
+
+def test_both_ways():
+    """The URL memq:// is of one process, where each LCM hears itself alone."""
+    heard, taken = [], []
+    link = LcmLink("memq://", LAYOUT, ["q.a", "v.a", "tau.a", "braking"], taken.append)
+    lcm: DrakeLcm = link._lcm
+    lcm.Subscribe(COMMAND, lambda data: heard.append(lcmt_drake_signal.decode(data)))
+    lcm.Publish(TARGETS, signal(NUMBERS))
+    lcm.Publish(TARGETS, b"nonsense")
+    one = np.ones(1)
+    link.publish(Command(2.5, None, "braking", one, 2 * one, 3 * one, 0.1, "as wished"))
+    for _ in range(3):
+        link.poll()
+    assert taken[0].time == 1.5 and isinstance(taken[1], MessageError)
+    assert heard[0].timestamp == 2500 and heard[0].val == (1.0, 2.0, 3.0, 1.0)
+    assert heard[0].coord == ["q.a", "v.a", "tau.a", "braking"]

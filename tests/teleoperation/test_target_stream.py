@@ -1,0 +1,92 @@
+"""Targets are judged one by one; between them they go on, and then they stand still."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.teleoperation.messages import TargetMessage
+from crar_drake.teleoperation.target_stream import Gate, TargetStream
+
+LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
+GATE = Gate(speed=1.0, angular_speed=2.0, distance=0.5, timeout=0.2)
+HERE = LAYOUT.pack(np.eye(3)[np.newaxis], np.zeros((2, 3)))
+WRIST, HAND = 0, 1
+
+
+@pytest.fixture
+def stream() -> TargetStream:
+    return TargetStream(LAYOUT, GATE)
+
+
+def wrist(x: float, time: float | None) -> TargetMessage:
+    return TargetMessage(time, {WRIST: np.array([x, 0.0, 0.0])})
+
+
+def hand(angle: float, x: float, time: float) -> TargetMessage:
+    turned = Rotation.from_rotvec([0.0, 0.0, angle]).as_quat()[[3, 0, 1, 2]]
+    return TargetMessage(time, {HAND: np.concatenate((turned, [x, 0.0, 0.0]))})
+
+
+def test_verdicts(stream):
+    assert stream.take(wrist(0.1, 5.0), 0.0, HERE)
+    assert stream.take(wrist(0.11, 5.02), 0.02, HERE)  # 0.5 m/s
+    assert stream.take(wrist(0.2, 5.04), 0.04, HERE)  # 4.5 m/s
+    assert not stream.take(wrist(0.6, 5.06), 0.06, HERE)  # too far from the wrist
+    assert not stream.take(wrist(0.2, 5.03), 0.07, HERE)  # overtaken by a later one
+    assert not stream.take(wrist(0.2, 5.04), 0.07, HERE)  # twice
+    assert stream.counts == {"passed": 2, "clamped": 1, "rejected": 1, "late": 2}
+    # After a gap a sender may have started again, with another clock.
+    assert stream.take(wrist(0.2, 0.0), 0.5, HERE)
+    assert stream.counts["passed"] == 3
+
+
+def test_a_turn_that_is_too_fast(stream):
+    stream.take(hand(0.0, 0.0, 1.0), 0.0, HERE)
+    stream.take(hand(0.03, 0.01, 1.02), 0.02, HERE)  # 1.5 rad/s, 0.5 m/s
+    stream.take(hand(0.09, 0.02, 1.04), 0.04, HERE)  # 3 rad/s
+    assert stream.counts == {"passed": 2, "clamped": 1}
+
+
+def test_between_two_targets_it_goes_on_and_then_stands_still(stream):
+    stream.take(wrist(0.10, 1.00), 0.0, HERE)
+    # 0.5 m/s by the sender's clock, however late the network brings it.
+    stream.take(wrist(0.12, 1.04), 0.07, HERE)
+    for now, x, v in ((0.07, 0.12, 0.5), (0.09, 0.13, 0.5), (0.12, 0.14, 0.0)):
+        desired = LAYOUT.unpack(stream.desired_at(now, HERE))
+        np.testing.assert_allclose(desired.p[0], [x, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(desired.v[:3], [v, 0, 0], atol=1e-12)
+        assert not desired.a.any()
+
+
+def test_a_pose_goes_on_turning(stream):
+    stream.take(hand(0.00, 0.0, 1.00), 0.0, HERE)
+    stream.take(hand(0.05, 0.02, 1.05), 0.05, HERE)
+    desired = LAYOUT.unpack(stream.desired_at(0.07, HERE))
+    turned = Rotation.from_matrix(desired.R[0]).as_rotvec()
+    np.testing.assert_allclose(turned, [0, 0, 0.07], atol=1e-12)
+    np.testing.assert_allclose(desired.p[1], [0.028, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(desired.v[3:], [0, 0, 1, 0.4, 0, 0], atol=1e-12)
+
+
+def test_a_jump_does_not_go_on(stream):
+    stream.take(wrist(0.0, 1.0), 0.0, HERE)
+    stream.take(wrist(0.4, 1.02), 0.02, HERE)
+    desired = LAYOUT.unpack(stream.desired_at(0.03, HERE))
+    assert desired.p[0, 0] == 0.4 and not desired.v.any()
+
+
+def test_a_task_without_targets_stays_where_it_was(stream):
+    assert np.isnan(stream.desired_at(0.0, HERE)).all()
+    stream.take(wrist(0.1, 1.0), 0.0, HERE)
+    assert LAYOUT.unpack(stream.desired_at(0.01, HERE)).p[1] == pytest.approx([0, 0, 0])
+    # The hand has moved; it is still to stay where it was.
+    moved = LAYOUT.pack(np.eye(3)[np.newaxis], np.full((2, 3), 0.1))
+    assert LAYOUT.unpack(stream.desired_at(0.02, moved)).p[1] == pytest.approx(
+        [0, 0, 0]
+    )
+    # Both are lost: the robot brakes, and what comes later begins where that ended.
+    assert np.isnan(stream.desired_at(0.3, moved)).all()
+    stream.take(hand(0.0, 0.0, 2.0), 0.4, moved)
+    desired = LAYOUT.unpack(stream.desired_at(0.4, moved))
+    assert desired.p[0] == pytest.approx([0.1, 0.1, 0.1])

@@ -292,11 +292,15 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
 def zero_positions(plant: MultibodyPlant) -> np.ndarray:
     """(nq,) all joints at 0, and what floats at the origin, not turned."""
     q = np.zeros(plant.num_positions())
-    for index in plant.GetJointIndices():
-        joint = plant.get_joint(index)
-        if isinstance(joint, QuaternionFloatingJoint):
-            q[joint.position_start()] = 1.0
+    q[quaternion_starts(plant)] = 1.0
     return q
+
+
+def quaternion_starts(plant: MultibodyPlant) -> list[int]:
+    """Where in q the quaternion (w x y z) of each body that floats begins."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    floating = [j for j in joints if isinstance(j, QuaternionFloatingJoint)]
+    return [joint.position_start() for joint in floating]
 
 
 def find_root(

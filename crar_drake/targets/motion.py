@@ -321,7 +321,7 @@ def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory
     """Positions of the prescribed joints: the performer's heading, and each its share
     of the waist's position, less where the waist is while these joints are at zero."""
     sources = list(model.description.prescribed_joints.values())
-    rest = model.rest_positions()[model.prescribed]
+    rest = model.rest_positions()[model.prescribed_positions]
     positions = np.tile(rest, (retargeted.num_frames, 1))
     for column, source in enumerate(sources):
         if source == "waist.heading":
@@ -346,7 +346,7 @@ def _waist_offset(
     q = zero_positions(plant)
 
     def offset(heading: np.ndarray) -> np.ndarray:
-        q[model.prescribed[turning]] = heading
+        q[model.prescribed_positions[turning]] = heading
         plant.SetPositions(context, q)
         return waist.CalcPoseInWorld(context).translation()
 

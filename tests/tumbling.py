@@ -1,10 +1,9 @@
 """A root that tumbles, as a function of time."""
 
 import numpy as np
+from floating_robots import wxyz
 from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
-
-from tests.floating_robots import wxyz
 
 
 class Tumbling:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from floating_robots import wxyz
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from scipy.integrate import solve_ivp
@@ -17,7 +18,6 @@ from crar_drake.equations.free_joints import (
     turned_by_plant,
 )
 from crar_drake.equations.prediction import next_state
-from tests.floating_robots import wxyz
 
 
 def rotation(quaternion: np.ndarray) -> Rotation:

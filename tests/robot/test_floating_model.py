@@ -2,6 +2,18 @@
 
 import numpy as np
 import pytest
+from floating_robots import (
+    HANDS,
+    PAIRS,
+    WORLD_PAIR,
+    add_floater,
+    description,
+    floating_urdf,
+    make_floater,
+    random_state,
+    root_entries,
+    wxyz,
+)
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
@@ -28,18 +40,6 @@ from crar_drake.robot.description import (
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.task import Task
-from tests.floating_robots import (
-    HANDS,
-    PAIRS,
-    WORLD_PAIR,
-    add_floater,
-    description,
-    floating_urdf,
-    make_floater,
-    random_state,
-    root_entries,
-    wxyz,
-)
 
 TASKS = (Task(frame="left_hand", kind="pose"), Task(frame="right_hand"))
 # Two at random, and upside down, where chains of three angles lock.

@@ -2,12 +2,22 @@
 
 import numpy as np
 import pytest
+from floating_robots import (
+    TASKS,
+    add_floater,
+    description,
+    floating_urdf,
+    make_floater,
+    root_entries,
+)
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
+from spy_meshcat import SpyMeshcat
+from tumbling import Tumbling
 
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
@@ -19,18 +29,9 @@ from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.diagram import AddCrarController
+from crar_drake.simulation.disturbances import AddMeasurement, Disturbances
 from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.targets.sources import TimeFunctionSource
-from tests.floating_robots import (
-    TASKS,
-    add_floater,
-    description,
-    floating_urdf,
-    make_floater,
-    root_entries,
-)
-from tests.spy_meshcat import SpyMeshcat
-from tests.tumbling import Tumbling
 
 
 def closed_loop(time_step: float, turning: float, end: float):
@@ -98,6 +99,28 @@ def test_a_force_port_that_is_taken_is_told() -> None:
     )
     with pytest.raises(ModelError, match="applied_generalized_force.*Adder"):
         AddCrarController(builder, plant, scene_graph, description(), TASKS)
+
+
+def test_noise_turns_the_root_as_it_turns_joints() -> None:
+    """A random turn about each axis of the deviation that is stated."""
+    builder = DiagramBuilder()
+    plant, _ = add_floater(builder)
+    noise = Disturbances(position_noise=1e-3)
+    port = AddMeasurement(builder, plant, noise, 1e-3)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyContextFromRoot(context)
+    q, turns, moves = plant.GetPositions(plant_context), [], []
+    there = Rotation.from_quat(q[[1, 2, 3, 0]])
+    measurement = port.get_system().GetMyContextFromRoot(context)
+    for tick in range(2000):
+        context.SetTime(tick * 1e-3)
+        found = port.Eval(measurement)[: len(q)]
+        turn = Rotation.from_quat(found[[1, 2, 3, 0]]) * there.inv()
+        turns.append(turn.as_rotvec())
+        moves.append(found[4:] - q[4:])
+    for deviations in (turns, moves):
+        assert np.std(deviations, axis=0) == pytest.approx(1e-3, rel=0.08)
 
 
 SCENARIO = """

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import ModelError
+from crar_drake.errors import ModelError, MotionError
 from crar_drake.motion import joint_centres, load_clip
+from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import (
     RootPose,
     find_frame,
@@ -108,3 +110,9 @@ def test_the_root_is_turned_as_the_hips_and_carries_the_waist(model) -> None:
     assert len(headings) > 10
     still = at(motion.duration + 1.0)
     np.testing.assert_array_equal(still[7:], 0.0)
+
+
+def test_a_motion_without_a_pelvis_is_told() -> None:
+    performer = replace(as_performer(load_clip("dance")), orientations={})
+    with pytest.raises(MotionError, match="dance: it does not tell how the pelvis"):
+        hip_turns(performer)

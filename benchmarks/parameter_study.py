@@ -60,6 +60,8 @@ def variations() -> dict[str, CrarParameters]:
         "T = 1/15 s": ahead(horizon=1.0 / 15.0),
         "influence 0.15 m": ahead(influence_distance=0.15),
         "influence 0.6 m": ahead(influence_distance=0.6),
+        "q_s moves 0.03 rad in a period at most": ahead(longest_move=0.03),
+        "guard in the norm of the tasks": ahead(guard_norm="tasks"),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),
         "doubled gains (Gv, K = 60, Kp = 900, T = 1/60 s)": replace(

@@ -44,7 +44,7 @@ _LOGGED = (
 )
 
 COMPILING = (
-    "compiling the control law for this computer, once: this takes a minute or two"
+    "compiling the control law for this computer, once: this takes some minutes"
 )
 
 # The progress is told this often [s of simulated time].

@@ -1,5 +1,6 @@
 """Runs that do not come to their end, or whose files do not fit: what is kept."""
 
+import gc
 import json
 import os
 import re
@@ -242,6 +243,8 @@ def test_a_thread_can_run_a_scenario(tmp_path):
     thread.join(WAIT)
     assert sorted(path.name for path in results[0].files) == FILES
     assert signal.getsignal(signal.SIGINT) is handler
+    # A Meshcat that were left of the page would abort the process here.
+    gc.collect()
 
 
 def test_a_handler_of_the_callers_stays(tmp_path, monkeypatch):

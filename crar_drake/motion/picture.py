@@ -95,7 +95,8 @@ def _draw_points(centres: JointCentres, heights, paths, speeds) -> None:
 def _draw_body(performer: Performer, axes) -> None:
     """From the front and from the left, turned by the heading."""
     trunk = performer.positions["neck"] - performer.positions["pelvis"]
-    frame = int(np.argmax(trunk[:, 2] / np.linalg.norm(trunk, axis=1)))
+    length = np.linalg.norm(trunk, axis=1)
+    frame = int(np.argmax(trunk[:, 2] / np.where(length > 0.0, length, 1.0)))
     c, s = np.cos(performer.heading[frame]), np.sin(performer.heading[frame])
     R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     origin = performer.positions["pelvis"][frame] * [1.0, 1.0, 0.0]

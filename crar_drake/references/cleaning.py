@@ -40,18 +40,7 @@ class Cleaner:
         rate: float,
         parameters: CleaningParameters | None = None,
     ) -> None:
-        """
-        Args:
-            description: of the robot. Joints that it prescribes stay in the rest
-                posture.
-            rate: samples per second [Hz].
-            parameters: how the reference is followed.
-
-        Raises:
-            ScenarioError: a parameter is out of range.
-            ModelError: the robot watches no pair, has watched shapes other than
-                capsules and spheres, or no frames of hands that are asked for.
-        """
+        """Args and errors are those of `Follower`."""
         self.description = description
         self._rate, self._parameters = rate, parameters or CleaningParameters()
         self._all = Follower(description, rate, self._parameters)

@@ -8,6 +8,7 @@ draws targets, distances and the time line.
 from __future__ import annotations
 
 import base64
+import gc
 import html
 import json
 import os
@@ -160,7 +161,15 @@ def _write_page(
     overlay: bool,
 ) -> list[str]:
     """Draws each robot once, and lets the page show all runs of it."""
-    meshcat = meshcat or Meshcat()
+    if meshcat is None:
+        try:
+            return _write_page(
+                runs, labels, path, frames_per_second, Meshcat(), overlay
+            )
+        finally:
+            # A Meshcat that another thread than its own destroys aborts the process.
+            # Diagrams are cycles, which whatever thread comes by would collect.
+            gc.collect()
     meshcat.Delete()
     set_surroundings(meshcat)
     robots: list[DrawnRobot] = []

@@ -4,13 +4,12 @@ Such a message has a time stamp [ms], names and numbers. Channel CRAR_TARGETS ca
 targets: a task's numbers are named `TASK.x`, `.y`, `.z` [m] and `.qw`, `.qx`, `.qy`,
 `.qz`, that of a task that is a joint `TASK` [rad or m]. Channel CRAR_COMMAND carries
 what goes back: `q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N], and
-`braking`, 1 or 0.
+`braking`, 1 or 0. A time stamp of 0 is none.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 
 from drake import lcmt_drake_signal
 from pydrake.lcm import DrakeLcm
@@ -32,6 +31,10 @@ _PATIENCE = 500  # [ms]
 _ENDINGS = {"orientation": ("qw", "qx", "qy", "qz"), "position": ("x", "y", "z")}
 
 
+class _EnoughError(Exception):
+    """Ends LCM's loop over what has arrived."""
+
+
 class LcmLink:
     """Subscribes to targets and publishes commands."""
 
@@ -40,26 +43,35 @@ class LcmLink:
         url: str,
         layout: TaskLayout,
         names: list[str],
-        take: Callable[[TargetMessage | MessageError], None],
     ) -> None:
         """
         Args:
             url: of LCM, as "udpm://239.255.76.67:7667?ttl=0".
             layout: of the tasks.
             names: of the numbers of a command, in their order.
-            take: is called with every message, or with what is wrong with it.
 
         Raises:
             CrarError: there is no LCM at the URL.
         """
         self._lcm = DrakeLcm(url)
         self._check(url)
-        self._layout, self._names, self._take = layout, names, take
+        self._layout, self._names = layout, names
+        self._most, self._arrived = 0, []
         self._lcm.Subscribe(TARGETS, self._receive)
 
-    def poll(self) -> None:
-        """Takes what has arrived, and does not wait."""
-        self._lcm.HandleSubscriptions(0)
+    def poll(self, most: int) -> list[bytes]:
+        """What has arrived, as it is; it does not wait.
+
+        Args:
+            most: messages; LCM hands on what comes while it does, without end where a
+                sender is fast enough. What is left waits.
+        """
+        self._most, self._arrived = most, []
+        try:
+            self._lcm.HandleSubscriptions(0)
+        except _EnoughError:
+            pass
+        return self._arrived
 
     def publish(self, command: Command) -> None:
         """Sends a command."""
@@ -92,10 +104,9 @@ class LcmLink:
             )
 
     def _receive(self, data: bytes) -> None:
-        try:
-            self._take(decode(data, self._layout))
-        except MessageError as error:
-            self._take(error)
+        self._arrived.append(data)
+        if len(self._arrived) >= self._most:
+            raise _EnoughError
 
 
 def decode(data: bytes, layout: TaskLayout) -> TargetMessage:
@@ -126,4 +137,5 @@ def decode(data: bytes, layout: TaskLayout) -> TargetMessage:
                 targets.setdefault(name, {})[part] = values
     if numbers:
         raise MessageError(f"no task has {next(iter(numbers))[:40]!r}")
-    return make_targets(message.timestamp * 1e-3, targets, layout)
+    time = message.timestamp * 1e-3 if message.timestamp else None
+    return make_targets(time, targets, layout)

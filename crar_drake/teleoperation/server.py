@@ -2,13 +2,14 @@
 
 One thread does all of it. Between two ticks it waits for messages and judges them as
 they come; at each tick it takes a control step and sends the command. No message can
-hold it up: what is read in a period is bounded, and the rest is thrown away.
+hold it up: how much is read in a period, and until when, is bounded.
 """
 
 from __future__ import annotations
 
 import gc
 import json
+import math
 import select
 import socket
 import time
@@ -22,7 +23,7 @@ from crar_drake.control.law import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
 from crar_drake.teleoperation.latencies import Latencies
-from crar_drake.teleoperation.lcm_link import LcmLink
+from crar_drake.teleoperation.lcm_link import LcmLink, decode
 from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
@@ -110,6 +111,34 @@ class Statistics:
         return lines
 
 
+def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
+    """A socket for datagrams, bound.
+
+    Args:
+        host: that of another interface than the loopback lets everybody there move the
+            robot.
+        port: 0 takes one that is free.
+
+    Raises:
+        CrarError: nothing can listen there.
+    """
+    if not host:  # would be all interfaces
+        raise CrarError("--host is empty; 0.0.0.0 listens at all interfaces")
+    if not 0 <= port < 65536:
+        raise CrarError(f"--port: {port} must be from 0 to 65535")
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    try:
+        opened.bind((host, port))
+    except OSError as error:
+        opened.close()
+        raise CrarError(
+            f"UDP at {host}:{port}: {error.strerror or error}; choose another --port "
+            "or --host"
+        ) from error
+    return opened
+
+
 class TeleoperationServer:
     """A safe motion that whoever sends targets moves.
 
@@ -127,15 +156,15 @@ class TeleoperationServer:
         host: str = "127.0.0.1",
         port: int = 0,
         lcm_url: str = "",
+        opened: socket.socket | None = None,
     ) -> None:
         """
         Args:
             motion: the robot.
             gate: what a target may be.
-            host: to listen at; that of another interface than the loopback lets
-                everybody there move the robot.
-            port: of UDP; 0 takes one that is free.
+            host, port: see `listen`.
             lcm_url: "" for no LCM.
+            opened: of `listen`, instead of a new one; it is closed here then.
 
         Raises:
             CrarError: nothing can listen there.
@@ -145,26 +174,12 @@ class TeleoperationServer:
         self.stream = TargetStream(model.layout, gate or Gate())
         self.statistics = Statistics(targets=self.stream.counts)
         self.period = motion.law.parameters.period
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind((host, port))
-        except OSError as error:
-            self._socket.close()
-            raise CrarError(
-                f"UDP at {host}:{port}: {error.strerror or error}; choose another "
-                "--port or --host"
-            ) from error
-        except OverflowError as error:
-            self._socket.close()
-            raise CrarError(f"--port: {port} must be below 65536") from error
+        self._socket = opened or listen(host, port)
         self.address: Address = self._socket.getsockname()[:2]
         self._lcm = None
         if lcm_url:
             try:
-                self._lcm = LcmLink(
-                    lcm_url, model.layout, self._names(), self._from_lcm
-                )
+                self._lcm = LcmLink(lcm_url, model.layout, self._names())
             except CrarError:
                 self.close()
                 raise
@@ -260,19 +275,24 @@ class TeleoperationServer:
         """Takes messages as they come, until it is time for the next step."""
         while (left := until - time.monotonic()) > 0.0:
             if self._lcm is not None:
-                self._lcm.poll()
+                self._receive_lcm(until)
                 left = min(left, _LCM_POLL)
             if self._budget <= 0:
                 time.sleep(left)  # a flood: the rest waits, and is thrown away
             elif select.select([self._socket], [], [], left)[0]:
-                self._receive()
+                self._receive(until)
         # Also those that came while nothing waited.
-        self._receive()
+        self._receive(until)
         if self._lcm is not None:
-            self._lcm.poll()
+            self._receive_lcm(until)
 
-    def _receive(self) -> None:
-        """Reads what is there, at most the period's budget, and drops as many more."""
+    def _receive(self, until: float = math.inf) -> None:
+        """Reads what is there, at most the period's budget, and drops as many more.
+
+        Args:
+            until: when the next step is due [s]. After that one message of the period
+                is still read, if none was, and the rest is dropped.
+        """
         while self._budget > -_MOST_PER_PERIOD:
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
@@ -282,10 +302,30 @@ class TeleoperationServer:
                 continue
             finally:
                 self._budget -= 1
-            if self._budget < 0:
+            now = time.monotonic()
+            if self._too_many(now, until):
+                self.statistics.messages[FLOODING] += 1
+            else:
+                self._take(data, sender, now)
+
+    def _receive_lcm(self, until: float) -> None:
+        """The same of LCM, where what is not read waits in a queue of LCM's own."""
+        if self._budget <= 0:
+            return
+        for data in self._lcm.poll(self._budget):
+            self._budget -= 1
+            now = time.monotonic()
+            if self._too_many(now, until):
                 self.statistics.messages[FLOODING] += 1
                 continue
-            self._take(data, sender, time.monotonic())
+            try:
+                self._use(decode(data, self.stream.layout), now, "LCM")
+            except MessageError as error:
+                self._note(error)
+
+    def _too_many(self, now: float, until: float) -> bool:
+        first = self._budget == _MOST_PER_PERIOD - 1
+        return self._budget < 0 or (now > until and not first)
 
     def _take(self, data: bytes, sender: Address, now: float) -> None:
         if len(data) > LONGEST:
@@ -303,25 +343,15 @@ class TeleoperationServer:
         if isinstance(message, Describe):
             self._reply(self._description(), sender)
         else:
-            self._use(message, now)
-
-    def _from_lcm(self, message: TargetMessage | MessageError) -> None:
-        if self._budget <= 0:
-            self.statistics.messages[FLOODING] += 1
-            return
-        self._budget -= 1
-        if isinstance(message, MessageError):
-            self._note(message)
-        else:
-            self._use(message, time.monotonic())
+            self._use(message, now, sender)
 
     def _note(self, error: MessageError) -> None:
         self.statistics.messages[MALFORMED] += 1
         self.statistics.last_error = str(error)[:200]
 
-    def _use(self, message: TargetMessage, now: float) -> None:
+    def _use(self, message: TargetMessage, now: float, sender: object) -> None:
         self.statistics.messages["taken"] += 1
-        if self.stream.take(message, now, self._here):
+        if self.stream.take(message, now, self._here, sender):
             self._arrived.append(now)
             self._of = message.time
 

@@ -10,7 +10,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.scenario import load_scenario
 from crar_drake.teleoperation.safe_motion import SafeMotion
-from crar_drake.teleoperation.server import TeleoperationServer
+from crar_drake.teleoperation.server import TeleoperationServer, listen
 from crar_drake.teleoperation.target_stream import Gate
 
 # How fast a governed target may change its velocity: from rest to the gate's speed in
@@ -45,7 +45,19 @@ def make_server(
         CrarError: something in the scenario or the robot is wrong, or nothing can
             listen there.
     """
-    gate, loaded = gate or Gate(), load_scenario(scenario)
+    opened = listen(host, port)  # what takes no time to find out comes first
+    try:
+        motion = _make_motion(scenario, robot, experiment, rate, gate or Gate())
+    except BaseException:
+        opened.close()
+        raise
+    return TeleoperationServer(motion, gate, lcm_url=lcm_url, opened=opened)
+
+
+def _make_motion(
+    scenario: str, robot: str, experiment: str, rate: float, gate: Gate
+) -> SafeMotion:
+    loaded = load_scenario(scenario)
     if experiment:
         loaded.experiment, loaded.tasks = experiment, []
     governor = loaded.controller.governor
@@ -74,5 +86,4 @@ def make_server(
         distances=parameters.distances,
         time_step=period,
     )
-    motion = SafeMotion(model, parameters)
-    return TeleoperationServer(motion, gate, host, port, lcm_url)
+    return SafeMotion(model, parameters)

@@ -47,6 +47,7 @@ class _Track:
 
     x: np.ndarray  # (3,), (4,), (7,) or (1,) entries of x_d
     v: np.ndarray  # (3,), (6,) or (1,) its velocity, as in v_d
+    sender: object  # who sent it
     sent: float  # on the sender's clock [s]
     arrived: float  # on ours [s]
     interval: float = 0.0  # to the one before [s]
@@ -72,13 +73,20 @@ class TargetStream:
     _tracks: dict[int, _Track] = field(default_factory=dict)
     _stays: dict[int, np.ndarray] = field(default_factory=dict)  # of lost tasks
 
-    def take(self, message: TargetMessage, now: float, here: np.ndarray) -> bool:
+    def take(
+        self,
+        message: TargetMessage,
+        now: float,
+        here: np.ndarray,
+        sender: object = None,
+    ) -> bool:
         """Judges each target of a message, and keeps what is not rejected.
 
         Args:
             message: that arrived.
             now: on our clock, when it did [s].
             here: (layout.size,) [x; ...] where the robot's points are.
+            sender: each has a clock of its own.
 
         Returns:
             Whether any of them was kept.
@@ -86,7 +94,7 @@ class TargetStream:
         kept = False
         sent = now if message.time is None else message.time
         for task, x in message.targets.items():
-            verdict = self._judge(task, x, sent, now, here)
+            verdict = self._judge(task, x, sent, now, here, sender)
             self.counts[verdict] += 1
             kept |= verdict in (PASSED, CLAMPED)
         return kept
@@ -122,11 +130,19 @@ class TargetStream:
         return desired
 
     def _judge(
-        self, task: int, x: np.ndarray, sent: float, now: float, here: np.ndarray
+        self,
+        task: int,
+        x: np.ndarray,
+        sent: float,
+        now: float,
+        here: np.ndarray,
+        sender: object,
     ) -> str:
         kind, before = self.layout.kinds[task], self._tracks.get(task)
         if before is not None and now - before.arrived > self.gate.timeout:
             before = None  # it was lost: a sender may have started again
+        if before is not None and before.sender != sender:
+            before = None  # whose clock says nothing of this one's
         if before is not None and sent <= before.sent:
             return LATE
         at = _position(x, kind)
@@ -134,7 +150,7 @@ class TargetStream:
             away = np.linalg.norm(at - _position(here[self._entries(task)], kind))
             if away > self.gate.distance:
                 return REJECTED
-        track = _Track(x, np.zeros(self._num_rows(task)), sent, now)
+        track = _Track(x, np.zeros(self._num_rows(task)), sender, sent, now)
         verdict = PASSED
         if before is not None and sent - before.sent >= _SHORTEST:
             interval = sent - before.sent

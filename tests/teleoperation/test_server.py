@@ -3,14 +3,17 @@
 import json
 import socket
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from drake import lcmt_drake_signal
 
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.results.referee import Referee
 from crar_drake.teleoperation import server as module
-from crar_drake.teleoperation.messages import LONGEST
+from crar_drake.teleoperation.lcm_link import TARGETS
+from crar_drake.teleoperation.messages import LONGEST, MessageError
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
@@ -130,6 +133,44 @@ def test_a_flood_is_read_in_part_and_thrown_away(server, client):
     assert sum(messages.values()) == 200
 
 
+def test_messages_that_take_long_to_read_do_not_hold_up_the_step(
+    server, client, monkeypatch
+):
+    """A period of 10 ms; each takes 4 ms by a clock that goes on while it is read."""
+    now = 0.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+
+    def slowly(line, layout):
+        nonlocal now
+        now += 4e-3
+        raise MessageError("no JSON")
+
+    monkeypatch.setattr(module, "parse", slowly)
+    for _ in range(30):
+        client.send(b"[{}]")
+    server._receive(until=0.01)
+    assert now == pytest.approx(0.012)
+    assert server.statistics.messages == {"malformed": 3, "flooding": 27}
+    # Even where there is no time at all, one message is read.
+    server.tick(now)
+    client.send(b"[{}]")
+    client.send(b"[{}]")
+    server._receive(until=now - 1.0)
+    assert server.statistics.messages == {"malformed": 4, "flooding": 28}
+
+
+def test_a_flood_over_lcm_is_read_in_part(made):
+    """A sender that never stops: it sends again whenever a message is handed on."""
+    server = TeleoperationServer(made.motion, lcm_url="memq://")
+    lcm, coming = server._lcm._lcm, lcmt_drake_signal().encode()
+    lcm.Subscribe(TARGETS, lambda data: lcm.Publish(TARGETS, data))
+    lcm.Publish(TARGETS, coming)
+    server._receive_lcm(until=np.inf)
+    assert server.statistics.messages == {"malformed": 64}
+    server.tick(0.0)
+    server.close()
+
+
 def test_it_runs_in_real_time_and_describes_itself(server, client):
     thread = threading.Thread(target=server.run, args=(1.0,))
     thread.start()
@@ -164,16 +205,16 @@ def test_what_cannot_be_served(made):
     model, parameters = made.motion.model, made.motion.law.parameters
     with pytest.raises(CrarError, match="choose another --port"):
         TeleoperationServer(made.motion, host="127.0.0.1", port=made.address[1])
-    with pytest.raises(CrarError, match="below 65536"):
+    with pytest.raises(CrarError, match="from 0 to 65535"):
         TeleoperationServer(made.motion, port=70000)
     with pytest.raises(CrarError, match="--lcm nowhere://: LCM carries no"):
         TeleoperationServer(made.motion, lcm_url="nowhere://")
-    from dataclasses import replace
-
     with pytest.raises(ScenarioError, match="needs lookahead"):
         SafeMotion(model, replace(parameters, constraints="none"))
     lost = replace(parameters.lookahead, lost_target="error")
     with pytest.raises(ScenarioError, match="lost_target"):
         SafeMotion(model, replace(parameters, lookahead=lost))
+    with pytest.raises(CrarError, match="--host is empty"):
+        make_server(host="")
     with pytest.raises(ScenarioError, match="--rate 5"):
         make_server(rate=5.0)

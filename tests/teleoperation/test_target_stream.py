@@ -41,6 +41,12 @@ def test_verdicts(stream):
     assert stream.counts["passed"] == 3
 
 
+def test_each_sender_has_a_clock_of_its_own(stream):
+    assert stream.take(wrist(0.1, 1e300), 0.0, HERE, "a")
+    assert stream.take(wrist(0.1, 2.0), 0.01, HERE, "b")
+    assert not stream.take(wrist(0.1, 1.0), 0.02, HERE, "b")
+
+
 def test_a_turn_that_is_too_fast(stream):
     stream.take(hand(0.0, 0.0, 1.0), 0.0, HERE)
     stream.take(hand(0.03, 0.01, 1.02), 0.02, HERE)  # 1.5 rad/s, 0.5 m/s

@@ -43,9 +43,7 @@ _LOGGED = (
     "torque_limit",
 )
 
-COMPILING = (
-    "compiling the control law for this computer, once: this takes some minutes"
-)
+COMPILING = "compiling the control law for this computer, once: this takes some minutes"
 
 # The progress is told this often [s of simulated time].
 _SLICE = 0.0625

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydrake.systems.primitives import ConstantVectorSource
+import numpy as np
 
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -31,13 +31,11 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
 
 
 def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
-    sources = model.description.prescribed_joints
-    if any(source != "hold" for source in sources.values()):
+    if model.n_p:
         raise ScenarioError(
             f"robot {model.description.name}: its prescribed joints need a motion; "
-            "keyframes drive robots whose prescribed joints hold"
+            "keyframes drive robots without prescribed joints"
         )
-    held = model.prescribed_at(model.rest_positions())
     ways = {
         name: KeyframeTrajectory(name, frames)
         for name, frames in scenario.keyframes.items()
@@ -46,7 +44,7 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
     return DesiredMotion(
         source.duration,
         source.at,
-        lambda time: held[: len(model.prescribed_positions)],
+        lambda time: np.zeros(0),
         lambda: PoseTrajectorySource(model.layout, ways),
-        (lambda: ConstantVectorSource(held)) if model.n_p else None,
+        None,
     )

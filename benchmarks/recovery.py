@@ -148,11 +148,11 @@ def recover(start: Start, base: Scenario) -> Recovery:
     aim = q if start.inside else model.rest_positions()
     there = model.evaluate(model.MakeWorkspace(), aim, np.zeros(len(q)))
     tasks = model.layout.pack(there.R, there.p)
-    prescribed = np.concatenate([q[model.prescribed], np.zeros(2 * model.n_p)])
+    prescribed = model.prescribed_at(q)
     motion = DesiredMotion(
         _DURATION,
         lambda time: tasks,
-        lambda time: q[model.prescribed],
+        lambda time: q[model.prescribed_positions],
         lambda: ConstantVectorSource(tasks),
         lambda: ConstantVectorSource(prescribed),
     )

@@ -24,6 +24,7 @@ from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
+from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import ScaleMasses
 from crar_drake.simulation.scenario import Scenario
@@ -274,19 +275,21 @@ def make_log(
     nq = plant.num_positions()
     state = samples("state")
     lower, upper = np.full(nq, -np.inf), np.full(nq, np.inf)
-    lower[model.controlled], upper[model.controlled] = model.lower, model.upper
+    controlled = model.controlled_positions
+    lower[controlled], upper[controlled] = model.lower, model.upper
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())
     return SimulationLog(
         time=sinks["state"].sample_times()[:num_samples].copy(),
-        q=state[:, :nq],
+        q=_unit_quaternions(state[:, :nq], model),
         v=state[:, nq:],
         desired_tasks=samples("desired_tasks"),
         **{name: diagnostics[:, slices[name]].copy() for name in _LOGGED},
         position_names=np.array(model.position_names),
         actuator_names=np.array(
-            [model.position_names[a.joint().velocity_start()] for a in actuators]
+            [model.velocity_names[a.joint().velocity_start()] for a in actuators]
         ),
+        velocity_names=np.array(model.velocity_names),
         controlled_names=np.array(model.joint_names),
         task_names=np.array(model.layout.names),
         task_kinds=np.array(model.layout.kinds),
@@ -297,6 +300,14 @@ def make_log(
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=_logged(scenario).to_yaml(),
     )
+
+
+def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:
+    """(T, nq) positions; Drake's discrete plants let a quaternion grow."""
+    if model.num_free:
+        root = model.prescribed_positions[-7:-3]
+        q[:, root] /= np.linalg.norm(q[:, root], axis=1, keepdims=True)
+    return q
 
 
 def _logged(scenario: Scenario) -> Scenario:

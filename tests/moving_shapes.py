@@ -291,6 +291,7 @@ def shapes_of_every_joint(like: Robot) -> MovingShapes:
     carried = joints.moved_by[links][:, order].astype(float)
     robot = like._replace(
         order=order,
+        positions=order,
         n=nv,
         tree=hold(joints.tree),
         selection=joints.select(placed),

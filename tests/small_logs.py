@@ -45,6 +45,7 @@ def small_log(**changes) -> SimulationLog:
         admission=np.full((3, 4), np.nan),
         torque_limit=np.array([[1.0, 0.0], [0.4, 0.0], [0.0, 0.25]]),
         position_names=np.array(["rail", "swing", "turn"]),
+        velocity_names=np.array(["rail", "swing", "turn"]),
         actuator_names=np.array(["turn", "rail", "swing"]),
         controlled_names=np.array(["swing", "turn"]),
         task_names=np.array(["hand", "tool"]),

@@ -72,6 +72,7 @@ class CrarController(LeafSystem):
                               │                ├──► resting_margins
                               │                ├──► admission
                               │                ├──► torque_limit
+                              │                ├──► root_force
                               └────────────────┴──► diagnostics
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
@@ -83,7 +84,10 @@ class CrarController(LeafSystem):
         desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
         desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
             and accelerations of the joints `model.prescribed_names`, in that order
-            [rad or m]; only if there are prescribed joints.
+            [rad or m]; only if there are prescribed joints. A free root comes last,
+            with seven positions (the quaternion w, x, y, z of its orientation in W,
+            and where its origin is), its angular velocity and its origin's velocity,
+            both in W, and their derivatives: (3 n_p + 1,) in all.
         nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
             robot's rest posture where nothing is connected; absent if
             `CrarParameters.nominal_posture_gain` is 0.
@@ -108,8 +112,11 @@ class CrarController(LeafSystem):
             constraints are "lookahead", and while it brakes without targets.
         torque_limit: (2,) share of the wish that the effort limits allowed, and the
             excess before clipping of the present torque tick, see `Solution`.
-        diagnostics: all of the above one after the other, for loggers: one port is
-            cheaper than nine. `diagnostics_slices` tells what is where.
+        root_force: (nv,) generalized forces for the plant's applied_generalized_force:
+            what must push a free root, that no motor moves, at the state of the present
+            torque tick [Nm, N]; 0 for all other joints. Only if the root is free.
+        diagnostics: all of the above but root_force one after the other, for loggers:
+            one port is cheaper than nine. `diagnostics_slices` tells what is where.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -130,7 +137,8 @@ class CrarController(LeafSystem):
         model: the `ControlModel` that it computes with.
         diagnostics_slices: output port to its place in "diagnostics".
 
-    Limits: joints with as many velocities as positions, all actuated; the plant's
+    Limits: joints with as many velocities as positions, all actuated, but for a root
+    that floats by a quaternion and is prescribed; the plant's
     torque is exact where its model is the control model's, time step included, and the
     acceleration is exactly held where the torque period is the plant's step.
     """
@@ -170,7 +178,7 @@ class CrarController(LeafSystem):
         self._prescribed_port = self._posture_port = None
         if model.n_p:
             self._prescribed_port = self.DeclareVectorInputPort(
-                "desired_prescribed", 3 * model.n_p
+                "desired_prescribed", model.prescribed_size
             )
         if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
@@ -216,6 +224,10 @@ class CrarController(LeafSystem):
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
+        if model.num_free:
+            self._outputs["root_force"] = self.DeclareVectorOutputPort(
+                "root_force", nv, self._CalcRootForce, sources
+            )
         x, tasks, prescribed, posture = (
             f"input port {name} of {self.get_name()}"
             for name in (
@@ -241,7 +253,8 @@ class CrarController(LeafSystem):
         return self._tasks_port
 
     def get_input_port_desired_prescribed(self) -> InputPort | None:
-        """Port (3 n_p,): [q_p; q_dot_p; q_ddot_p]; None without such joints."""
+        """Port (model.prescribed_size,): [q_p; q_dot_p; q_ddot_p]; None without such
+        joints."""
         return self._prescribed_port
 
     def get_input_port_nominal_posture(self) -> InputPort | None:
@@ -289,9 +302,16 @@ class CrarController(LeafSystem):
         before clipping."""
         return self._outputs["torque_limit"]
 
+    def get_output_port_root_force(self) -> OutputPort | None:
+        """Port (nv,): what must push a free root [Nm, N]; None if nothing is free."""
+        return self._outputs.get("root_force")
+
     def get_output_port_diagnostics(self) -> OutputPort:
         """Port: all other outputs, placed as `diagnostics_slices` says."""
         return self._outputs["diagnostics"]
+
+    def _CalcRootForce(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._EvalSolution(context).root_force)
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)

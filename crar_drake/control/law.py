@@ -20,6 +20,7 @@ from crar_drake.control.modes import MODES
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.blending import smooth_step
+from crar_drake.equations.free_joints import has_orientations
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
@@ -61,7 +62,8 @@ class Targets:
 
     Attributes:
         tasks: (layout.size,) [x_d; v_d; a_d], see `TaskLayout`.
-        prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p] of the prescribed joints.
+        prescribed: (model.prescribed_size,) [q_p; q_dot_p; q_ddot_p] of the prescribed
+            joints.
         nominal_posture: (n,) positions that the null space is drawn to; (0,) if the
             parameter `nominal_posture_gain` is 0.
         names: of the three, for errors.
@@ -126,7 +128,7 @@ class Solution:
         signed_distances: (Nc,) per watched pair [m].
         constraint_weights: (n,) diagonal of W.
         position_command: (nq + nv,) the q and v that the accelerations lead to
-            in one control period, see `equations.prediction`.
+            in one control period, see `equations.prediction`; of unit quaternions.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
         status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
         torque_limit: (2,) how much the effort limits left of the way from braking to
@@ -134,6 +136,9 @@ class Solution:
             of its limit the worst actuator was beyond it before clipping, see
             `equations.torque_limit`. The share is decided in the control step; the
             excess is that of `actuation`.
+        root_force: (nv,) generalized forces that a free root must be pushed with, at
+            the state of `actuation`, 0 for all other joints [Nm, N]; (0,) if nothing is
+            free.
         of_mode: the constraint mode's own diagnostics, by name.
     """
 
@@ -146,6 +151,7 @@ class Solution:
     constrained_velocity: np.ndarray
     status: np.ndarray
     torque_limit: np.ndarray
+    root_force: np.ndarray = field(default_factory=lambda: _NOTHING)
     of_mode: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
@@ -238,14 +244,13 @@ class ControlLaw:
         model = self.model
         q = self._rest
         v = np.zeros(model.plant.num_velocities())
-        prescribed = np.concatenate((q[model.prescribed], np.zeros(2 * model.n_p)))
-        targets = Targets(model.tasks_at(q), prescribed, self.default_posture(q))
+        targets = Targets(
+            model.tasks_at(q), model.prescribed_at(q), self.default_posture(q)
+        )
         workspace = model.MakeWorkspace()
         step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
         if self._limits_efforts:
-            horizon = self.mode.horizon
-            q_s = None if horizon is None else resting_configuration(q, v, horizon)
-            measured = self.model.measure(workspace, q, v, q_s)
+            measured = self._measure(workspace, q, v)
             inertia = model.effort_per_acceleration(workspace)
             wish = np.ones_like(v)
             effort = model.inverse_dynamics(workspace, wish)
@@ -266,7 +271,7 @@ class ControlLaw:
         """
         if not self._with_posture:
             return _NOTHING
-        controlled = self.model.controlled
+        controlled = self.model.controlled_positions
         return np.where(self._has_rest, self._rest[controlled], q[controlled])
 
     def reset(self) -> None:
@@ -291,7 +296,8 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
             v: (nv,) measured velocities.
             tasks: (layout.size,) [x_d; v_d; a_d]; `model.layout.pack` makes one.
-            prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], if there are any.
+            prescribed: (model.prescribed_size,) [q_p; q_dot_p; q_ddot_p], if there are
+                any; `model.prescribed_at` makes one.
             nominal_posture: (n,) that the null space is drawn to, unless
                 `nominal_posture_gain` is 0; by default `default_posture`.
 
@@ -307,7 +313,7 @@ class ControlLaw:
             nominal_posture = self.default_posture(q)
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
-            ("prescribed", prescribed, 3 * model.n_p),
+            ("prescribed", prescribed, model.prescribed_size),
             ("nominal_posture", nominal_posture, model.n * self._with_posture),
         )
         tick = memory.tick + 1
@@ -345,6 +351,8 @@ class ControlLaw:
         time = self._step.memory.tick * self.parameters.period
         check_finite("q", q, time)
         check_finite("v", v, time)
+        if self.model.num_free:
+            self._check_orientation("q", q, time)
         return self.hold(self._workspace, self._step, 1, q, v).solution.actuation
 
     def solve(
@@ -369,24 +377,34 @@ class ControlLaw:
 
         Raises:
             InputError: a target is not finite or a desired orientation a quaternion
-                of zero length, unless that makes the robot brake.
+                of zero length, unless that makes the robot brake; or the measured
+                orientation of a free root is one.
             FloatingPointError: an overflow.
         """
         model, mode = self.model, self.mode
-        q_s = None
-        if mode.horizon is not None:
-            q_s = resting_configuration(q, v, mode.horizon)
-        measured = model.measure(workspace, q, v, q_s)
+        if model.num_free:
+            self._check_orientation("the measured position of the root", q, time)
+        measured = self._measure(workspace, q, v)
         if not targets.finite():
             if mode.brakes_without_targets:
                 return self._brake(workspace, tick, measured)
             targets.check(time)
+        if model.num_free and not has_orientations(
+            targets.prescribed[: len(model.prescribed_positions)], model.n_p
+        ):
+            if mode.brakes_without_targets:
+                return self._brake(workspace, tick, measured)
+            raise _no_orientation(targets.names[1], time)
         start_time, start = memory.start_time, memory.start
         if start is None:
             state = model.state_here(measured)
             start_time = time
-            joints = state.q[model.layout.rows.joints]
-            start = BlendStart(state.R, state.p, q[model.prescribed], joints)
+            start = BlendStart(
+                state.R,
+                state.p,
+                q[model.prescribed_positions],
+                state.q[model.layout.rows.joints],
+            )
         blend = smooth_step(time - start_time, self._blend_time)
         tasks, governed = targets.tasks, None
         if self._target_bounds is not None:
@@ -394,7 +412,7 @@ class ControlLaw:
         posture = targets.nominal_posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
-            here = q[model.controlled]
+            here = q[model.controlled_positions]
             posture = here + blend[0] * (posture - here)
         wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
         before = None
@@ -414,10 +432,7 @@ class ControlLaw:
                 )
             if mode.brakes_without_targets:
                 return self._brake(workspace, tick, measured)
-            raise InputError(
-                f"desired_tasks has a quaternion of zero length at t = {time:g} s; "
-                "give unit quaternions (w, x, y, z), see TaskLayout"
-            )
+            raise _no_orientation("desired_tasks", time)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
         solution = self._solution(workspace, measured, resolved, status)
         return ControlStep(
@@ -457,11 +472,17 @@ class ControlLaw:
             workspace.plant_context, np.concatenate((q, v))
         )
         actuation = model.inverse_dynamics(workspace, held.acceleration)
+        root_force = model.root_force(workspace, held.acceleration)
         torque_limit = held.torque_limit
         if self._limits_efforts:
             actuation, excess = clip_torque(actuation, self.effort_limits)
             torque_limit = np.array([torque_limit[0], excess])
-        solution = replace(held, actuation=actuation, torque_limit=torque_limit)
+        solution = replace(
+            held,
+            actuation=actuation,
+            torque_limit=torque_limit,
+            root_force=root_force,
+        )
         return ControlStep(solution, step.memory, torque_tick)
 
     def _govern(
@@ -516,7 +537,7 @@ class ControlLaw:
         resolved: Resolved,
         status: float,
     ) -> Solution:
-        model, answer, period = self.model, resolved.answer, self._period
+        model, answer = self.model, resolved.answer
         vdot, torque_limit = answer.vdot, UNLIMITED
         diagnostics = resolved.diagnostics
         actuation = model.inverse_dynamics(workspace, vdot)
@@ -531,7 +552,7 @@ class ControlLaw:
                     workspace, measured, wish, effort, inertia
                 )
                 diagnostics = {**diagnostics, **told}
-        after = next_state(measured.q[0], measured.v, vdot, period, self._plant_step)
+        after = self._next_state(measured.q[0], measured.v, vdot)
         return Solution(
             actuation=actuation,
             acceleration=vdot,
@@ -542,8 +563,33 @@ class ControlLaw:
             constrained_velocity=answer.qdot_c,
             status=np.array([status]),
             torque_limit=torque_limit,
+            root_force=model.root_force(workspace, vdot),
             of_mode=diagnostics,
         )
+
+    def _measure(self, workspace: Workspace, q: np.ndarray, v: np.ndarray) -> Measured:
+        """The state and, if the mode looks there, the `resting_configuration`."""
+        model, T = self.model, self.mode.horizon
+        if T is None:
+            return model.measure(workspace, q, v)
+        if not model.num_free:
+            return model.measure(workspace, q, v, resting_configuration(q, v, T))
+        in_order = resting_configuration(*model.in_order(q, v), T)
+        return model.measure(workspace, q, v, *model.in_plant(in_order))
+
+    def _next_state(
+        self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """`next_state` in the plant's order."""
+        model, times = self.model, (self._period, self._plant_step)
+        if not model.num_free:
+            return next_state(q, v, vdot, *times)
+        return model.in_plant(*next_state(*model.in_order(q, v, vdot), *times))
+
+    def _check_orientation(self, what: str, q: np.ndarray, time: float) -> None:
+        """Raises InputError if the root's quaternion is of zero length."""
+        if not has_orientations(q[self.model.positions], len(self.model.order)):
+            raise _no_orientation(what, time)
 
     def _within_efforts(
         self,
@@ -608,6 +654,13 @@ def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
             )
         arrays.append(np.ascontiguousarray(value, dtype=float))
     return arrays
+
+
+def _no_orientation(what: str, time: float) -> InputError:
+    return InputError(
+        f"{what} has a quaternion of zero length at t = {time:g} s; give unit "
+        "quaternions (w, x, y, z), see TaskLayout"
+    )
 
 
 def is_finite(value: np.ndarray) -> bool:

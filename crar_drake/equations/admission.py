@@ -21,6 +21,7 @@ import numpy as np
 from crar_drake.equations.capsule_distances import CapsuleSizes, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.kinematics import (
     Robot,
     joint_motion,
@@ -75,25 +76,26 @@ class Bounds(NamedTuple):
 
 
 @compiled
-def next_rest(
+def next_path(
     q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, period: float, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(A1): q' and q'_s, one period on, if q_ddot = (s - q_dot)/T is held.
+    """(A1): q' and T q_dot', one period on, if q_ddot = (s - q_dot)/T is held.
 
-    With e = period (period + step) / (2 T), where the plant moves in steps of that
-    length by the semi-implicit Euler rule (0: it moves continuously),
+    The next braking path begins at q' (nq,), and leads by T q_dot' (nv,) to q'_s. With
+    e = period (period + step) / (2 T), where the plant moves in steps of that length
+    by the semi-implicit Euler rule (0: it moves continuously),
 
         q' = q + (period - e) q_dot + e s,
         q'_s = q + (T - e) q_dot + (period + e) s.
 
     Args:
-        q, v, s: (nv,) state, and velocity of q_s.
+        q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
         T: braking horizon [s].
         period: of the controller [s].
         step: of the plant [s], at most the period.
     """
     q_next, v_next = next_state(q, v, (s - v) / T, period, step)
-    return q_next, q_next + T * v_next
+    return q_next, T * v_next
 
 
 @compiled
@@ -116,7 +118,7 @@ def velocity_bounds(
         q, v: (n,) state of the controlled joints.
         lower, upper: (n,) limits [rad], infinite where there is none.
         fastest: (n,) speed limits [rad/s], infinite where there is none.
-        T, period, step: see `next_rest`.
+        T, period, step: see `next_path`.
 
     Returns:
         (n,), (n,) smallest and largest s, of either sign [rad/s].
@@ -200,12 +202,12 @@ def shadow_gap(
 
 @compiled
 def place_all(q: np.ndarray, r: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """All points (P, 3) and S (6, nv) at one configuration (nv,)."""
+    """All points (P, 3) and S (6, nv) at one configuration (nq,)."""
     in_plant = np.empty((1, len(q)))
     for i in range(len(q)):
-        in_plant[0, r.order[i]] = q[i]
+        in_plant[0, r.positions[i]] = q[i]
     points = place_points(link_poses(in_plant, r.tree.value), r.selection, r.first)
-    return points[0], joint_motion(points[:, : 3 * len(q)])[0]
+    return points[0], joint_motion(points[:, : 3 * len(r.order)])[0]
 
 
 @compiled
@@ -230,14 +232,14 @@ def path_bounds(
     r: Robot,
     reaches: Held,
 ) -> Bounds:
-    """(A5): whether pairs keep a level on the whole path from `start` to `start` + x.
+    """(A5): whether pairs keep a level on the whole path that leads from `start` by x.
 
     In the middle of the path, and where that does not say it in the middle of its
     halves and so on, the gap of a pair's shadows on the line of its shortest distance,
     (A4), less curvature (A3) times half^2 / 2, bounds all distances of that part.
 
     Args:
-        start, x: (nv,) where the path begins, and where it leads from there.
+        start, x: (nq,), (nv,) where the path begins, and where it leads from there.
         level: (Np,) distances to be kept [m].
         asked: (Np,) bool, of which pairs.
         r: with the pairs of shapes in the first half of its `pairs`.
@@ -258,7 +260,7 @@ def path_bounds(
             if not len(some):
                 continue
             t = (2 * part + 1) * half
-            points, S = place_all(start + t * x, r)
+            points, S = place_all(displaced(start, t * x), r)
             p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
             p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
             d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
@@ -308,10 +310,10 @@ def gradients_at(
     """
     pairs, of = r.pairs.value, reaches.value
     failed = np.flatnonzero(bounds.at >= 0.0)
-    g = np.zeros((len(failed), len(start)))
+    g = np.zeros((len(failed), len(x)))
     for k in range(len(failed)):
         some = failed[k : k + 1]
-        points, S = place_all(start + bounds.at[some[0]] * x, r)
+        points, S = place_all(displaced(start, bounds.at[some[0]] * x), r)
         _, n, p, _ = nearest_points(
             points[pairs.start_a[some]],
             points[pairs.vector_a[some]],
@@ -369,7 +371,7 @@ def examine_present(
     """The present braking path, as closely as a step of the velocity s needs it.
 
     Args:
-        q, v: (nv,) state.
+        q, v: (nq,), (nv,) state.
         s: (nv,) the wish.
         d: (2, Nr) distances of all rows at q and at q_s [m].
         r, reaches: of the robot.
@@ -392,7 +394,7 @@ def examine_present(
 @compiled
 def farther(s: np.ndarray, gains: AdmissionGains) -> float:
     """(A6): the next braking path is nowhere farther than this times s from the present
-    one, period + e of `next_rest` [s]."""
+    one, period + e of `next_path` [s]."""
     return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
 
 
@@ -402,7 +404,7 @@ class Checked(NamedTuple):
     Attributes:
         clear: whether every pair keeps its level on the way and on the next path.
         clearance: no distance there is smaller, if it is clear [m].
-        start, x: (nv,) the next braking path.
+        start, x: (nq,), (nv,) the next braking path.
         bounds: of it.
     """
 
@@ -432,15 +434,14 @@ def check_step(
     else a robot that rests in a penetration could never leave it.
 
     Args:
-        q, v, s: (nv,) state, and velocity of q_s.
+        q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
         present: of the state.
         r, reaches: of the robot.
         gains: of the admission.
     """
     T, period, level = gains.T, gains.period, present.level
-    start, rest = next_rest(q, v, s, T, period, gains.step)
+    start, x = next_path(q, v, s, T, period, gains.step)
     near = present.low - travel(farther(s, gains) * s, reaches)
-    x = rest - start
     bounds = path_bounds(start, x, level, near < level, r, reaches)
     clear = not (bounds.at >= 0.0).any()
     clearance = _FAR
@@ -461,7 +462,8 @@ def check_step(
                 travel((s - v) * (period * period / (8.0 * T)), reaches),
                 travel(v * (0.25 * period), reaches),
             )
-            way = path_bounds(q, start - q, level + off, asked, r, reaches)
+            there = displacement(q, start, len(v))
+            way = path_bounds(q, there, level + off, asked, r, reaches)
             clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)
 

@@ -11,10 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.free_joints import POSITIONS, VELOCITIES, turned
 from crar_drake.equations.tasks import (
     DesiredTasks,
     TaskRows,
     put_joint_rows,
+    rotation_from_quaternion,
     stack_rows,
 )
 from crar_drake.equations.vectors import cross, dot, product, times, transposed_times
@@ -104,6 +106,53 @@ def blend_rotations(
             _left_jacobian(psi, psi_ddot) + _left_jacobian_dot(psi, psi_dot, psi_dot),
         ),
     )
+
+
+@compiled
+def blend_joints(
+    start: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    step: tuple[float, float, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Blends joints from `start` to q: `blend_vectors`, and `blend_rotations` of those
+    that are free.
+
+    Args:
+        start, q: (nq,) measured and desired positions, free joints last.
+        v, a: (nv,) desired velocities and accelerations.
+        step: (s, s_dot, s_ddot) of `smooth_step`.
+    """
+    free = len(q) - len(v)
+    if free == 0:
+        return blend_vectors(start, q, v, a, step)
+    plain = len(v) - VELOCITIES * free
+    x, v, a = q.copy(), v.copy(), a.copy()
+    x[:plain], v[:plain], a[:plain] = blend_vectors(
+        start[:plain], q[:plain], v[:plain], a[:plain], step
+    )
+    for k in range(free):
+        at, by = plain + POSITIONS * k, plain + VELOCITIES * k
+        R_start = rotation_from_quaternion(start[at : at + 4].copy().reshape(1, 4))[0]
+        R_d = rotation_from_quaternion(q[at : at + 4].copy().reshape(1, 4))[0]
+        R, omega, omega_dot = blend_rotations(
+            R_start, R_d, v[by : by + 3].copy(), a[by : by + 3].copy(), step
+        )
+        x[at : at + 4] = turned(
+            start[at : at + 4], rotation_vector(product(R, R_start.T))
+        )
+        p, p_dot, p_ddot = blend_vectors(
+            start[at + 4 : at + 7],
+            q[at + 4 : at + 7],
+            v[by + 3 : by + 6],
+            a[by + 3 : by + 6],
+            step,
+        )
+        x[at + 4 : at + 7] = p
+        v[by : by + 3], v[by + 3 : by + 6] = omega, p_dot
+        a[by : by + 3], a[by + 3 : by + 6] = omega_dot, p_ddot
+    return x, v, a
 
 
 @compiled

@@ -22,7 +22,7 @@ import numpy as np
 from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.tasks import TaskRows, stack_rows
+from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
 from crar_drake.equations.vectors import cross_rows, product, sparse_product, times
 
 
@@ -35,6 +35,10 @@ class Tree(NamedTuple):
 
     with q the position that moves it: Rodrigues' formula for a turn about an axis that
     is fixed in both, a slide along one, or both at once (a screw).
+
+    A free joint (`equations.free_joints`) has two frames instead of six: one that
+    follows its translation and does not turn, in which its angular velocity is
+    measured, and next the one that turns.
     """
 
     parent: np.ndarray  # (N,) the world is its own
@@ -44,6 +48,8 @@ class Tree(NamedTuple):
     versine: np.ndarray
     slide: np.ndarray
     ancestors: np.ndarray  # (B, N) the frames 1, 2, 4, ... up, till all are the world
+    free: np.ndarray  # (F, 2) of free joints: the first frame, and where in the plant's
+    # positions their quaternion is, with the translation after it
 
 
 class TaskPoints(NamedTuple):
@@ -57,10 +63,33 @@ class TaskPoints(NamedTuple):
     of_joints: np.ndarray  # (m, nv) 1 where a row is that joint; (0, 0) if none is
 
 
+@compiled
+def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
+    """`Tree.fixed` with the poses of the free joints' frames, (N, 4, 4).
+
+    Args:
+        q: (nq,) positions of all joints, in the plant's order.
+        tree: of the robot.
+    """
+    X = tree.fixed
+    if len(tree.free):
+        X = tree.fixed.copy()
+        for k in range(len(tree.free)):
+            frame, at = tree.free[k, 0], tree.free[k, 1]
+            p = q[at + 4 : at + 7]
+            for c in range(3):
+                for r in range(3):
+                    X[frame, 3, c] += p[r] * X[frame, r, c]
+            R = rotation_from_quaternion(q[at : at + 4].copy().reshape(1, 4))[0]
+            X[frame + 1, :3, :3] = R.T
+    return X
+
+
 def _link_poses_loops(q, tree):
     K, N = len(q), len(tree.parent)
     X = np.empty((K, 4 * N, 3))
     for k in range(K):
+        fixed_at = free_poses(q[k], tree)
         for c in range(3):
             for r in range(4):
                 X[k, r, c] = 1.0 if r == c else 0.0
@@ -68,7 +97,7 @@ def _link_poses_loops(q, tree):
             at = q[k, tree.position[i]]
             s, versine = math.sin(at), 1.0 - math.cos(at)
             up, here = 4 * tree.parent[i], 4 * i
-            fixed, sine = tree.fixed[i], tree.sine[i]
+            fixed, sine = fixed_at[i], tree.sine[i]
             turn, slide = tree.versine[i], tree.slide[i]
             for r in range(4):
                 x = fixed[r, 0] + s * sine[r, 0] + versine * turn[r, 0]
@@ -98,7 +127,10 @@ def link_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
         tree: of the robot.
     """
     at = q[:, tree.position][..., np.newaxis, np.newaxis]
-    X = tree.fixed + np.sin(at) * tree.sine
+    fixed = tree.fixed
+    if len(tree.free):
+        fixed = np.stack([free_poses(each, tree) for each in q])
+    X = fixed + np.sin(at) * tree.sine
     X += (1.0 - np.cos(at)) * tree.versine + at * tree.slide
     # Each pose is that in an ancestor; then the ancestor is replaced by its own.
     for ancestor in tree.ancestors:
@@ -207,12 +239,13 @@ def task_bias(
 class State(NamedTuple):
     """The numbers of one state, all in the world frame W.
 
-    nv joints, the controlled first and then the prescribed; K = 2 configurations where
+    nv velocities, the controlled joints' first and then the prescribed ones', of which
+    free joints are the last, which have a position more; K = 2 configurations where
     the robot would come to rest counts, too, else 1; Nr rows of watched shapes, see
     `capsule_distances.ShapePairs`.
     """
 
-    q: np.ndarray  # (nv,) positions of the joints [rad, m]
+    q: np.ndarray  # (nq,) positions of the joints [rad, m]
     v: np.ndarray  # (nv,) velocities [rad/s, m/s]
     R: np.ndarray  # (Na, 3, 3) orientations R_WT of the tasks that have one
     p: np.ndarray  # (Nl, 3) positions p_WT of the tasks that have one [m]
@@ -236,7 +269,9 @@ class Robot(NamedTuple):
     Its parts are held: handing them on is quick to compile, and to do.
     """
 
-    order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
+    order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints,
+    # free ones last
+    positions: np.ndarray  # (nq,) places in the plant's q, likewise
     n: int  # number of controlled joints
     selection: np.ndarray  # (P, 4 N) of `place_points`: the joints' axes, as in
     # `joint_motion`; the tasks' points; the axes of the tasks with an orientation;
@@ -263,7 +298,7 @@ def find_state(measured: Measured, r: Robot) -> State:
     axes = axes.reshape(-1, 3, 3)  # columns of R_WT, as rows
     v = measured.v[r.order]
     return State(
-        measured.q[0][r.order],
+        measured.q[0][r.positions],
         v,
         np.ascontiguousarray(axes.transpose(0, 2, 1)),
         p[rows.linear_tasks],

@@ -35,6 +35,7 @@ from crar_drake.equations.admission import (
     velocity_bounds,
 )
 from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.joint_limits import (
     LimitPotential,
     limit_gradient,
@@ -137,8 +138,13 @@ class Constraints(NamedTuple):
 
 
 def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarray:
-    """(L1): q_s = q + T q_dot: where q_ddot = -q_dot/T leads. All (n,); T in s."""
-    return q + T * qdot
+    """(L1): q_s = q + T q_dot: where q_ddot = -q_dot/T leads.
+
+    Args:
+        q, qdot: (nq,), (nv,) state, free joints last.
+        T: [s].
+    """
+    return displaced(q, T * qdot)
 
 
 @compiled
@@ -482,7 +488,7 @@ def correction(
 ) -> Constraints:
     """A row for each pair that the next braking path does not keep clear of.
 
-    Where the path comes to q_f, it changes with s by k = dq_f/ds, of `next_rest`:
+    Where the path comes to q_f, it changes with s by k = dq_f/ds, of `next_path`:
     d(q_f) is linear in s with the gradient k g, and is to reach the level.
 
     Args:
@@ -572,7 +578,7 @@ def admit(
         s_0: (n,) the wish before the guard.
         s_p: (n_p,) velocity of q_s of the prescribed joints.
         s_1: (n,) the guard's wish.
-        q, v: (nv,) state.
+        q, v: (nq,), (nv,) state.
         d: (2, Nr) distances of all rows at q and at q_s [m].
         constraints, norm: of the guard.
         r, numbers: of the robot and the mode.
@@ -708,7 +714,7 @@ def acceleration_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """`step_bounds` as accelerations, (n,), (n,) [rad/s^2]; arguments as below."""
     r, numbers = robot.value, mode.value
-    q, v = measured.q[0][r.order], measured.v[r.order]
+    q, v = measured.q[0][r.positions], measured.v[r.order]
     lowest, highest = step_bounds(q, v, r.n, numbers.limits.value, numbers.admission)
     qdot, T = v[: r.n], numbers.admission.T
     return (lowest - qdot) / T, (highest - qdot) / T
@@ -733,7 +739,7 @@ def scale_acceleration(
     r, numbers = robot.value, mode.value
     admission, reaches = numbers.admission, numbers.reaches
     T, v = admission.T, measured.v[r.order]
-    q, s = measured.q[0][r.order], resting_velocity(v, vdot[r.order], admission.T)
+    q, s = measured.q[0][r.positions], resting_velocity(v, vdot[r.order], admission.T)
     limits = numbers.limits.value
     inside = share_within(s, *step_bounds(q, v, r.n, limits, admission))
     s = inside * s

@@ -5,6 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.free_joints import (
+    POSITIONS,
+    VELOCITIES,
+    displaced,
+    turned_by_plant,
+)
 
 
 @compiled
@@ -22,21 +28,30 @@ def next_state(
     d^2 N (N + 1) / 2 = D (D + d) / 2. With d = 0 it is the parabola of a continuous
     plant; with d = D it is q' = q + D v'.
 
+    Free joints turn as `free_joints.turned_by_plant` says.
+
     Limits: exact where the plant's step divides the period, the plant is the control
     model, and the torque follows the state at each of the plant's steps, as it does
     where `CrarParameters.torque_period` is the plant's step.
 
     Args:
-        q, v: (n,) positions and velocities [rad, rad/s].
-        vdot: (n,) accelerations [rad/s^2].
+        q, v: (nq,), (nv,) positions and velocities, free joints last [rad, rad/s].
+        vdot: (nv,) accelerations [rad/s^2].
         period: of the controller [s].
         plant_step: time step of the discrete plant, 0 for a continuous one [s]; one
             that is longer than the period counts as the period.
 
     Returns:
-        (n,) q' and (n,) v'.
+        (nq,) q' and (nv,) v'.
     """
     v_next = v + period * vdot
     # Such that no rounding tells it from q + D v' where the steps are the periods.
     ahead = 0.5 * (period - min(plant_step, period))
-    return q + period * (v_next - ahead * vdot), v_next
+    q_next = displaced(q, period * (v_next - ahead * vdot))
+    free = len(q) - len(v)
+    for k in range(free):
+        at, by = len(q) - POSITIONS * (free - k), len(v) - VELOCITIES * (free - k)
+        q_next[at : at + 4] = turned_by_plant(
+            q[at : at + 4], v[by : by + 3], vdot[by : by + 3], period, plant_step
+        )
+    return q_next, v_next

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.blending import blend_tasks, blend_vectors
+from crar_drake.equations.blending import blend_joints, blend_tasks
 from crar_drake.equations.compilation import compiled
+from crar_drake.equations.free_joints import displacement
 from crar_drake.equations.kinematics import State
 from crar_drake.equations.tasks import (
     DesiredTasks,
@@ -79,7 +80,7 @@ class BlendStart(NamedTuple):
 
     R: np.ndarray  # (Na, 3, 3) orientations R_WT
     p: np.ndarray  # (Nl, 3) positions p_WT [m]
-    q_p: np.ndarray  # (n_p,) positions of the prescribed joints
+    q_p: np.ndarray  # (nq_p,) positions of the prescribed joints, free ones last
     q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
 
 
@@ -87,7 +88,7 @@ class Wanted(NamedTuple):
     """The targets of one control step."""
 
     tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
-    prescribed: np.ndarray  # (3 n_p,) desired [q_p; q_dot_p; q_ddot_p]
+    prescribed: np.ndarray  # (nq_p + 2 n_p,) desired [q_p; q_dot_p; q_ddot_p]
     posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if off
     start: BlendStart
     blend: tuple[float, float, float]  # of `blending.smooth_step`
@@ -190,19 +191,21 @@ def find_references(
         gains: of the law.
     """
     prescribed, blend, start = wanted.prescribed, wanted.blend, wanted.start
-    n_p = len(prescribed) // 3
-    n = len(state.v) - n_p
+    free = len(state.q) - len(state.v)
+    n_p = (len(prescribed) - free) // 3
+    n, nq_p = len(state.v) - n_p, n_p + free
     qdot, qdot_p = state.v[:n], state.v[n:]
-    q_d, v_d, a_d = prescribed[:n_p], prescribed[n_p : 2 * n_p], prescribed[2 * n_p :]
+    q_d, a_d = prescribed[:nq_p], prescribed[nq_p + n_p :]
+    v_d = prescribed[nq_p : nq_p + n_p]
     desired = unpack_tasks(wanted.tasks, rows)
     error = e = find_error(state.q, state.R, state.p, desired, rows)
     if blend[0] < 1.0:
         desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
-        q_d, v_d, a_d = blend_vectors(start.q_p, q_d, v_d, a_d, blend)
+        q_d, v_d, a_d = blend_joints(start.q_p, q_d, v_d, a_d, blend)
         e = find_error(state.q, state.R, state.p, desired, rows)
     # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
     qddot_p = reference_acceleration(
-        a_d, v_d, qdot_p, q_d - state.q[n:], gains.Kp, gains.Kv
+        a_d, v_d, qdot_p, displacement(state.q[n:], q_d, n_p), gains.Kp, gains.Kv
     )
     v_r = reference_velocity(desired.v, e, gains.K)
     v_task = times(state.J, state.v)

@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import as_performer
-from crar_drake.motion.quaternion_spline import sign_continuous
+from crar_drake.motion.turns import smooth_turns
 
 HANDS = ("left_hand", "right_hand")
-
-# Shorter than this a mean of quaternions tells no orientation.
-_LEAST_NORM = 0.05
 
 
 @dataclass(frozen=True)
@@ -42,9 +38,6 @@ class HandOrientations:
     def smooth(self, cutoff: float = DEFAULT_CUTOFF) -> dict[str, np.ndarray]:
         """Name of HANDS to (T, 4) unit quaternions (x y z w) after a low-pass.
 
-        The quaternions, their signs continuous, are filtered as positions are, and
-        normalised.
-
         Args:
             cutoff: of the zero-phase low-pass [Hz].
 
@@ -52,24 +45,16 @@ class HandOrientations:
             MotionError: the motion is too short, the cutoff too high, or a hand
                 turns to and fro so fast that no mean is left.
         """
-        result = {}
-        for hand, R_WH in self.rotations.items():
-            quaternions = sign_continuous(Rotation.from_matrix(R_WH).as_quat())
-            try:
-                filtered = low_pass(quaternions, self.frame_rate, cutoff)
-            except MotionError as error:
-                raise MotionError(f"motion {self.name}: {error}") from error
-            norm = np.linalg.norm(filtered, axis=1)
-            frame = int(np.argmin(norm))
-            # Written so that a NaN fails, too.
-            if not norm[frame] >= _LEAST_NORM:
-                raise MotionError(
-                    f"motion {self.name}: {hand} turns so fast about frame {frame + 1} "
-                    f"that a low-pass of {cutoff:g} Hz leaves no orientation; raise "
-                    "the cutoff, or do not track this hand's orientation"
-                )
-            result[hand] = filtered / norm[:, None]
-        return result
+        return {
+            hand: smooth_turns(
+                R_WH,
+                self.frame_rate,
+                cutoff,
+                f"motion {self.name}: {hand}",
+                "do not track this hand's orientation",
+            )
+            for hand, R_WH in self.rotations.items()
+        }
 
 
 def hand_orientations(motion: Performer | Clip) -> HandOrientations:

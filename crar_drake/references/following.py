@@ -212,8 +212,8 @@ class Follower:
     ) -> None:
         """
         Args:
-            description: of the robot. Joints that it prescribes stay in the rest
-                posture.
+            description: of the robot. Its root is fixed here, even if it floats, and
+                joints that it prescribes stay in the rest posture.
             rate: samples per second [Hz].
             parameters: how the reference is followed.
 
@@ -227,6 +227,7 @@ class Follower:
         self.rate = rate
         self.steps = self.parameters.steps_per_frame(rate)
         period = 1.0 / (rate * self.steps)
+        description = replace(description, root="fixed")
         if not description.pairs:
             raise ModelError(
                 f"robot {description.name} watches no pairs of links: list `pairs` in "
@@ -249,13 +250,11 @@ class Follower:
         self._workspace = self.model.MakeWorkspace()
         rest = self.model.rest_positions()
         self._rest = rest
-        self._prescribed = np.concatenate(
-            [rest[self.model.prescribed], np.zeros(2 * self.model.n_p)]
-        )
+        self._prescribed = self.model.prescribed_at(rest)
         self._start = BlendStart(
             np.zeros((len(self.model.layout.angular_tasks), 3, 3)),
             np.zeros((len(self.model.layout.linear_tasks), 3)),
-            rest[self.model.prescribed],
+            rest[self.model.prescribed_positions],
             np.zeros(self.model.n),
         )
 
@@ -290,7 +289,7 @@ class Follower:
                 admitted[frame] = max(admitted[frame], told[0])
                 share[frame] = min(share[frame], told[1])
                 clear[frame] &= told[3] == 1.0
-            q[frame] = run.q[self.model.controlled]
+            q[frame] = run.q[self.model.controlled_positions]
             if progress is not None:
                 progress(frame)
         moved = float(np.abs(start - reference[0]).max())
@@ -320,7 +319,7 @@ class Follower:
     def _whole(self, q: np.ndarray) -> np.ndarray:
         """(nq,) of the plant, the prescribed joints at rest."""
         whole = self._rest.copy()
-        whole[self.model.controlled] = q
+        whole[self.model.controlled_positions] = q
         return whole
 
     def _step(self, run: _Run, targets: np.ndarray) -> np.ndarray:
@@ -351,7 +350,9 @@ class Follower:
             here = run.q
             told = self._step(run, targets)
             if told[3] == 1.0:  # the braking path from here is clear, and so is here
-                return here[model.controlled], _Run(here, np.zeros_like(run.v))
+                return here[model.controlled_positions], _Run(
+                    here, np.zeros_like(run.v)
+                )
             if step > _STUCK and np.abs(run.q - here).max() < _SETTLED:
                 break  # nothing leads out
         raise MotionError(

@@ -55,7 +55,7 @@ def find_margins(
     """The margins of a motion.
 
     Args:
-        model: of the robot; its watched pairs are capsules and spheres.
+        model: of the robot, its root fixed; its watched pairs are capsules and spheres.
         mode: of it.
         speed_limits: (n,) of the controlled joints [rad/s or m/s].
         q: (T, n) their positions [rad or m].
@@ -64,7 +64,7 @@ def find_margins(
     frames = len(q)
     robot, reaches = model.robot_ahead.value, mode.reaches.value
     whole = _configurations(model, q)
-    still = np.zeros(whole.shape[1])
+    still = np.zeros(model.plant.num_velocities())
     pair_of_row = _pair_of_row(model)
     distance, between = np.empty(frames), np.empty(frames)
     pair = np.empty(frames, dtype=int)
@@ -73,8 +73,8 @@ def find_margins(
         d = row_distances(Measured(ends, still, _NOTHING_ASKED), robot)[:, reaches.rows]
         nearest = int(d[0].argmin())
         distance[k], pair[k] = d[0, nearest], pair_of_row[reaches.rows[nearest]]
-        start = ends[0][model.order]
-        between[k] = _on_way(start, ends[1][model.order] - start, d, robot, mode)
+        start = ends[0][model.positions]
+        between[k] = _on_way(start, ends[1][model.positions] - start, d, robot, mode)
     speed = np.zeros(frames)
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / speed_limits).max(axis=1)
     limit = np.minimum(q - model.lower, model.upper - q).min(axis=1)
@@ -89,7 +89,7 @@ def pair_distances(model: ControlModel, q: np.ndarray) -> np.ndarray:
         q: (T, n) positions of the controlled joints [rad or m].
     """
     whole, robot = _configurations(model, q), model.robot_ahead.value
-    still = np.zeros(whole.shape[1])
+    still = np.zeros(model.plant.num_velocities())
     found = np.empty((len(q), len(model.pairs.shape_pairs)))
     for k in range(0, len(q), 2):  # the equations take two configurations at a time
         two = whole[[k, min(k + 1, len(q) - 1)]]
@@ -101,7 +101,7 @@ def pair_distances(model: ControlModel, q: np.ndarray) -> np.ndarray:
 def _configurations(model: ControlModel, q: np.ndarray) -> np.ndarray:
     """(T, nq) of the plant, the prescribed joints at rest."""
     whole = np.tile(model.rest_positions(), (len(q), 1))
-    whole[:, model.controlled] = q
+    whole[:, model.controlled_positions] = q
     return whole
 
 

@@ -13,6 +13,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from scipy.spatial.transform import Rotation
 
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.results.log import SimulationLog
@@ -205,6 +207,52 @@ def judge_certificate(
     return verdict
 
 
+class Moves:
+    """How velocities change a plant's positions, by Drake's and SciPy's rotations.
+
+    A free joint's quaternion (w, x, y, z) is not what its angular velocity is the rate
+    of; every other joint's velocities are the rates of its positions.
+    """
+
+    def __init__(self, plant: MultibodyPlant) -> None:
+        """
+        Args:
+            plant: finalized.
+        """
+        self._plant, self._context = plant, plant.CreateDefaultContext()
+        self._free: list[tuple[int, int]] = []
+        rates = []  # of all but quaternions: which velocity is whose rate
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            at, by = joint.position_start(), joint.velocity_start()
+            plain = joint.num_velocities()
+            if joint.num_positions() != plain:
+                self._free.append((at, by))
+                at, by, plain = at + 4, by + 3, 3
+            rates += [(at + i, by + i) for i in range(plain)]
+        self._positions, self._velocities = np.array(rates, dtype=int).reshape(-1, 2).T
+
+    def along(self, q: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Where constant velocities, x (nv,) in all, lead to from q (nq,)."""
+        moved = q.copy()
+        moved[self._positions] += x[self._velocities]
+        for at, by in self._free:
+            w, *vector = q[at : at + 4]
+            turned = Rotation.from_rotvec(x[by : by + 3]) * Rotation.from_quat(
+                [*vector, w]
+            )
+            x_y_z_w = turned.as_quat()
+            moved[at : at + 4] = x_y_z_w[[3, 0, 1, 2]]
+        return moved
+
+    def step(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
+        """One step of the discrete plant: q plus so many seconds of q's own rate."""
+        if not self._free:
+            return q + step * v
+        self._plant.SetPositions(self._context, q)
+        return q + step * self._plant.MapVelocityToQDot(self._context, v)
+
+
 class _Paths:
     """The braking paths of a log's samples, each judged once."""
 
@@ -217,6 +265,7 @@ class _Paths:
         self._horizon = parameters.braking_horizon
         # Prescribed joints go where they are told to.
         self._limited = np.isin(referee.joint_names, log.controlled_names)
+        self._moves = Moves(referee.plant)
         self._known: dict[int, Place] = {}
         self._smallest = math.inf
 
@@ -236,13 +285,13 @@ class _Paths:
         q, v = log.q[k], log.v[k]
         for _ in range(max(1, round(period / step))):
             v = v + step * log.desired_acceleration[k]
-            q = q + step * v
+            q = self._moves.step(q, v, step)
         return self._nearest(log.time[k] + period, q, v, bound)
 
     def count(self, k: int, bound: float, figures: PathFigures) -> Place:
         """Adds sample k's path to the figures."""
         place = self.place(k, bound)
-        rest = self._log.q[k] + self._horizon * self._log.v[k]
+        rest = self._moves.along(self._log.q[k], self._horizon * self._log.v[k])
         excess = np.where(self._limited, self._referee.limit_excess(rest), 0.0)
         figures.judged += 1
         figures.penetrating += place.distance < 0.0
@@ -263,7 +312,7 @@ class _Paths:
         bound = max(bound, self._smallest)
         for u in np.linspace(0.0, 1.0, PATH_POINTS):
             d, which = self._referee.nearest(
-                q + u * self._horizon * v, min(bound, found)
+                self._moves.along(q, u * self._horizon * v), min(bound, found)
             )
             if d < found:
                 found, pair = d, which

@@ -23,7 +23,8 @@ class SimulationLog:
 
     Attributes:
         time: (T,) [s].
-        q: (T, nq) positions of the simulated plant [rad or m].
+        q: (T, nq) positions of the simulated plant [rad or m]; of a free root, a unit
+            quaternion and a translation.
         v: (T, nv) its velocities.
         actuation: (T, nu) efforts at that instant, in the plant's actuator order
             [Nm or N]; they change in between where the log is coarser than the torque.
@@ -42,7 +43,9 @@ class SimulationLog:
             targets, and in logs of versions that did not keep it.
         torque_limit: (T, 2) share of the wish that the effort limits allowed, and
             the excess before clipping, see `control_law.Solution`.
-        position_names: (nq,) joint of each column of q and v.
+        position_names: (nq,) joint of each column of q.
+        velocity_names: (nv,) joint of each column of v; the same, unless the root is
+            free, and in logs of versions that did not keep them.
         actuator_names: (nu,) joint that each actuator moves.
         controlled_names: (n,) the controlled joints.
         task_names, task_kinds: (N,) tasks, in the order of the rows.
@@ -72,6 +75,7 @@ class SimulationLog:
     admission: np.ndarray
     torque_limit: np.ndarray
     position_names: np.ndarray
+    velocity_names: np.ndarray
     actuator_names: np.ndarray
     controlled_names: np.ndarray
     task_names: np.ndarray
@@ -177,6 +181,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "admission": ("T", "4"),
     "torque_limit": ("T", "2"),
     "position_names": ("nq",),
+    "velocity_names": ("nv",),
     "actuator_names": ("nu",),
     "controlled_names": ("n",),
     "task_names": ("N",),
@@ -190,6 +195,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
 
 # What logs of earlier versions do not have, and what stands for it.
 _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
+    "velocity_names": lambda arrays: arrays["position_names"],
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
     "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
     "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),

@@ -65,7 +65,7 @@ def check_logged_robot(
                 f"the log has {logged} {what} but robot {description.name} {ours}: it "
                 "was made with another model"
             )
-    if names_by_joint(plant) != log.position_names.tolist():
+    if names_by_joint(plant, of_positions=True) != log.position_names.tolist():
         raise CrarError(
             f"robot {description.name} has other joints than the log, or has them in "
             "another order: it was made with another model"

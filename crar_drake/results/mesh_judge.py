@@ -25,7 +25,12 @@ from crar_drake.results.mesh_distance import (
     distance_apart,
     mesh_distance,
 )
-from crar_drake.robot.description import RobotDescription, add_robot, find_joint
+from crar_drake.robot.description import (
+    RobotDescription,
+    add_robot,
+    find_joint,
+    zero_positions,
+)
 
 # A flat part's points are moved apart by this, for it to have a hull; all parts' are,
 # for the hull to hold the part in spite of rounding [m].
@@ -251,7 +256,7 @@ class MeshJudge:
 
     def _set_left_out(self, description: RobotDescription) -> None:
         zero = np.clip(
-            np.zeros(self._plant.num_positions()),
+            zero_positions(self._plant),
             self._plant.GetPositionLowerLimits(),
             self._plant.GetPositionUpperLimits(),
         )

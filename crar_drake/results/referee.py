@@ -139,6 +139,7 @@ class Referee:
     of the simulated robot may be lifted. Collision filters play no part.
 
     Attributes:
+        plant: that it was given.
         pairs: (Nc) watched pairs of links, as they were given.
         joint_names: (nq,) joint of each position; a joint with several positions
             has its name repeated.
@@ -176,7 +177,7 @@ class Referee:
             raise ModelError(
                 "the referee needs a plant that is registered with a SceneGraph"
             )
-        self._plant = plant
+        self.plant = plant
         self._context = plant.CreateDefaultContext()
         self.pairs = tuple((str(a), str(b)) for a, b in pairs)
         self.lower = plant.GetPositionLowerLimits()
@@ -210,7 +211,7 @@ class Referee:
         Raises:
             ValueError: q has another size, or is not finite.
         """
-        self._plant.SetPositions(self._context, self._checked(q))
+        self.plant.SetPositions(self._context, self._checked(q))
         axes_W = {name: self._axes_in_world(name) for name in self._bodies}
         return np.array(
             [
@@ -337,7 +338,7 @@ class Referee:
         )
 
     def _set_speeds(self, velocity_limits: np.ndarray | None) -> None:
-        plant = self._plant
+        plant = self.plant
         names = [""] * plant.num_velocities()
         self.slowest = np.full(len(names), -np.inf)
         self.fastest = np.full(len(names), np.inf)
@@ -412,13 +413,13 @@ class Referee:
         A shape lies in the ball about its axis' middle, so that the balls' distance
         is never more than the shapes'.
         """
-        self._plant.SetPositions(self._context, self._checked(q))
+        self.plant.SetPositions(self._context, self._checked(q))
         if not len(self._together):
             return {}
         columns, i, j = self._together.T
         centres = []
         for name, body in self._bodies.items():
-            X_WB = self._plant.EvalBodyPoseInWorld(self._context, body).GetAsMatrix34()
+            X_WB = self.plant.EvalBodyPoseInWorld(self._context, body).GetAsMatrix34()
             centres.append(self._centres_B[name] @ X_WB[:, :3].T + X_WB[:, 3])
         apart = np.concatenate(centres)
         apart = np.sqrt(np.square(apart[i] - apart[j]).sum(axis=1)) - self._balls
@@ -439,9 +440,9 @@ class Referee:
 
     def _checked(self, q: np.ndarray) -> np.ndarray:
         q = np.asarray(q, dtype=float)
-        if q.shape != (self._plant.num_positions(),):
+        if q.shape != (self.plant.num_positions(),):
             raise ValueError(
-                f"q must be ({self._plant.num_positions()},), not {q.shape}"
+                f"q must be ({self.plant.num_positions()},), not {q.shape}"
             )
         # A comparison with NaN is false: it would pass as no violation.
         for name, value in zip(self.joint_names, q, strict=True):
@@ -451,7 +452,7 @@ class Referee:
 
     def _axes_in_world(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """(p_W0, p_W1, radius) of each shape of a body, in the present context."""
-        X_WB = self._plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
+        X_WB = self.plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
         return [
             (X_WB.multiply(axis.p_B0), X_WB.multiply(axis.p_B1), axis.radius)
             for axis in self._axes[name]

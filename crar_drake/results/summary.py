@@ -240,6 +240,8 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
         log.effort_limits[log.actuator_names == name].sum()
         for name in log.controlled_names
     ]
+    velocities = log.velocity_names.tolist()
+    columns = [velocities.index(name) for name in log.controlled_names]
     v, fastest = log.v[:, columns], log.velocity_limits[columns]
     return ControlledJoints(
         names=tuple(log.controlled_names.tolist()),

@@ -6,12 +6,15 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     Frame,
     Joint,
     ModelInstanceIndex,
+    QuaternionFloatingJoint,
     RigidBody,
     ScopedName,
 )
@@ -27,12 +30,28 @@ IMPORT_FILE = "import.yaml"
 # What a motion can drive a prescribed joint with.
 PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 
+# What becomes of the base.
+ROOTS = ("fixed", "prescribed")
+
 # Farther beyond its limit than this, a joint violates it [rad or m]. One number for
 # all figures: it says what counts, not how that is computed.
 LIMIT_TOLERANCE = 1e-6
 
 # Faster by more than this than its limit, a joint violates it [rad/s or m/s].
 SPEED_TOLERANCE = 1e-6
+
+
+@dataclass
+class RootPose:
+    """Where a robot's base is in the world at rest, as a URDF's origin.
+
+    Attributes:
+        xyz: position [m].
+        rpy: roll, pitch and yaw, about the world's x, then y, then z [rad].
+    """
+
+    xyz: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
 @dataclass
@@ -45,7 +64,11 @@ class RobotDescription:
     Attributes:
         name: the robot's name.
         model: URDF, SDF or model directives (.dmd.yaml), beside the file.
-        base: link that is welded to the world; "" where the model welds itself.
+        base: link that is welded to the world, or that floats; "" where the model welds
+            itself.
+        root: "fixed": the base is welded to the world; "prescribed": it floats, and
+            its pose is given (by a motion, that of the performer's hips).
+        root_pose: where the base is at rest.
         prescribed_joints: joint to what the motion drives it with: "waist.x",
             "waist.y", "waist.z" (the waist's position in the world), "waist.heading"
             (yaw of the performer's hips) or "hold" (stays where it starts).
@@ -61,6 +84,8 @@ class RobotDescription:
     name: str = "robot"
     model: str = ""
     base: str = ""
+    root: str = "fixed"
+    root_pose: RootPose = field(default_factory=RootPose)
     prescribed_joints: dict[str, str] = field(default_factory=dict)
     task_frames: dict[str, str] = field(default_factory=dict)
     pairs: list[list[str]] = field(default_factory=list)
@@ -74,6 +99,22 @@ class RobotDescription:
         Raises:
             ModelError: names the entry and what it may be.
         """
+        if self.root not in ROOTS:
+            raise ModelError(
+                f"robot {self.name}: root: {self.root!r} is none of {', '.join(ROOTS)}"
+            )
+        if self.root != "fixed" and not self.base:
+            raise ModelError(
+                f"robot {self.name}: root: {self.root!r} needs the name of the link "
+                "that floats; give it as base"
+            )
+        for name in ("xyz", "rpy"):
+            value = getattr(self.root_pose, name)
+            if np.shape(value) != (3,) or not np.isfinite(value).all():
+                raise ModelError(
+                    f"robot {self.name}: root_pose.{name}: {value} must be three "
+                    "finite numbers"
+                )
         for pair in self.pairs:
             if len(pair) != 2 or pair[0] == pair[1]:
                 raise ModelError(
@@ -92,12 +133,23 @@ class RobotDescription:
                     f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
                     f"none of {', '.join(PRESCRIBED_SOURCES)}"
                 )
+        driven = [j for j, source in self.prescribed_joints.items() if source != "hold"]
+        if self.root == "prescribed" and driven:
+            raise ModelError(
+                f"robot {self.name}: prescribed_joints: {', '.join(driven)}: the root "
+                "is prescribed and moves as the performer's hips already; say hold, or "
+                "root: fixed"
+            )
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
                 raise ModelError(
                     f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
                     "positive (.inf for no limit)"
                 )
+
+    def rest_pose(self) -> RigidTransform:
+        """X_WB of the base at rest."""
+        return RigidTransform(RollPitchYaw(self.root_pose.rpy), self.root_pose.xyz)
 
 
 def is_speed_limit(value: float) -> bool:
@@ -210,7 +262,7 @@ def imported_names() -> list[str]:
 
 def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     """Parses the robot's model into a plant that is registered with a SceneGraph,
-    and welds its base to the world. The plant is not finalized.
+    and welds its base to the world, unless it floats. The plant is not finalized.
 
     Raises:
         ModelError: the model file cannot be parsed, or there is no such base, or it
@@ -226,11 +278,68 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
     if description.base:
+        if description.root != "fixed":
+            body = find_body(plant, description.base)
+            plant.SetDefaultFloatingBaseBodyPose(body, description.rest_pose())
+            return
         base = find_frame(plant, description.base)
         try:
-            plant.WeldFrames(plant.world_frame(), base)
+            plant.WeldFrames(plant.world_frame(), base, description.rest_pose())
         except RuntimeError as error:  # e.g. the model has welded it already
             raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
+
+
+def zero_positions(plant: MultibodyPlant) -> np.ndarray:
+    """(nq,) all joints at 0, and what floats at the origin, not turned."""
+    q = np.zeros(plant.num_positions())
+    q[quaternion_starts(plant)] = 1.0
+    return q
+
+
+def quaternion_starts(plant: MultibodyPlant) -> list[int]:
+    """Where in q the quaternion (w x y z) of each body that floats begins."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    floating = [j for j in joints if isinstance(j, QuaternionFloatingJoint)]
+    return [joint.position_start() for joint in floating]
+
+
+def find_root(
+    plant: MultibodyPlant, description: RobotDescription
+) -> QuaternionFloatingJoint | None:
+    """The joint by which a robot's base floats; None if nothing does.
+
+    Args:
+        plant: finalized.
+        description: of the robot in it.
+
+    Raises:
+        ModelError: something floats (or turns as a ball) of which the description does
+            not say what moves it, or what it says to float does not.
+    """
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    many = [joint for joint in joints if joint.num_positions() > joint.num_velocities()]
+    body, root = None, None
+    if description.root != "fixed":
+        body = find_body(plant, description.base)
+        root = next((j for j in many if j.child_body().index() == body.index()), None)
+    for joint in many:
+        if joint is root:
+            continue
+        name = joint.child_body().name()
+        raise ModelError(
+            f"robot {description.name}: link {name!r} has a joint with more positions "
+            f"than velocities ({joint.type_name()}), and nothing says what moves it: "
+            f"write base: {name} and root: prescribed, if it is the robot's base and "
+            "its pose is given, or root: fixed to weld it; loose things and ball "
+            "joints cannot be in the control model"
+        )
+    if body is not None and root is None:
+        raise ModelError(
+            f"robot {description.name}: root: {description.root!r}, but its base "
+            f"{body.name()!r} does not float by a quaternion in the plant; leave out "
+            "what joins it to the world, or write root: fixed"
+        )
+    return root
 
 
 def find_frame(plant: MultibodyPlant, name: str) -> Frame:

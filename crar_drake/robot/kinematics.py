@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,6 +12,7 @@ from pydrake.multibody.tree import (
     Joint,
     PlanarJoint,
     PrismaticJoint,
+    QuaternionFloatingJoint,
     RevoluteJoint,
     RigidBody,
     ScrewJoint,
@@ -26,29 +27,35 @@ _X, _Y, _Z, _NONE = np.array([*np.eye(3), np.zeros(3)])
 
 
 class JointTree:
-    """The frames of a plant: one for each velocity, and the world.
+    """The frames of a plant: the world, one for each velocity, two for a free joint.
 
     Attributes:
         tree: for the equations.
         turns, slides: (nv, 3) of each velocity, in the plant's order: the unit vector
             along its axis of rotation and its direction of sliding, in its own frame.
-        frame_of_velocity: (nv,) the frame that each moves.
+        frame_of_velocity: (nv,) the frame that each moves; of a free joint's, the one
+            that does not turn.
+        velocities: (N,) lists of the velocities that move each frame in its parent.
         moved_by: (N, nv) whether a velocity moves a frame.
     """
 
     def __init__(self, plant: MultibodyPlant) -> None:
         """
         Args:
-            plant: finalized, with as many velocities as positions.
+            plant: finalized.
 
         Raises:
-            ModelError: a joint's velocities are not the rates of its positions.
+            ModelError: a joint is not free, and its velocities are not the rates of its
+                positions.
         """
         nv = plant.num_velocities()
         self._parents, self._positions = [0], [0]
         self._poses = [RigidTransform()]  # in the parent, with the joint at 0
         self._axes = [(_NONE, _NONE)]
+        self._free: list[tuple[int, int]] = []
+        self.velocities: list[list[int]] = [[]]
         self.frame_of_velocity = np.zeros(nv, dtype=int)
+        self.turns, self.slides = np.zeros((2, nv, 3))
         # Where each body is: its frame, and its pose there.
         self._at = {int(plant.world_body().index()): (0, RigidTransform())}
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
@@ -61,16 +68,10 @@ class JointTree:
             for joint in ready:
                 self._add(joint, plant)
             joints = [joint for joint in joints if joint not in ready]
-        self.turns, self.slides = (
-            np.array(
-                [self._axes[frame][kind] for frame in self.frame_of_velocity]
-            ).reshape(-1, 3)
-            for kind in (0, 1)
-        )
         self.moved_by = np.zeros((len(self._parents), nv), dtype=bool)
         for frame in range(1, len(self._parents)):
             self.moved_by[frame] = self.moved_by[self._parents[frame]]
-            self.moved_by[frame, self._positions[frame]] = True
+            self.moved_by[frame, self.velocities[frame]] = True
         self.tree = self._make_tree()
 
     def place(self, body: RigidBody) -> tuple[int, RigidTransform]:
@@ -94,18 +95,40 @@ class JointTree:
         parent = int(joint.parent_body().index())
         frame, X = self._at[parent]
         X = X.multiply(joint.frame_on_parent().GetFixedPoseInBodyFrame())
-        start = joint.velocity_start()
-        for i, (turn, slide) in enumerate(_motions(joint, plant)):
-            self._parents.append(frame)
-            self._positions.append(start + i)
-            self._poses.append(X)
-            self._axes.append((turn, slide))
-            frame, X = len(self._parents) - 1, RigidTransform()
-            self.frame_of_velocity[start + i] = frame
+        start, at = joint.velocity_start(), joint.position_start()
+        if isinstance(joint, QuaternionFloatingJoint):
+            turns, slides = range(start, start + 3), range(start + 3, start + 6)
+            still = self._add_frame(frame, at, X, (_NONE, _NONE), slides)
+            frame = self._add_frame(still, at, RigidTransform(), (_NONE, _NONE), turns)
+            X = RigidTransform()
+            self.frame_of_velocity[start : start + 6] = still
+            self.turns[turns], self.slides[slides] = np.eye(3), np.eye(3)
+            self._free.append((still, at))
+        else:
+            for i, motion in enumerate(_motions(joint, plant)):
+                frame = self._add_frame(frame, at + i, X, motion, [start + i])
+                X = RigidTransform()
+                self.frame_of_velocity[start + i] = frame
+                self.turns[start + i], self.slides[start + i] = motion
         if isinstance(joint, WeldJoint):
             X = X.multiply(joint.X_FM())
         X_BM = joint.frame_on_child().GetFixedPoseInBodyFrame()
         self._at[int(joint.child_body().index())] = frame, X.multiply(X_BM.inverse())
+
+    def _add_frame(
+        self,
+        parent: int,
+        position: int,
+        X: RigidTransform,
+        motion: tuple[np.ndarray, np.ndarray],
+        velocities: Iterable[int],
+    ) -> int:
+        self._parents.append(parent)
+        self._positions.append(position)
+        self._poses.append(X)
+        self._axes.append(motion)
+        self.velocities.append(list(velocities))
+        return len(self._parents) - 1
 
     def _make_tree(self) -> Tree:
         N = len(self._parents)
@@ -132,6 +155,7 @@ class JointTree:
             versine,
             slide,
             np.array(ancestors, dtype=int).reshape(-1, N),
+            np.array(self._free, dtype=int).reshape(-1, 2),
         )
 
 
@@ -171,5 +195,6 @@ def _motions(
     raise ModelError(
         f"joint {joint.name()!r} is a {joint.type_name()} joint, whose velocities are "
         "not the rates of its positions; use revolute, prismatic, screw, universal or "
-        "planar joints, or weld it"
+        "planar joints, or weld it; a base may float by a quaternion (quaternion_"
+        "floating)"
     )

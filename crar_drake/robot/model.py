@@ -39,12 +39,14 @@ from crar_drake.robot.description import (
     find_body,
     find_frame,
     find_joint,
+    find_root,
 )
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.speed_limits import speed_limits
 from crar_drake.robot.task import Task
 
 _NOTHING_ASKED = np.zeros((0, 7))
+_NO_FORCE = np.zeros(0)
 
 
 @dataclass(slots=True)
@@ -55,7 +57,7 @@ class ModelState:
 
     Attributes:
         qdot: (n,) velocities of the controlled joints [rad/s].
-        q_p, qdot_p: (n_p,) positions and velocities of the prescribed joints.
+        q_p, qdot_p: (nq_p,), (n_p,) positions and velocities of the prescribed joints.
         q: (n,) positions of the controlled joints [rad].
         R: (Na, 3, 3) orientations R_WT of the tasks that have one.
         p: (Nl, 3) positions p_WT of the tasks that have one [m].
@@ -152,7 +154,9 @@ class ControlModel:
 
     The joints of the plant are either *prescribed* (their acceleration is known)
     or *controlled* (the paper's q, in the plant's order of velocities). Each must
-    have as many velocities as positions and be actuated.
+    have as many velocities as positions and be actuated. Only a prescribed root may be
+    free (`equations.free_joints`): no actuator moves it, and the force that does is
+    told apart.
 
     Attributes:
         plant, scene_graph, diagram: the model itself.
@@ -169,11 +173,17 @@ class ControlModel:
         robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
             a row for each pair; and at two, a row for each pair of shapes.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
-        controlled, prescribed: their indices in v (and q).
-        order: (nv,) both, one after the other.
-        position_names: (nq,) the joint of each position of the plant.
-        joint_names, prescribed_names: (n,), (n_p,) those of controlled and
-            prescribed joints.
+        controlled, prescribed: their indices in v; of the prescribed ones a free root's
+            come last.
+        controlled_positions, prescribed_positions: (n,), (nq_p,) their indices in q.
+            All are those in v, unless the root is free.
+        order, positions: (nv,), (nq,) both, one after the other, in v and in q.
+        num_free: 1 if the root is free, which has a position more than velocities.
+        unactuated: (6,) the root's indices in v if it is free, else (0,).
+        position_names, velocity_names: (nq,), (nv,) the joint of each position and
+            velocity of the plant.
+        joint_names, prescribed_names: (n,), (n_p,) those of the velocities of
+            controlled and prescribed joints.
         lower, upper: (n,) limits of the controlled joints [rad].
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
@@ -388,12 +398,61 @@ class ControlModel:
         Returns:
             (nu,) efforts in the order of the plant's actuators [Nm or N].
         """
+        return self._by_actuator(self._generalized_forces(workspace, vdot))
+
+    def root_force(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
+        """What the root must be pushed with from outside, at the workspace's state.
+
+        Args:
+            workspace: at the state of the last `evaluate`.
+            vdot: (nv,) accelerations of all joints of the plant.
+
+        Returns:
+            (nv,) generalized forces of a free root: the moment about its origin and the
+            force, in the world [Nm, N]; 0 for all that is actuated. (0,) if nothing is
+            free.
+        """
+        if not self.num_free:
+            return _NO_FORCE
+        force = np.zeros(len(vdot))
+        tau = self._generalized_forces(workspace, vdot)
+        force[self.unactuated] = tau[self.unactuated]
+        return force
+
+    def _generalized_forces(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
+        """(nv,) of all joints, whoever provides them."""
         plant, context = self.plant, workspace.plant_context
         plant.CalcForceElementsContribution(context, workspace.forces)
         tau = plant.CalcInverseDynamics(context, vdot, workspace.forces)
         if self._is_damped:
             tau = tau + self._implicit_damping * vdot
-        return self._by_actuator(tau)
+        return tau
+
+    def in_order(self, q: np.ndarray, *v: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Positions (nq,) and velocities (nv,) of the plant in the equations' order."""
+        return q[self.positions], *(x[self.order] for x in v)
+
+    def in_plant(self, q: np.ndarray, *v: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The way back from `in_order`."""
+        plain = np.empty(len(q))
+        plain[self.positions] = q
+        return plain, *(x[self._places] for x in v)
+
+    def prescribed_at(self, q: np.ndarray) -> np.ndarray:
+        """The vector `desired_prescribed` that asks the prescribed joints to stay.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+
+        Returns:
+            (prescribed_size,) [q_p; 0; 0].
+        """
+        return np.concatenate((q[self.prescribed_positions], np.zeros(2 * self.n_p)))
+
+    @property
+    def prescribed_size(self) -> int:
+        """Entries of [q_p; q_dot_p; q_ddot_p], nq_p + 2 n_p."""
+        return len(self.prescribed_positions) + 2 * self.n_p
 
     def join(self, controlled: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
         """(nv,) of all joints, from (n,) controlled and (n_p,) prescribed ones."""
@@ -441,6 +500,10 @@ class ControlModel:
         for name, value in self.description.rest_posture.items():
             joint = find_joint(plant, name)
             q[joint.position_start()] = value
+        if self.num_free:
+            X_WB = self.description.rest_pose()
+            q[self.prescribed_positions[-7:-3]] = X_WB.rotation().ToQuaternion().wxyz()
+            q[self.prescribed_positions[-3:]] = X_WB.translation()
         return q
 
     def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
@@ -460,43 +523,57 @@ class ControlModel:
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
-        if plant.num_positions() != plant.num_velocities():
-            raise ModelError(
-                "the plant has a joint with more positions than velocities (a floating "
-                "base or a ball joint); weld the base, or use single-axis joints"
-            )
-        prescribed = [
-            joint.velocity_start() + i
-            for joint in (find_joint(plant, j) for j in description.prescribed_joints)
-            for i in range(joint.num_velocities())
-        ]
         self._check_described_joints()
-        nv = plant.num_velocities()
+        root = find_root(plant, description)
+        moved = [find_joint(plant, name) for name in description.prescribed_joints]
+        prescribed, at = [], []
+        for joint in moved if root is None else [*moved, root]:
+            start, count = joint.velocity_start(), joint.num_velocities()
+            prescribed += range(start, start + count)
+            start, count = joint.position_start(), joint.num_positions()
+            at += range(start, start + count)
+        nq, nv = plant.num_positions(), plant.num_velocities()
+        self.num_free = 0 if root is None else 1
+        self.unactuated = np.array(prescribed[-6:] if self.num_free else [], dtype=int)
         B = plant.MakeActuationMatrix()
-        unactuated = np.flatnonzero(~B.any(axis=1))
+        idle = np.setdiff1d(np.flatnonzero(~B.any(axis=1)), self.unactuated)
         names = names_by_joint(plant)
-        if len(unactuated):
+        if len(idle):
             raise ModelError(
                 "every joint must be actuated, but these are not: "
-                f"{', '.join(names[i] for i in unactuated)}; add actuators "
+                f"{', '.join(names[i] for i in idle)}; add actuators "
                 "(transmissions in a URDF), or weld the joints"
             )
+        if B[self.unactuated].any():
+            raise ModelError(
+                f"robot {description.name}: root: an actuator moves {root.name()!r}, "
+                "which floats; leave it out"
+            )
         # The actuators of one joint share its effort; one alone is quicker to pick.
-        self._actuators_from_efforts = B.T / B.sum(axis=1)
+        self._actuators_from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
         alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
         self._actuated = B.argmax(axis=0) if alone else None
         self.prescribed = np.array(prescribed, dtype=int)
         self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
         self.order = np.concatenate([self.controlled, self.prescribed])
+        self._places = np.argsort(self.order)
+        self.prescribed_positions = np.array(at, dtype=int)
+        self.controlled_positions = np.setdiff1d(
+            np.arange(nq), self.prescribed_positions
+        )
+        self.positions = np.concatenate(
+            [self.controlled_positions, self.prescribed_positions]
+        )
         self._still = np.zeros(nv)
         if not self.n:
             raise ModelError("the plant has no joint left to control")
-        self.position_names = names
+        self.velocity_names = names
+        self.position_names = names_by_joint(plant, of_positions=True)
         self.joint_names = [names[i] for i in self.controlled]
         self.prescribed_names = [names[i] for i in self.prescribed]
-        self.lower = plant.GetPositionLowerLimits()[self.controlled]
-        self.upper = plant.GetPositionUpperLimits()[self.controlled]
+        self.lower = plant.GetPositionLowerLimits()[self.controlled_positions]
+        self.upper = plant.GetPositionUpperLimits()[self.controlled_positions]
         self.effort_limits = np.zeros(nv)
         self.actuator_limits = np.full(plant.num_actuated_dofs(), np.inf)
         for index in plant.GetJointActuatorIndices():
@@ -646,6 +723,7 @@ class ControlModel:
             return hold(
                 Robot(
                     order,
+                    self.positions,
                     self.n,
                     selection,
                     first,
@@ -685,18 +763,22 @@ class ControlModel:
             ) from error
 
 
-def names_by_joint(plant: MultibodyPlant) -> list[str]:
-    """Per velocity the joint's name; scoped where two models share a name."""
+def names_by_joint(plant: MultibodyPlant, *, of_positions: bool = False) -> list[str]:
+    """Per velocity (or position) the joint's name; scoped where two models share it."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     plain = [joint.name() for joint in joints]
-    names = [""] * plant.num_velocities()
+    names = [""] * (plant.num_positions() if of_positions else plant.num_velocities())
     for joint in joints:
         name = joint.name()
         if plain.count(name) > 1:
             name = f"{plant.GetModelInstanceName(joint.model_instance())}::{name}"
-        for i in range(joint.num_velocities()):
-            suffix = (
-                f".{joint.velocity_suffix(i)}" if joint.num_velocities() > 1 else ""
-            )
-            names[joint.velocity_start() + i] = name + suffix
+        # A joint's positions have names of their own only where they are others.
+        if of_positions and joint.num_positions() != joint.num_velocities():
+            start, suffixes = joint.position_start(), joint.position_suffix
+            count = joint.num_positions()
+        else:
+            start = joint.position_start() if of_positions else joint.velocity_start()
+            count, suffixes = joint.num_velocities(), joint.velocity_suffix
+        for i in range(count):
+            names[start + i] = name + (f".{suffixes(i)}" if count > 1 else "")
     return names

@@ -26,7 +26,7 @@ def find_reaches(
         joints: of the plant.
         pairs: of it; those of other shapes have none.
         order: (nv,) of the joints, as in `equations.kinematics.Robot`.
-        lower, upper: (nv,) limits of all joints, in the plant's order.
+        lower, upper: (nq,) limits of all joints, in the plant's order.
 
     Raises:
         ModelError: an unlimited slide is carried by a turning joint that moves a
@@ -39,6 +39,8 @@ def find_reaches(
     extent = np.maximum(np.abs(lower), np.abs(upper))[tree.position]
     with np.errstate(invalid="ignore"):
         ranges = np.where(slides > 0.0, slides * extent, 0.0)
+    for frame, _ in tree.free:
+        ranges[frame] = np.inf
 
     def reaches_of(body, ends) -> np.ndarray:
         """(nv,) by the plant's order, 0 for joints that do not move the body."""
@@ -47,13 +49,15 @@ def find_reaches(
         points = [X_FB.multiply(end) for end in ends]
         rest, offset = 0.0, points  # the chain beyond, and where in `frame` it begins
         while frame:
-            velocity = tree.position[frame]
-            turn, slide = joints.turns[velocity], joints.slides[velocity]
-            if turn.any():
-                arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
-                reach[velocity] = arm + rest + np.linalg.norm(slide)
-            else:
+            for velocity in joints.velocities[frame]:
+                turn, slide = joints.turns[velocity], joints.slides[velocity]
                 reach[velocity] = np.linalg.norm(slide)
+                if len(joints.velocities[frame]) > 1 and turn.any():
+                    # The axis of a free joint's turn is any through its origin.
+                    reach[velocity] = max(map(np.linalg.norm, offset)) + rest
+                elif turn.any():
+                    arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
+                    reach[velocity] += arm + rest
             rest += max(np.linalg.norm(point) for point in offset) + ranges[frame]
             offset = [steps[frame]]
             frame = tree.parent[frame]
@@ -78,7 +82,8 @@ def find_reaches(
             "robot's file"
         )
     own = joints.frame_of_velocity[order]
-    above = joints.moved_by[own][:, order].astype(float) - np.eye(len(order))
+    above = joints.moved_by[own][:, order].astype(float)
+    np.fill_diagonal(above, 0.0)
     return Reaches(
         a_alone.astype(float),
         b_alone.astype(float),

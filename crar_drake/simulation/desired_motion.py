@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pydrake.systems.primitives import ConstantVectorSource
 
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -31,11 +31,13 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
 
 
 def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
-    if model.n_p:
+    sources = model.description.prescribed_joints
+    if any(source != "hold" for source in sources.values()):
         raise ScenarioError(
             f"robot {model.description.name}: its prescribed joints need a motion; "
-            "keyframes drive robots without prescribed joints"
+            "keyframes drive robots whose prescribed joints hold"
         )
+    held = model.prescribed_at(model.rest_positions())
     ways = {
         name: KeyframeTrajectory(name, frames)
         for name, frames in scenario.keyframes.items()
@@ -44,7 +46,7 @@ def _from_keyframes(scenario: Scenario, model: ControlModel) -> DesiredMotion:
     return DesiredMotion(
         source.duration,
         source.at,
-        lambda time: np.zeros(0),
+        lambda time: held[: len(model.prescribed_positions)],
         lambda: PoseTrajectorySource(model.layout, ways),
-        None,
+        (lambda: ConstantVectorSource(held)) if model.n_p else None,
     )

@@ -41,8 +41,9 @@ def AddRobot(
 ) -> RobotDescription:
     """Adds a robot to a plant that is not finalized yet, in its rest posture.
 
-    Its model file is parsed, its base welded to the world, and the rest posture made
-    the default of its joints. The plant may hold other things, too.
+    Its model file is parsed, its base welded to the world (or, if it floats, placed
+    there), and the rest posture made the default of its joints. The plant may hold
+    other things, too.
 
     Args:
         plant: of `AddMultibodyPlantSceneGraph`; call `Finalize` afterwards.
@@ -85,7 +86,8 @@ def AddCrarController(
     control_model: ControlModel | None = None,
     estimated_state: OutputPort | None = None,
 ) -> CrarController:
-    """Adds a controller beside a plant and connects state and actuation.
+    """Adds a controller beside a plant and connects state and actuation, and, if the
+    root floats, what pushes it.
 
     What remains to be connected are `desired_tasks` and, if the description
     prescribes joints, `desired_prescribed`; see `CrarController` for what they carry.
@@ -106,7 +108,8 @@ def AddCrarController(
 
     Raises:
         ModelError: the plant is not finalized, has another state or other
-            actuators than the control model, or a name is not in it.
+            actuators than the control model, or a name is not in it; or the root
+            floats and the plant's applied_generalized_force is connected already.
         ScenarioError: a parameter is out of range, or the control period or the
             torque period is not a multiple of the plant's time step.
     """
@@ -154,6 +157,16 @@ def AddCrarController(
     builder.Connect(
         controller.get_output_port_actuation(), plant.get_actuation_input_port()
     )
+    force = controller.get_output_port_root_force()
+    if force is not None:
+        port = plant.get_applied_generalized_force_input_port()
+        if builder.IsConnectedOrExported(port):
+            raise ModelError(
+                "the root floats, and what pushes it goes to the plant's input port "
+                f"{port.get_name()}, which is connected already; leave it open, or "
+                "make a CrarController and add its root_force to yours by an Adder"
+            )
+        builder.Connect(force, port)
     return controller
 
 

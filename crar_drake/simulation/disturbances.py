@@ -19,7 +19,7 @@ from pydrake.systems.framework import (
 
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
-from crar_drake.robot.description import find_frame
+from crar_drake.robot.description import find_frame, quaternion_starts
 
 
 @dataclass
@@ -255,9 +255,13 @@ def AddMeasurement(
         # would store the next state.
         period *= 1.0 - 4e-15
     port = plant.get_state_output_port()
+    of_positions = np.full(plant.num_positions(), disturbances.position_noise)
+    for start in quaternion_starts(plant):
+        # A turn by an angle changes a quaternion by half of it.
+        of_positions[start : start + 4] *= 0.5
     deviations = np.concatenate(
         [
-            np.full(plant.num_positions(), disturbances.position_noise),
+            of_positions,
             np.full(plant.num_velocities(), disturbances.velocity_noise),
         ]
     )

@@ -18,7 +18,7 @@ class DesiredMotion:
     Attributes:
         duration: of the motion [s].
         tasks_at: time [s] to [x_d; v_d; a_d] (layout.size,).
-        prescribed_at: time [s] to the prescribed joints' positions (n_p,).
+        prescribed_at: time [s] to the prescribed joints' positions (nq_p,).
         MakeTaskSource: makes the system that emits `desired_tasks`.
         MakePrescribedSource: makes that of `desired_prescribed`; None without
             prescribed joints.

@@ -9,7 +9,9 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import BsplineTrajectory
+from scipy.spatial.transform import Rotation
 
+from crar_drake.equations.tasks import quaternion_from_rotation
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.conditioning import spline
@@ -19,10 +21,11 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
-from crar_drake.robot.description import find_frame
+from crar_drake.motion.turns import hip_turns
+from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
-from crar_drake.targets.sources import PoseTrajectorySource
+from crar_drake.targets.sources import PoseTrajectorySource, TimeFunctionSource
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
 
@@ -47,24 +50,24 @@ class PointTrajectory:
         return (p, v, a) if time <= self.end else (p, np.zeros(3), np.zeros(3))
 
 
-class HandTrajectory:
-    """The way of a hand: turned as the performer's, ahead of the robot's wrist.
+class CarriedTrajectory:
+    """The way of a frame H that turns about a point C: a hand about its wrist, the root
+    about the waist.
 
-    Its position is p_WH = p_WC + length x_H, with C the wrist and x_H the hand's first
-    axis, the one to the fingertips.
+    Its position is p_WH = p_WC + R_WH p_CH_H.
     """
 
     def __init__(
-        self, wrist: PointTrajectory, orientation: QuaternionSpline, length: float
+        self, point: PointTrajectory, orientation: QuaternionSpline, arm: np.ndarray
     ) -> None:
         """
         Args:
-            wrist: the way of C.
-            orientation: R_WH, as long as the wrist's way.
-            length: of the robot, from its wrist to its hand [m].
+            point: the way of C.
+            orientation: R_WH, as long as the point's way.
+            arm: (3,) p_CH_H, from C to H, in H [m].
         """
-        self.end = wrist.end
-        self._wrist, self._orientation, self._length = wrist, orientation, length
+        self.end = point.end
+        self._point, self._orientation, self._arm = point, orientation, arm
 
     def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
@@ -72,9 +75,9 @@ class HandTrajectory:
 
     def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
-        p, v, a = self._wrist.position(time)
+        p, v, a = self._point.position(time)
         R, omega, alpha = self._orientation(time)
-        arm = self._length * R[:, 0]
+        arm = R @ self._arm
         turning = np.cross(omega, arm)
         return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
 
@@ -105,7 +108,7 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
         }
 
     waist_height = float(positions(model.rest_positions())["waist"][2])
-    p = positions(np.zeros(plant.num_positions()))
+    p = positions(zero_positions(plant))
 
     def length(a: str, b: str) -> float:
         return float(np.linalg.norm(p[a] - p[b]))
@@ -148,6 +151,8 @@ def load_motion_targets(
     centres = joint_centres(performer)
     retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
+    if model.num_free:
+        prescribed_at = _prescribed_motion(model, performer, retargeted, cutoff)
     # Of the performer a run's report alone is left to be made, which needs none.
     performer = replace(performer, orientations={}, hands={})
     if not model.n_p:
@@ -157,6 +162,17 @@ def load_motion_targets(
             lambda time: np.zeros(0),
             MakeTaskSource,
             None,
+            performer,
+        )
+    if model.num_free:
+        return DesiredMotion(
+            retargeted.duration,
+            tasks_at,
+            lambda time: prescribed_at(time)[: len(model.prescribed_positions)],
+            MakeTaskSource,
+            lambda: TimeFunctionSource(
+                "desired_prescribed", model.prescribed_size, prescribed_at
+            ),
             performer,
         )
     prescribed = _prescribed_trajectory(model, retargeted)
@@ -228,18 +244,19 @@ def _task_ways(
     performer: Performer,
     retargeted: RetargetedMotion,
     cutoff: float,
-) -> dict[str, PointTrajectory | HandTrajectory]:
+) -> dict[str, PointTrajectory | CarriedTrajectory]:
     """The way of each task, by its name."""
     quaternions = hand_orientations(performer).smooth(cutoff)
 
-    def way(frame: str) -> PointTrajectory | HandTrajectory:
+    def way(frame: str) -> PointTrajectory | CarriedTrajectory:
         if frame not in HANDS:
             return PointTrajectory(retargeted.trajectory([frame]))
         wrist = frame.replace("hand", "wrist")
-        return HandTrajectory(
+        return CarriedTrajectory(
             PointTrajectory(retargeted.trajectory([wrist])),
             QuaternionSpline(retargeted.time, quaternions[frame]),
-            _distance(model, wrist, frame),
+            # Along the hand's first axis, the one to the fingertips.
+            np.array([_distance(model, wrist, frame), 0.0, 0.0]),
         )
 
     names = model.layout.names
@@ -252,7 +269,7 @@ def _distance(model: ControlModel, a: str, b: str) -> float:
     """Between two task frames at zero joint angles [m]."""
     plant, frames = model.plant, model.description.task_frames
     context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    plant.SetPositions(context, zero_positions(plant))
     p_a, p_b = (
         find_frame(plant, frames[name]).CalcPoseInWorld(context).translation()
         for name in (a, b)
@@ -260,11 +277,51 @@ def _distance(model: ControlModel, a: str, b: str) -> float:
     return float(np.linalg.norm(p_b - p_a))
 
 
+def _prescribed_motion(
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
+) -> Callable[[float], np.ndarray]:
+    """`desired_prescribed` of a robot whose root floats, as a function of time [s].
+
+    The base is turned from where it is at rest as the performer's hips are from where
+    they face x, upright; and so that the robot's waist is where the scaled one is.
+    Other prescribed joints hold.
+    """
+    plant, description = model.plant, model.description
+    q = model.rest_positions()
+    context = model.MakeWorkspace().plant_context
+    plant.SetPositions(context, q)
+    waist = find_frame(plant, description.task_frames["waist"])
+    base = find_body(plant, description.base).body_frame()
+    p_BC = waist.CalcPose(context, base).translation()
+    at_rest = Rotation.from_matrix(description.rest_pose().rotation().matrix())
+    turns = Rotation.from_quat(hip_turns(performer, cutoff)) * at_rest
+    root = CarriedTrajectory(
+        PointTrajectory(retargeted.waist),
+        QuaternionSpline(retargeted.time, turns.as_quat()),
+        -p_BC,
+    )
+    held = q[model.prescribed_positions[:-7]]
+    still = np.zeros(len(held))
+
+    def prescribed_at(time: float) -> np.ndarray:
+        R, omega, alpha = root.orientation(time)
+        p, v, a = root.position(time)
+        quaternion = quaternion_from_rotation(R)
+        return np.concatenate(
+            [held, quaternion, p, still, omega, v, still, alpha, a], dtype=float
+        )
+
+    return prescribed_at
+
+
 def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory:
     """Positions of the prescribed joints: the performer's heading, and each its share
     of the waist's position, less where the waist is while these joints are at zero."""
     sources = list(model.description.prescribed_joints.values())
-    rest = model.rest_positions()[model.prescribed]
+    rest = model.rest_positions()[model.prescribed_positions]
     positions = np.tile(rest, (retargeted.num_frames, 1))
     for column, source in enumerate(sources):
         if source == "waist.heading":
@@ -286,10 +343,10 @@ def _waist_offset(
     context = model.MakeWorkspace().plant_context
     waist = find_frame(plant, model.description.task_frames["waist"])
     turning = [i for i, source in enumerate(sources) if source == "waist.heading"]
-    q = np.zeros(plant.num_positions())
+    q = zero_positions(plant)
 
     def offset(heading: np.ndarray) -> np.ndarray:
-        q[model.prescribed[turning]] = heading
+        q[model.prescribed_positions[turning]] = heading
         plant.SetPositions(context, q)
         return waist.CalcPoseInWorld(context).translation()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -91,3 +91,27 @@ class PoseTrajectorySource(LeafSystem):
 
     def _Calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.at(context.get_time()))
+
+
+class TimeFunctionSource(LeafSystem):
+    """Emits a function of time.
+
+    Output port: the system's name, (size,).
+    """
+
+    def __init__(
+        self, name: str, size: int, function: Callable[[float], np.ndarray]
+    ) -> None:
+        """
+        Args:
+            name: of the system and its port.
+            size: of the vector.
+            function: of the time [s], to (size,).
+        """
+        super().__init__()
+        self.set_name(name)
+        self._function = function
+        self.DeclareVectorOutputPort(name, size, self._Calc, {self.time_ticket()})
+
+    def _Calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._function(context.get_time()))

@@ -40,7 +40,7 @@ def solve_start_pose(
     Args:
         model: the robot and its tasks.
         tasks: (layout.size,) [x_d; v_d; a_d] of the first instant.
-        prescribed: (n_p,) positions of the prescribed joints.
+        prescribed: (nq_p,) positions of the prescribed joints.
 
     Returns:
         (nq,) positions.
@@ -56,7 +56,7 @@ def solve_start_pose(
         return state, S * error
 
     q = model.rest_positions()
-    q[model.prescribed] = prescribed
+    q[model.prescribed_positions] = prescribed
     state, error = at(q)
     least_distance = np.minimum(state.d, _MARGIN_DISTANCE)
     lower = np.minimum(model.lower + _MARGIN_LIMIT, state.q)
@@ -72,7 +72,9 @@ def solve_start_pose(
         step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = q.copy()
-            trial[model.controlled] = np.clip(state.q + share * step, lower, upper)
+            trial[model.controlled_positions] = np.clip(
+                state.q + share * step, lower, upper
+            )
             trial_state, trial_error = at(trial)
             valid = (trial_state.d >= least_distance).all()
             if valid and trial_error @ trial_error < error @ error:

@@ -45,9 +45,7 @@ class SafeMotion:
         self.model, self.law = model, ControlLaw(model, parameters)
         self.q = model.rest_positions()
         self.v = np.zeros(model.plant.num_velocities())
-        self._still = np.concatenate(
-            (self.q[model.prescribed], np.zeros(2 * model.n_p))
-        )
+        self._still = model.prescribed_at(self.q)
         self._workspace = model.MakeWorkspace()
         self._warm_up()
 

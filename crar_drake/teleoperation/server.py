@@ -380,7 +380,7 @@ class TeleoperationServer:
             "period": self.period,
             "tasks": dict(zip(model.layout.names, model.layout.kinds, strict=True)),
             "positions": list(model.position_names),
-            "velocities": [model.position_names[i] for i in range(len(self.motion.v))],
+            "velocities": list(model.velocity_names),
             "torques": self._actuators(),
         }
         return json.dumps(said).encode() + b"\n"
@@ -390,10 +390,10 @@ class TeleoperationServer:
         return list(plant.GetActuatorNames(add_model_instance_prefix=False))
 
     def _names(self) -> list[str]:
-        joints = self.motion.model.position_names
+        model = self.motion.model
         return [
-            *(f"q.{name}" for name in joints),
-            *(f"v.{name}" for name in joints),
+            *(f"q.{name}" for name in model.position_names),
+            *(f"v.{name}" for name in model.velocity_names),
             *(f"tau.{name}" for name in self._actuators()),
             "braking",
         ]

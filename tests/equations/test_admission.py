@@ -36,7 +36,7 @@ from crar_drake.equations.admission import (
     examine_present,
     farther,
     gradients_at,
-    next_rest,
+    next_path,
     path_bounds,
     path_curvature,
     scale_step,
@@ -95,25 +95,25 @@ def stepped(q, v, a, period: float, steps: int):
 
 
 @pytest.mark.parametrize("steps", [1, 2, 5, 20])
-def test_the_next_rest_is_where_the_plants_steps_lead(steps: int) -> None:
+def test_the_next_path_begins_where_the_plants_steps_lead(steps: int) -> None:
     rng = np.random.default_rng(steps)
     q, v, s = rng.normal(size=(3, 4))
     for period in (1e-3, 0.01, T):
         q_next, v_next = stepped(q, v, (s - v) / T, period, steps)[-1]
-        found = next_rest(q, v, s, T, period, period / steps)
+        found = next_path(q, v, s, T, period, period / steps)
         np.testing.assert_allclose(found[0], q_next, atol=1e-14)
-        np.testing.assert_allclose(found[1], q_next + T * v_next, atol=1e-14)
+        np.testing.assert_allclose(found[1], T * v_next, atol=1e-14)
 
 
-def test_the_next_rest_of_a_continuous_plant_is_on_the_parabola() -> None:
+def test_the_next_path_of_a_continuous_plant_begins_on_the_parabola() -> None:
     rng = np.random.default_rng(3)
     q, v, s = rng.normal(size=(3, 4))
     for period in (1e-3, 0.01, T):
         a = (s - v) / T
         q_next = q + period * v + 0.5 * period**2 * a
-        found = next_rest(q, v, s, T, period, 0.0)
+        found = next_path(q, v, s, T, period, 0.0)
         np.testing.assert_allclose(found[0], q_next, atol=1e-14)
-        np.testing.assert_allclose(found[1], q_next + T * (v + period * a), atol=1e-14)
+        np.testing.assert_allclose(found[1], T * (v + period * a), atol=1e-14)
 
 
 @given(
@@ -130,7 +130,8 @@ def test_braking_leads_to_a_part_of_the_present_path(
     rng = np.random.default_rng(seed)
     q, v = rng.normal(size=(2, 5))
     period = share * horizon
-    q_next, rest = next_rest(q, v, np.zeros(5), horizon, period, step_share * period)
+    q_next, x = next_path(q, v, np.zeros(5), horizon, period, step_share * period)
+    rest = q_next + x
     first, last = ((x - q) @ v / (horizon * v @ v) for x in (q_next, rest))
     assert -1e-9 <= first <= last + 1e-9 <= 1.0 + 2e-9
     # and all of it is one line: exactly, but for rounding.
@@ -145,8 +146,9 @@ def test_the_next_path_is_no_farther_than_its_velocity_takes_it() -> None:
         for period in (1e-3, 0.02):
             gains = AdmissionGains(T, period, period / steps, 0.0)
             q, v, s = rng.normal(size=(3, 4))
-            start, rest = next_rest(q, v, s, T, period, gains.step)
-            without, end = next_rest(q, v, np.zeros(4), T, period, gains.step)
+            start, x = next_path(q, v, s, T, period, gains.step)
+            without, still = next_path(q, v, np.zeros(4), T, period, gains.step)
+            rest, end = start + x, without + still
             for t in np.linspace(0.0, 1.0, 7):
                 off = start + t * (rest - start) - (without + t * (end - without))
                 assert (np.abs(off) <= farther(s, gains) * np.abs(s) + 1e-14).all()

@@ -94,7 +94,7 @@ def test_every_kind_of_joint_is_among_the_cases() -> None:
     assert both.sum() == 1  # the screw
 
 
-@pytest.mark.parametrize("kind", ["ball", "rpy floating", "quaternion floating"])
+@pytest.mark.parametrize("kind", ["ball", "rpy floating"])
 def test_joints_whose_velocities_are_no_rates_are_refused(kind: str) -> None:
     plant = MultibodyPlant(1e-3)
     inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
@@ -102,9 +102,8 @@ def test_joints_whose_velocities_are_no_rates_are_refused(kind: str) -> None:
     frames = plant.world_frame(), body.body_frame()
     if kind == "ball":
         plant.AddJoint(BallRpyJoint("socket", *frames))
-    elif kind == "rpy floating":
+    else:
         plant.AddJoint(RpyFloatingJoint("socket", *frames))
     plant.Finalize()
-    name = "ball" if kind == "quaternion floating" else "socket"
-    with pytest.raises(ModelError, match=f"{name}.*not the rates of its positions"):
+    with pytest.raises(ModelError, match="socket.*not the rates of its positions"):
         JointTree(plant)

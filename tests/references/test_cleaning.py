@@ -1,5 +1,7 @@
 """Cleaned references, judged by the referee and by what the reference itself was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_reference_robots import SPEED, reaching, write_robot
@@ -53,6 +55,14 @@ def test_a_collision_is_taken_out_and_the_rest_stays(cleaner):
     assert change.max() > 0.05
     assert change[:10].max() < 1e-6  # before, and after it has caught up
     assert change[-1] < 2e-2
+
+
+def test_a_root_that_floats_makes_no_difference(cleaner):
+    floating = replace(cleaner.description, root="prescribed")
+    q = reaching(16, RATE, 1.0)
+    ours, theirs = Cleaner(floating, RATE).clean(q), cleaner.clean(q)
+    assert np.abs(theirs.q - q).max() > 0.05
+    np.testing.assert_array_equal(ours.q, theirs.q)
 
 
 def test_speed_limits_hold_and_are_caught_up_with(cleaner):

@@ -117,6 +117,7 @@ def log_of(folder: Path, q: np.ndarray):
         admission=np.full((size, 4), np.nan),
         torque_limit=np.ones((size, 2)),
         position_names=np.array(names_by_joint(model.plant)),
+        velocity_names=np.array(names_by_joint(model.plant)),
         actuator_names=np.array(["slide", "lift"]),
         controlled_names=np.array(["slide", "lift"]),
         task_names=np.array(["tool"]),

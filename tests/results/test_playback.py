@@ -62,6 +62,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         admission=np.full((T, 4), np.nan),
         torque_limit=np.tile([1.0, 0.0], (T, 1)),
         position_names=np.array(model.position_names),
+        velocity_names=np.array(model.velocity_names),
         actuator_names=np.array(model.position_names),
         controlled_names=np.array(model.joint_names),
         task_names=np.array(layout.names),

@@ -1,0 +1,80 @@
+"""How parts of a performer are turned, in the robot's world frame, and smoothly."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.performer import Performer
+from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.quaternion_spline import sign_continuous
+
+# Shorter than this a mean of quaternions tells no orientation.
+_LEAST_NORM = 0.05
+
+
+def hip_turns(motion: Performer | Clip, cutoff: float = DEFAULT_CUTOFF) -> np.ndarray:
+    """How the performer's hips are turned from where they face x, upright.
+
+    Args:
+        motion: the performer, or a clip.
+        cutoff: of the zero-phase low-pass [Hz].
+
+    Returns:
+        (T, 4) unit quaternions (x y z w) of rotations in the robot's world W: z up, x
+        forward, y left.
+
+    Raises:
+        MotionError: the motion does not tell, it is too short, the cutoff too high, or
+            the hips turn to and fro so fast that no mean is left.
+    """
+    performer = as_performer(motion)
+    if "pelvis" not in performer.orientations:
+        raise MotionError(
+            f"motion {performer.name}: it does not tell how the pelvis is turned, and "
+            "so not how a root that floats is; weld the base, or use another motion"
+        )
+    return smooth_turns(
+        performer.orientations["pelvis"],
+        performer.frame_rate,
+        cutoff,
+        f"motion {performer.name}: the hips",
+        "prescribe no root",
+    )
+
+
+def smooth_turns(
+    R: np.ndarray, frame_rate: float, cutoff: float, what: str, otherwise: str
+) -> np.ndarray:
+    """Quaternions after a low-pass, filtered as positions are, and normalised.
+
+    Args:
+        R: (T, 3, 3) rotations.
+        frame_rate: samples per second [Hz].
+        cutoff: of the zero-phase low-pass [Hz].
+        what, otherwise: for an error: "motion m: what turns", and how to do without.
+
+    Returns:
+        (T, 4) unit quaternions (x y z w), their signs continuous.
+
+    Raises:
+        MotionError: the motion is too short, the cutoff too high, or it turns to and
+            fro so fast that no mean is left.
+    """
+    quaternions = sign_continuous(Rotation.from_matrix(R).as_quat())
+    try:
+        filtered = low_pass(quaternions, frame_rate, cutoff)
+    except MotionError as error:
+        raise MotionError(f"{what}: {error}") from error
+    norm = np.linalg.norm(filtered, axis=1)
+    frame = int(np.argmin(norm))
+    # Written so that a NaN fails, too.
+    if not norm[frame] >= _LEAST_NORM:
+        raise MotionError(
+            f"{what} turns so fast about frame {frame + 1} that a low-pass of "
+            f"{cutoff:g} Hz leaves no orientation; raise the cutoff, or {otherwise}"
+        )
+    return filtered / norm[:, None]

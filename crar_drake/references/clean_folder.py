@@ -207,25 +207,36 @@ def _write_table(table: Path, folder: Path, files: dict[Path, CleanedFile]) -> N
 
 
 def _read_table(table: Path, folder: Path) -> dict[Path, CleanedFile]:
-    """Files that did not fail; none if there is no table, or one of other columns."""
+    """Files that did not fail; none if there is no table, or one of other columns.
+
+    A file of which a row is damaged is cleaned again.
+    """
     if not os.path.isfile(table):
         return {}
-    with open(table, newline="") as stream:
+    with open(table, newline="", encoding="utf-8", errors="replace") as stream:
         reader = csv.DictReader(stream)
         if tuple(reader.fieldnames or ()) != _HEADER:
             return {}
-        rows = list(reader)
+        try:
+            rows = list(reader)
+        except csv.Error:  # a field of 130 kB
+            return {}
     files: dict[Path, CleanedFile] = {}
+    damaged: set[Path] = set()
     for row in rows:
         if row["error"]:
             continue
         path = folder / row["file"]
         kinds = CleanedClip.__annotations__
-        numbers = {
-            name: int(row[name]) if kinds[name] == "int" else float(row[name])
-            for name in NUMBERS
-        }
+        try:
+            numbers = {
+                name: int(row[name]) if kinds[name] == "int" else float(row[name])
+                for name in NUMBERS
+            }
+        except (TypeError, ValueError):  # no number, or none there
+            damaged.add(path)
+            continue
         before = files[path].clips if path in files else ()
         clip = CleanedClip(clip=row["clip"], **numbers)
         files[path] = CleanedFile(path, (*before, clip))
-    return files
+    return {path: file for path, file in files.items() if path not in damaged}

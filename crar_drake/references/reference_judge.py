@@ -96,8 +96,9 @@ class ReferenceVerdict:
 
     Attributes:
         motion: that was judged, without what the file had besides.
-        capsules: pairs of capsules that penetrate, the deepest first; None where the
-            robot's shapes are no capsules.
+        capsules: pairs of capsules that penetrate, the deepest first; None where they
+            are not judged.
+        why_no_capsules: why they are not, or "".
         capsule_distances: (T,) the smallest; NaN beyond 5 cm [m].
         mesh_frames: (K,) the frames in which the meshes were judged.
         meshes: what they said; None where they were not asked.
@@ -117,6 +118,7 @@ class ReferenceVerdict:
 
     motion: RobotMotion
     capsules: tuple[PairFrames, ...] | None
+    why_no_capsules: str
     capsule_distances: np.ndarray
     mesh_frames: np.ndarray
     meshes: MeshVerdict | None
@@ -159,7 +161,6 @@ class ReferenceJudge:
 
     Attributes:
         robot: the robot.
-        why_no_capsules: why capsules are not judged, or "".
     """
 
     def __init__(self, description: RobotDescription, meshes: bool = True) -> None:
@@ -178,15 +179,15 @@ class ReferenceJudge:
         if meshes and has_meshes(plant, graph):
             check_installed()
             self._mesh_judge = MeshJudge(description)
-        self._referee, self.why_no_capsules = None, ""
+        self._referee, self._why_no_capsules = None, ""
         try:
             self._referee = Referee(
                 plant, graph, description.pairs, self.robot.plant_speed_limits()
             )
         except ModelError as error:
-            self.why_no_capsules = str(error)
+            self._why_no_capsules = str(error)
         if not description.pairs:
-            self._referee, self.why_no_capsules = None, "no pairs are watched"
+            self._referee, self._why_no_capsules = None, "no pairs are watched"
         self._outline = Outline(self.robot)
 
     def judge(
@@ -230,6 +231,7 @@ class ReferenceJudge:
             # Of thousands of files the poses of all links would fill the memory.
             motion=replace(motion, extras={}, computed={}),
             capsules=capsules,
+            why_no_capsules=self._why_no_capsules,
             capsule_distances=distances,
             mesh_frames=mesh_frames,
             meshes=meshes,

@@ -70,7 +70,7 @@ def verdict_lines(verdict: ReferenceVerdict) -> Iterator[str]:
         yield f"  guessed: {guess}"
     yield from _mesh_lines(verdict)
     if verdict.capsules is None:
-        yield "  capsules: not judged"
+        yield f"  capsules: not judged: {verdict.why_no_capsules}"
     else:
         yield (
             f"  capsules: {_of(len(verdict.capsule_frames), motion.num_frames)} in "

@@ -11,6 +11,7 @@ from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError, WriteError
+from crar_drake.references import clean_folder as clean_folder_module
 from crar_drake.references.clean_file import clean_file
 from crar_drake.references.clean_folder import clean_folder
 from crar_drake.references.motion_certificate import (
@@ -316,6 +317,27 @@ def test_what_is_done_was_done_with_the_same_options(cleaned, tmp_path):
             )
             assert Here.calls - before == calls
             assert files[0].clips[0].rate == rate
+
+
+def test_a_damaged_table_costs_no_more_than_its_files(cleaned, tmp_path):
+    """Cut off anywhere, or with other bytes in it."""
+    folder, reference, *_ = cleaned
+    references, out = tmp_path / "references", tmp_path / "out"
+    references.mkdir()
+    (references / "reach.csv").write_bytes(reference.read_bytes())
+    clean_folder(references, out, str(folder), executor=Here())
+    table = out / "cleaned.csv"
+    whole = table.read_bytes()
+    cuts = [whole[:k] for k in range(0, len(whole), 41)]
+    cuts += [whole.replace(b"0.", b"x\xff\0"), whole + b"a" * 200_000]
+    for damaged in cuts:
+        table.write_bytes(damaged)
+        kept = clean_folder_module._read_table(table, references)
+        assert set(kept) <= {references / "reach.csv"}
+    table.write_bytes(whole[:-20])
+    (file,) = clean_folder(references, out, str(folder), executor=Here())
+    assert not file.error and len(file.clips) == 1
+    assert table.read_bytes()[:200] == whole[:200]
 
 
 def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):

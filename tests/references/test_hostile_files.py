@@ -103,6 +103,7 @@ def npz(path, header: bytes, method=zipfile.ZIP_STORED):
     return path
 
 
+@pytest.mark.filterwarnings("ignore:Passing in a parenthesized:DeprecationWarning")
 @pytest.mark.parametrize(
     "header",
     [

@@ -5,6 +5,8 @@ frames and shapes are skew, so that nothing agrees by symmetry.
 """
 
 import numpy as np
+from grounded_robots import add_ground
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
@@ -73,9 +75,13 @@ def description(root: str = "prescribed", **changes) -> RobotDescription:
 
 
 def add_floater(
-    builder: DiagramBuilder, root: str = "prescribed", time_step: float = 1e-3
+    builder: DiagramBuilder,
+    root: str = "prescribed",
+    time_step: float = 1e-3,
+    ground: float | None = None,
 ):
-    """Plant and SceneGraph with the robot, its base free or welded where it rests."""
+    """Plant and SceneGraph with the robot, its base free or welded where it rests, and
+    perhaps a ground at a height."""
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=time_step,
@@ -94,6 +100,8 @@ def add_floater(
     else:
         body = plant.GetBodyByName("body")
         plant.SetDefaultFloatingBaseBodyPose(body, X_WB)
+    if ground is not None:
+        add_ground(plant, RigidTransform([0.0, 0.0, ground]))
     plant.Finalize()
     return plant, scene_graph
 
@@ -102,10 +110,11 @@ def make_floater(
     root: str = "prescribed",
     tasks=TASKS,
     time_step: float = 1e-3,
+    ground: float | None = None,
     **changes,
 ) -> ControlModel:
     """The control model of the robot."""
-    plant, scene_graph = add_floater(DiagramBuilder(), root, time_step)
+    plant, scene_graph = add_floater(DiagramBuilder(), root, time_step, ground)
     return ControlModel.FromPlant(
         plant, scene_graph, description(root, **changes), tasks
     )

@@ -4,7 +4,7 @@ And a small robot with every kind of joint that the controller's kinematics know
 """
 
 import numpy as np
-from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.geometry import Capsule, HalfSpace, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
@@ -42,7 +42,8 @@ class MovingShapes:
         robot, reaches, held: what the admission works with; `held` are the reaches.
         order: (nv,) places in the plant's v of the entries of q, v, x here.
         lower, upper: (nv,) limits in that order.
-        rows: per pair of shapes (body a, ends in a, radius a, body b, ends, radius).
+        rows: per pair of shapes (body a, ends in a, radius a, body b, ends, radius); of
+            a half space b "ends" at its surface and below; a is then an end of a shape.
     """
 
     def __init__(
@@ -60,18 +61,22 @@ class MovingShapes:
         self.lower = plant.GetPositionLowerLimits()[self.order]
         self.upper = plant.GetPositionUpperLimits()[self.order]
         inspector = scene_graph.model_inspector()
-        self.rows = []
+        self.rows, self._flat = [], []
         for a, b in pairs:
             for geometry_a in plant.GetCollisionGeometriesForBody(a):
                 for geometry_b in plant.GetCollisionGeometriesForBody(b):
-                    self.rows.append(
-                        (
-                            a,
-                            *self._axis(inspector, geometry_a),
-                            b,
-                            *self._axis(inspector, geometry_b),
-                        )
+                    ends, radius = self._axis(inspector, geometry_a)
+                    axis_b = self._axis(inspector, geometry_b)
+                    shape_a, shape_b = (
+                        inspector.GetShape(g) for g in (geometry_a, geometry_b)
                     )
+                    each = [ends]
+                    if isinstance(shape_b, HalfSpace):
+                        each = [ends[[0, 0]], ends[[1, 1]]]
+                        each = each[: 1 if isinstance(shape_a, Sphere) else 2]
+                    for ends_a in each:
+                        self.rows.append((a, ends_a, radius, b, *axis_b))
+                        self._flat.append(isinstance(shape_b, HalfSpace))
 
         known = {body.index(): body for row in self.rows for body in (row[0], row[3])}
         self._bodies = list(known.values())
@@ -105,6 +110,9 @@ class MovingShapes:
     def _axis(inspector, geometry) -> tuple[np.ndarray, float]:
         """(2, 3) ends of a shape's axis in its body, and its radius."""
         shape, X = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+        if isinstance(shape, HalfSpace):
+            below = X.multiply(np.array([0.0, 0.0, -1.0]))
+            return np.array([X.translation(), below]), 0.0
         half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
         ends = [X.multiply(np.array([0.0, 0.0, z])) for z in (-half, half)]
         return np.array(ends), shape.radius()
@@ -138,6 +146,9 @@ class MovingShapes:
         d, *_ = capsule_distances(
             a[:, 0], a[:, 1], radius_a, b[:, 0], b[:, 1], radius_b
         )
+        # Axes of half spaces are a metre long.
+        height = ((b[:, 0] - b[:, 1]) * (a[:, 0] - b[:, 0])).sum(axis=1) - radius_a
+        d = np.where(np.tile(self._flat, len(found)), height, d)
         return d.reshape(len(found), -1)
 
     def on_path(self, start: np.ndarray, end: np.ndarray, samples: int) -> np.ndarray:

@@ -175,7 +175,8 @@ def shadow_gap(
 
     Each end's shadow n . p moves at n . p_dot to the first order. The gap between two
     segments, the smallest of four differences, is then concave in time, and smallest
-    where the time begins or ends.
+    where the time begins or ends. A half space that stands still, n its normal, has the
+    shadow of its axis, and all of it is behind.
 
     Args:
         n: (k, 3) unit directions.
@@ -220,6 +221,7 @@ def sizes_of(sizes: CapsuleSizes, pairs: np.ndarray) -> CapsuleSizes:
         sizes.per_vv[pairs],
         sizes.uu_vv[pairs],
         sizes.radii[pairs],
+        sizes.flat[pairs],
     )
 
 

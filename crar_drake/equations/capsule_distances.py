@@ -1,8 +1,11 @@
-"""Signed distances of capsules and spheres, for all pairs at once.
+"""Signed distances of capsules, spheres and half spaces, for all pairs at once.
 
 The paper takes the minimum distances and collision points of Eqs. (19)-(26) from
 a collision library. For capsules (a sphere is one of length zero) the closed form
-is exact and much faster than reading a library's answers one by one.
+is exact and much faster than reading a library's answers one by one. A half space (the
+ground) is always the second shape, the first one a sphere: the ends of a capsule are
+two, the corners of a box eight. It is told by an axis, from a point of its surface
+straight into it.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ class CapsuleSizes(NamedTuple):
     per_vv: np.ndarray
     uu_vv: np.ndarray  # (N,) their products, 1 where one is a sphere [m^4]
     radii: np.ndarray  # (N,) sums of both radii [m]
+    flat: np.ndarray  # (N,) bool, whether b is a half space
 
 
 def capsule_sizes(
@@ -39,12 +43,15 @@ def capsule_sizes(
     radius_a: np.ndarray,
     length_b: np.ndarray,
     radius_b: np.ndarray,
+    flat_b: np.ndarray | None = None,
 ) -> CapsuleSizes:
     """The sizes of N pairs of capsules.
 
     Args:
         length_a, length_b: (N,) of the axes, 0 for spheres [m].
         radius_a, radius_b: (N,) [m].
+        flat_b: (N,) bool, where b is a half space, of radius 0, and a a sphere; by
+            default nowhere.
     """
     uu, vv = np.square(length_a), np.square(length_b)
     # Of an axis without length the parameter does not matter.
@@ -56,6 +63,7 @@ def capsule_sizes(
         per_vv=1.0 / np.where(vv > 0.0, vv, 1.0),
         uu_vv=np.where(product > 0.0, product, 1.0),
         radii=radius_a + radius_b,
+        flat=np.zeros(len(uu), dtype=bool) if flat_b is None else flat_b,
     )
 
 
@@ -72,7 +80,9 @@ def nearest_points(
     The signed distance is that of the axes less both radii: exact outside, and
     inside the depth along the line between the axes' nearest points. Of parallel
     axes that face each other the witness points are in the middle of the overlap.
-    Where the axes meet, the normal is perpendicular to both.
+    Where the axes meet, the normal is perpendicular to both. Above a half space it is
+    the height of the sphere's centre less its radius, and the normal is the half
+    space's, everywhere.
 
     Args:
         p_a, p_b: (N, 3) where the axes start [m].
@@ -115,6 +125,13 @@ def nearest_points(
             normal[i, 0], normal[i, 1], normal[i, 2] = n[0], n[1], n[2]
     else:
         normal = difference / axis_distance[:, np.newaxis]
+    if sizes.flat.any():
+        for i in np.flatnonzero(sizes.flat):
+            height = -dot_rows(v[i : i + 1], r[i : i + 1])[0] * np.sqrt(sizes.per_vv[i])
+            axis_distance[i] = height
+            for k in range(3):
+                normal[i, k] = -v[i, k] * np.sqrt(sizes.per_vv[i])
+                nearest_b[i, k] = p_a[i, k] - height * normal[i, k]
     return axis_distance - sizes.radii, normal, nearest_a, nearest_b
 
 

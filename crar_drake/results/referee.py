@@ -12,7 +12,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Capsule, SceneGraph, SceneGraphInspector, Sphere
+from pydrake.geometry import (
+    Capsule,
+    HalfSpace,
+    SceneGraph,
+    SceneGraphInspector,
+    Sphere,
+)
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
@@ -168,7 +174,7 @@ class Referee:
         Raises:
             ModelError: the plant is not finalized or not registered, a link does
                 not exist, or has no collision shape, or one that is neither sphere
-                nor capsule.
+                nor capsule nor half space.
             ValueError: `velocity_limits` has another size, or a NaN.
         """
         if not plant.is_finalized():
@@ -216,7 +222,7 @@ class Referee:
         return np.array(
             [
                 min(
-                    capsule_distance(*axis_a, *axis_b)[0]
+                    _distance(axis_a, axis_b)
                     for axis_a in axes_W[a]
                     for axis_b in axes_W[b]
                 )
@@ -433,7 +439,7 @@ class Referee:
                 if name not in axes_W:
                     axes_W[name] = self._axes_in_world(name)
                 axes.append(axes_W[name][k])
-            d = capsule_distance(*axes[0], *axes[1])[0]
+            d = _distance(*axes)
             column = int(columns[row])
             near[column] = min(d, near.get(column, math.inf))
         return near
@@ -451,7 +457,10 @@ class Referee:
         return q
 
     def _axes_in_world(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """(p_W0, p_W1, radius) of each shape of a body, in the present context."""
+        """(p_W0, p_W1, radius) of each shape of a body, in the present context.
+
+        Of a half space a point of the surface, one straight above it, and infinity.
+        """
         X_WB = self.plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
         return [
             (X_WB.multiply(axis.p_B0), X_WB.multiply(axis.p_B1), axis.radius)
@@ -467,6 +476,10 @@ def _body_axes(
     for geometry in plant.GetCollisionGeometriesForBody(body):
         shape = inspector.GetShape(geometry)
         X_BG = inspector.GetPoseInFrame(geometry)
+        if isinstance(shape, HalfSpace):
+            up = X_BG.multiply(np.array([0.0, 0.0, 1.0]))
+            axes.append(_Axis(X_BG.translation(), up, math.inf))
+            continue
         if isinstance(shape, Sphere):
             half_length = 0.0
         elif isinstance(shape, Capsule):
@@ -475,7 +488,7 @@ def _body_axes(
             raise ModelError(
                 f"link {body.name()!r}: collision geometry "
                 f"{inspector.GetName(geometry)!r} is a {type(shape).__name__}; the "
-                "referee knows only Sphere and Capsule"
+                "referee knows only Sphere, Capsule and HalfSpace"
             )
         # Drake's capsule lies along z of its geometry frame, centred.
         p_B0 = X_BG.multiply(np.array([0.0, 0.0, -half_length]))
@@ -492,6 +505,21 @@ def _place(table: np.ndarray, flat_index: int) -> tuple[int, int]:
     """(row, column) of a flat index."""
     row, column = np.unravel_index(flat_index, table.shape)
     return int(row), int(column)
+
+
+_WorldAxis = tuple[np.ndarray, np.ndarray, float]
+
+
+def _distance(a: _WorldAxis, b: _WorldAxis) -> float:
+    """The signed distance of two shapes; of which one may be a half space [m]."""
+    if math.isinf(a[2]):
+        a, b = b, a
+    if not math.isinf(b[2]):
+        return capsule_distance(*a, *b)[0]
+    on_surface, above, _ = b
+    # A capsule is lowest at an end.
+    lowest = min(float((above - on_surface) @ (end - on_surface)) for end in a[:2])
+    return lowest - a[2]
 
 
 # Three coordinates as plain floats: as short as NumPy here, and ten times faster.

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from pydrake.geometry import (
+    Box,
     Capsule,
     GeometryId,
+    HalfSpace,
     QueryObject,
     SceneGraphInspector,
     Shape,
@@ -25,11 +28,15 @@ DISTANCES = ("closed_form", "scene_graph")
 
 @dataclass(frozen=True)
 class CapsuleAxis:
-    """A capsule's or sphere's axis, fixed in its link's frame B."""
+    """A capsule's or sphere's axis, fixed in its link's frame B.
+
+    That of a half space leads from a point of its surface into it, by 1 m.
+    """
 
     p_B0: np.ndarray  # (3,) [m]
     p_B1: np.ndarray  # (3,) [m]
     radius: float  # [m]
+    flat: bool = False  # whether it is that of a half space
 
 
 class WatchedPairs:
@@ -37,13 +44,17 @@ class WatchedPairs:
 
     A segment may carry several shapes: the pair's distance is then the smallest
     over its shape pairs. Pairs of capsules and spheres are computed in closed
-    form; other shapes are asked of SceneGraph.
+    form; other shapes are asked of SceneGraph. Against a half space, which must be
+    welded to the world, the ends of a capsule and the corners of a box count as shapes
+    of their own, in closed form in any case.
 
     Attributes:
         names: per pair (link a, link b), in the documented order of the ports.
-        body_a, body_b: (Nc,) index of each segment in `bodies`.
+        body_a, body_b: (Nc,) index of each segment in `bodies`; a segment with a half
+            space is b, whatever its place in the name.
         bodies: the bodies that carry watched shapes.
-        axes: per body in `bodies` its capsule axes.
+        axes: per body in `bodies` its capsule axes, and the points (axes of no length)
+            that stand above half spaces.
         shape_pairs: (Nc, most) the shape pairs of each pair; the first fills up.
         pair_of_shapes: (Ns,) the pair that each shape pair belongs to.
     """
@@ -64,7 +75,8 @@ class WatchedPairs:
 
         Raises:
             ModelError: a segment has no collision shape, or is watched against
-                itself.
+                itself; or a half space moves, or is watched against another one or
+                against a shape that is neither sphere, capsule nor box.
         """
         if distances not in DISTANCES:
             raise ModelError(f"distances: {distances!r} is none of {DISTANCES}")
@@ -76,6 +88,8 @@ class WatchedPairs:
         self.axes: list[list[CapsuleAxis]] = []
         index_of: dict[int, int] = {}
         shapes: list[list[tuple[GeometryId, int | None]]] = []
+        flat: list[bool] = []  # whether a body carries a half space
+        anchored = {int(b.index()) for b in plant.GetBodiesWeldedTo(plant.world_body())}
         for body in (body for pair in pairs for body in pair):
             if int(body.index()) in index_of:
                 continue
@@ -90,36 +104,62 @@ class WatchedPairs:
             axes: list[CapsuleAxis] = []
             entries: list[tuple[GeometryId, int | None]] = []
             for geometry in ids:
-                axis = None
-                if distances == "closed_form":
+                axis, shape = None, inspector.GetShape(geometry)
+                if distances == "closed_form" or isinstance(shape, HalfSpace):
                     axis = capsule_axis(
-                        inspector.GetShape(geometry),
-                        inspector.GetPoseInFrame(geometry).GetAsMatrix34(),
+                        shape, inspector.GetPoseInFrame(geometry).GetAsMatrix34()
                     )
                 entries.append((geometry, len(axes) if axis else None))
                 if axis:
                     axes.append(axis)
             self.axes.append(axes)
             shapes.append(entries)
+            flat.append(any(axis.flat for axis in axes))
+            if flat[-1] and int(body.index()) not in anchored:
+                raise ModelError(
+                    f"link {body.name()!r} carries a half space and moves: weld it to "
+                    "the world, or give it a box"
+                )
 
         self.body_a = np.array([index_of[int(a.index())] for a, _ in pairs], dtype=int)
         self.body_b = np.array([index_of[int(b.index())] for _, b in pairs], dtype=int)
+        for k, (a, b) in enumerate(zip(self.body_a, self.body_b, strict=True)):
+            if flat[a] and flat[b]:
+                raise ModelError(
+                    f"links {self.names[k][0]!r} and {self.names[k][1]!r} both carry a "
+                    "half space: nothing is between them to be watched"
+                )
+            if flat[a]:
+                self.body_a[k], self.body_b[k] = b, a
+        stand = {
+            a: self._stand(inspector, a, [geometry for geometry, _ in shapes[a]])
+            for a, b in zip(self.body_a.tolist(), self.body_b.tolist(), strict=True)
+            if flat[b]
+        }
 
         # Shape pairs, those of one segment pair side by side.
         first_axis = np.cumsum([0] + [len(axes) for axes in self.axes])
         axis_a, axis_b, closed, queried, members = [], [], [], [], []
+        # Row to the shape that stands, by which of its points, and the half space.
+        self._standing: dict[int, tuple[GeometryId, int, GeometryId]] = {}
         row = 0
-        for a, b in zip(self.body_a, self.body_b, strict=True):
+        for a, b in zip(self.body_a.tolist(), self.body_b.tolist(), strict=True):
             start = row
             for geometry_a, local_a in shapes[a]:
                 for geometry_b, local_b in shapes[b]:
-                    if local_a is not None and local_b is not None:
-                        axis_a.append(first_axis[a] + local_a)
-                        axis_b.append(first_axis[b] + local_b)
-                        closed.append(row)
-                    else:
-                        queried.append((row, geometry_a, geometry_b))
-                    row += 1
+                    locals_a = [local_a]
+                    if local_b is not None and self.axes[b][local_b].flat:
+                        locals_a = stand[a][geometry_a]
+                        for i in range(len(locals_a)):
+                            self._standing[row + i] = geometry_a, i, geometry_b
+                    for local in locals_a:
+                        if local is not None and local_b is not None:
+                            axis_a.append(first_axis[a] + local)
+                            axis_b.append(first_axis[b] + local_b)
+                            closed.append(row)
+                        else:
+                            queried.append((row, geometry_a, geometry_b))
+                        row += 1
             members.append(list(range(start, row)))
         axis_a = np.array(axis_a, dtype=int)
         axis_b = np.array(axis_b, dtype=int)
@@ -135,6 +175,30 @@ class WatchedPairs:
         self.pair_of_shapes = np.repeat(
             np.arange(len(members)), list(map(len, members))
         )
+
+    def _stand(
+        self, inspector: SceneGraphInspector, body: int, geometries: list[GeometryId]
+    ) -> dict[GeometryId, list[int]]:
+        """Adds the points by which a body's shapes stand on the ground to its axes.
+
+        Returns:
+            Of each shape, which these are.
+        """
+        found = {}
+        for geometry in geometries:
+            points = standing_points(inspector.GetShape(geometry))
+            if points is None:
+                raise ModelError(
+                    f"link {self.bodies[body].name()!r} is watched against a half "
+                    "space; give it spheres, capsules or boxes only"
+                )
+            axes = self.axes[body]
+            found[geometry] = list(range(len(axes), len(axes) + len(points)))
+            X_BG = inspector.GetPoseInFrame(geometry)
+            for p_G, radius in points:
+                p_B = X_BG.multiply(p_G)
+                axes.append(CapsuleAxis(p_B, p_B, radius))
+        return found
 
     def __len__(self) -> int:
         return len(self.names)
@@ -176,12 +240,14 @@ class WatchedPairs:
         every = [axis for axes in self.axes for axis in axes]
         radii = np.array([axis.radius for axis in every])
         lengths = np.array([np.linalg.norm(axis.p_B1 - axis.p_B0) for axis in every])
+        flat = np.array([axis.flat for axis in every], dtype=bool)
         sizes = capsule_sizes(
             *(
                 x[axis]
                 for axis in (self._axis_a, self._axis_b)
                 for x in (lengths, radii)
-            )
+            ),
+            flat[self._axis_b],
         )
 
         def repeated(places: np.ndarray, step: int) -> np.ndarray:
@@ -231,9 +297,15 @@ class WatchedPairs:
         Returns:
             Per pair (shape pairs, 7), each as in `ask`.
         """
-        rows_of = {row: (a, b) for row, a, b in self._queried}
+        asked = {row: (a, b) for row, a, b in self._queried}
+
+        def answer(row: int) -> np.ndarray:
+            if row in asked:
+                return _ask(query, *asked[row])
+            return _height(query, *self._standing[row])
+
         return [
-            np.array([_ask(query, *rows_of[row]) for row in np.unique(rows)])
+            np.array([answer(row) for row in np.unique(rows).tolist()])
             for rows in self.shape_pairs[list(pairs)]
         ]
 
@@ -259,8 +331,20 @@ def _ask(
     return np.concatenate([[result.distance], normal, X_WA.multiply(p_ACa)])
 
 
+def _height(
+    query: QueryObject, geometry_a: GeometryId, point: int, geometry_b: GeometryId
+) -> np.ndarray:
+    """(7,) as `_ask`: of one of the points by which a shape stands on a half space."""
+    p_G, radius = standing_points(query.inspector().GetShape(geometry_a))[point]
+    p_W = query.GetPoseInWorld(geometry_a).multiply(p_G)
+    X_WB = query.GetPoseInWorld(geometry_b)
+    normal = X_WB.rotation().col(2)
+    height = normal @ (p_W - X_WB.translation()) - radius
+    return np.concatenate([[height], normal, p_W - radius * normal])
+
+
 def capsule_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
-    """The axis of a capsule or sphere; None for any other shape.
+    """The axis of a capsule, a sphere or a half space; None for any other shape.
 
     Args:
         shape: SceneGraph's shape in the geometry frame G.
@@ -271,4 +355,27 @@ def capsule_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
         return CapsuleAxis(X_BG[:, 3] - half, X_BG[:, 3] + half, shape.radius())
     if isinstance(shape, Sphere):
         return CapsuleAxis(X_BG[:, 3].copy(), X_BG[:, 3].copy(), shape.radius())
+    if isinstance(shape, HalfSpace):
+        return CapsuleAxis(X_BG[:, 3].copy(), X_BG[:, 3] - X_BG[:, 2], 0.0, flat=True)
+    return None
+
+
+def standing_points(shape: Shape) -> list[tuple[np.ndarray, float]] | None:
+    """The spheres of which one is a shape's lowest part above any plane.
+
+    Args:
+        shape: SceneGraph's shape in the geometry frame G.
+
+    Returns:
+        (3,) centre in G [m] and radius [m] of the ends of a capsule, a sphere itself,
+        the corners of a box; None for any other shape.
+    """
+    if isinstance(shape, Box):
+        half = 0.5 * shape.size()
+        return [(half * signs, 0.0) for signs in product((-1.0, 1.0), repeat=3)]
+    if isinstance(shape, Sphere):
+        return [(np.zeros(3), shape.radius())]
+    if isinstance(shape, Capsule):
+        half = np.array([0.0, 0.0, 0.5 * shape.length()])
+        return [(-half, shape.radius()), (half, shape.radius())]
     return None

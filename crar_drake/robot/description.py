@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import HalfSpace
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
     Frame,
     Joint,
@@ -29,6 +30,9 @@ IMPORT_FILE = "import.yaml"
 
 # What a motion can drive a prescribed joint with.
 PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
+
+# The link that `ground` adds.
+GROUND = "ground"
 
 # What becomes of the base.
 ROOTS = ("fixed", "prescribed")
@@ -75,6 +79,8 @@ class RobotDescription:
         task_frames: name of a point that a motion has to a frame of the model.
         pairs: watched segment pairs, two links each; a link that is welded to the
             world counts as environment.
+        ground: height of the ground in the world [m], a half space on a link "ground",
+            which pairs can name; None for none.
         rest_posture: joint to position [rad or m]; those not named are at 0.
         velocity_limits: joint to its largest speed [rad/s or m/s], instead of that of
             the model; infinite for none.
@@ -89,6 +95,7 @@ class RobotDescription:
     prescribed_joints: dict[str, str] = field(default_factory=dict)
     task_frames: dict[str, str] = field(default_factory=dict)
     pairs: list[list[str]] = field(default_factory=list)
+    ground: float | None = None
     rest_posture: dict[str, float] = field(default_factory=dict)
     velocity_limits: dict[str, float] = field(default_factory=dict)
     folder: str = ""
@@ -126,6 +133,18 @@ class RobotDescription:
                 raise ModelError(
                     f"robot {self.name}: pairs: {pair} is there twice; it would count "
                     "twice in Eq. (26)"
+                )
+        if self.ground is not None:
+            if not math.isfinite(self.ground):
+                raise ModelError(
+                    f"robot {self.name}: ground: {self.ground} must be a height in "
+                    "metres"
+                )
+            if not any(GROUND in pair for pair in self.pairs):
+                raise ModelError(
+                    f"robot {self.name}: ground: {self.ground}, but no pair names "
+                    f"{GROUND!r}, so that nothing keeps above it; add pairs such as "
+                    f"[left_foot, {GROUND}]"
                 )
         for joint, source in self.prescribed_joints.items():
             if source not in PRESCRIBED_SOURCES:
@@ -264,10 +283,14 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     """Parses the robot's model into a plant that is registered with a SceneGraph,
     and welds its base to the world, unless it floats. The plant is not finalized.
 
+    A ground that the description has is added, unless the plant has a link of that name
+    that is welded to the world: then it is that one.
+
     Raises:
         ModelError: the model file cannot be parsed, or there is no such base, or it
-            cannot be welded.
+            cannot be welded; or the model has a link "ground" of its own.
     """
+    has_ground = plant.HasBodyNamed(GROUND)
     folder = Path(description.folder)
     parser = Parser(plant)
     if (folder / "package.xml").is_file():
@@ -277,6 +300,13 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
         parser.AddModels(str(model))
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
+    if description.ground is not None and not has_ground:
+        if plant.HasBodyNamed(GROUND):
+            raise ModelError(
+                f"{model}: it has a link {GROUND!r} of its own; leave ground out of "
+                f"robot {description.name}"
+            )
+        _add_ground(plant, description.ground)
     if description.base:
         if description.root != "fixed":
             body = find_body(plant, description.base)
@@ -287,6 +317,16 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
             plant.WeldFrames(plant.world_frame(), base, description.rest_pose())
         except RuntimeError as error:  # e.g. the model has welded it already
             raise ModelError(f"{model}: base: {description.base!r}: {error}") from error
+
+
+def _add_ground(plant: MultibodyPlant, height: float) -> None:
+    """A link with a half space, whose surface is at a height in the world [m]."""
+    body = plant.AddRigidBody(GROUND, plant.AddModelInstance(GROUND))
+    X_WG = RigidTransform([0.0, 0.0, height])
+    plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WG)
+    plant.RegisterCollisionGeometry(
+        body, RigidTransform(), HalfSpace(), GROUND, CoulombFriction(1.0, 1.0)
+    )
 
 
 def zero_positions(plant: MultibodyPlant) -> np.ndarray:

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grounded_robots import SPHERE, grounded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from moving_shapes import MovingShapes, shapes_of_every_joint
 from pydrake.geometry import SceneGraph, Sphere
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     CoulombFriction,
@@ -21,7 +22,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 from pydrake.systems.framework import DiagramBuilder
-from small_robots import add_plant, chain_urdf, make_model
+from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
@@ -72,8 +73,13 @@ def obstacle_arm(time_step: float = 1e-3) -> ControlModel:
     return shipped("obstacle_arm", [Task(frame="tool", kind="pose")], time_step)
 
 
-@pytest.fixture(scope="module", params=["upper_body", "obstacle_arm", "every joint"])
+@pytest.fixture(
+    scope="module",
+    params=["upper_body", "obstacle_arm", "every joint", "above ground"],
+)
 def shapes(request) -> MovingShapes:
+    if request.param == "above ground":
+        return MovingShapes.of(above_ground())
     if request.param == "every joint":
         return shapes_of_every_joint(obstacle_arm().robot_ahead.value)
     return MovingShapes.of(
@@ -507,7 +513,19 @@ CASES = {
     "arm, continuous, 5 ms": (lambda: obstacle_arm(0.0), 5e-3),
     "rail, 10 ms": (lambda: on_a_rail(), 0.01),
     "narrow, 5 ms": (lambda: narrow(), 5e-3),
+    "above ground, 10 ms": (lambda: above_ground(), 0.01),
 }
+
+
+def above_ground() -> ControlModel:
+    """A prescribed rail carries capsules and spheres, above and into a slope."""
+    return grounded(
+        chain_urdf("zyzyz", rail="y", limits=(-1.2, 1.3), shapes=(CAPSULE, SPHERE)),
+        RigidTransform(RollPitchYaw(0.2, -0.3, 0.0), [0.0, 0.0, -0.25]),
+        [Task(frame="tip", kind="pose", orientation_weight=0.4)],
+        prescribed_joints={"rail": "hold"},
+        pairs=[["l2", "ground"], ["ground", "l4"], ["l4", "l0"]],
+    )
 
 
 def on_a_rail() -> ControlModel:

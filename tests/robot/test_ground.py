@@ -1,0 +1,205 @@
+"""The ground as a half space: distances, gradients, what stands on it, who judges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floating_robots import make_floater
+from floating_robots import random_state as random_floating_state
+from grounded_robots import SPHERE, add_ground, grounded
+from pydrake.geometry import Box, Capsule, HalfSpace
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.systems.framework import DiagramBuilder
+from small_robots import CAPSULE, add_plant, chain_urdf, random_state
+
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ModelError
+from crar_drake.results.referee import Referee
+from crar_drake.robot.collision_pairs import WatchedPairs
+from crar_drake.robot.description import (
+    RobotDescription,
+    add_robot,
+    load_robot_description,
+)
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+
+BOX = '<box size="0.05 0.07 0.2"/>'
+SLOPE = RigidTransform(RollPitchYaw(0.4, -0.7, 0.2), [0.1, 0.2, -0.3])
+PAIRS = [["l1", "ground"], ["ground", "l2"], ["l3", "l0"]]
+
+
+def height_of_cloud(model: ControlModel, link: str, q: np.ndarray) -> float:
+    """How high a link is above the slope, by many points of its shapes."""
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    inspector = model.scene_graph.model_inspector()
+    body = plant.GetBodyByName(link)
+    X_GB = SLOPE.inverse() @ plant.EvalBodyPoseInWorld(context, body)
+    lowest = np.inf
+    for geometry in plant.GetCollisionGeometriesForBody(body):
+        shape, X = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+        if isinstance(shape, Box):
+            half, radius = 0.5 * shape.size(), 0.0
+        else:
+            length = shape.length() if isinstance(shape, Capsule) else 0.0
+            half, radius = np.array([0.0, 0.0, 0.5 * length]), shape.radius()
+        grid = np.linspace(-1.0, 1.0, 9)
+        points = np.array(np.meshgrid(grid, grid, grid)).reshape(3, -1)
+        on = (X_GB @ X).multiply(half[:, np.newaxis] * points)
+        lowest = min(lowest, on[2].min() - radius)
+    return lowest
+
+
+@pytest.mark.parametrize("shapes", [(CAPSULE,), (SPHERE, CAPSULE), (BOX, SPHERE)])
+def test_the_height_is_that_of_the_lowest_point(shapes) -> None:
+    """Against a cloud of points, and the gradient against central differences."""
+    model = grounded(chain_urdf("zyzy", shapes=shapes), SLOPE, pairs=PAIRS)
+    assert model.pairs.names == tuple(map(tuple, PAIRS))
+    workspace, step = model.MakeWorkspace(), 1e-6
+    for seed in range(5):
+        q, v = random_state(model, seed)
+        state = model.evaluate(workspace, q, v)
+        for pair, link in ((0, "l1"), (1, "l2")):
+            assert state.d[pair] == pytest.approx(
+                height_of_cloud(model, link, q), abs=1e-12
+            )
+        for j in range(model.n):
+            sides = [
+                model.evaluate_distances(workspace, q + k * step * np.eye(model.n)[j]).d
+                for k in (-1.0, 1.0)
+            ]
+            slope = (sides[1] - sides[0]) / (2.0 * step)
+            np.testing.assert_allclose(state.dd_dq[:2, j], slope[:2], atol=1e-7)
+
+
+def test_scene_graph_has_no_other_opinion() -> None:
+    """Of spheres it knows the height; of other shapes it is in closed form anyway."""
+    for shapes in ((SPHERE,), (CAPSULE, SPHERE)):
+        urdf = chain_urdf("zyzy", shapes=shapes)
+        ours, theirs = (
+            grounded(urdf, SLOPE, distances=by, pairs=PAIRS)
+            for by in ("closed_form", "scene_graph")
+        )
+        q, v = random_state(ours, 3)
+        a, b = (m.evaluate(m.MakeWorkspace(), q, v) for m in (ours, theirs))
+        np.testing.assert_allclose(a.d, b.d, atol=1e-6)
+        np.testing.assert_allclose(a.dd_dq, b.dd_dq, atol=1e-4)
+    # A sphere's height by SceneGraph itself.
+    model = grounded(chain_urdf("zyzy", shapes=(SPHERE,)), SLOPE, pairs=PAIRS[:2])
+    context = model.diagram.CreateDefaultContext()
+    q, v = random_state(model, 5)
+    model.plant.SetPositions(model.plant.GetMyMutableContextFromRoot(context), q)
+    query = model.scene_graph.get_query_output_port().Eval(
+        model.scene_graph.GetMyContextFromRoot(context)
+    )
+    ids = [
+        model.plant.GetCollisionGeometriesForBody(model.plant.GetBodyByName(name))[0]
+        for name in ("l1", "ground")
+    ]
+    d = query.ComputeSignedDistancePairClosestPoints(*ids).distance
+    found = model.evaluate(model.MakeWorkspace(), q, v).d[0]
+    assert found == pytest.approx(d, abs=1e-12)
+
+
+def test_the_referee_knows_the_ground() -> None:
+    """All three ways of asking it, against the cloud."""
+    urdf = chain_urdf("zyzy", shapes=(CAPSULE, SPHERE))
+    model = grounded(urdf, SLOPE, pairs=PAIRS)
+    referee = Referee(model.plant, model.scene_graph, PAIRS)
+    for seed in range(5):
+        q, _ = random_state(model, seed)
+        heights = [height_of_cloud(model, link, q) for link in ("l1", "l2")]
+        d = referee.distances(q)
+        np.testing.assert_allclose(d[:2], heights, atol=1e-12)
+        nearest, pair = referee.nearest(q)
+        assert nearest == d.min() and list(pair) == PAIRS[int(d.argmin())]
+        below = referee.distances_below(q, d.min() + 1e-6)
+        assert below[int(d.argmin())] == d.min()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_floating_robot_reaches_below_and_stays_above(seed: int) -> None:
+    """Others turn and move its root, and its hands' targets sink far into the ground:
+    its links keep the floor of 4 mm, by the referee."""
+    pairs = [["left_l2", "ground"], ["right_l2", "ground"], ["right_l1", "ground"]]
+    model = make_floater(ground=-0.35, pairs=pairs)
+    plant, period = model.plant, 0.01
+    context, step = plant.CreateDefaultContext(), plant.time_step()
+    referee = Referee(plant, model.scene_graph, pairs)
+    law = ControlLaw(model, CrarParameters(period=period, blend_time=0.0))
+    rng = np.random.default_rng(seed)
+    q, v = random_floating_state(model, seed)
+    v[:] = 0.0
+    root, near = model.prescribed_positions[-7:], []
+    q[root[-1]] += 0.02 - referee.distances(q).min()
+    target = model.layout.unpack(model.tasks_at(q)).p.ravel()
+    for _ in range(60):
+        target = target + 0.03 * rng.normal(size=6) - np.tile([0.0, 0.0, 0.03], 2)
+        asked = np.concatenate([q[root], 0.5 * rng.normal(size=6), np.zeros(6)])
+        a = law.step(q, v, np.concatenate([target, np.zeros(12)]), asked).acceleration
+        for _ in range(round(period / step)):
+            v = v + step * a
+            plant.SetPositions(context, q)
+            q = q + step * plant.MapVelocityToQDot(context, v)
+        near.append(referee.distances(q).min())
+    # The root's turns are known up to the third order in a period: docs/lookahead.md.
+    assert 0.004 - 1e-4 <= min(near) < 0.02
+
+
+def test_a_description_brings_the_ground(tmp_path) -> None:
+    """As a link of its own, unless the plant has one."""
+    shipped = load_robot_description("upper_body")
+    described = replace(shipped, ground=-0.1, pairs=[["left_hand", "ground"]])
+    described.validate()
+    model = ControlModel.FromDescription(described, [Task(frame="left_wrist")])
+    q = model.rest_positions()
+    d = model.evaluate(model.MakeWorkspace(), q, np.zeros(len(q))).d
+    without = ControlModel.FromDescription(shipped, [Task(frame="left_wrist")])
+    p = without.layout.unpack(without.tasks_at(q)).p
+    assert 0.0 < d[0] - 0.1 < p[0, 2]
+
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    add_ground(plant, RigidTransform([0.0, 0.0, -0.5]))
+    add_robot(plant, described)
+    plant.Finalize()
+    ground = plant.GetBodyByName("ground")
+    X_WG = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), ground)
+    assert X_WG.translation()[2] == -0.5
+
+
+def test_bad_grounds_are_refused() -> None:
+    """What the YAML says, and what a plant has."""
+    with pytest.raises(ModelError, match=r"ground: nan must be a height"):
+        RobotDescription(ground=np.nan, pairs=[["a", "ground"]]).validate()
+    with pytest.raises(ModelError, match=r"no pair names 'ground'.*\[left_foot"):
+        RobotDescription(ground=0.0, pairs=[["a", "b"]]).validate()
+    urdf = chain_urdf("zy", shapes=('<cylinder radius="0.05" length="0.2"/>',))
+    with pytest.raises(ModelError, match="'l1' is watched against a half space; give"):
+        grounded(urdf, SLOPE, pairs=[["l1", "ground"]])
+
+
+@pytest.mark.parametrize(
+    ("on", "pair", "said"),
+    [
+        ("l0", ("l1", "l0"), "'l0' carries a half space and moves: weld it"),
+        ("post", ("post", "ground"), "'post' and 'ground' both carry a half space"),
+    ],
+)
+def test_half_spaces_that_move_or_meet_are_refused(on, pair, said) -> None:
+    plant, scene_graph = add_plant(DiagramBuilder(), chain_urdf("zy"), finalize=False)
+    add_ground(plant, SLOPE)
+    plant.RegisterCollisionGeometry(
+        plant.GetBodyByName(on),
+        RigidTransform(),
+        HalfSpace(),
+        "flat",
+        CoulombFriction(1.0, 1.0),
+    )
+    plant.Finalize()
+    pairs = [tuple(map(plant.GetBodyByName, pair))]
+    with pytest.raises(ModelError, match=said):
+        WatchedPairs(plant, scene_graph.model_inspector(), pairs)

@@ -19,6 +19,7 @@ from crar_drake.commands.options import (
     LEVEL_HELP,
     LEVELS,
     MOTION_HELP,
+    WHOLE_BODY,
     add_command,
     add_file_options,
     add_frame_rate,
@@ -56,7 +57,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
-    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument(
+        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
+    )
     parser.add_argument("--level", choices=LEVELS, help=LEVEL_HELP)
     parser.add_argument("--constraints", choices=CONSTRAINTS, help=CONSTRAINTS_HELP)
     parser.add_argument(

@@ -19,7 +19,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.results.judged_pairs import pairs_beyond_one_joint
-from crar_drake.results.link_meshes import LinkMesh, read_link_meshes
+from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
 from crar_drake.results.mesh_distance import (
     TriangleMesh,
     distance_apart,

@@ -105,11 +105,11 @@ def run_log(arguments: argparse.Namespace) -> int:
     import numpy as np
 
     from crar_drake.results.certificate import has_certificate, judge_certificate
-    from crar_drake.robot_import.link_meshes import has_meshes
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.results.referee import Referee
     from crar_drake.robot.model import ControlModel
+    from crar_drake.robot_import.link_meshes import has_meshes
     from crar_drake.simulation.scenario import parse_scenario
 
     log = SimulationLog.load(arguments.log)

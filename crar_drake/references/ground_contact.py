@@ -18,8 +18,8 @@ import numpy as np
 from crar_drake.motion.planted_feet import ContactThresholds, runs, standing
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot_import.link_outlines import link_outlines, links_outward
 from crar_drake.robot.description import find_frame
+from crar_drake.robot_import.link_outlines import link_outlines, links_outward
 
 THRESHOLDS = ContactThresholds()
 

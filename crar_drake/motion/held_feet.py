@@ -39,7 +39,9 @@ THRESHOLDS = ContactThresholds(
 
 _SHORTEST = 0.08  # [s] that a contact and a gap last, at least
 _BLEND = 0.12  # [s] before and after a contact
-_CLEARANCE = 0.004  # [m] width of the bound by which a foot in the air is above 0
+_LANDING = 0.07  # [s] in which a foot comes down before a contact, and leaves after
+_CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
+_SOFT = 0.005  # [m] width of that bound
 _TURNING = 0.25  # [rad] that a foot turns while it is flat, from which on it pivots
 
 
@@ -116,17 +118,34 @@ def hold_foot(
     """
     contacts = find_contacts(positions, turns, np.array([heel, ball]), 0.0, rate)
     on_heel, on_ball = contacts.T
-    margin = max(1, round(_BLEND * rate))
-    turns = _levelled(turns, on_heel, on_ball, margin)
+    turns = _levelled(turns, on_heel, on_ball, max(1, round(_BLEND * rate)))
+    return place_foot(positions, turns, contacts, ball, points, rate)
+
+
+def place_foot(
+    positions: np.ndarray,
+    turns: Rotation,
+    contacts: np.ndarray,
+    ball: np.ndarray,
+    points: np.ndarray,
+    rate: float,
+) -> FootMotion:
+    """As `hold_foot`, where contacts and turns are decided.
+
+    Args:
+        contacts: (T, 2) whether heel and ball are on the floor.
+        positions, turns, ball, points, rate: as there.
+    """
+    on_heel, on_ball = contacts.T
     matrices = turns.as_matrix()
     # How high the frame is when the foot's lowest point is at the floor.
     least = -np.min(matrices[:, 2] @ points.T, axis=1)
     planted = on_heel | on_ball
-    grounded = smooth_flags(planted, margin)
-    clear = soft_positive(positions[:, 2] - least, _CLEARANCE)
+    grounded = smooth_flags(planted, max(1, round(_LANDING * rate)))
+    clear = _CLEARANCE + soft_positive(positions[:, 2] - least - _CLEARANCE, _SOFT)
     z = least + (1.0 - grounded) * clear
     shift = bridge(
-        _shifts(positions, matrices, heel, ball, on_heel, on_ball),
+        _shifts(positions, matrices, ball, points, on_heel, on_ball),
         planted,
         rate,
         _BLEND,
@@ -159,17 +178,26 @@ def _about_z(angles: np.ndarray) -> np.ndarray:
     return np.column_stack([np.zeros((len(angles), 2)), angles])
 
 
-def _shifts(positions, matrices, heel, ball, on_heel, on_ball) -> np.ndarray:
+def _shifts(positions, matrices, ball, points, on_heel, on_ball) -> np.ndarray:
     """(T, 2) horizontal shifts that keep what is on the floor in its place, in each
-    contact as small as they can be in the mean [m]; 0 elsewhere."""
-    p_heel = (positions + matrices @ heel)[:, :2]
+    contact as small as they can be in the mean [m]; 0 elsewhere.
+
+    Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
+    lowest of it.
+    """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
+    flat = on_heel & on_ball
     for start, end in runs(on_heel | on_ball):
+        heights = matrices[start:end, 2] @ points.T
+        lowest = np.argmin(heights[1:] + heights[:-1], axis=1)
         for t in range(start + 1, end):
-            ball_stays = on_ball[t] and on_ball[t - 1]
-            heel_stays = on_heel[t] and on_heel[t - 1]
-            point = p_ball if ball_stays or not heel_stays else p_heel
-            shifts[t] = shifts[t - 1] - (point[t] - point[t - 1])
+            if flat[t] and flat[t - 1]:
+                way = p_ball[t] - p_ball[t - 1]
+            else:
+                point = points[lowest[t - start - 1]]
+                turned = (matrices[t] - matrices[t - 1]) @ point
+                way = (positions[t] - positions[t - 1] + turned)[:2]
+            shifts[t] = shifts[t - 1] - way
         shifts[start:end] -= shifts[start:end].mean(axis=0)
     return shifts

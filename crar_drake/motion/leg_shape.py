@@ -1,4 +1,4 @@
-"""What of a robot's leg a motion must know: hip, lengths, sole."""
+"""What of a robot's legs and trunk a motion must know to stand on the floor."""
 
 from __future__ import annotations
 
@@ -39,3 +39,20 @@ class LegShape:
     def sole_depth(self) -> float:
         """How far the sole is below the foot's frame, at rest [m]."""
         return float(-self.points[:, 2].min())
+
+
+@dataclass(frozen=True)
+class TrunkShape:
+    """What the legs carry but arms, with the robot as it stands at rest.
+
+    Attributes:
+        pelvis: (V, 3) points of the base's surface, from its origin [m].
+        waist: (3,) from there to the waist [m].
+        upper: (V, 3) points of what is between waist and arms, from the waist [m].
+        neck: (3,) unit vector from the waist to the neck.
+    """
+
+    pelvis: np.ndarray
+    waist: np.ndarray
+    upper: np.ndarray
+    neck: np.ndarray

@@ -3,28 +3,36 @@
 The hips' path is scaled by the length of the robot's legs over that of the performer's,
 and each foot is placed from its hip as the performer's ankle is from his, scaled by the
 lengths of that leg. Feet on the floor are then held (`held_feet`), and the root is
-lowered where a foot would be out of the leg's reach: smoothly, and beginning before it
-is needed.
+lowered where a foot would be out of the leg's reach, and lifted where the trunk would
+be below the floor: smoothly, and beginning before it is needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass
-from crar_drake.motion.held_feet import FootMotion, find_contacts, hold_foot, twist
-from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.held_feet import (
+    FootMotion,
+    find_contacts,
+    hold_foot,
+    place_foot,
+    twist,
+)
+from crar_drake.motion.leg_shape import LegShape, TrunkShape
 from crar_drake.motion.performer import LEG, SIDES, Performer
 from crar_drake.motion.smooth_steps import smooth_bound
 from crar_drake.motion.turns import hip_turns, smooth_turns
 
 # A straight leg is singular: its knee would turn infinitely fast [1].
 _STRETCH = 0.99
+_FARTHEST = 0.95  # share of its reach that a foot is taken to be away across, at most
+_ABOVE_FLOOR = 0.005  # [m] that the trunk stays above it
 _ANTICIPATION = 0.25  # [s] before it is needed, the root begins to give way
 _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
@@ -41,18 +49,25 @@ class LegsMotion:
         root_turns: (T, 4) quaternions (x y z w) of how it is turned from its rest.
         knees: side to (T, 3) [m].
         feet: side to the foot's poses.
-        lowered: (T,) by how much the root was lowered for a foot's sake [m].
     """
 
     root_positions: np.ndarray
     root_turns: np.ndarray
     knees: Mapping[str, np.ndarray]
     feet: Mapping[str, FootMotion]
-    lowered: np.ndarray
+
+
+# Takes side, root's positions and turns and the foot's poses; returns how the foot can
+# be turned there.
+Attainable = Callable[[str, np.ndarray, Rotation, FootMotion], Rotation]
 
 
 def retarget_legs(
-    performer: Performer, legs: Mapping[str, LegShape], cutoff: float
+    performer: Performer,
+    legs: Mapping[str, LegShape],
+    cutoff: float,
+    attainable: Attainable | None = None,
+    trunk: TrunkShape | None = None,
 ) -> LegsMotion:
     """Hips, knees and feet of a performer on a robot.
 
@@ -60,6 +75,9 @@ def retarget_legs(
         performer: with legs.
         legs: the robot's, by side.
         cutoff: of the zero-phase low-pass [Hz].
+        attainable: how a foot can be turned, within the limits of its leg's joints; it
+            is then turned so, and stands on what of it is lowest.
+        trunk: what of the robot must stay above the floor by the root's height.
 
     Raises:
         MotionError: the performer lacks joints of the legs, or does not tell how the
@@ -80,19 +98,33 @@ def retarget_legs(
         ankles[side] = root + R_W.apply(legs[side].hip) + scales[side] * way
     floor = _floor(ankles, turns, legs, rate)
     root[:, 2] -= floor
+    for side in SIDES:
+        ankles[side] = ankles[side] - [0.0, 0.0, floor]
     feet = {
-        side: hold_foot(
-            ankles[side] - [0.0, 0.0, floor],
-            turns[side],
-            legs[side].heel,
-            legs[side].ball,
-            legs[side].points,
-            rate,
-        )
-        for side in SIDES
+        side: hold_foot(ankles[side], turns[side], leg.heel, leg.ball, leg.points, rate)
+        for side, leg in legs.items()
     }
+    if attainable is not None:
+        low = root - [[0.0, 0.0, 1.0]] * _lowering(root, R_W, feet, legs, rate)[:, None]
+        for side, leg in legs.items():
+            foot = feet[side]
+            feet[side] = place_foot(
+                ankles[side],
+                attainable(side, low, R_W, foot),
+                np.column_stack([foot.heel, foot.ball]),
+                leg.ball,
+                leg.points,
+                rate,
+            )
     lowered = _lowering(root, R_W, feet, legs, rate)
     root[:, 2] -= lowered
+    if trunk is not None:
+        lifted = _lifting(root, R_W, trunk, p, rate)
+        root[:, 2] += lifted
+        feet = {
+            side: _pulled_up(feet[side], root + R_W.apply(leg.hip), leg, lifted, rate)
+            for side, leg in legs.items()
+        }
     knees = {
         side: _knee(
             root + R_W.apply(legs[side].hip),
@@ -103,11 +135,12 @@ def retarget_legs(
         )
         for side in SIDES
     }
-    return LegsMotion(root, root_turns, knees, feet, lowered)
+    return LegsMotion(root, root_turns, knees, feet)
 
 
 def _smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     names = [f"{side}_{joint}" for side in SIDES for joint in (*LEG, "toe")]
+    names += ["pelvis", "neck"]
     missing = [name for name in names if name not in performer.positions]
     if missing:
         raise MotionError(
@@ -205,13 +238,54 @@ def _floor(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
 def _lowering(root, R_W, feet, legs, rate: float) -> np.ndarray:
     """(T,) how much lower the root must be for both feet to be in reach [m]."""
     needed = np.zeros(len(root))
-    for side in SIDES:
-        leg = legs[side]
-        way = root + R_W.apply(leg.hip) - feet[side].positions
-        reach = _STRETCH * min(leg.reach, leg.length)
-        across = np.minimum(np.linalg.norm(way[:, :2], axis=1), 0.95 * reach)
-        needed = np.maximum(needed, way[:, 2] - np.sqrt(reach**2 - across**2))
+    for side, leg in legs.items():
+        hip = root + R_W.apply(leg.hip)
+        needed = np.maximum(needed, _out_of_reach(hip, feet[side].positions, leg))
     return smooth_bound(needed, round(_ANTICIPATION * rate))
+
+
+def _out_of_reach(hip: np.ndarray, foot: np.ndarray, leg: LegShape) -> np.ndarray:
+    """(T,) how much nearer hip and foot would have to be in height; negative where
+    they could be farther from each other [m]."""
+    reach = _STRETCH * min(leg.reach, leg.length)
+    way = hip - foot
+    across = np.minimum(np.linalg.norm(way[:, :2], axis=1), _FARTHEST * reach)
+    return way[:, 2] - np.sqrt(reach**2 - across**2)
+
+
+def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
+    """(T,) how much higher the root must be for the trunk to be above the floor [m].
+
+    What is above the waist is taken to be straight, along the performer's trunk.
+    """
+    way = R_W.inv().apply(p["neck"] - p["pelvis"])
+    bend = _between(trunk.neck, _unit(way)).as_matrix()
+    R = R_W.as_matrix()
+    lowest = np.min(R[:, 2] @ trunk.pelvis.T, axis=1, initial=np.inf)
+    waist = R[:, 2] @ trunk.waist
+    upper = np.einsum("ti,tij->tj", R[:, 2], bend) @ trunk.upper.T
+    lowest = np.minimum(lowest, waist + np.min(upper, axis=1, initial=np.inf))
+    needed = np.maximum(_ABOVE_FLOOR - (root[:, 2] + lowest), 0.0)
+    return smooth_bound(needed, round(_ANTICIPATION * rate))
+
+
+def _between(a: np.ndarray, b: np.ndarray) -> Rotation:
+    """The shortest turns of direction a (3,) to each of b (T, 3)."""
+    axis, cosine = np.cross(a, b), b @ a
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, cosine)
+    return Rotation.from_rotvec(axis * (angle / np.maximum(sine, 1e-9))[:, None])
+
+
+def _pulled_up(
+    foot: FootMotion, hip: np.ndarray, leg: LegShape, lifted: np.ndarray, rate: float
+) -> FootMotion:
+    """A foot that a lifted root takes along, where it would be out of reach."""
+    if not lifted.any():
+        return foot
+    needed = np.where(lifted > 0.0, _out_of_reach(hip, foot.positions, leg), 0.0)
+    up = smooth_bound(np.maximum(needed, 0.0), round(_ANTICIPATION * rate))
+    return replace(foot, positions=foot.positions + up[:, None] * [0.0, 0.0, 1.0])
 
 
 def _knee(hip, ankle, thigh_p, leg_p, leg: LegShape) -> np.ndarray:

@@ -42,6 +42,7 @@ class FootSlip:
         planted: (T,) whether it is.
         num_contacts: stretches in which it is planted.
         total: way that it slips while planted, in all of them [m].
+        ways: (num_contacts,) of each contact [m].
         worst: the longest of one contact [m].
         worst_start, worst_end: first and last frame of that contact; None without any.
         top_speed: of slipping, from one frame to the next [m/s].
@@ -51,6 +52,7 @@ class FootSlip:
     planted: np.ndarray
     num_contacts: int
     total: float
+    ways: np.ndarray
     worst: float
     worst_start: int | None
     worst_end: int | None
@@ -95,11 +97,18 @@ class Outline:
         """Names of the links that have a shape."""
         return tuple(self._outlines)
 
-    def ground_contact(self, motion: RobotMotion) -> GroundContact:
+    def ground_contact(
+        self,
+        motion: RobotMotion,
+        floor: float | None = None,
+        thresholds: ContactThresholds = THRESHOLDS,
+    ) -> GroundContact:
         """A motion against the ground.
 
         Args:
             motion: with its joints in the order of the robot.
+            floor: height at which feet stand [m]; by default where they are lowest.
+            thresholds: of a planted foot.
         """
         links = self.links
         if not links:
@@ -114,24 +123,37 @@ class Outline:
             outline = self._outlines[link]
             z = p_WB[:, i, 2:] + R_WB[:, i, 2] @ outline.points.T
             low[:, i] = (z - outline.radii).min(axis=1)
-        soles = {
-            foot: self._sole([links.index(b) for b in of if b in links], p_WB, R_WB)
-            for foot, of in self.feet.items()
-        }
-        soles = {foot: sole for foot, sole in soles.items() if sole.shape[1]}
-        floor = 0.0
-        if soles:
-            heights = np.min([p[..., 2].min(axis=1) for p in soles.values()], axis=0)
-            floor = float(np.quantile(heights, _FLOOR_SHARE))
+        soles = self._soles(p_WB, R_WB)
+        if floor is None:
+            floor = _lowest_floor(soles)
         return GroundContact(
             lowest=low.min(axis=1),
             lowest_links=tuple(links[i] for i in low.argmin(axis=1)),
             floor=floor,
             feet=tuple(
-                foot_slip(foot, p_WS, floor, motion.rate)
+                foot_slip(foot, p_WS, floor, motion.rate, thresholds)
                 for foot, p_WS in soles.items()
             ),
         )
+
+    def soles(self, motion: RobotMotion) -> dict[str, np.ndarray]:
+        """Foot to (T, V, 3) the lowest points of its balls, in the world [m].
+
+        Args:
+            motion: with its joints in the order of the robot.
+        """
+        p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, self.links)
+        R_WR = motion.root_rotations.as_matrix()
+        p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
+        return self._soles(p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB))
+
+    def _soles(self, p_WB: np.ndarray, R_WB: np.ndarray) -> dict[str, np.ndarray]:
+        links = self.links
+        soles = {
+            foot: self._sole([links.index(b) for b in of if b in links], p_WB, R_WB)
+            for foot, of in self.feet.items()
+        }
+        return {foot: sole for foot, sole in soles.items() if sole.shape[1]}
 
     def _sole(self, rows: list[int], p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
         """(T, V, 3) lowest points of the balls of some links, in the world."""
@@ -144,7 +166,20 @@ class Outline:
         return np.concatenate(points, axis=1)
 
 
-def foot_slip(foot: str, p_WS: np.ndarray, floor: float, rate: float) -> FootSlip:
+def _lowest_floor(soles: dict[str, np.ndarray]) -> float:
+    if not soles:
+        return 0.0
+    heights = np.min([p[..., 2].min(axis=1) for p in soles.values()], axis=0)
+    return float(np.quantile(heights, _FLOOR_SHARE))
+
+
+def foot_slip(
+    foot: str,
+    p_WS: np.ndarray,
+    floor: float,
+    rate: float,
+    thresholds: ContactThresholds = THRESHOLDS,
+) -> FootSlip:
     """When a foot is planted, and how far it slips then.
 
     Args:
@@ -152,6 +187,7 @@ def foot_slip(foot: str, p_WS: np.ndarray, floor: float, rate: float) -> FootSli
         p_WS: (T, V, 3) points of its surface in the world [m].
         floor: height of the floor [m].
         rate: frames per second [Hz].
+        thresholds: of a planted foot.
     """
     z = p_WS[..., 2]
     height = z.min(axis=1) - floor  # (T,)
@@ -163,17 +199,27 @@ def foot_slip(foot: str, p_WS: np.ndarray, floor: float, rate: float) -> FootSli
     # A foot that stands on other points than before has rolled from one to the other;
     # the point that moves least tells.
     slips = np.where(both.any(axis=1), slips, ways.min(axis=1, initial=np.inf))
-    stands = standing(np.maximum(height[1:], height[:-1]), slips * rate, THRESHOLDS)
+    stands = standing(np.maximum(height[1:], height[:-1]), slips * rate, thresholds)
     planted = np.zeros(len(z), dtype=bool)
-    contacts, total, worst, place, top = 0, 0.0, 0.0, None, 0.0
+    every, worst, place, top = [], 0.0, None, 0.0
     for start, end in runs(stands):  # steps start, ..., end - 1
         if (end - start) / rate < _SHORTEST:
             continue
         planted[start : end + 1] = True
         way = float(slips[start:end].sum())
-        contacts, total = contacts + 1, total + way
+        every.append(way)
         top = max(top, float(slips[start:end].max() * rate))
         if place is None or way > worst:
             worst, place = way, (start, end)
     first, last = place or (None, None)
-    return FootSlip(foot, planted, contacts, total, worst, first, last, top)
+    return FootSlip(
+        foot,
+        planted,
+        len(every),
+        float(sum(every)),
+        np.array(every),
+        worst,
+        first,
+        last,
+        top,
+    )

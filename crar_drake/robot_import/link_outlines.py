@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,22 +28,25 @@ class LinkOutline:
 
 
 def link_outlines(
-    plant: MultibodyPlant, scene_graph: SceneGraph
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    links: Collection[str] | None = None,
 ) -> dict[str, LinkOutline]:
     """Link to its outline, of those that have a shape.
 
     Args:
         plant: finalized; its links have meshes, or else capsules and spheres.
         scene_graph: where it is registered.
+        links: which are asked about; by default all.
     """
     if has_meshes(plant, scene_graph):
         outlines = {}
-        for link in read_link_meshes(plant, scene_graph):
+        for link in read_link_meshes(plant, scene_graph, links):
             vertices = np.concatenate([part.vertices for part in link.parts])
             hull = _hull(vertices)
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))
     else:
-        outlines = _of_capsules(plant, scene_graph)
+        outlines = capsule_outlines(plant, scene_graph)
     outlines.pop("world", None)
     return outlines
 
@@ -61,7 +65,10 @@ def links_outward(plant: MultibodyPlant, frame: Frame) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _of_capsules(plant, scene_graph) -> dict[str, LinkOutline]:
+def capsule_outlines(
+    plant: MultibodyPlant, scene_graph: SceneGraph
+) -> dict[str, LinkOutline]:
+    """Link to the outline of its capsules and spheres, of those that have any."""
     inspector, outlines = scene_graph.model_inspector(), {}
     for index in range(plant.num_bodies()):
         body = plant.get_body(BodyIndex(index))

@@ -1,4 +1,4 @@
-"""The legs of a robot, as a motion that moves them must know them."""
+"""Legs and trunk of a robot, as a motion that moves them must know them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import numpy as np
 from pydrake.multibody.tree import Frame
 
 from crar_drake.errors import ScenarioError
-from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.leg_shape import LegShape, TrunkShape
 from crar_drake.motion.performer import SIDES
 from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot_import.link_outlines import (
     LinkOutline,
+    capsule_outlines,
     link_outlines,
     links_outward,
 )
+from crar_drake.targets.ankle_limits import joints_between
 
 LEG_FRAMES = ("hip", "knee", "foot")
 
@@ -25,12 +27,12 @@ _SOLE = 0.01
 
 # How the reach of a leg is sampled: joints above the knee within this of zero [rad].
 _SAMPLED_RANGE = 0.8
-_SAMPLES = 200
-_KNEE_STEPS = 25
+_SAMPLES = 60
+_KNEE_STEPS = 9
 
 
-def leg_shapes(model: ControlModel) -> dict[str, LegShape]:
-    """The legs of a robot whose base floats, by side.
+def body_shapes(model: ControlModel) -> tuple[dict[str, LegShape], TrunkShape]:
+    """The legs of a robot whose base floats, by side, and its trunk.
 
     Raises:
         ScenarioError: the base does not float, a task frame of a leg is missing, or a
@@ -52,15 +54,22 @@ def leg_shapes(model: ControlModel) -> dict[str, LegShape]:
             "cannot follow a motion; say root: prescribed in its robot.yaml, or import "
             "it with --whole-body"
         )
-    outlines = link_outlines(model.plant, model.scene_graph)
-    return {side: _leg(model, side, outlines) for side in SIDES}
+    plant = model.plant
+    feet = {
+        link
+        for side in SIDES
+        for link in links_outward(plant, find_frame(plant, frames[f"{side}_foot"]))
+    }
+    soles = link_outlines(plant, model.scene_graph, feet)
+    legs = {side: _leg(model, side, soles) for side in SIDES}
+    return legs, _trunk(model, capsule_outlines(plant, model.scene_graph))
 
 
 def _leg(
     model: ControlModel, side: str, outlines: Mapping[str, LinkOutline]
 ) -> LegShape:
     plant, description = model.plant, model.description
-    context = model.MakeWorkspace().plant_context
+    context = _at_rest(model)
     hip, knee, foot = (
         find_frame(plant, description.task_frames[f"{side}_{part}"])
         for part in LEG_FRAMES
@@ -70,17 +79,10 @@ def _leg(
     def place(frame: Frame) -> np.ndarray:
         return frame.CalcPoseInWorld(context).translation()
 
-    plant.SetPositions(context, model.rest_positions())
     p_BH = place(hip) - place(base)
     X_WF = foot.CalcPoseInWorld(context)
-    points = [np.empty((0, 3))]
-    for link in links_outward(plant, foot):
-        if link in outlines:
-            X_WB = plant.EvalBodyPoseInWorld(context, find_body(plant, link))
-            p_W = X_WB.multiply(outlines[link].points.T).T
-            p_W[:, 2] -= outlines[link].radii
-            points.append(p_W - X_WF.translation())
-    points = np.concatenate(points)
+    links = [link for link in links_outward(plant, foot) if link in outlines]
+    points = _points(model, links, outlines) - X_WF.translation()
     if not len(points):
         raise ScenarioError(
             f"robot {description.name}: {side}_foot: nothing from this frame's link on "
@@ -103,6 +105,55 @@ def _leg(
     )
 
 
+def _trunk(model: ControlModel, outlines: Mapping[str, LinkOutline]) -> TrunkShape:
+    plant, description = model.plant, model.description
+    frames = description.task_frames
+    base = find_body(plant, description.base)
+    taken = set()
+    for side in SIDES:
+        for point, last in (("foot", base), ("wrist", None)):
+            body = find_frame(plant, frames[f"{side}_{point}"]).body()
+            until = last or find_frame(plant, frames["neck"]).body()
+            for joint in joints_between(model, body, until):
+                taken |= set(links_outward(plant, joint.child_body().body_frame()))
+    every = links_outward(plant, base.body_frame())
+    welded = {b.name() for b in plant.GetBodiesWeldedTo(base)}
+    own = [link for link in every if link in outlines and link in welded]
+    upper = [
+        link
+        for link in every
+        if link in outlines and link not in welded and link not in taken
+    ]
+    p_WB, p_WC, p_WN = (
+        find_frame(plant, name).CalcPoseInWorld(_at_rest(model)).translation()
+        for name in (description.base, frames["waist"], frames["neck"])
+    )
+    return TrunkShape(
+        pelvis=_points(model, own, outlines) - p_WB,
+        waist=p_WC - p_WB,
+        upper=_points(model, upper, outlines) - p_WC,
+        neck=(p_WN - p_WC) / np.linalg.norm(p_WN - p_WC),
+    )
+
+
+def _at_rest(model: ControlModel):
+    context = model.MakeWorkspace().plant_context
+    model.plant.SetPositions(context, model.rest_positions())
+    return context
+
+
+def _points(model: ControlModel, links, outlines) -> np.ndarray:
+    """(V, 3) lowest points of the balls of some links, in the world, at rest [m]."""
+    plant, context = model.plant, _at_rest(model)
+    points = [np.empty((0, 3))]
+    for link in links:
+        X_WB = plant.EvalBodyPoseInWorld(context, find_body(plant, link))
+        p_W = X_WB.multiply(outlines[link].points.T).T
+        p_W[:, 2] -= outlines[link].radii
+        points.append(p_W)
+    return np.concatenate(points)
+
+
 def _reach(model: ControlModel, side: str, context) -> float:
     """The least distance from where the hip is at rest that a leg, stretched out as far
     as its knee goes, reaches.
@@ -115,16 +166,7 @@ def _reach(model: ControlModel, side: str, context) -> float:
         for part in LEG_FRAMES
     )
     base = find_body(plant, description.base)
-    chain, body = [], knee.body()
-    while body.index() != base.index():
-        joint = next(
-            j
-            for j in map(plant.get_joint, plant.GetJointIndices())
-            if j.child_body().index() == body.index()
-        )
-        if joint.num_positions() == 1:
-            chain.append(joint)
-        body = joint.parent_body()
+    chain = joints_between(model, knee.body(), base)
     rest = model.rest_positions()
     plant.SetPositions(context, rest)
     p_H = hip.CalcPoseInWorld(context).translation()

@@ -15,9 +15,9 @@ from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 from crar_drake.motion.retarget_legs import LegsMotion, retarget_legs
-from crar_drake.robot.description import find_body, find_frame
 from crar_drake.robot.model import ControlModel
-from crar_drake.targets.leg_shapes import leg_shapes
+from crar_drake.targets.ankle_limits import LegSolver
+from crar_drake.targets.leg_shapes import body_shapes
 from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
 
 FEET = tuple(f"{side}_foot" for side in SIDES)
@@ -81,19 +81,14 @@ def retarget_whole_body(
         MotionError: the performer lacks something.
         ScenarioError: the robot does.
     """
-    shapes = leg_shapes(model)
-    legs = retarget_legs(performer, shapes, cutoff)
-    plant, description = model.plant, model.description
-    context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, model.rest_positions())
-    p_WB, p_WC = (
-        frame.CalcPoseInWorld(context).translation()
-        for frame in (
-            find_body(plant, description.base).body_frame(),
-            find_frame(plant, description.task_frames["waist"]),
-        )
-    )
-    arm = Rotation.from_quat(legs.root_turns).apply(p_WC - p_WB)
+    shapes, trunk = body_shapes(model)
+    solvers = {side: LegSolver(model, side, leg) for side, leg in shapes.items()}
+
+    def attainable(side, root_positions, root_turns, foot) -> Rotation:
+        return solvers[side].turns(root_positions, root_turns, foot)
+
+    legs = retarget_legs(performer, shapes, cutoff, attainable, trunk)
+    arm = Rotation.from_quat(legs.root_turns).apply(trunk.waist)
     waist = legs.root_positions + arm
     upper = retarget(joint_centres(performer), lengths, cutoff=cutoff, waist=waist)
     return WholeBodyMotion(upper, legs, shapes)

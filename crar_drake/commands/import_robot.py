@@ -49,7 +49,16 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     locked.add_argument(
         "--whole-body",
         action="store_true",
-        help="lock no joint that can be controlled",
+        help="lock no joint that can be controlled; a robot with legs floats, and a "
+        "motion turns its root link as the performer's hips",
+    )
+    parser.add_argument(
+        "--base",
+        choices=("prescribed", "floating", "fixed"),
+        help="what becomes of the root link: a motion moves it and turns it about the "
+        "vertical (prescribed) or in all directions (floating), or it is welded "
+        "(default: floating with --whole-body and legs, else prescribed with two arms, "
+        "else fixed)",
     )
     parser.add_argument(
         "--cover",
@@ -81,6 +90,11 @@ def run(arguments: argparse.Namespace) -> None:
                 f"the robot {given} comes with its locked joints; import its own file "
                 f"with that option: {source.stem}"
             )
+        if arguments.base is not None:
+            raise ModelError(
+                f"the robot {given} comes with its base; import its own file with that "
+                f"option: {source.stem}"
+            )
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:
@@ -97,6 +111,7 @@ def run(arguments: argparse.Namespace) -> None:
             package_paths=tuple(arguments.package_path or ()),
             lock=lock,
             cover=arguments.cover,
+            base=arguments.base,
             progress=progress,
         )
     for line in report.lines():

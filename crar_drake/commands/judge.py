@@ -105,11 +105,11 @@ def run_log(arguments: argparse.Namespace) -> int:
     import numpy as np
 
     from crar_drake.results.certificate import has_certificate, judge_certificate
-    from crar_drake.results.link_meshes import has_meshes
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.results.referee import Referee
     from crar_drake.robot.model import ControlModel
+    from crar_drake.robot_import.link_meshes import has_meshes
     from crar_drake.simulation.scenario import parse_scenario
 
     log = SimulationLog.load(arguments.log)
@@ -225,7 +225,7 @@ def _judge_meshes(
     It is asked for before anything else, for a mesh that cannot be read to be told at
     once.
     """
-    from crar_drake.results.link_meshes import check_installed
+    from crar_drake.robot_import.link_meshes import check_installed
 
     check_installed()
     from crar_drake.results.mesh_judge import MeshJudge

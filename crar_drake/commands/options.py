@@ -15,6 +15,7 @@ DEFAULT_SCENARIO = "dance"
 # The same as in crar_drake.robot.task and crar_drake.control.parameters, which take
 # long to import; a test compares them.
 EXPERIMENTS = ("wrists", "upper-body")
+WHOLE_BODY = "whole-body"
 LEVELS = ("velocity", "acceleration")
 CONSTRAINTS = ("none", "paper", "lookahead")
 
@@ -24,7 +25,8 @@ MOTION_HELP = (
     ".npz, .npy, .csv"
 )
 EXPERIMENT_HELP = (
-    "which points follow the motion: two wrists, or seven of the upper body"
+    "which points follow the motion: two wrists, seven of the upper body, or these and "
+    "both feet (whole-body; the robot's root floats)"
 )
 LEVEL_HELP = (
     "how accelerations are computed: velocity (as the change of wanted velocities) or "

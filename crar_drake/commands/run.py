@@ -19,6 +19,7 @@ from crar_drake.commands.options import (
     LEVEL_HELP,
     LEVELS,
     MOTION_HELP,
+    WHOLE_BODY,
     add_command,
     add_file_options,
     add_frame_rate,
@@ -28,7 +29,13 @@ from crar_drake.commands.options import (
 from crar_drake.commands.output import OUT, label
 from crar_drake.errors import ScenarioError
 
+# What a run of a robot that floats leaves besides.
+FOOTING = "footing.json"
+
+_EXPORT_RATE = 50.0  # [Hz], at which policies usually act
+
 if TYPE_CHECKING:
+    from crar_drake.references.whole_body import WholeBody
     from crar_drake.run import Progress, RunResult
     from crar_drake.simulation.scenario import Scenario
 
@@ -56,7 +63,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
-    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument(
+        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
+    )
     parser.add_argument("--level", choices=LEVELS, help=LEVEL_HELP)
     parser.add_argument("--constraints", choices=CONSTRAINTS, help=CONSTRAINTS_HELP)
     parser.add_argument(
@@ -75,6 +84,18 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--no-recording", action="store_true", help="do not make recording.html"
     )
+    parser.add_argument(
+        "--export",
+        metavar="LAYOUT[:FILE]",
+        help="write the robot's motion as a reference motion, too, in a layout of "
+        "`crar-drake convert` (default FILE: motion with its suffix, in the folder)",
+    )
+    parser.add_argument(
+        "--export-rate",
+        type=positive,
+        metavar="HZ",
+        help="frames per second of that file, along splines (default: 50)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -84,6 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
     scenario = load_scenario(arguments.scenario)
     _override(scenario, arguments)
     out = arguments.out or OUT / _out_name(scenario, arguments)
+    export = _export_target(arguments, out)
 
     from rich.console import Console
 
@@ -110,6 +132,57 @@ def run(arguments: argparse.Namespace) -> None:
         show(stopped.result)
         raise
     show(result)
+    model = result.setup.model
+    if not (export or model.num_free):
+        return
+    from crar_drake.references.whole_body import WholeBody
+
+    robot = WholeBody(model.description)
+    if model.num_free:
+        _show_footing(result, robot, out / FOOTING, scenario.controller.blend_time)
+    if export:
+        from crar_drake.references.logged_motion import export_log
+
+        layout, file = export
+        rate = arguments.export_rate or _EXPORT_RATE
+        motion = export_log(result.log, robot, file, layout, rate)
+        print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
+
+
+def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path] | None:
+    """Layout and file of --export, which could be written."""
+    if arguments.export is None:
+        if arguments.export_rate is not None:
+            raise ScenarioError("--export-rate: say what to write, too: --export")
+        return None
+    from crar_drake.files import check_file
+    from crar_drake.references.layouts import layout_named
+    from crar_drake.references.logged_motion import export_target
+
+    layout, file = export_target(arguments.export)
+    path = Path(file) if file else out / f"motion{layout_named(layout).suffix}"
+    check_file(path)
+    return layout, path
+
+
+def _show_footing(
+    result: RunResult, robot: WholeBody, path: Path, blended: float
+) -> None:
+    """Tells how the run stood on the floor once it was blended in, and writes that."""
+    import json
+
+    from crar_drake.files import whole_file
+    from crar_drake.references.footing import footing
+
+    log = result.log
+    if len(log.time) < 2 or log.time[-1] <= blended:
+        return
+    found = footing(log, robot, blended)
+    for line in found.lines():
+        print(line)
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(found.as_dict(), indent=2) + "\n")
+    print(path)
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:

@@ -17,6 +17,7 @@ from crar_drake.commands.options import (
     LEVEL_HELP,
     LEVELS,
     MOTION_HELP,
+    WHOLE_BODY,
     UsageError,
     add_command,
     add_frame_rate,
@@ -49,9 +50,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--experiment",
-        choices=(*EXPERIMENTS, "both"),
+        choices=(*EXPERIMENTS, WHOLE_BODY, "both"),
         default="both",
-        help=f"{EXPERIMENT_HELP} (default: %(default)s)",
+        help=f"{EXPERIMENT_HELP}; both: the first two (default: %(default)s)",
     )
     for name, known, text in (
         ("constraints", CONSTRAINTS, CONSTRAINTS_HELP),

@@ -21,7 +21,6 @@ from crar_drake.references.smoothness import (
     step_speeds,
 )
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.link_meshes import check_installed, has_meshes
 from crar_drake.results.mesh_judge import MeshJudge, MeshVerdict
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import (
@@ -29,6 +28,7 @@ from crar_drake.robot.description import (
     SPEED_TOLERANCE,
     RobotDescription,
 )
+from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
 # Capsules that are farther apart are not plotted [m].
 _NEAR = 0.05

@@ -12,8 +12,10 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import Joint, RevoluteJoint, RigidBody
 from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
+from crar_drake.motion.quaternion_spline import sign_continuous
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,
@@ -102,6 +104,30 @@ class WholeBody:
         q = np.tile(self._rest, (len(joint_positions), 1))
         q[:, self._columns] = joint_positions
         return q
+
+    def of_configurations(
+        self, q: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The inverse of `configurations`, with the root where q has it.
+
+        Args:
+            q: (T, nq) positions of the plant.
+
+        Returns:
+            p_WR (T, 3) [m], quaternions (T, 4) of R_WR, order w x y z, of continuous
+            sign, and joint positions (T, n) [rad or m].
+        """
+        poses = np.empty((len(q), 3, 4))
+        for t, positions in enumerate(q):
+            self.plant.SetPositions(self._context, positions)
+            X_WR = self.plant.EvalBodyPoseInWorld(self._context, self._root)
+            poses[t] = X_WR.GetAsMatrix34()
+        quaternions = Rotation.from_matrix(poses[:, :, :3]).as_quat()
+        return (
+            poses[:, :, 3],
+            sign_continuous(quaternions)[:, [3, 0, 1, 2]],
+            q[:, self._columns],
+        )
 
     def velocities(self, joint_velocities: np.ndarray) -> np.ndarray:
         """(T, nv) velocities of the plant, from (T, n) of the joints."""

@@ -19,7 +19,6 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.results.judged_pairs import pairs_beyond_one_joint
-from crar_drake.results.link_meshes import LinkMesh, read_link_meshes
 from crar_drake.results.mesh_distance import (
     TriangleMesh,
     distance_apart,
@@ -31,6 +30,7 @@ from crar_drake.robot.description import (
     find_joint,
     zero_positions,
 )
+from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
 
 # A flat part's points are moved apart by this, for it to have a hull; all parts' are,
 # for the hull to hold the part in spite of rounding [m].

@@ -77,6 +77,36 @@ def joint_tasks(joints: list[str], weight: float = 1.0) -> list[Task]:
     return [Task(kind="joint", joint=name, position_weight=weight) for name in joints]
 
 
+def pose_tasks(frames: list[str], orientation_weight: float) -> list[Task]:
+    """One pose task per frame, of position weight one.
+
+    Args:
+        frames: as of `position_tasks`.
+        orientation_weight: of each [m/rad].
+    """
+    return [
+        Task(frame=frame, kind="pose", orientation_weight=orientation_weight)
+        for frame in frames
+    ]
+
+
+def experiment_tasks(experiment: str) -> list[Task]:
+    """The tasks of an experiment, one of `EXPERIMENTS` or `WHOLE_BODY`.
+
+    The whole body's are the upper body's and the poses of both feet. With the root
+    prescribed a foot's pose takes all six joints of a leg: nothing is left for a knee.
+    """
+    if experiment != WHOLE_BODY:
+        return position_tasks(EXPERIMENTS[experiment])
+    feet = pose_tasks(["left_foot", "right_foot"], _FOOT_ORIENTATION_WEIGHT)
+    return position_tasks(EXPERIMENTS["upper-body"]) + feet
+
+
+WHOLE_BODY = "whole-body"
+
+# A radian of a foot counts as much as 20 cm of it.
+_FOOT_ORIENTATION_WEIGHT = 0.2  # [m/rad]
+
 # The task sets of the paper's two experiments, Section IV.
 EXPERIMENTS: dict[str, list[str]] = {
     "wrists": ["left_wrist", "right_wrist"],

@@ -13,7 +13,7 @@ from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
 from crar_drake.yaml_files import load_yaml, read_text
 
-BASES = ("prescribed", "fixed")
+BASES = ("prescribed", "floating", "fixed")
 FACINGS = ("+x", "-x", "+y", "-y")
 UP_AXES = ("z", "file")
 # Parts of the body whose joints can be locked together.
@@ -30,7 +30,8 @@ _COMMENTS = {
     "source": "the robot's own file, URDF or MJCF",
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
     "facing": "axis of the root link that points ahead: +x, -x, +y or -y",
-    "base": "prescribed: the motion moves and turns the root link; fixed: welded",
+    "base": "floating: the motion moves and turns the root link in all directions; "
+    "prescribed: it turns it about z only; fixed: welded",
     "lock": f"groups of joints to lock: {', '.join(GROUPS)}",
     "locked": "joint -> position [rad or m] at which it is welded",
     "segments": "link -> links welded to it that share its capsules",
@@ -70,7 +71,8 @@ class ImportChoices:
             meshes are to be turned as they say; None where none says anything else.
         facing: axis of the root link that points ahead: "+x", "-x", "+y" or "-y".
         base: "prescribed" (three prismatic joints and a heading between world and
-            root link, driven by the motion) or "fixed".
+            root link, driven by the motion), "floating" (by a quaternion: the motion
+            turns it in all directions) or "fixed".
         lock: groups (`GROUPS`) whose joints are locked where `locked` is guessed; None
             is all that no arm needs.
         locked: joint to the position [rad or m] at which it is welded.

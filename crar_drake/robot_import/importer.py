@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
@@ -18,6 +19,7 @@ from crar_drake.nearest import nearest
 from crar_drake.robot.description import (
     IMPORT_FILE,
     RobotDescription,
+    RootPose,
     add_robot,
     find_joint,
 )
@@ -25,6 +27,7 @@ from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarm
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
+    find_leg_chains,
     guess_frames,
     guess_rest,
     guess_tool,
@@ -141,6 +144,7 @@ def import_robot(
     package_paths: tuple[str, ...] = (),
     lock: tuple[str, ...] | None = None,
     cover: bool = False,
+    base: str | None = None,
     progress: Progress | None = None,
 ) -> ImportReport:
     """Turns a robot's own file into a folder with all that a scenario's `robot` needs.
@@ -155,6 +159,8 @@ def import_robot(
         package_paths: folders in which the URDF's packages are looked for.
         lock: groups of joints to lock (`choices.GROUPS`), on a first import.
         cover: whether capsules are grown to hold all triangles, on a first import.
+        base: what becomes of the root link (`choices.BASES`), on a first import; None
+            is guessed: it floats where legs are there and not locked.
         progress: is told what is being done.
 
     Nothing of it is written unless all of it can be; only the import file is, where
@@ -186,6 +192,12 @@ def import_robot(
         choices = ImportChoices(source=name, package_paths=list(package_paths))
         choices.lock = None if lock is None else list(lock)
         choices.cover = cover
+        choices.base = base
+    elif base is not None and base != choices.base:
+        raise ModelError(
+            f"{file} is there already: write base: {base} into it, and import again "
+            "without the option"
+        )
     choices.validate(str(file))
     path = _locate(choices.source, out)
     progress("reading", 0.0)
@@ -256,6 +268,7 @@ def _make(
     visuals, drawn = _write_meshes(folder, parts, choices.faces)
     _guess_rest(robot, locked, parts, choices, report)
     prescribed = choices.base == "prescribed"
+    floating = choices.base == "floating"
     # A robot with a waist stands on the floor, although its base is fixed.
     rest_posture = dict(choices.rest_posture)
     lifted = not prescribed and "waist_z" not in robot.joints
@@ -269,7 +282,7 @@ def _make(
         folder / URDF,
         robot,
         choices.name,
-        prescribed=prescribed,
+        base=choices.base,
         height=height,
         locked=locked,
         frames=choices.frames,
@@ -284,6 +297,8 @@ def _make(
         prescribed_joints={name: by for name, (_, _, by) in BASE_JOINTS.items()}
         if prescribed
         else {},
+        root="prescribed" if floating else "fixed",
+        root_pose=_root_pose(robot, height) if floating else RootPose(),
         task_frames={point: frame_name(point) for point in choices.frames},
         rest_posture=rest_posture,
         folder=str(folder),
@@ -320,6 +335,15 @@ def check_installed() -> None:
     require_packages(_MESH_PACKAGES, "importing robots")
 
 
+def _root_pose(robot: SourceRobot, height: float) -> RootPose:
+    """Where the root link rests when it is so high above the ground [m]."""
+    X_WR = RigidTransform(np.array([0.0, 0.0, height])) @ robot.X_FR
+    return RootPose(
+        [round(float(x), 9) for x in X_WR.translation()],
+        [round(float(x), 9) for x in RollPitchYaw(X_WR.rotation()).vector()],
+    )
+
+
 def _check_lock(
     choices: ImportChoices, lock: tuple[str, ...] | None, file: Path
 ) -> None:
@@ -345,7 +369,7 @@ def _without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
     if bare is None:
         return robot
     arms = any(find_anatomy(turned(bare, facing)) for facing in ("+x", "+y"))
-    if choices.base != "prescribed" and not arms:
+    if choices.base not in ("prescribed", "floating") and not arms:
         return robot
     note = f"the root link {WORLD!r} is left out: {bare.root} is the root"
     return replace(bare, notes=(*robot.notes, note))
@@ -382,10 +406,16 @@ def _guess_structure(
             choices.base, why = "fixed", f"the root link is named {WORLD!r}"
         elif anatomy is None:
             choices.base, why = "fixed", "no pair of mirrored arms was found"
+        elif (
+            choices.lock is not None
+            and "legs" not in choices.lock
+            and find_leg_chains(robot, anatomy) is not None
+        ):
+            choices.base, why = "floating", "mirrored arms and legs, none locked"
         else:
             choices.base, why = "prescribed", "two mirrored arms were found"
         report.guessed["base"] = why
-    elif choices.base == "prescribed" and robot.root == WORLD:
+    elif choices.base != "fixed" and robot.root == WORLD:
         raise ModelError(
             f"{report.folder / IMPORT_FILE}: base: the root link is named {WORLD!r}, "
             "which cannot move; write fixed, or rename the link in the URDF"

@@ -44,7 +44,7 @@ def write_urdf(
     robot: SourceRobot,
     name: str,
     *,
-    prescribed: bool,
+    base: str,
     height: float = 0.0,
     locked: Mapping[str, float],
     frames: Mapping[str, FrameChoice],
@@ -58,8 +58,9 @@ def write_urdf(
         path: of the file.
         robot: the source.
         name: of the robot.
-        prescribed: whether joints that the motion drives carry the root link.
-        height: of a root link that nothing carries, above the ground [m].
+        base: one of `choices.BASES`: "prescribed", joints that the motion drives carry
+            the root link; "floating", the file does not connect it with the world.
+        height: of a fixed root link above the ground [m].
         locked: joint to the position at which it is welded [rad or m].
         frames: the motion's points.
         visuals, capsules, inertias: by link; links that are in none are bare.
@@ -74,11 +75,13 @@ def write_urdf(
             " Made by crar-drake import-robot from import.yaml; do not edit. "
         )
     )
+    prescribed = base == "prescribed"
     if prescribed:
         _add_base(root, robot)
     X_WR = RigidTransform(np.array([0.0, 0.0, height])) @ robot.X_FR
-    welded = not (prescribed or robot.root == WORLD or X_WR.IsExactlyIdentity())
-    if welded:
+    there = robot.root == WORLD or X_WR.IsExactlyIdentity()
+    lifted = base == "fixed" and not there
+    if lifted:
         weld = ElementTree.SubElement(root, "joint", name="world_weld", type="fixed")
         ElementTree.SubElement(weld, "parent", link=WORLD)
         ElementTree.SubElement(weld, "child", link=robot.root)
@@ -126,7 +129,7 @@ def write_urdf(
     ElementTree.indent(root)
     with whole_file(path) as temporary:
         temporary.write_bytes(ElementTree.tostring(root, xml_declaration=True))
-    return prescribed or welded or robot.root == WORLD
+    return prescribed or lifted or robot.root == WORLD
 
 
 def _add_base(root, robot: SourceRobot) -> None:

@@ -23,7 +23,7 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder
 from crar_drake.robot.description import is_path
-from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
+from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, experiment_tasks
 from crar_drake.simulation.disturbances import Disturbances
 from crar_drake.targets.keyframes import Keyframe
 from crar_drake.yaml_files import load_yaml, read_text
@@ -95,7 +95,8 @@ class Scenario:
         unit, up, facing, joints: of a motion that is no AMC, where what is inferred is
             wrong; see `motion.options.MotionOptions`.
         cutoff: of the low-pass on the motion [Hz].
-        experiment: a task set of the paper: "wrists" or "upper-body"; "" if `tasks`
+        experiment: a task set of the paper, "wrists" or "upper-body", or
+            "whole-body", which needs a robot the root of which floats; "" if `tasks`
             lists them.
         tasks: what is tracked.
         keyframes: task name to its keyframes, instead of a motion.
@@ -154,10 +155,11 @@ class Scenario:
                 "give either experiment or tasks, not "
                 f"{'both' if self.experiment else 'neither'}"
             )
-        if self.experiment and self.experiment not in EXPERIMENTS:
+        known = (*EXPERIMENTS, WHOLE_BODY)
+        if self.experiment and self.experiment not in known:
             raise ScenarioError(
                 f"experiment: {self.experiment!r} is unknown"
-                f"{nearest(self.experiment, EXPERIMENTS)}"
+                f"{nearest(self.experiment, known)}"
             )
         if self.frame_rate is not None and self.keyframes:
             raise ScenarioError(
@@ -210,7 +212,7 @@ class Scenario:
     def task_list(self) -> list[Task]:
         """The tasks, whether listed or of an experiment."""
         if self.experiment:
-            return position_tasks(EXPERIMENTS[self.experiment])
+            return experiment_tasks(self.experiment)
         return self.tasks
 
     def log_period_for(self, duration: float) -> float:

@@ -26,60 +26,22 @@ from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.sources import PoseTrajectorySource, TimeFunctionSource
+from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
+from crar_drake.targets.whole_body import (
+    FEET,
+    HEAD,
+    KNEES,
+    WholeBodyMotion,
+    follows_legs,
+    head_way,
+    retarget_whole_body,
+)
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
 
-
-class PointTrajectory:
-    """The way of a joint centre."""
-
-    def __init__(self, position: BsplineTrajectory) -> None:
-        """
-        Args:
-            position: p_WC, three rows, from time 0 [m].
-        """
-        self.end = position.end_time()
-        self._derivatives = [position.MakeDerivative(k) for k in range(3)]
-
-    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """p (3,) [m], its velocity and its acceleration at `time` [s], in W.
-
-        After the end it stands still there.
-        """
-        p, v, a = (f.value(min(time, self.end)).ravel() for f in self._derivatives)
-        return (p, v, a) if time <= self.end else (p, np.zeros(3), np.zeros(3))
-
-
-class CarriedTrajectory:
-    """The way of a frame H that turns about a point C: a hand about its wrist, the root
-    about the waist.
-
-    Its position is p_WH = p_WC + R_WH p_CH_H.
-    """
-
-    def __init__(
-        self, point: PointTrajectory, orientation: QuaternionSpline, arm: np.ndarray
-    ) -> None:
-        """
-        Args:
-            point: the way of C.
-            orientation: R_WH, as long as the point's way.
-            arm: (3,) p_CH_H, from C to H, in H [m].
-        """
-        self.end = point.end
-        self._point, self._orientation, self._arm = point, orientation, arm
-
-    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
-        return self._orientation(time)
-
-    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
-        p, v, a = self._point.position(time)
-        R, omega, alpha = self._orientation(time)
-        arm = R @ self._arm
-        turning = np.cross(omega, arm)
-        return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
+# What a motion gives the position of, and what the whole pose of.
+_POINTS = (*JOINT_CENTRES, *KNEES, HEAD)
+_POSES = (*HANDS, *FEET)
 
 
 def segment_lengths(model: ControlModel) -> SegmentLengths:
@@ -136,21 +98,26 @@ def load_motion_targets(
 
     Args:
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
-        model: the robot, with position tasks of JOINT_CENTRES, and tasks of HANDS
-            of any kind.
+        model: the robot, with position tasks of JOINT_CENTRES, head and knees, and
+            tasks of HANDS and feet of any kind. With a foot or a knee, root and legs
+            move as `motion.retarget_legs` has them, else the waist's path is scaled.
         options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
 
     Raises:
         MotionError: the motion cannot be found, read or scaled, or its skeleton
-            lacks hands that a task needs.
+            lacks hands, feet or a head that a task needs.
         ScenarioError: a task is none that a motion can drive.
     """
     _check_tasks(model)
     performer = load_performer(motion, options)
-    centres = joint_centres(performer)
-    retargeted = retarget(centres, segment_lengths(model), cutoff=cutoff)
-    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
+    lengths, whole = segment_lengths(model), None
+    if follows_legs(model):
+        whole = retarget_whole_body(model, performer, lengths, cutoff)
+        retargeted = whole.upper
+    else:
+        retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
+    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, whole, cutoff)
     if model.num_free:
         prescribed_at = _prescribed_motion(model, performer, retargeted, cutoff)
     # Of the performer a run's report alone is left to be made, which needs none.
@@ -202,17 +169,22 @@ def _check_tasks(model: ControlModel) -> None:
                     f"robot.yaml (import.yaml of an imported robot), x to the "
                     f"fingertips and z to the thumb's side"
                 )
-        elif task.frame not in JOINT_CENTRES:
+        elif task.frame not in (*_POINTS, *FEET):
             raise ScenarioError(
                 f"task {name}: a motion has no {task.frame}; it gives positions of "
-                f"{', '.join(JOINT_CENTRES)}, and position and orientation of "
-                f"{', '.join(HANDS)}; track one of these, or use keyframes"
+                f"{', '.join(_POINTS)}, and position and orientation of "
+                f"{', '.join(_POSES)}; track one of these, or use keyframes"
             )
-        elif task.kind != "position":
+        elif task.kind != "position" and task.frame not in FEET:
             raise ScenarioError(
                 f"task {name}: a motion gives no orientation of {task.frame}, only "
-                f"of {', '.join(HANDS)}; track one of these, take kind position, or "
+                f"of {', '.join(_POSES)}; track one of these, take kind position, or "
                 f"use keyframes"
+            )
+        elif task.frame == HEAD and HEAD not in model.description.task_frames:
+            raise ScenarioError(
+                f"task {name}: robot {model.description.name} has no task_frame head; "
+                "add it to its robot.yaml (import.yaml of an imported robot)"
             )
 
 
@@ -220,12 +192,13 @@ def _tasks(
     model: ControlModel,
     performer: Performer,
     retargeted: RetargetedMotion,
+    whole: WholeBodyMotion | None,
     cutoff: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
     """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
     frames = [task.frame for task in model.tasks]
-    if any(frame in HANDS for frame in frames):
-        ways = _task_ways(model, performer, retargeted, cutoff)
+    if any(frame not in JOINT_CENTRES for frame in frames):
+        ways = _task_ways(model, performer, retargeted, whole, cutoff)
         return (
             PoseTrajectorySource(model.layout, ways).at,
             lambda: PoseTrajectorySource(model.layout, ways),
@@ -243,12 +216,20 @@ def _task_ways(
     model: ControlModel,
     performer: Performer,
     retargeted: RetargetedMotion,
+    whole: WholeBodyMotion | None,
     cutoff: float,
 ) -> dict[str, PointTrajectory | CarriedTrajectory]:
     """The way of each task, by its name."""
-    quaternions = hand_orientations(performer).smooth(cutoff)
+    quaternions = {}
+    if any(task.frame in HANDS for task in model.tasks):
+        quaternions = hand_orientations(performer).smooth(cutoff)
 
     def way(frame: str) -> PointTrajectory | CarriedTrajectory:
+        if whole is not None and frame in (*FEET, *KNEES):
+            return whole.way(frame)
+        if frame == HEAD:
+            length = _distance(model, "neck", HEAD)
+            return head_way(performer, retargeted, length, cutoff)
         if frame not in HANDS:
             return PointTrajectory(retargeted.trajectory([frame]))
         wrist = frame.replace("hand", "wrist")

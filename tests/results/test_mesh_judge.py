@@ -20,11 +20,11 @@ from small_urdfs import joint, link, robot, write
 
 from crar_drake.commands import main
 from crar_drake.errors import ModelError
-from crar_drake.results.link_meshes import read_link_meshes
 from crar_drake.results.mesh_judge import MeshJudge
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel, names_by_joint
 from crar_drake.robot.task import position_tasks
+from crar_drake.robot_import.link_meshes import read_link_meshes
 
 LIMITS = 'lower="-1" upper="1" effort="9" velocity="9"'
 YAML = """

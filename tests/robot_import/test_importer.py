@@ -211,7 +211,7 @@ def two_joints(extra: str = "", **options) -> str:
         (two_joints(), "segments: {a: [b]}", ["'b' is not welded to 'a'"]),
         (two_joints(), "pairs: [[a, d]]", ["'d' has no collision shape"]),
         (two_joints(), "rest_posture: {cb: 1.0}", ["rest_posture", "cb"]),
-        (two_joints(), "base: floating", ["base", "floating", "prescribed"]),
+        (two_joints(), "base: float", ["base", "float", "floating", "prescribed"]),
         (two_joints(), "lcoked: {}", ["lcoked", "did you mean 'locked'"]),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,7 +79,11 @@ def check_installed() -> None:
     )
 
 
-def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[LinkMesh]:
+def read_link_meshes(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    links: Collection[str] | None = None,
+) -> list[LinkMesh]:
     """Reads the visual shapes of each link, or if it has none its collision shapes.
 
     Of a robot that `crar-drake import-robot` made, all triangles of its meshes are
@@ -88,6 +93,7 @@ def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Lin
     Args:
         plant: finalized.
         scene_graph: where it is registered.
+        links: which to read; by default all.
 
     Returns:
         One entry for each link that has a shape, the world among them.
@@ -100,6 +106,8 @@ def read_link_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Lin
     meshes = []
     for body in _bodies(plant):
         name = _name(plant, body)
+        if links is not None and name not in links:
+            continue
         shapes, coarse = [], False
         for geometry in _geometries(plant, inspector, body):
             pose = inspector.GetPoseInFrame(geometry)

@@ -1,0 +1,203 @@
+"""Feet that stand where they stand: a performer's steps as poses of a robot's feet.
+
+Two points of a foot's sole can be on the floor: the heel, the middle of its rear edge,
+and the ball, the middle of its front edge. Each is found to be so by its height and its
+speed, with hysteresis (`planted_feet`). Then, sample by sample:
+
+* While both are on the floor the foot is flat; while one of them is, it does not roll
+  sideways, and pitches about that point as the performer's does.
+* A point on the floor stays where it is. What that shifts the foot by is made up for
+  in the air, between one contact and the next.
+* While a point is on the floor, the foot's lowest point is at the floor; in the air it
+  is above it.
+
+Where a contact begins and ends these are blended in and out, twice continuously
+differentiable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crar_drake.motion.planted_feet import (
+    ContactThresholds,
+    runs,
+    standing,
+    without_short,
+)
+from crar_drake.motion.quaternion_spline import sign_continuous
+from crar_drake.motion.smooth_steps import bridge, smooth_flags, soft_positive
+
+# Of a recording: markers and limb lengths are off by a centimetre or two, so that these
+# are wider than where a robot's motion is judged.
+THRESHOLDS = ContactThresholds(
+    height_on=0.025, height_off=0.045, speed_on=0.25, speed_off=0.5
+)
+
+_SHORTEST = 0.08  # [s] that a contact and a gap last, at least
+_BLEND = 0.12  # [s] before and after a contact
+_LANDING = 0.07  # [s] in which a foot comes down before a contact, and leaves after
+_CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
+_SOFT = 0.005  # [m] width of that bound
+_TURNING = 0.25  # [rad] that a foot turns while it is flat, from which on it pivots
+
+
+@dataclass(frozen=True, eq=False)
+class FootMotion:
+    """A foot's poses.
+
+    Attributes:
+        positions: (T, 3) p_WF of its frame [m].
+        turns: (T, 4) quaternions (x y z w) of how it is turned from where it stands
+            flat and faces x.
+        heel, ball: (T,) whether that point is on the floor.
+    """
+
+    positions: np.ndarray
+    turns: np.ndarray
+    heel: np.ndarray
+    ball: np.ndarray
+
+    @property
+    def planted(self) -> np.ndarray:
+        """(T,) whether any point of it is on the floor."""
+        return self.heel | self.ball
+
+
+def twist(turns: Rotation) -> np.ndarray:
+    """(T,) angles by which rotations turn about the vertical, unwrapped [rad]."""
+    x, y, z, w = turns.as_quat().T
+    return np.unwrap(2.0 * np.arctan2(z, w))
+
+
+def find_contacts(
+    positions: np.ndarray,
+    turns: Rotation,
+    points: np.ndarray,
+    floor: float,
+    rate: float,
+) -> np.ndarray:
+    """(T, P) whether each point of a foot is on the floor.
+
+    Args:
+        positions: (T, 3) p_WF [m].
+        turns: of the foot, T of them.
+        points: (P, 3) p_F of heel and ball [m].
+        floor: height of the floor [m].
+        rate: samples per second [Hz].
+    """
+    shortest = max(1, round(_SHORTEST * rate))
+    found = []
+    for point in points:
+        p = positions + turns.apply(point)
+        speed = np.linalg.norm(np.gradient(p, axis=0), axis=1) * rate
+        flags = standing(p[:, 2] - floor, speed, THRESHOLDS)
+        found.append(without_short(flags, shortest))
+    return np.array(found).T
+
+
+def hold_foot(
+    positions: np.ndarray,
+    turns: Rotation,
+    heel: np.ndarray,
+    ball: np.ndarray,
+    points: np.ndarray,
+    rate: float,
+) -> FootMotion:
+    """A foot that stands where it stands, on the floor z = 0.
+
+    Args:
+        positions: (T, 3) p_WF as it is retargeted, the floor at about 0 [m].
+        turns: of the foot.
+        heel, ball: (3,) p_F of these points, from the foot's frame [m].
+        points: (V, 3) p_F of the foot's surface [m].
+        rate: samples per second [Hz].
+    """
+    contacts = find_contacts(positions, turns, np.array([heel, ball]), 0.0, rate)
+    on_heel, on_ball = contacts.T
+    turns = _levelled(turns, on_heel, on_ball, max(1, round(_BLEND * rate)))
+    return place_foot(positions, turns, contacts, ball, points, rate)
+
+
+def place_foot(
+    positions: np.ndarray,
+    turns: Rotation,
+    contacts: np.ndarray,
+    ball: np.ndarray,
+    points: np.ndarray,
+    rate: float,
+) -> FootMotion:
+    """As `hold_foot`, where contacts and turns are decided.
+
+    Args:
+        contacts: (T, 2) whether heel and ball are on the floor.
+        positions, turns, ball, points, rate: as there.
+    """
+    on_heel, on_ball = contacts.T
+    matrices = turns.as_matrix()
+    # How high the frame is when the foot's lowest point is at the floor.
+    least = -np.min(matrices[:, 2] @ points.T, axis=1)
+    planted = on_heel | on_ball
+    grounded = smooth_flags(planted, max(1, round(_LANDING * rate)))
+    clear = _CLEARANCE + soft_positive(positions[:, 2] - least - _CLEARANCE, _SOFT)
+    z = least + (1.0 - grounded) * clear
+    shift = bridge(
+        _shifts(positions, matrices, ball, points, on_heel, on_ball),
+        planted,
+        rate,
+        _BLEND,
+    )
+    held = np.column_stack([positions[:, :2] + shift, z])
+    return FootMotion(held, sign_continuous(turns.as_quat()), on_heel, on_ball)
+
+
+def _levelled(
+    turns: Rotation, on_heel: np.ndarray, on_ball: np.ndarray, margin: int
+) -> Rotation:
+    """Flat where heel and ball are down, without roll where one of them is."""
+    yaw = twist(turns)
+    tilt = (Rotation.from_rotvec(_about_z(-yaw)) * turns).as_rotvec()
+    flat = smooth_flags(on_heel & on_ball, margin)
+    down = smooth_flags(on_heel | on_ball, margin)
+    tilt[:, 0] *= 1.0 - down
+    tilt[:, 1] *= 1.0 - flat
+    tilt[:, 2] *= 1.0 - down
+    for start, end in runs(on_heel & on_ball):
+        if np.ptp(yaw[start:end]) < _TURNING:
+            stretch = np.zeros(len(yaw), dtype=bool)
+            stretch[start:end] = True
+            share = smooth_flags(stretch, margin)
+            yaw = yaw + share * (yaw[start:end].mean() - yaw)
+    return Rotation.from_rotvec(_about_z(yaw)) * Rotation.from_rotvec(tilt)
+
+
+def _about_z(angles: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.zeros((len(angles), 2)), angles])
+
+
+def _shifts(positions, matrices, ball, points, on_heel, on_ball) -> np.ndarray:
+    """(T, 2) horizontal shifts that keep what is on the floor in its place, in each
+    contact as small as they can be in the mean [m]; 0 elsewhere.
+
+    Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
+    lowest of it.
+    """
+    p_ball = (positions + matrices @ ball)[:, :2]
+    shifts = np.zeros((len(positions), 2))
+    flat = on_heel & on_ball
+    for start, end in runs(on_heel | on_ball):
+        heights = matrices[start:end, 2] @ points.T
+        lowest = np.argmin(heights[1:] + heights[:-1], axis=1)
+        for t in range(start + 1, end):
+            if flat[t] and flat[t - 1]:
+                way = p_ball[t] - p_ball[t - 1]
+            else:
+                point = points[lowest[t - start - 1]]
+                turned = (matrices[t] - matrices[t - 1]) @ point
+                way = (positions[t] - positions[t - 1] + turned)[:2]
+            shifts[t] = shifts[t - 1] - way
+        shifts[start:end] -= shifts[start:end].mean(axis=0)
+    return shifts

@@ -1,0 +1,306 @@
+"""A performer's hips and feet on a robot with legs, the root of which floats.
+
+The hips' path is scaled by the length of the robot's legs over that of the performer's,
+and each foot is placed from its hip as the performer's ankle is from his, scaled by the
+lengths of that leg. Feet on the floor are then held (`held_feet`), and the root is
+lowered where a foot would be out of the leg's reach, and lifted where the trunk would
+be below the floor: smoothly, and beginning before it is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import low_pass
+from crar_drake.motion.held_feet import (
+    FootMotion,
+    find_contacts,
+    hold_foot,
+    place_foot,
+    twist,
+)
+from crar_drake.motion.leg_shape import LegShape, TrunkShape
+from crar_drake.motion.performer import LEG, SIDES, Performer
+from crar_drake.motion.smooth_steps import smooth_bound
+from crar_drake.motion.turns import hip_turns, smooth_turns
+
+# A straight leg is singular: its knee would turn infinitely fast [1].
+_STRETCH = 0.99
+_FARTHEST = 0.95  # share of its reach that a foot is taken to be away across, at most
+_ABOVE_FLOOR = 0.005  # [m] that the trunk stays above it
+_ANTICIPATION = 0.25  # [s] before it is needed, the root begins to give way
+_FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
+_FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
+_FLAT_TIME = 0.2  # [s] of flat feet that tell how they are turned
+_LOWEST_SHARE = 0.1  # of the samples, in which the feet are lowest
+
+
+@dataclass(frozen=True, eq=False)
+class LegsMotion:
+    """The root and the legs of a robot, in the world W, the floor at z = 0.
+
+    Attributes:
+        root_positions: (T, 3) of the base's origin [m].
+        root_turns: (T, 4) quaternions (x y z w) of how it is turned from its rest.
+        knees: side to (T, 3) [m].
+        feet: side to the foot's poses.
+    """
+
+    root_positions: np.ndarray
+    root_turns: np.ndarray
+    knees: Mapping[str, np.ndarray]
+    feet: Mapping[str, FootMotion]
+
+
+# Takes side, root's positions and turns and the foot's poses; returns how the foot can
+# be turned there.
+Attainable = Callable[[str, np.ndarray, Rotation, FootMotion], Rotation]
+
+
+def retarget_legs(
+    performer: Performer,
+    legs: Mapping[str, LegShape],
+    cutoff: float,
+    attainable: Attainable | None = None,
+    trunk: TrunkShape | None = None,
+) -> LegsMotion:
+    """Hips, knees and feet of a performer on a robot.
+
+    Args:
+        performer: with legs.
+        legs: the robot's, by side.
+        cutoff: of the zero-phase low-pass [Hz].
+        attainable: how a foot can be turned, within the limits of its leg's joints; it
+            is then turned so, and stands on what of it is lowest.
+        trunk: what of the robot must stay above the floor by the root's height.
+
+    Raises:
+        MotionError: the performer lacks joints of the legs, or does not tell how the
+            hips are turned, or the motion cannot be filtered.
+    """
+    p = _smooth_legs(performer, cutoff)
+    rate = performer.frame_rate
+    root_turns = hip_turns(performer, cutoff)
+    R_W = Rotation.from_quat(root_turns)
+    scales = {side: legs[side].length / _length(performer, side) for side in SIDES}
+    middle = 0.5 * (p["left_hip"] + p["right_hip"]) * np.mean(list(scales.values()))
+    middle[:, :2] -= middle[0, :2].copy()
+    p_BM = np.mean([legs[side].hip for side in SIDES], axis=0)
+    root = middle - R_W.apply(p_BM)
+    ankles, turns = {}, _foot_turns(performer, p, cutoff)
+    for side in SIDES:
+        way = p[f"{side}_ankle"] - p[f"{side}_hip"]
+        ankles[side] = root + R_W.apply(legs[side].hip) + scales[side] * way
+    floor = _floor(ankles, turns, legs, rate)
+    root[:, 2] -= floor
+    for side in SIDES:
+        ankles[side] = ankles[side] - [0.0, 0.0, floor]
+    feet = {
+        side: hold_foot(ankles[side], turns[side], leg.heel, leg.ball, leg.points, rate)
+        for side, leg in legs.items()
+    }
+    if attainable is not None:
+        low = root - [[0.0, 0.0, 1.0]] * _lowering(root, R_W, feet, legs, rate)[:, None]
+        for side, leg in legs.items():
+            foot = feet[side]
+            feet[side] = place_foot(
+                ankles[side],
+                attainable(side, low, R_W, foot),
+                np.column_stack([foot.heel, foot.ball]),
+                leg.ball,
+                leg.points,
+                rate,
+            )
+    lowered = _lowering(root, R_W, feet, legs, rate)
+    root[:, 2] -= lowered
+    if trunk is not None:
+        lifted = _lifting(root, R_W, trunk, p, rate)
+        root[:, 2] += lifted
+        feet = {
+            side: _pulled_up(feet[side], root + R_W.apply(leg.hip), leg, lifted, rate)
+            for side, leg in legs.items()
+        }
+    knees = {
+        side: _knee(
+            root + R_W.apply(legs[side].hip),
+            feet[side].positions,
+            p[f"{side}_knee"] - p[f"{side}_hip"],
+            p[f"{side}_ankle"] - p[f"{side}_hip"],
+            legs[side],
+        )
+        for side in SIDES
+    }
+    return LegsMotion(root, root_turns, knees, feet)
+
+
+def _smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
+    names = [f"{side}_{joint}" for side in SIDES for joint in (*LEG, "toe")]
+    names += ["pelvis", "neck"]
+    missing = [name for name in names if name not in performer.positions]
+    if missing:
+        raise MotionError(
+            f"motion {performer.name}: it has no {', '.join(missing)}, and so no feet "
+            "to follow; take the experiment upper-body, or another motion"
+        )
+    try:
+        return {
+            name: low_pass(performer.positions[name], performer.frame_rate, cutoff)
+            for name in names
+        }
+    except MotionError as error:
+        raise MotionError(f"motion {performer.name}: {error}") from error
+
+
+def _length(performer: Performer, side: str) -> float:
+    """Of a leg, hip to knee to ankle, in the median [m]."""
+    p = performer.positions
+    total = 0.0
+    for a, b in (("hip", "knee"), ("knee", "ankle")):
+        way = p[f"{side}_{b}"] - p[f"{side}_{a}"]
+        total += float(np.median(np.linalg.norm(way, axis=1)))
+    # Written so that a NaN fails, too.
+    if not total > 0.05:
+        raise MotionError(
+            f"motion {performer.name}: its {side} leg is {total:.3f} m long; check the "
+            "skeleton's lengths"
+        )
+    return total
+
+
+def _foot_turns(performer: Performer, p, cutoff: float) -> dict[str, Rotation]:
+    """How each foot is turned from where it is flat and faces x."""
+    floor = min(np.quantile(p[f"{s}_ankle"][:, 2], 0.05) for s in SIDES)
+    found = {}
+    for side in SIDES:
+        ankle = f"{side}_ankle"
+        R = performer.orientations.get(ankle)
+        if R is None:
+            R = _from_points(p[f"{side}_knee"], p[ankle], p[f"{side}_toe"])
+        turns = Rotation.from_quat(
+            smooth_turns(
+                R,
+                performer.frame_rate,
+                cutoff,
+                f"motion {performer.name}: the {side} foot",
+                "take the experiment upper-body",
+            )
+        )
+        speed = np.gradient(p[ankle], axis=0) * performer.frame_rate
+        flat = p[ankle][:, 2] < floor + _FLAT_HEIGHT
+        flat &= np.linalg.norm(speed, axis=1) < _FLAT_SPEED
+        if np.count_nonzero(flat) >= _FLAT_TIME * performer.frame_rate:
+            # A skeleton's rest pose need not have flat feet.
+            about = np.column_stack([np.zeros((len(R), 2)), -twist(turns)])
+            level = Rotation.from_rotvec(about[flat]) * turns[flat]
+            turns = turns * level.mean().inv()
+        found[side] = turns
+    return found
+
+
+def _from_points(knee, ankle, toe) -> np.ndarray:
+    """(T, 3, 3) x to the toe, y across the plane of shank and foot."""
+    x = _unit(toe - ankle)
+    y = _unit(np.cross(knee - ankle, x))
+    return np.stack([x, y, np.cross(x, y)], axis=2)
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-9)
+
+
+def _floor(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
+    """Height of the soles when they are on the floor [m].
+
+    The median of what is within the thresholds of contact of where the feet are when
+    they are lowest.
+    """
+    lowest = {
+        side: ankles[side][:, 2]
+        + np.min(turns[side].as_matrix()[:, 2] @ legs[side].points.T, axis=1)
+        for side in SIDES
+    }
+    both = np.min(list(lowest.values()), axis=0)
+    floor = float(np.quantile(both, _LOWEST_SHARE))
+    heights = []
+    for side in SIDES:
+        points = np.array([legs[side].heel, legs[side].ball])
+        found = find_contacts(ankles[side], turns[side], points, floor, rate)
+        heights.append(lowest[side][found.any(axis=1)])
+    heights = np.concatenate(heights)
+    return float(np.median(heights)) if len(heights) else floor
+
+
+def _lowering(root, R_W, feet, legs, rate: float) -> np.ndarray:
+    """(T,) how much lower the root must be for both feet to be in reach [m]."""
+    needed = np.zeros(len(root))
+    for side, leg in legs.items():
+        hip = root + R_W.apply(leg.hip)
+        needed = np.maximum(needed, _out_of_reach(hip, feet[side].positions, leg))
+    return smooth_bound(needed, round(_ANTICIPATION * rate))
+
+
+def _out_of_reach(hip: np.ndarray, foot: np.ndarray, leg: LegShape) -> np.ndarray:
+    """(T,) how much nearer hip and foot would have to be in height; negative where
+    they could be farther from each other [m]."""
+    reach = _STRETCH * min(leg.reach, leg.length)
+    way = hip - foot
+    across = np.minimum(np.linalg.norm(way[:, :2], axis=1), _FARTHEST * reach)
+    return way[:, 2] - np.sqrt(reach**2 - across**2)
+
+
+def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
+    """(T,) how much higher the root must be for the trunk to be above the floor [m].
+
+    What is above the waist is taken to be straight, along the performer's trunk.
+    """
+    way = R_W.inv().apply(p["neck"] - p["pelvis"])
+    bend = _between(trunk.neck, _unit(way)).as_matrix()
+    R = R_W.as_matrix()
+    lowest = np.min(R[:, 2] @ trunk.pelvis.T, axis=1, initial=np.inf)
+    waist = R[:, 2] @ trunk.waist
+    upper = np.einsum("ti,tij->tj", R[:, 2], bend) @ trunk.upper.T
+    lowest = np.minimum(lowest, waist + np.min(upper, axis=1, initial=np.inf))
+    needed = np.maximum(_ABOVE_FLOOR - (root[:, 2] + lowest), 0.0)
+    return smooth_bound(needed, round(_ANTICIPATION * rate))
+
+
+def _between(a: np.ndarray, b: np.ndarray) -> Rotation:
+    """The shortest turns of direction a (3,) to each of b (T, 3)."""
+    axis, cosine = np.cross(a, b), b @ a
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, cosine)
+    return Rotation.from_rotvec(axis * (angle / np.maximum(sine, 1e-9))[:, None])
+
+
+def _pulled_up(
+    foot: FootMotion, hip: np.ndarray, leg: LegShape, lifted: np.ndarray, rate: float
+) -> FootMotion:
+    """A foot that a lifted root takes along, where it would be out of reach."""
+    if not lifted.any():
+        return foot
+    needed = np.where(lifted > 0.0, _out_of_reach(hip, foot.positions, leg), 0.0)
+    up = smooth_bound(np.maximum(needed, 0.0), round(_ANTICIPATION * rate))
+    return replace(foot, positions=foot.positions + up[:, None] * [0.0, 0.0, 1.0])
+
+
+def _knee(hip, ankle, thigh_p, leg_p, leg: LegShape) -> np.ndarray:
+    """(T, 3) where a leg of two lengths has its knee, bent to where the performer's is.
+
+    Args:
+        hip, ankle: (T, 3) of the robot [m].
+        thigh_p, leg_p: (T, 3) from the performer's hip to knee and to ankle [m].
+        leg: the robot's.
+    """
+    way = ankle - hip
+    d = np.linalg.norm(way, axis=1, keepdims=True)
+    along = way / np.maximum(d, 1e-9)
+    d = np.clip(d, abs(leg.thigh - leg.shank) + 1e-6, leg.length - 1e-6)
+    x = (leg.thigh**2 - leg.shank**2 + d**2) / (2.0 * d)
+    out = thigh_p - np.sum(thigh_p * along, axis=1, keepdims=True) * along
+    off = np.sqrt(np.maximum(leg.thigh**2 - x**2, 0.0))
+    return hip + x * along + off * _unit(out)

@@ -1,0 +1,142 @@
+"""What the ground would have to give for a motion: force and centre of pressure.
+
+Newton and Euler ask for one force f and one moment on the root of a robot that moves as
+it does; there is nothing but the ground that could give them. The *centre of pressure*
+is the point of the floor about which their moment has no horizontal part. A ground that
+can only push needs f_z > 0 and this point inside the support polygon, the hull of what
+the feet stand on (M. Vukobratovic and B. Borovac, "Zero-moment point: thirty-five
+years of its life", Int. J. Humanoid Robotics 1(1), 2004). That it is so is a note on
+feasibility: nothing here asks for friction, for the strength of the ankles, or whether
+a controller would keep the robot up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
+from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.errors import ModelError
+
+_SUPPORT = 0.01  # [m] above the floor that points of a planted foot support, at most
+_LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
+
+
+@dataclass(frozen=True, eq=False)
+class GroundWrench:
+    """What acts on the robot from outside besides gravity, in the world.
+
+    Attributes:
+        force: (T, 3) [N].
+        moment: (T, 3) about the world's origin [Nm].
+        weight: of the robot [N].
+    """
+
+    force: np.ndarray
+    moment: np.ndarray
+    weight: float
+
+    def centres(self, floor: float = 0.0) -> np.ndarray:
+        """(T, 2) centres of pressure on the floor [m]; NaN where hardly anything pushes
+        upwards."""
+        f, n = self.force, self.moment
+        up = np.where(f[:, 2] > _LEAST_FORCE * self.weight, f[:, 2], np.nan)
+        # n - c x f has no x and no y, with c on the floor.
+        return np.column_stack(
+            [(floor * f[:, 0] - n[:, 1]) / up, (floor * f[:, 1] + n[:, 0]) / up]
+        )
+
+    @property
+    def friction(self) -> np.ndarray:
+        """(T,) horizontal over vertical force; NaN where hardly anything pushes up."""
+        up = np.where(
+            self.force[:, 2] > _LEAST_FORCE * self.weight, self.force[:, 2], np.nan
+        )
+        return np.linalg.norm(self.force[:, :2], axis=1) / up
+
+
+def ground_wrench(
+    plant: MultibodyPlant, q: np.ndarray, v: np.ndarray, vdot: np.ndarray
+) -> GroundWrench:
+    """The force and the moment on the root that a motion takes.
+
+    Args:
+        plant: finalized; its only robot floats by a quaternion.
+        q: (T, nq), v: (T, nv), vdot: (T, nv) of the motion.
+
+    Raises:
+        ModelError: no link, or more than one, floats by a quaternion.
+    """
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    floating = [j for j in joints if isinstance(j, QuaternionFloatingJoint)]
+    if len(floating) != 1:
+        raise ModelError(
+            f"{len(floating)} links float; what the ground gives is known of one robot "
+            "the root of which floats"
+        )
+    (root,) = floating
+    at = root.velocity_start()
+    context = plant.CreateDefaultContext()
+    forces, moments = np.empty((len(q), 3)), np.empty((len(q), 3))
+    external = MultibodyForces(plant)
+    for t in range(len(q)):
+        plant.SetPositions(context, q[t])
+        plant.SetVelocities(context, v[t])
+        plant.CalcForceElementsContribution(context, external)
+        efforts = plant.CalcInverseDynamics(context, vdot[t], external)
+        p_WR = plant.EvalBodyPoseInWorld(context, root.child_body()).translation()
+        forces[t] = efforts[at + 3 : at + 6]
+        moments[t] = efforts[at : at + 3] + np.cross(p_WR, forces[t])
+    mass = plant.CalcTotalMass(context)
+    gravity = float(np.linalg.norm(plant.gravity_field().gravity_vector()))
+    return GroundWrench(forces, moments, mass * gravity)
+
+
+def outside_support(
+    centres: np.ndarray,
+    soles: dict[str, np.ndarray],
+    planted: dict[str, np.ndarray],
+    floor: float = 0.0,
+) -> np.ndarray:
+    """(T,) how far each centre of pressure is outside the support [m].
+
+    It is 0 or less inside, and NaN where there is no centre or no foot is planted.
+
+    Args:
+        centres: (T, 2) [m].
+        soles: foot to (T, V, 3) points of its surface [m].
+        planted: foot to (T,) whether it is planted.
+        floor: height of the floor [m].
+    """
+    outside = np.full(len(centres), np.nan)
+    for t in np.flatnonzero(np.isfinite(centres).all(axis=1)):
+        points = [
+            p[t][p[t][:, 2] <= floor + _SUPPORT][:, :2]
+            for foot, p in soles.items()
+            if planted[foot][t]
+        ]
+        points = np.concatenate([np.empty((0, 2)), *points])
+        if len(points):
+            outside[t] = _distance_outside(centres[t], points)
+    return outside
+
+
+def _distance_outside(point: np.ndarray, points: np.ndarray) -> float:
+    """How far a point is outside the hull of others in the plane; negative inside."""
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):  # one point, or all in a line
+        return float(np.linalg.norm(points - point, axis=1).min())
+    inside = float((hull.equations[:, :2] @ point + hull.equations[:, 2]).max())
+    if inside <= 0.0:
+        return inside
+    a, b = points[hull.simplices[:, 0]], points[hull.simplices[:, 1]]
+    way = b - a
+    share = np.sum((point - a) * way, axis=1) / np.maximum(
+        np.sum(way**2, axis=1), 1e-18
+    )
+    nearest = a + np.clip(share, 0.0, 1.0)[:, None] * way
+    return float(np.linalg.norm(nearest - point, axis=1).min())

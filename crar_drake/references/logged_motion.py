@@ -1,0 +1,96 @@
+"""The motion of a run as a reference motion: from a log to a file of any layout."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.references.layouts import LAYOUTS, layout_named
+from crar_drake.references.resampling import resampled
+from crar_drake.references.robot_motion import RobotMotion, write_motion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import check_logged_robot
+
+# Samples of a log are evenly spaced but for this share of their period.
+_UNEVEN = 1e-3
+
+
+def motion_of_log(log: SimulationLog, robot: WholeBody) -> RobotMotion:
+    """The root's poses and all joints of the simulated robot, sample by sample.
+
+    Args:
+        log: with two samples at least.
+        robot: that was simulated.
+
+    Raises:
+        MotionError: there are fewer samples, or they are not evenly spaced.
+        CrarError: the log is of another robot.
+    """
+    check_logged_robot(log, robot.plant, robot.description)
+    if len(log.time) < 2:
+        raise MotionError("the log has fewer than two samples, and so no rate")
+    steps = np.diff(log.time)
+    period = float(np.median(steps))
+    if np.abs(steps - period).max() > _UNEVEN * period:
+        raise MotionError(
+            f"the log's samples are between {steps.min():g} s and {steps.max():g} s "
+            "apart; a reference motion has one rate"
+        )
+    positions, quaternions, joints = robot.of_configurations(log.q)
+    return RobotMotion(
+        joint_names=robot.joint_names,
+        root_positions=positions,
+        root_quaternions=quaternions,
+        joint_positions=joints,
+        # The period is a decimal number of milliseconds or so; its inverse need not be.
+        rate=float(np.round(1.0 / period, 6)),
+    )
+
+
+def export_target(text: str) -> tuple[str, str]:
+    """Layout and file of an option LAYOUT[:FILE]; the file is "" where it is not said.
+
+    Raises:
+        MotionError: there is no such layout, or the file has another suffix than it.
+    """
+    name, _, file = text.partition(":")
+    layout = layout_named(name)
+    if file and not file.lower().endswith(layout.suffix):
+        raise MotionError(
+            f"{file}: {name} is a {layout.suffix} file; name it so (layouts: "
+            f"{', '.join(LAYOUTS)})"
+        )
+    return name, file
+
+
+def export_log(
+    log: SimulationLog,
+    robot: WholeBody,
+    path: str | os.PathLike[str],
+    layout: str,
+    rate: float | None = None,
+) -> RobotMotion:
+    """Writes the motion of a log into a file, whole or not at all.
+
+    Args:
+        log: of the run.
+        robot: that was simulated.
+        path: of the file.
+        layout: its name.
+        rate: samples per second, along splines [Hz]; by default the log's.
+
+    Returns:
+        What was written.
+
+    Raises:
+        MotionError: the log is no reference motion, or the layout cannot hold it.
+        WriteError: the file cannot be written.
+    """
+    motion = motion_of_log(log, robot)
+    if rate is not None:
+        motion, _ = resampled(motion, rate)
+    write_motion(path, motion, layout, robot)
+    return motion

@@ -1,0 +1,94 @@
+"""The outermost points of a robot's links: what could touch the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Capsule, Role, SceneGraph, Sphere
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Frame, RigidBody
+from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.robot_import.link_meshes import has_meshes, read_link_meshes
+
+
+@dataclass(frozen=True, eq=False)
+class LinkOutline:
+    """A link as balls: the vertices of its hull, or the ends of its capsules.
+
+    Attributes:
+        points: (V, 3) p_BV, in the link's frame [m].
+        radii: (V,) around them; 0 of vertices [m].
+    """
+
+    points: np.ndarray
+    radii: np.ndarray
+
+
+def link_outlines(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    links: Collection[str] | None = None,
+) -> dict[str, LinkOutline]:
+    """Link to its outline, of those that have a shape.
+
+    Args:
+        plant: finalized; its links have meshes, or else capsules and spheres.
+        scene_graph: where it is registered.
+        links: which are asked about; by default all.
+    """
+    if has_meshes(plant, scene_graph):
+        outlines = {}
+        for link in read_link_meshes(plant, scene_graph, links):
+            vertices = np.concatenate([part.vertices for part in link.parts])
+            hull = _hull(vertices)
+            outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))
+    else:
+        outlines = capsule_outlines(plant, scene_graph)
+    outlines.pop("world", None)
+    return outlines
+
+
+def links_outward(plant: MultibodyPlant, frame: Frame) -> tuple[str, ...]:
+    """Names of the link that a frame is on, and of all that hang on it."""
+    first: RigidBody = frame.body()
+    found, queue = [], [first]
+    while queue:
+        body = queue.pop()
+        found.append(body.name())
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            if joint.parent_body().index() == body.index():
+                queue.append(joint.child_body())
+    return tuple(found)
+
+
+def capsule_outlines(
+    plant: MultibodyPlant, scene_graph: SceneGraph
+) -> dict[str, LinkOutline]:
+    """Link to the outline of its capsules and spheres, of those that have any."""
+    inspector, outlines = scene_graph.model_inspector(), {}
+    for index in range(plant.num_bodies()):
+        body = plant.get_body(BodyIndex(index))
+        points, radii = [], []
+        frame = plant.GetBodyFrameIdOrThrow(body.index())
+        for geometry in inspector.GetGeometries(frame, Role.kProximity):
+            shape = inspector.GetShape(geometry)
+            if not isinstance(shape, Sphere | Capsule):
+                continue
+            half = shape.length() / 2.0 if isinstance(shape, Capsule) else 0.0
+            X_BG = inspector.GetPoseInFrame(geometry)
+            points += [X_BG.multiply(np.array([0, 0, s * half])) for s in (-1, 1)]
+            radii += [shape.radius()] * 2
+        if points:
+            outlines[body.name()] = LinkOutline(np.array(points), np.array(radii))
+    return outlines
+
+
+def _hull(vertices: np.ndarray) -> np.ndarray:
+    try:
+        return vertices[ConvexHull(vertices).vertices]
+    except QhullError:  # it is flat, or a needle
+        return vertices

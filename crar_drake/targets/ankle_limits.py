@@ -1,0 +1,136 @@
+"""Feet that their legs can turn so: poses within the limits of a leg's joints."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.multibody.tree import JacobianWrtVariable, Joint
+from scipy.spatial.transform import Rotation
+
+from crar_drake.motion.held_feet import FootMotion
+from crar_drake.motion.leg_shape import LegShape
+from crar_drake.robot.description import find_body, find_frame
+from crar_drake.robot.model import ControlModel
+
+_ITERATIONS = 8
+_LARGEST_STEP = 0.3  # [rad] of one iteration
+_DAMPING = 1e-3  # [m]
+_MARGIN = 0.03  # [rad] that a joint keeps from its limits
+# A radian of the foot counts as much as this: where both cannot be had, the foot is
+# where it should be, and turned as it can be [m].
+_ORIENTATION_WEIGHT = 0.03
+
+
+class LegSolver:
+    """Inverse kinematics of one leg, the root of the robot given."""
+
+    def __init__(self, model: ControlModel, side: str, leg: LegShape) -> None:
+        """
+        Args:
+            model: the robot.
+            side: "left" or "right".
+            leg: the robot's on that side.
+        """
+        plant, description = model.plant, model.description
+        self._plant = plant
+        self._context = model.MakeWorkspace().plant_context
+        self._root = model.prescribed_positions[-7:]
+        self._rest = model.rest_positions()
+        self._at_rest = Rotation.from_matrix(
+            description.rest_pose().rotation().matrix()
+        )
+        self._leg = leg
+        self._foot = find_frame(plant, description.task_frames[f"{side}_foot"])
+        chain = joints_between(
+            model, self._foot.body(), find_body(plant, description.base)
+        )
+        self._q = np.array([joint.position_start() for joint in chain])
+        self._v = np.array([joint.velocity_start() for joint in chain])
+        lower = plant.GetPositionLowerLimits()[self._q]
+        upper = plant.GetPositionUpperLimits()[self._q]
+        margin = np.minimum(_MARGIN, 0.25 * (upper - lower))
+        self._lower, self._upper = lower + margin, upper - margin
+
+    def turns(
+        self, root_positions: np.ndarray, root_turns: Rotation, foot: FootMotion
+    ) -> Rotation:
+        """How the foot can be turned where it should be, sample by sample.
+
+        Args:
+            root_positions: (T, 3) of the base's origin [m].
+            root_turns: T of them, from the base at rest.
+            foot: where the foot should be, and how turned from standing flat.
+        """
+        R_WB = (root_turns * self._at_rest).as_quat()[:, [3, 0, 1, 2]]
+        R_WF = Rotation.from_quat(foot.turns).as_matrix() @ self._leg.foot
+        q, found = self._rest.copy(), np.empty_like(R_WF)
+        for t in range(len(R_WF)):
+            q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
+            found[t] = self._solve(q, foot.positions[t], R_WF[t])
+        return Rotation.from_matrix(found @ self._leg.foot.T)
+
+    def _solve(self, q: np.ndarray, p: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """R_WF nearest to R, from and into q."""
+        plant, context = self._plant, self._context
+        world = plant.world_frame()
+        for _ in range(_ITERATIONS):
+            plant.SetPositions(context, q)
+            X = self._foot.CalcPoseInWorld(context)
+            turn = Rotation.from_matrix(R @ X.rotation().matrix().T).as_rotvec()
+            error = np.concatenate([_ORIENTATION_WEIGHT * turn, p - X.translation()])
+            J = plant.CalcJacobianSpatialVelocity(
+                context,
+                JacobianWrtVariable.kV,
+                self._foot,
+                np.zeros(3),
+                world,
+                world,
+            )[:, self._v]
+            J[:3] *= _ORIENTATION_WEIGHT
+            step = self._step(J, error, q[self._q])
+            q[self._q] = np.clip(q[self._q] + step, self._lower, self._upper)
+            if np.abs(step).max() < 1e-5:
+                break
+        plant.SetPositions(context, q)
+        return self._foot.CalcPoseInWorld(context).rotation().matrix()
+
+    def _step(self, J: np.ndarray, error: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """A damped step; what a joint at its limit cannot do, the others must."""
+        free = np.ones(len(q), dtype=bool)
+        step = np.zeros(len(q))
+        for _ in range(len(q)):
+            A = J[:, free]
+            core = A.T @ A + _DAMPING**2 * np.eye(A.shape[1])
+            step[:] = 0.0
+            step[free] = np.linalg.solve(core, A.T @ error)
+            stopped = free & (
+                ((q <= self._lower) & (step < 0.0))
+                | ((q >= self._upper) & (step > 0.0))
+            )
+            if not stopped.any():
+                break
+            free &= ~stopped
+            if not free.any():
+                return np.zeros(len(q))
+        return step * min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
+
+
+def joints_between(model: ControlModel, body, base) -> list[Joint]:
+    """Joints with one position on the way from a body up to the base, from the body on.
+
+    Args:
+        model: the robot.
+        body: that the base carries.
+        base: where the way ends.
+    """
+    plant = model.plant
+    by_child = {
+        plant.get_joint(index).child_body().index(): plant.get_joint(index)
+        for index in plant.GetJointIndices()
+    }
+    chain = []
+    while body.index() != base.index():
+        joint = by_child[body.index()]
+        if joint.num_positions() == 1:
+            chain.append(joint)
+        body = joint.parent_body()
+    return chain

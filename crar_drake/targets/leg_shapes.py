@@ -1,0 +1,198 @@
+"""Legs and trunk of a robot, as a motion that moves them must know them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.multibody.tree import Frame
+
+from crar_drake.errors import ScenarioError
+from crar_drake.motion.leg_shape import LegShape, TrunkShape
+from crar_drake.motion.performer import SIDES
+from crar_drake.robot.description import find_body, find_frame, zero_positions
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot_import.link_outlines import (
+    LinkOutline,
+    capsule_outlines,
+    link_outlines,
+    links_outward,
+)
+from crar_drake.targets.ankle_limits import joints_between
+
+LEG_FRAMES = ("hip", "knee", "foot")
+
+# Points of a foot at rest within this of its lowest one are its sole [m].
+_SOLE = 0.01
+
+# How the reach of a leg is sampled: joints above the knee within this of zero [rad].
+_SAMPLED_RANGE = 0.8
+_SAMPLES = 60
+_KNEE_STEPS = 9
+
+
+def body_shapes(model: ControlModel) -> tuple[dict[str, LegShape], TrunkShape]:
+    """The legs of a robot whose base floats, by side, and its trunk.
+
+    Raises:
+        ScenarioError: the base does not float, a task frame of a leg is missing, or a
+            foot has no shape.
+    """
+    description = model.description
+    frames = description.task_frames
+    needed = [f"{side}_{part}" for side in SIDES for part in LEG_FRAMES]
+    missing = [name for name in needed if name not in frames]
+    if missing:
+        raise ScenarioError(
+            f"robot {description.name}: following a motion's feet needs the "
+            f"task_frames {', '.join(missing)}; add them to its robot.yaml (frames of "
+            "an import.yaml)"
+        )
+    if not model.num_free:
+        raise ScenarioError(
+            f"robot {description.name}: its root does not float, so that its feet "
+            "cannot follow a motion; say root: prescribed in its robot.yaml, or import "
+            "it with --whole-body"
+        )
+    plant = model.plant
+    feet = {
+        link
+        for side in SIDES
+        for link in links_outward(plant, find_frame(plant, frames[f"{side}_foot"]))
+    }
+    soles = link_outlines(plant, model.scene_graph, feet)
+    legs = {side: _leg(model, side, soles) for side in SIDES}
+    return legs, _trunk(model, capsule_outlines(plant, model.scene_graph))
+
+
+def _leg(
+    model: ControlModel, side: str, outlines: Mapping[str, LinkOutline]
+) -> LegShape:
+    plant, description = model.plant, model.description
+    context = _at_rest(model)
+    hip, knee, foot = (
+        find_frame(plant, description.task_frames[f"{side}_{part}"])
+        for part in LEG_FRAMES
+    )
+    base = find_body(plant, description.base).body_frame()
+
+    def place(frame: Frame) -> np.ndarray:
+        return frame.CalcPoseInWorld(context).translation()
+
+    p_BH = place(hip) - place(base)
+    X_WF = foot.CalcPoseInWorld(context)
+    links = [link for link in links_outward(plant, foot) if link in outlines]
+    points = _points(model, links, outlines) - X_WF.translation()
+    if not len(points):
+        raise ScenarioError(
+            f"robot {description.name}: {side}_foot: nothing from this frame's link on "
+            "has a mesh, capsule or sphere, so that there is no sole to stand on"
+        )
+    sole = points[points[:, 2] <= points[:, 2].min() + _SOLE]
+    (x0, y0, z), (x1, y1, _) = sole.min(axis=0), sole.max(axis=0)
+    y = 0.5 * (y0 + y1)
+    reach = _reach(model, side, context)
+    plant.SetPositions(context, zero_positions(plant))
+    return LegShape(
+        hip=p_BH,
+        thigh=float(np.linalg.norm(place(knee) - place(hip))),
+        shank=float(np.linalg.norm(place(foot) - place(knee))),
+        reach=reach,
+        foot=X_WF.rotation().matrix(),
+        points=points,
+        heel=np.array([x0, y, z]),
+        ball=np.array([x1, y, z]),
+    )
+
+
+def _trunk(model: ControlModel, outlines: Mapping[str, LinkOutline]) -> TrunkShape:
+    plant, description = model.plant, model.description
+    frames = description.task_frames
+    base = find_body(plant, description.base)
+    taken = set()
+    for side in SIDES:
+        for point, last in (("foot", base), ("wrist", None)):
+            body = find_frame(plant, frames[f"{side}_{point}"]).body()
+            until = last or find_frame(plant, frames["neck"]).body()
+            for joint in joints_between(model, body, until):
+                taken |= set(links_outward(plant, joint.child_body().body_frame()))
+    every = links_outward(plant, base.body_frame())
+    welded = {b.name() for b in plant.GetBodiesWeldedTo(base)}
+    own = [link for link in every if link in outlines and link in welded]
+    upper = [
+        link
+        for link in every
+        if link in outlines and link not in welded and link not in taken
+    ]
+    p_WB, p_WC, p_WN = (
+        find_frame(plant, name).CalcPoseInWorld(_at_rest(model)).translation()
+        for name in (description.base, frames["waist"], frames["neck"])
+    )
+    return TrunkShape(
+        pelvis=_points(model, own, outlines) - p_WB,
+        waist=p_WC - p_WB,
+        upper=_points(model, upper, outlines) - p_WC,
+        neck=(p_WN - p_WC) / np.linalg.norm(p_WN - p_WC),
+    )
+
+
+def _at_rest(model: ControlModel):
+    context = model.MakeWorkspace().plant_context
+    model.plant.SetPositions(context, model.rest_positions())
+    return context
+
+
+def _points(model: ControlModel, links, outlines) -> np.ndarray:
+    """(V, 3) lowest points of the balls of some links, in the world, at rest [m]."""
+    plant, context = model.plant, _at_rest(model)
+    points = [np.empty((0, 3))]
+    for link in links:
+        X_WB = plant.EvalBodyPoseInWorld(context, find_body(plant, link))
+        p_W = X_WB.multiply(outlines[link].points.T).T
+        p_W[:, 2] -= outlines[link].radii
+        points.append(p_W)
+    return np.concatenate(points)
+
+
+def _reach(model: ControlModel, side: str, context) -> float:
+    """The least distance from where the hip is at rest that a leg, stretched out as far
+    as its knee goes, reaches.
+
+    Joints of a hip whose axes do not meet move its centre a little.
+    """
+    plant, description = model.plant, model.description
+    hip, knee, foot = (
+        find_frame(plant, description.task_frames[f"{side}_{part}"])
+        for part in LEG_FRAMES
+    )
+    base = find_body(plant, description.base)
+    chain = joints_between(model, knee.body(), base)
+    rest = model.rest_positions()
+    plant.SetPositions(context, rest)
+    p_H = hip.CalcPoseInWorld(context).translation()
+
+    def stretched(q: np.ndarray) -> float:
+        best = 0.0
+        bend = chain[0]
+        for angle in _within(bend, -_SAMPLED_RANGE, _SAMPLED_RANGE, _KNEE_STEPS):
+            q[bend.position_start()] = angle
+            plant.SetPositions(context, q)
+            p_F = foot.CalcPoseInWorld(context).translation()
+            best = max(best, float(np.linalg.norm(p_F - p_H)))
+        return best
+
+    rng, least = np.random.default_rng(0), np.inf
+    for _ in range(_SAMPLES):
+        q = rest.copy()
+        for joint in chain[1:]:
+            low, high = _within(joint, -_SAMPLED_RANGE, _SAMPLED_RANGE, 2)
+            q[joint.position_start()] = rng.uniform(low, high)
+        least = min(least, stretched(q))
+    return least
+
+
+def _within(joint, low: float, high: float, count: int) -> np.ndarray:
+    """Positions between two bounds, as far as the joint's limits let."""
+    lower = float(joint.position_lower_limits()[0])
+    upper = float(joint.position_upper_limits()[0])
+    return np.linspace(np.clip(low, lower, upper), np.clip(high, lower, upper), count)

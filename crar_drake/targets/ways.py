@@ -1,0 +1,60 @@
+"""Ways of points and frames that a motion moves, with their derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.trajectories import BsplineTrajectory
+
+from crar_drake.motion.quaternion_spline import QuaternionSpline
+
+
+class PointTrajectory:
+    """The way of a joint centre."""
+
+    def __init__(self, position: BsplineTrajectory) -> None:
+        """
+        Args:
+            position: p_WC, three rows, from time 0 [m].
+        """
+        self.end = position.end_time()
+        self._derivatives = [position.MakeDerivative(k) for k in range(3)]
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W.
+
+        After the end it stands still there.
+        """
+        p, v, a = (f.value(min(time, self.end)).ravel() for f in self._derivatives)
+        return (p, v, a) if time <= self.end else (p, np.zeros(3), np.zeros(3))
+
+
+class CarriedTrajectory:
+    """The way of a frame H that turns about a point C: a hand about its wrist, the root
+    about the waist.
+
+    Its position is p_WH = p_WC + R_WH p_CH_H.
+    """
+
+    def __init__(
+        self, point: PointTrajectory, orientation: QuaternionSpline, arm: np.ndarray
+    ) -> None:
+        """
+        Args:
+            point: the way of C.
+            orientation: R_WH, as long as the point's way.
+            arm: (3,) p_CH_H, from C to H, in H [m].
+        """
+        self.end = point.end
+        self._point, self._orientation, self._arm = point, orientation, arm
+
+    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (3, 3), angular velocity (3,) and acceleration (3,) at `time`, in W."""
+        return self._orientation(time)
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration at `time` [s], in W."""
+        p, v, a = self._point.position(time)
+        R, omega, alpha = self._orientation(time)
+        arm = R @ self._arm
+        turning = np.cross(omega, arm)
+        return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)

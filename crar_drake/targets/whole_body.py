@@ -1,0 +1,124 @@
+"""A performer's legs and head as ways of a robot's feet, knees and head."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import low_pass, spline
+from crar_drake.motion.joint_centres import joint_centres
+from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.quaternion_spline import QuaternionSpline
+from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
+from crar_drake.motion.retarget_legs import LegsMotion, retarget_legs
+from crar_drake.robot.model import ControlModel
+from crar_drake.targets.ankle_limits import LegSolver
+from crar_drake.targets.leg_shapes import body_shapes
+from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
+
+FEET = tuple(f"{side}_foot" for side in SIDES)
+KNEES = tuple(f"{side}_knee" for side in SIDES)
+HEAD = "head"
+
+# Below this neck and head have no direction worth keeping [m].
+_SHORTEST_NECK = 1e-3
+
+
+def follows_legs(model: ControlModel) -> bool:
+    """Whether a task is a foot or a knee."""
+    return any(task.frame in (*FEET, *KNEES) for task in model.tasks)
+
+
+@dataclass(frozen=True, eq=False)
+class WholeBodyMotion:
+    """A motion for a whole robot.
+
+    Attributes:
+        upper: of what the waist carries.
+        legs: of root and legs.
+        shapes: of the robot's legs, by side.
+    """
+
+    upper: RetargetedMotion
+    legs: LegsMotion
+    shapes: dict[str, LegShape]
+
+    def way(self, frame: str) -> CarriedTrajectory | PointTrajectory:
+        """The way of a foot or of a knee."""
+        side, _, part = frame.partition("_")
+        time = self.upper.time
+        if part == "knee":
+            return PointTrajectory(spline(time, self.legs.knees[side]))
+        foot = self.legs.feet[side]
+        turns = Rotation.from_quat(foot.turns)
+        R_WF = turns * Rotation.from_matrix(self.shapes[side].foot)
+        return CarriedTrajectory(
+            PointTrajectory(spline(time, foot.positions)),
+            QuaternionSpline(time, R_WF.as_quat()),
+            np.zeros(3),
+        )
+
+
+def retarget_whole_body(
+    model: ControlModel, performer: Performer, lengths: SegmentLengths, cutoff: float
+) -> WholeBodyMotion:
+    """A performer's whole body on a robot the root of which floats.
+
+    Root and legs as `motion.retarget_legs` has them; what is above the waist is
+    scaled as ever, and hangs on the waist where the root takes it.
+
+    Args:
+        model: the robot.
+        performer: with legs.
+        lengths: the robot's, above the waist.
+        cutoff: of the low-pass [Hz].
+
+    Raises:
+        MotionError: the performer lacks something.
+        ScenarioError: the robot does.
+    """
+    shapes, trunk = body_shapes(model)
+    solvers = {side: LegSolver(model, side, leg) for side, leg in shapes.items()}
+
+    def attainable(side, root_positions, root_turns, foot) -> Rotation:
+        return solvers[side].turns(root_positions, root_turns, foot)
+
+    legs = retarget_legs(performer, shapes, cutoff, attainable, trunk)
+    arm = Rotation.from_quat(legs.root_turns).apply(trunk.waist)
+    waist = legs.root_positions + arm
+    upper = retarget(joint_centres(performer), lengths, cutoff=cutoff, waist=waist)
+    return WholeBodyMotion(upper, legs, shapes)
+
+
+def head_way(
+    performer: Performer, retargeted: RetargetedMotion, length: float, cutoff: float
+) -> PointTrajectory:
+    """The way of the head: from the neck as the performer's is.
+
+    Args:
+        performer: with a head.
+        retargeted: where the neck is.
+        length: from the robot's neck to its head [m].
+        cutoff: of the low-pass [Hz].
+
+    Raises:
+        MotionError: the performer has no head, or it is where his neck is.
+    """
+    if "head" not in performer.positions:
+        raise MotionError(f"motion {performer.name}: it has no head; leave that out")
+    p = performer.positions
+    way = low_pass(p["head"] - p["neck"], performer.frame_rate, cutoff)
+    norm = np.linalg.norm(way, axis=1, keepdims=True)
+    # Written so that a NaN fails, too.
+    if not norm.min() >= _SHORTEST_NECK:
+        raise MotionError(
+            f"motion {performer.name}: neck and head coincide in frame "
+            f"{int(norm.argmin()) + 1}, so that the neck has no direction"
+        )
+    return PointTrajectory(
+        spline(retargeted.time, retargeted.positions["neck"] + length * way / norm)
+    )

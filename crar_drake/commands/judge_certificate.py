@@ -58,7 +58,9 @@ def _judge(motion: Path, robot: str | None) -> int:
     place = certificate_path(motion)
     certificate = read_certificate(place)
     try:
-        description = load_robot_description(robot or certificate["robot"]["name"])
+        description = load_robot_description(
+            robot or certificate["robot"]["name"]
+        ).without_ground()
     except CrarError as error:
         if robot:
             raise

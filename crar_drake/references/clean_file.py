@@ -143,7 +143,7 @@ def clean_file(
     check_certificate_place(out)
     if out.exists() and reference.exists() and os.path.samefile(reference, out):
         raise MotionError(f"{out}: is the reference itself; name another file")
-    description = load_robot_description(robot)
+    description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
     motions = read_motions(reference, layout, rate, robot=whole_body)
     cleaners: dict[float, Cleaner] = {}

@@ -77,7 +77,8 @@ def judge_here(files: Sequence[str], options: JudgeOptions) -> list[JudgedFile]:
     Raises:
         CrarError: the robot cannot be used; what is wrong with a file is in its entry.
     """
-    judge = ReferenceJudge(load_robot_description(options.robot), options.meshes)
+    description = load_robot_description(options.robot).without_ground()
+    judge = ReferenceJudge(description, options.meshes)
     return [_judge_file(judge, file, options) for file in files]
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.results import LOG
+from crar_drake.robot.description import GROUND
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,24 @@ class SimulationLog:
     velocity_limits: np.ndarray
     effort_limits: np.ndarray
     scenario: str
+
+    @property
+    def above_ground(self) -> np.ndarray:
+        """(Nc,) whether a watched pair is one with the ground."""
+        ground = [GROUND in name.split(" - ") for name in self.pair_names.tolist()]
+        return np.array(ground, dtype=bool)
+
+    @property
+    def between_links(self) -> np.ndarray:
+        """(Nc,) the pairs that pictures and the smallest distance are about.
+
+        Feet are always near the ground: it counts only where it is penetrated, or if
+        nothing else is watched.
+        """
+        ground = self.above_ground
+        if not len(self.time) or ground.all():
+            return np.ones(len(ground), dtype=bool)
+        return ~ground | (self.signed_distances < 0.0).any(axis=0)
 
     def control_steps(self, period: float) -> np.ndarray:
         """The samples that are the first of their control step.

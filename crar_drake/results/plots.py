@@ -190,7 +190,8 @@ def _draw_spans(ax: Axes, spans: dict[str, list[tuple[float, float]]]) -> None:
 def _draw_distances(
     ax: Axes, log: SimulationLog, summary: Summary, warning_distance: float
 ) -> None:
-    millimetres = 1e3 * log.signed_distances
+    told = np.flatnonzero(log.between_links)
+    millimetres, names = 1e3 * log.signed_distances[:, told], log.pair_names[told]
     least = millimetres.min(axis=0)
     nearest = np.argsort(least, kind="stable")
     near = 1e3 * marks.NEARNESS_STEPS[0] * warning_distance
@@ -207,7 +208,7 @@ def _draw_distances(
             millimetres[:, i],
             color=colour,
             linewidth=1.0,
-            label=str(log.pair_names[i]).replace("_", " "),
+            label=str(names[i]).replace("_", " "),
         )
         at = np.argmin(millimetres[:, i])
         ax.plot(log.time[at], least[i], ".", color=colour, markersize=5)

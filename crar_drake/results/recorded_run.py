@@ -252,6 +252,7 @@ def record_run(
     reached = targets - _resample(frames, time, error).reshape(len(frames), -1, 3)
     targets[np.isnan(reached)] = np.nan
     distances = _resample(frames, time, log.signed_distances)
+    distances[:, ~log.between_links] = np.inf
 
     poses, outline = [], [np.empty((0, 3))]
     most = min(_MOST_NEAR, distances.shape[1])
@@ -347,7 +348,7 @@ def _curves(
     if rows.size:
         error = np.linalg.norm(log.task_error[:, rows], axis=2).max(axis=1)
     if log.signed_distances.size:
-        distance = log.signed_distances.min(axis=1)
+        distance = log.signed_distances[:, log.between_links].min(axis=1)
     pieces = min(_CURVE_POINTS, len(log.time))
     starts = np.arange(pieces) * len(log.time) // pieces
     return (

@@ -305,9 +305,10 @@ def summarize(
 
     distance, distance_pair, distance_time = None, "", None
     if log.signed_distances.size:
-        sample, pair = _argmax(-log.signed_distances)
-        distance = float(log.signed_distances[sample, pair])
-        distance_pair = str(log.pair_names[pair])
+        told = np.flatnonzero(log.between_links)
+        sample, pair = _argmax(-log.signed_distances[:, told])
+        distance = float(log.signed_distances[sample, told[pair]])
+        distance_pair = str(log.pair_names[told[pair]])
         distance_time = float(log.time[sample])
     sample, joint = _argmax(joints.excess)
     excess = max(float(joints.excess[sample, joint]), 0.0)

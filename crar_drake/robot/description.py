@@ -3,7 +3,7 @@
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +165,11 @@ class RobotDescription:
                     f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
                     "positive (.inf for no limit)"
                 )
+
+    def without_ground(self) -> "RobotDescription":
+        """The same robot in the air: no ground, and no pair with it."""
+        pairs = [pair for pair in self.pairs if GROUND not in pair]
+        return replace(self, ground=None, pairs=pairs)
 
     def rest_pose(self) -> RigidTransform:
         """X_WB of the base at rest."""

@@ -38,6 +38,7 @@ _COMMENTS = {
     "frames": "the motion's point -> link, and where in it [m]; rpy [rad] turns it",
     "rest_posture": "joint -> position [rad or m]; those not named are at 0",
     "pairs": "watched segment pairs",
+    "ground": "height of the ground [m], which all links keep off; -.inf: none",
     "cover": "whether capsules are grown to hold all triangles of their links",
 }
 
@@ -81,6 +82,8 @@ class ImportChoices:
         frames: point of a motion to its place on the robot.
         rest_posture: joint to position [rad or m].
         pairs: watched segment pairs, two links each.
+        ground: height of the ground in the world [m], which all links are watched
+            against; minus infinity for none.
         most_capsules: per link, at most.
         cover: whether the capsules are grown until they hold all triangles, by which
             meshes are clear wherever capsules are.
@@ -99,6 +102,7 @@ class ImportChoices:
     frames: dict[str, FrameChoice] | None = None
     rest_posture: dict[str, float] | None = None
     pairs: list[list[str]] | None = None
+    ground: float | None = None
     most_capsules: int = 8
     cover: bool = False
     faces: int = 2500
@@ -137,6 +141,11 @@ class ImportChoices:
                 raise ModelError(
                     f"{where}: frames: {point}: point and rpy must be three numbers"
                 )
+        if self.ground is not None and not -math.inf <= self.ground < math.inf:
+            raise ModelError(
+                f"{where}: ground: {self.ground} must be a height in metres, or -.inf "
+                "for none"
+            )
         if not 1 <= self.most_capsules <= 32:
             raise ModelError(
                 f"{where}: most_capsules: {self.most_capsules} must be 1 to 32"
@@ -192,6 +201,8 @@ def _block(key: str, value, how: str) -> str:
         lines.append(f"# GUESSED, check it: {how}")
     if isinstance(value, bool):
         value = str(value).lower()
+    if value == -math.inf:
+        value = "-.inf"  # as YAML has it
     if isinstance(value, str | int | float):
         lines.append(f"{key}: {value}")
     elif not value:

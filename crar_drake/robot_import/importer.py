@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,7 @@ from crar_drake.errors import ModelError
 from crar_drake.files import whole_file, whole_set
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import (
+    GROUND,
     IMPORT_FILE,
     RobotDescription,
     RootPose,
@@ -78,6 +80,9 @@ URDF, DESCRIPTION, PICTURE, REPORT = (
 # The folder of the meshes with all their triangles, which `mesh_judge` reads.
 TRIANGLES = "triangles"
 
+# How far the ground is below the soles: what pairs keep, if nothing else is said [m].
+_BELOW_SOLES = 0.005
+
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
     "trimesh": "trimesh",
@@ -127,6 +132,11 @@ class ImportReport:
             )
         pairs = self.choices.pairs or []
         lines += ["", f"watched pairs: {len(pairs)}"]
+        if self.choices.ground is not None and math.isfinite(self.choices.ground):
+            lines.append(
+                f"ground at {1e3 * self.choices.ground:.0f} mm, which all links that "
+                "move are watched against"
+            )
         if self.warnings:
             lines += ["", *(f"WARNING: {warning}" for warning in self.warnings)]
         if self.notes:
@@ -317,6 +327,7 @@ def _make(
         robot, locked, segments, rest_posture, choices.pairs, overlapping
     )
     description.pairs = choices.pairs
+    _watch_ground(description, plant, capsules, choices, report, file)
     description.validate()
     _write_description(folder, description)
     progress("drawing", 1.0)
@@ -794,6 +805,29 @@ def _pairs(
             + ", ".join(" - ".join(pair) for pair in found.always)
         )
     return found.overlapping
+
+
+def _watch_ground(description, plant, capsules, choices, report, file) -> None:
+    """All links that move are kept above the ground; guessed for a root that floats."""
+    if choices.ground is None and description.root == "prescribed":
+        choices.ground = -_BELOW_SOLES
+        if GROUND in capsules or plant.HasBodyNamed(GROUND):
+            choices.ground = -math.inf  # that name is taken
+        report.guessed["ground"] = (
+            "as far below the soles as pairs keep apart, so that feet stand on it"
+        )
+    if choices.ground is None or math.isinf(choices.ground):
+        return
+    if plant.HasBodyNamed(GROUND):
+        raise ModelError(
+            f"{file}: ground: the robot has a link {GROUND!r} of its own; say -.inf"
+        )
+    fixed = {body.name() for body in plant.GetBodiesWeldedTo(plant.world_body())}
+    description.ground = choices.ground
+    description.pairs = [
+        *choices.pairs,
+        *([link, GROUND] for link in capsules if link not in fixed),
+    ]
 
 
 def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:

@@ -310,3 +310,21 @@ def test_torque_limited_samples():
     assert (summary.torque_limited_samples, summary.torque_clipped_samples) == (2, 1)
     free = summarize(small_log(torque_limit=np.array([[1.0, 0.0]] * 3)))
     assert (free.torque_limited_samples, free.torque_clipped_samples) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("names", "heights", "smallest", "pair"),
+    [
+        # Feet stand near the ground: that says nothing, unless one is below.
+        (["foot - ground", "hand - torso"], [0.005, 0.006], 0.1, "hand - torso"),
+        (["ground - foot", "hand - torso"], [0.005, -0.006], -0.006, "ground - foot"),
+        (["foot - ground", "hand - ground"], [0.005, 0.006], 0.005, "foot - ground"),
+    ],
+)
+def test_the_ground_counts_where_something_is_below(names, heights, smallest, pair):
+    distances = np.array([[heights[0], 0.1], [heights[1], 0.2], [0.3, 0.3]])
+    log = small_log(pair_names=np.array(names), signed_distances=distances)
+    summary = summarize(log)
+    assert summary.smallest_distance == smallest
+    assert summary.smallest_distance_pair == pair
+    assert summary.penetrating_samples == (smallest < 0.0)

@@ -1,5 +1,6 @@
 """Which joints are legs, arms, hands and head, and which of them are locked."""
 
+import re
 import shutil
 
 import pytest
@@ -108,6 +109,27 @@ def test_the_whole_body_is_controlled(tmp_path):
     assert (out / "import.yaml").read_text() == before
     with pytest.raises(ModelError, match=r"is there already: write lock: \[legs\]"):
         import_robot("", out, lock=("legs",))
+
+
+def test_the_ground_of_a_root_that_floats(tmp_path):
+    """All links are kept above it, so far below the soles as pairs keep apart."""
+    path, out = write(tmp_path, humanoid()), tmp_path / "out"
+    import_robot(str(path), out, lock=())
+    file = out / "import.yaml"
+    assert load_robot_description(out).ground is None
+    file.write_text(re.sub("base: \\w+", "base: floating", file.read_text()))
+    import_robot("", out)
+    described = load_robot_description(out)
+    assert load_choices(file).ground == described.ground == -0.005
+    above = {a for a, b in described.pairs if b == "ground"}
+    assert {"left_leg", "right_leg"} <= above and "ground" not in above
+    assert "ground at -5 mm" in (out / "report.txt").read_text()
+    file.write_text(file.read_text().replace("ground: -0.005", "ground: -.inf"))
+    import_robot("", out)
+    without = load_robot_description(out)
+    assert without.ground is None
+    assert without.pairs == [p for p in described.pairs if p[1] != "ground"]
+    assert described.without_ground() == without
 
 
 def test_an_import_that_says_what_is_locked_keeps_it(imported, tmp_path):

@@ -39,8 +39,6 @@ def test_it_is_kept_without_outputs(path):
     for cell in notebook.cells:
         if cell.cell_type == "code":
             assert cell.outputs == [] and cell.execution_count is None
-        for line in cell.source.splitlines():
-            assert len(line) <= 96, line
 
 
 @pytest.mark.slow

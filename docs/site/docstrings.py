@@ -131,7 +131,7 @@ class LinksToNames(SphinxTransform):
             first = text.partition(".")[0]
             if first in crar_drake.__all__:
                 target = f"crar_drake.{text}"
-            elif first in _ROOMS and "." in text and in_docstring:
+            elif first in _ROOMS and "." in text:
                 target = f"crar_drake.{text}"
             elif in_docstring:
                 target = text
@@ -145,7 +145,7 @@ class LinksToNames(SphinxTransform):
                 reftarget=target,
                 refdoc=self.env.docname,
                 refexplicit=True,
-                refwarn=False,
+                optional=not in_docstring,
             )
             link["py:module"] = node.get("module")
             link["py:class"] = node.get("class")
@@ -167,12 +167,14 @@ def _belongs_to(
     app: Sphinx, env: BuildEnvironment, node: addnodes.pending_xref, text: nodes.Node
 ) -> nodes.Node | None:
     """Where a field is named, a link to its class, which tells of it."""
-    owner, _, field = node["reftarget"].rpartition(".")
-    if node["reftype"] != "obj" or not owner or not field:
+    if node["reftype"] != "obj":
         return None
-    return env.domains.python_domain.resolve_xref(
+    owner = node["reftarget"].rpartition(".")[0]
+    found = owner and env.domains.python_domain.resolve_xref(
         env, node["refdoc"], app.builder, "obj", owner, node, text
     )
+    # In a page, `robot.yaml` may be anything.
+    return found or (text if node.get("optional") else None)
 
 
 def _take_over(

@@ -70,6 +70,13 @@ def _forget(app: Sphinx, env: BuildEnvironment, docname: str) -> None:
     _linked(env).pop(docname, None)
 
 
+def _merge(
+    app: Sphinx, env: BuildEnvironment, docnames: set[str], other: BuildEnvironment
+) -> None:
+    """Pages were read in another process."""
+    _linked(env).update(_linked(other))
+
+
 def _address(app: Sphinx, doctree: nodes.document, docname: str) -> None:
     """Writes the addresses, relative to the page that links."""
     for node in doctree.findall(nodes.reference):
@@ -86,7 +93,7 @@ def _pages(app: Sphinx) -> Iterator[tuple[str, dict[str, Any], str]]:
         f"{folder}/{file}"
         for folder, files in listed.items()
         for file in files
-        if f"{folder}/{Path(file).stem}" not in app.env.found_docs
+        if Path(file).suffix in _LANGUAGES
     }
     for name in sorted(names):
         page = f"{_PAGES}/{name}"
@@ -110,9 +117,9 @@ def _list(app: Sphinx, page: str, folder: str, files: list[str]) -> str:
     """A list of links to the files of a folder; a notebook is a page of its own."""
     items = []
     for file in files:
-        document = f"{folder}/{Path(file).stem}"
-        is_page = file.endswith(".ipynb") and document in app.env.found_docs
-        target = document if is_page else f"{_PAGES}/{folder}/{file}"
+        is_notebook = Path(file).suffix not in _LANGUAGES
+        page_of_it = f"{folder}/{Path(file).stem}"
+        target = page_of_it if is_notebook else f"{_PAGES}/{folder}/{file}"
         address = app.builder.get_relative_uri(page, target)
         items.append(f'<li><a href="{escape(address)}">{escape(file)}</a></li>')
     return f"<ul>{''.join(items)}</ul>"
@@ -122,6 +129,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
     app.add_transform(LinksToSources)
     app.connect("env-purge-doc", _forget)
+    app.connect("env-merge-info", _merge)
     app.connect("doctree-resolved", _address)
     app.connect("html-collect-pages", _pages)
-    return {"version": "1", "parallel_read_safe": False, "parallel_write_safe": True}
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

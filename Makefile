@@ -25,10 +25,10 @@ run: $(RUNS)  ## the built-in dance, recorded: out/dance/
 test: $(TESTED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files
 	$(BIN)/python -m pytest -n auto --dist loadfile $(TESTS)
 
-# Warnings are errors, broken links among them. No network; the first time the notebooks
-# are executed, and kept in out/notebooks/.
+# Warnings are errors, broken links among them. Once installed it needs no network. The
+# first time the notebooks are executed; their outputs are kept in out/notebooks/.
 docs: $(DOCUMENTED)  ## the documentation as a site: out/site/index.html
-	$(BIN)/python -m sphinx -q -W -n --keep-going -c docs/site -d out/doctrees . out/site
+	$(BIN)/python -m sphinx -q -W -n --keep-going -j auto -c docs/site -d out/doctrees . out/site
 	@echo out/site/index.html
 
 lint: $(TESTED)

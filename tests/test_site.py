@@ -32,6 +32,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     built = subprocess.run(
         [
             *(sys.executable, "-m", "sphinx", "-q", "-W", "-n", "--keep-going"),
+            *("-j", "auto"),
             *("-D", "nb_execution_mode=off", "-c", DOCS / "site"),
             *("-d", out / "doctrees", ROOT, out / "html"),
         ],
@@ -152,7 +153,7 @@ def test_a_docstring_is_rendered(site):
     assert 'href="#crar_drake.TaskLayout"' in page
     # The comments behind the fields of a class without a list of them.
     page = (site / "docs/site/room-equations.html").read_text("utf-8")
-    assert "farthest that a&#39;s axis can be from" in page.replace("'", "&#39;")
+    assert re.search("farthest that a.s axis can be from the joint", page)
 
 
 @pytest.mark.slow

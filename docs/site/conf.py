@@ -54,14 +54,14 @@ default_role = "py:obj"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_type_aliases = {"ControlModel": "crar_drake.ControlModel"}  # in quotes
 python_maximum_signature_line_length = 88
 add_module_names = False
 toc_object_entries_show_parents = "hide"
 
-# Notebooks are kept without outputs and executed once: `-D nb_execution_mode=off`
-# leaves them as they are.
+# Notebooks are kept without outputs, and executed when they have changed, or after
+# `make clean`. `-D nb_execution_mode=off` leaves them as they are.
 nb_execution_mode = "cache"
+nb_execution_in_temp = True  # where the files that they write go, too
 nb_execution_cache_path = str(ROOT / "out" / "notebooks")
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True

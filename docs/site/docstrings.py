@@ -123,6 +123,11 @@ class LinksToNames(SphinxTransform):
 
     def apply(self, **kwargs: Any) -> None:
         """Replaces the names of one document."""
+        # In signatures, what is imported for type checkers alone has no module.
+        for link in self.document.findall(addnodes.pending_xref):
+            name = link["reftarget"]
+            if link.get("refdomain") == "py" and name in crar_drake.__all__:
+                link["reftarget"] = f"crar_drake.{name}"
         for node in list(self.document.findall(nodes.literal)):
             text = node.astext()
             if not _NAME.match(text) or _is_linked(node):

@@ -49,6 +49,7 @@ def test_it_runs(path, tmp_path, monkeypatch):
     if path.stem == "your_robot":
         pytest.importorskip("trimesh", reason="needs the extra: .[robots]")
     monkeypatch.setenv("PYTHONPATH", str(EXAMPLES.parent))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))  # nobody's settings
     notebook = nbformat.read(path, as_version=4)
     if seconds := os.environ.get("CRAR_NOTEBOOK_SECONDS"):
         parameters(notebook).source = f"seconds = {float(seconds)}"

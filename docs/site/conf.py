@@ -8,19 +8,20 @@ its front page, the reference, and how docstrings and links to source files are 
 import os
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 SITE = Path(__file__).resolve().parent
 ROOT = SITE.parents[1]
 sys.path[:0] = [str(SITE), str(ROOT)]
 # A compiled function has neither its signature nor its docstring where Sphinx looks.
-os.environ["NUMBA_DISABLE_JIT"] = "1"
-
-from crar_drake import __version__  # noqa: E402
+# The notebooks, in processes of their own, run as fast as they can.
+with patch.dict(os.environ, NUMBA_DISABLE_JIT="1"):
+    import crar_drake.equations.compilation
 
 project = "crar_drake"
 author = "the authors of crar_drake"
 copyright = author
-version = release = __version__
+version = release = crar_drake.__version__
 
 extensions = [
     "myst_nb",  # Markdown and notebooks
@@ -46,7 +47,7 @@ exclude_patterns = ["out", "build", "dist", ".venv*", ".git", "**/.ipynb_checkpo
 myst_heading_anchors = 4
 # Code that does not say its language is for a shell, or a formula.
 highlight_language = "none"
-# What nobody here documents: Drake, NumPy and the standard library.
+# What nobody here documents: Drake, NumPy, the standard library, and type variables.
 nitpick_ignore_regex = [("py:.*", r"(?!crar_drake\.).*"), ("py:class", r".*\.T")]
 # In backticks stands code, which is a link where it is a name of the reference.
 default_role = "py:obj"
@@ -66,6 +67,7 @@ nb_execution_cache_path = str(ROOT / "out" / "notebooks")
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
+nb_output_stderr = "remove"  # where Drake says at which port Meshcat listens
 
 html_theme = "furo"
 html_title = "crar_drake"

@@ -20,6 +20,7 @@ for needed in ("sphinx", "myst_nb", "furo"):
 sys.path[:0] = [str(DOCS), str(DOCS / "site")]
 from docstrings import as_markdown, field_comments  # noqa: E402
 from headless_browser import HeadlessBrowser, find_browser  # noqa: E402
+from room_reference import rooms  # noqa: E402
 
 PACKAGE = ROOT / "crar_drake"
 FRONT = "docs/site/index.html"
@@ -122,10 +123,9 @@ def test_the_reference_has_all_public_names_and_all_rooms(pages):
     reference = pages["docs/site/reference.html"].ids
     assert {f"crar_drake.{name}" for name in crar_drake.__all__} <= reference
     assert "crar_drake.ControlLaw.step" in reference
-    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")} - {"commands"}
-    assert len(rooms) > 10
-    for room in rooms:
-        ids = pages[f"docs/site/room-{room}.html"].ids
+    assert len(rooms()) > 10
+    for room in rooms():
+        ids = pages[f"docs/site/rooms/{room}.html"].ids
         for path in (PACKAGE / room).rglob("*.py"):
             parts = path.relative_to(ROOT).with_suffix("").parts
             name = ".".join(parts).removesuffix(".__init__")
@@ -152,7 +152,7 @@ def test_a_docstring_is_rendered(site):
     assert "alpha_c = alpha + Gv (q_dot_c - q_dot)     " in text  # as it stands
     assert 'href="#crar_drake.TaskLayout"' in page
     # The comments behind the fields of a class without a list of them.
-    page = (site / "docs/site/room-equations.html").read_text("utf-8")
+    page = (site / "docs/site/rooms/equations.html").read_text("utf-8")
     assert re.search("farthest that a.s axis can be from the joint", page)
 
 

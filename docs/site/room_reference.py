@@ -1,4 +1,8 @@
-"""Sphinx: `.. room:: control` is the reference of all modules of a folder."""
+"""Sphinx: a page for each room, with the reference of all its modules.
+
+The pages are alike: each has the directive `.. room:: control`, or of another folder of
+the package. They are written before Sphinx looks for pages, and are not kept in git.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,26 @@ from sphinx.util.docutils import SphinxDirective
 import crar_drake
 
 _PACKAGE = Path(crar_drake.__file__).parent
+
+
+def rooms() -> list[str]:
+    """The folders of the package, but for `commands`: these are for a shell."""
+    found = {path.parent.name for path in _PACKAGE.glob("*/__init__.py")}
+    return sorted(found - {"commands"})
+
+
+def write_pages(app: Sphinx) -> None:
+    """Writes the page of each room where it is not there yet."""
+    folder = Path(app.confdir) / "rooms"
+    folder.mkdir(exist_ok=True)
+    pages = {folder / f"{room}.rst": room for room in rooms()}
+    for page in {*folder.glob("*.rst")} - {*pages}:
+        page.unlink()  # of a room that is gone
+    for page, room in pages.items():
+        title = f"``{room}``"
+        text = f"{title}\n{'=' * len(title)}\n\n.. room:: {room}\n"
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
 
 
 class Room(SphinxDirective):
@@ -55,4 +79,5 @@ def _module(path: Path, name: str) -> list[str]:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
     app.add_directive("room", Room)
+    app.connect("builder-inited", write_pages)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -70,7 +70,7 @@ nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_output_stderr = "remove"  # where Drake says at which port Meshcat listens
 
-# Pages that the front page does not name have their links at its end.
+# Pages that the front page does not name are the last of the guides.
 _front = (SITE / "index.rst").read_text(encoding="utf-8")
 _others = [f"/docs/{path.stem}" for path in sorted(ROOT.glob("docs/*.md"))]
 _others = [page for page in _others if f"   {page}\n" not in _front]

@@ -9,6 +9,7 @@ VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2
 	2>/dev/null || echo none)
 RUNS := $(VENV)/.runs-$(VERSION)
 TESTED := $(VENV)/.tests-$(VERSION)
+DOCUMENTED := $(VENV)/.docs-$(VERSION)
 # What is left of another Python's, or of an installation that failed, goes.
 CLEAR = $(if $(wildcard $@),,$(if $(wildcard $(VENV)/pyvenv.cfg),--clear))
 # Compiling 4,000 modules would take as long as downloading them; what is imported gets
@@ -16,7 +17,7 @@ CLEAR = $(if $(wildcard $@),,$(if $(wildcard $(VENV)/pyvenv.cfg),--clear))
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: run test lint clean python
+.PHONY: run test docs lint clean python
 
 run: $(RUNS)  ## the built-in dance, recorded: out/dance/
 	$(BIN)/crar-drake run
@@ -24,19 +25,29 @@ run: $(RUNS)  ## the built-in dance, recorded: out/dance/
 test: $(TESTED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files
 	$(BIN)/python -m pytest -n auto --dist loadfile $(TESTS)
 
+# Warnings are errors, broken links among them. Once installed it needs no network. The
+# first time the notebooks are executed; their outputs are kept in out/notebooks/.
+docs: $(DOCUMENTED)  ## the documentation as a site: out/site/index.html
+	$(BIN)/python -m sphinx -q -W -n --keep-going -j auto -c docs/site -d out/doctrees . out/site
+	@echo out/site/index.html
+
 lint: $(TESTED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
 # What a run needs is a third of what the tests need.
 $(RUNS): pyproject.toml | python
-	rm -f $(VENV)/.runs-* $(VENV)/.tests-*
+	rm -f $(VENV)/.runs-* $(VENV)/.tests-* $(VENV)/.docs-*
 	$(PYTHON) -m venv $(CLEAR) $(VENV)
 	$(INSTALL) -e ".[compiled]"
 	touch $@
 
 $(TESTED): $(RUNS)
 	$(INSTALL) -e ".[dev]"
+	touch $@
+
+$(DOCUMENTED): $(RUNS)
+	$(INSTALL) -e ".[docs]"
 	touch $@
 
 python:

@@ -78,6 +78,8 @@ def test_a_run_does_not_install_what_the_tests_need(tmp_path):
     test = make("--dry-run", "test", *options, "TESTS=-k one").stdout
     assert "[dev]" in test and " -m pytest " in test
     assert test.rstrip().endswith(" -k one")
+    docs = make("--dry-run", "docs", *options).stdout
+    assert "[docs]" in docs and "[dev]" not in docs and " -m sphinx " in docs
 
 
 def test_an_environment_of_another_python_is_made_anew(tmp_path):

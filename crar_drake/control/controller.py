@@ -286,7 +286,7 @@ class CrarController(LeafSystem):
         return self._outputs["position_command"]
 
     def get_output_port_status(self) -> OutputPort:
-        """Port (1,): tracking, blending in or braking, see `control_law`."""
+        """Port (1,): tracking, blending in or braking, see `control.law`."""
         return self._outputs["status"]
 
     def get_output_port_resting_margins(self) -> OutputPort:

@@ -34,7 +34,7 @@ class SimulationLog:
         task_error: (T, m) Eq. (11) against them [rad, m].
         signed_distances: (T, Nc) per watched pair, from the control model [m].
         constraint_weights: (T, n) diagonal of W.
-        status: (T, 1) tracking, blending or braking, see `control_law`.
+        status: (T, 1) tracking, blending or braking, see `control.law`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
         admission: (T, 4) how the control step was admitted (0 as wished, 1 corrected,
@@ -43,7 +43,7 @@ class SimulationLog:
             clear, else 0; NaN unless "lookahead", while the robot brakes without
             targets, and in logs of versions that did not keep it.
         torque_limit: (T, 2) share of the wish that the effort limits allowed, and
-            the excess before clipping, see `control_law.Solution`.
+            the excess before clipping, see `Solution`.
         position_names: (nq,) joint of each column of q.
         velocity_names: (nv,) joint of each column of v; the same, unless the root is
             free, and in logs of versions that did not keep them.

@@ -27,9 +27,11 @@ class Gate:
     Attributes:
         speed: faster ones are clamped: the governor lets them go no faster [m/s].
         angular_speed: likewise of orientations [rad/s].
-        joint_speed: likewise of tasks that are joints [rad/s or m/s].
+        joint_speed: faster targets of tasks that are joints count as clamped, and are
+            taken to be at rest where they are. The governor passes joints as they are:
+            how fast they go is bounded by the robot's speed limits [rad/s or m/s].
         distance: targets that are farther than this from where the robot's point is
-            are rejected [m].
+            are rejected, but for joints [m].
         timeout: without a new target for so long the targets are lost: the robot
             brakes [s].
     """
@@ -58,8 +60,8 @@ class TargetStream:
     """Judges what arrives, and fills the time between with what it says.
 
     A target goes on at the speed between the last two for as long as these were apart,
-    at most 0.1 s, and then stands still. What is too fast goes to the governor, which
-    makes a motion within its bounds of it.
+    at most 0.1 s, and then stands still. What is too fast stands still at once; the
+    control law's governor makes a motion within its bounds of it, unless it is a joint.
 
     Attributes:
         layout: of the tasks.

@@ -1,0 +1,73 @@
+"""The notebooks of examples/ run from top to bottom, and are kept without outputs.
+
+`CRAR_NOTEBOOK_SECONDS` is how much each of them simulates, instead of what it says.
+"""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
+
+nbformat = pytest.importorskip("nbformat", reason="needs the extra: .[docs]")
+
+
+def parameters(notebook):
+    """The one cell whose values a test may change."""
+    (cell,) = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
+    return cell
+
+
+def printed(notebook) -> str:
+    outputs = [o for c in notebook.cells if c.cell_type == "code" for o in c.outputs]
+    return "".join(o.text for o in outputs if o.output_type == "stream")
+
+
+def test_there_are_three():
+    names = {path.stem for path in NOTEBOOKS}
+    assert names == {"first_dance", "your_diagram", "your_robot"}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_is_kept_without_outputs(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    assert re.match(r"seconds = [\d.]+\b", parameters(notebook).source)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            assert cell.outputs == [] and cell.execution_count is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_runs(path, tmp_path, monkeypatch):
+    nbclient = pytest.importorskip("nbclient", reason="needs the extra: .[docs]")
+    pytest.importorskip("ipykernel", reason="needs the extra: .[docs]")
+    if path.stem == "your_robot":
+        pytest.importorskip("trimesh", reason="needs the extra: .[robots]")
+    monkeypatch.setenv("PYTHONPATH", str(EXAMPLES.parent))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))  # nobody's settings
+    notebook = nbformat.read(path, as_version=4)
+    if seconds := os.environ.get("CRAR_NOTEBOOK_SECONDS"):
+        parameters(notebook).source = f"seconds = {float(seconds)}"
+    client = nbclient.NotebookClient(
+        notebook,
+        timeout=600,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(tmp_path)}},  # where its files go
+    )
+    client.execute()
+    text = printed(notebook)
+    if path.stem == "first_dance":
+        assert re.search(r"^lookahead +0 of \d+ samples in violation", text, re.M)
+        assert (tmp_path / "first_dance.html").stat().st_size > 100_000
+    elif path.stem == "your_diagram":
+        assert "clear at every step: True" in text
+        assert "lookahead" in text.splitlines()[-1]  # what the mistake should have been
+    else:
+        assert re.search(r"^capsules: 0 of \d+ samples in violation", text, re.M)
+        assert re.search(r"^triangles: 0 of \d+ samples penetrate", text, re.M)
+        assert (tmp_path / "small_robot.html").stat().st_size > 100_000

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from crar_drake.simulation.scenario import Scenario
 
 _PORT = 7680
+_PERIOD = 5e-3  # [s]
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -59,9 +60,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--period",
         type=positive,
+        default=_PERIOD,
         metavar="S",
-        help="control period: a longer one asks less of the computer (default: the "
-        "scenario's)",
+        help="control period instead of the scenario's: a longer one asks less of the "
+        "computer (default: %(default)g)",
     )
     parser.add_argument(
         "--speed",
@@ -154,9 +156,8 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
             )
         scenario.experiment = arguments.experiment
     scenario.controller.constraints = arguments.constraints
-    if arguments.period is not None:
-        scenario.controller.period = arguments.period
-        scenario.controller.torque_period = None
+    scenario.controller.period = arguments.period
+    scenario.controller.torque_period = None
     scenario.validate()
 
 

@@ -87,7 +87,7 @@ class LiveScene:
             "mode": live.mode,
             "gains": {name: getattr(live.parameters, name) for name in GAINS},
             "motion": live.motion.on,
-            "phase": _short(live.motion.clock.at(live.time)[0], 2),
+            "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),
             "targets": _rows(targets),
             "reached": _rows(reached),

@@ -16,7 +16,7 @@ from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
-from crar_drake.play.motion_clock import MotionSwitch
+from crar_drake.play.motion_clock import MotionSwitch, to_and_fro, turning_time
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.model import ControlModel
@@ -29,7 +29,7 @@ from crar_drake.targets.desired_motion import DesiredMotion
 # velocity by that in the time below [s]; what the motion itself does is allowed, too.
 _SPEED, _ANGULAR_SPEED, _RISE = 1.5, 6.0, 0.1
 _ROOM = 1.1  # over what the motion does
-_MOST_SAMPLES = 5000  # of the motion, to see how fast it is
+_MOST_SAMPLES = 2000  # of the motion, to see how fast it is
 
 _MOST_EVENTS, _MOST_TOLD = 10_000, 1000
 
@@ -130,7 +130,7 @@ class LiveSimulation:
             source.GetMyMutableContextFromRoot(root) for source in self._sources
         ]
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
-        self.motion = MotionSwitch(self.duration)
+        self.motion = MotionSwitch()
         self.parameters, self._modes = first, {wanted}
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
@@ -146,6 +146,11 @@ class LiveSimulation:
     def time(self) -> float:
         """Of the last control tick [s]."""
         return self._tick * self.period
+
+    @property
+    def phase(self) -> float:
+        """Where the motion is [s]."""
+        return to_and_fro(self.motion.clock.at(self.time)[0], self.duration)[0]
 
     @property
     def floor(self) -> float:
@@ -174,11 +179,7 @@ class LiveSimulation:
             Exception: what stopped the simulation; it cannot go on.
         """
         next_time = self.time + self.period
-        clock = self.motion.clock
-        self.motion.turn(next_time, self.period)
-        if self.motion.clock is not clock:
-            self._set_clock()
-        self._push(next_time)
+        self._push()
         self.simulator.AdvanceTo(next_time + 0.5 * self.period)
         self._tick += 1
         self.recorder.collect()
@@ -238,7 +239,7 @@ class LiveSimulation:
             self._note(f"motion {'on' if on else 'off'}")
 
     def push(self, frame: str, force: np.ndarray) -> None:
-        """Pushes a body at its origin, from the next control tick on.
+        """Pushes a frame at its origin, at once.
 
         Args:
             frame: of the plant, or of the description's tasks.
@@ -247,7 +248,7 @@ class LiveSimulation:
         Raises:
             ModelError: there is no such frame.
         """
-        push = Push(frame, list(map(float, force)), self.time + self.period, PUSH_TIME)
+        push = Push(frame, list(map(float, force)), self._now, PUSH_TIME)
         applied_force(
             self.plant, self.model.description.task_frames, push
         )  # refuses others
@@ -319,19 +320,24 @@ class LiveSimulation:
     def _note(self, what: str) -> None:
         self.events.append(Event(self.time + self.period, what))
 
-    def _push(self, time: float) -> None:
+    @property
+    def _now(self) -> float:
+        """Where the simulator stands: half a period after the last tick [s]."""
+        return self.time + 0.5 * self.period
+
+    def _push(self) -> None:
         """Lets the forces of the next period act."""
-        half = 0.5 * self.period
+        now = self._now + 1e-9  # a push may begin at just this time
         acting = [
             push
             for push in self._scheduled
-            if push.start <= time + half < push.start + push.duration
+            if push.start <= now < push.start + push.duration
         ]
         if acting == self._acting:
             return
         self.pushes += [push for push in self._acting if push not in acting]
         self._scheduled = [
-            push for push in self._scheduled if push.start + push.duration > time
+            push for push in self._scheduled if push.start + push.duration > now
         ]
         self._acting = acting
         frames = self.model.description.task_frames
@@ -358,7 +364,7 @@ def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:
         model: of the robot.
     """
     layout = model.layout
-    count = int(min(max(motion.duration / 5e-3, 2), _MOST_SAMPLES))
+    count = int(min(max(motion.duration / 10e-3, 2), _MOST_SAMPLES))
     samples = np.array(
         [motion.tasks_at(t) for t in np.linspace(0.0, motion.duration, count)]
     )
@@ -370,11 +376,9 @@ def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:
     def bounds(rows: np.ndarray, least: float) -> tuple[float, float]:
         speed = np.linalg.norm(v[:, rows], axis=2).max(initial=0.0)
         change = np.linalg.norm(a[:, rows], axis=2).max(initial=0.0)
-        # Where the motion turns round, its rate changes by up to 3/s.
-        return (
-            max(least, _ROOM * speed),
-            max(least / _RISE, _ROOM * (change + 3.0 * speed)),
-        )
+        # Where the motion turns round or stops its rate changes, at most so fast.
+        change += speed * (3.0 / turning_time(motion.duration) + 2.0)
+        return max(least, _ROOM * speed), max(least / _RISE, _ROOM * change)
 
     governor = TargetGovernor()
     if len(layout.linear_tasks):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from crar_drake.play.motion_clock import MotionClock
+from crar_drake.play.motion_clock import MotionClock, to_and_fro
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
 
@@ -61,9 +61,13 @@ class LiveSource(LeafSystem):
     def _Calc(self, context: Context, output: BasicVector) -> None:
         values = context.get_numeric_parameter(int(self._clock)).value()
         offset = context.get_numeric_parameter(int(self._offset)).value()
-        clock = MotionClock.from_vector(values)
-        phase, rate, change = clock.at(context.get_time())
-        self._source_context.SetTime(min(max(phase, 0.0), self._duration))
+        way, way_rate, way_change = MotionClock.from_vector(values).at(
+            context.get_time()
+        )
+        phase, slope, bend = to_and_fro(way, self._duration)
+        rate = slope * way_rate
+        change = bend * way_rate**2 + slope * way_change
+        self._source_context.SetTime(phase)
         told = self._source.get_output_port(0).Eval(self._source_context)
         x, v, a = np.split(told, self._splits)
         output.SetFromVector(

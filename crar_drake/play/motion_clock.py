@@ -1,10 +1,10 @@
-"""When a motion that is stopped, goes on and turns round is where: its own clock.
+"""When a motion that is stopped, goes on and turns round is where.
 
-The motion's time, its *phase*, is a smooth function of the simulated one, so that
-targets that were twice differentiable stay so: where the rate of the phase changes, it
-does so along a cubic that keeps the acceleration of the phase continuous. At its ends
-the motion turns round and runs back: prescribed joints have no governor, and a jump to
-the beginning would be one of theirs.
+Its time, the *phase* s, is a smooth function of the simulated one, so that targets that
+were twice differentiable stay so: s = f(u(t)). The way u(t) goes on at rate 1 or rests,
+and changes from one to the other along a cubic that keeps its acceleration continuous.
+The function f runs to the end of the motion, round and back, without end: prescribed
+joints have no governor, and a jump to the beginning would be one of theirs.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-_RAMP = 1.0  # from one rate to another, at most [s]
-# Of the way through a ramp, where it is asked how far the phase comes.
-_PLACES = np.linspace(0.0, 1.0, 41)
+_RAMP = 1.0  # from rest to motion and back, and round at an end, at most [s]
 
 
 @dataclass(frozen=True)
 class MotionClock:
-    """The phase as a function of time, from one change of its rate on.
+    """The way u as a function of time, from one change of its rate on.
 
     With x = (t - start) / ramp in [0, 1] the rate is
 
@@ -30,20 +28,20 @@ class MotionClock:
 
     Attributes:
         start: when the change begins [s].
-        phase, rate, acceleration: of the motion then [s], [1], [1/s].
+        way, rate, acceleration: u and its derivatives then [s], [1], [1/s].
         goal: the rate after the change.
         ramp: how long it takes [s].
     """
 
     start: float = 0.0
-    phase: float = 0.0
+    way: float = 0.0
     rate: float = 1.0
     acceleration: float = 0.0
     goal: float = 1.0
     ramp: float = _RAMP
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Phase [s], its rate and its acceleration [1/s].
+        """u [s], its rate and its acceleration [1/s].
 
         Args:
             time: not before `start` [s].
@@ -59,7 +57,7 @@ class MotionClock:
             + rise * (0.5 - (2.0 / 3.0 - 0.25 * x) * x) * x * x
             + change * (1.0 - 0.5 * x) * x**3
         )
-        return self.phase + T * moved + self.goal * after, rate, slope / T
+        return self.way + T * moved + self.goal * after, rate, slope / T
 
     def toward(self, time: float, goal: float, ramp: float = _RAMP) -> MotionClock:
         """The clock that goes on from here, to another rate.
@@ -82,24 +80,15 @@ class MotionClock:
 
 
 class MotionSwitch:
-    """Turns a motion on and off, and round at its ends.
+    """Turns a motion on and off.
 
     Attributes:
         clock: of the motion.
         on: whether it runs, or is about to.
     """
 
-    def __init__(self, duration: float, *, on: bool = True) -> None:
-        """
-        Args:
-            duration: of the motion [s].
-            on: whether it runs from the beginning.
-        """
-        self._duration = duration
-        self._ramp = min(_RAMP, 0.5 * duration)
-        self._forward = 1.0
-        self.on = on
-        self.clock = MotionClock(rate=float(on), goal=float(on), ramp=self._ramp)
+    def __init__(self) -> None:
+        self.on, self.clock = True, MotionClock()
 
     def set(self, on: bool, time: float) -> None:
         """Lets the motion go on from where it is, or come to rest there.
@@ -108,30 +97,36 @@ class MotionSwitch:
             on: which.
             time: when [s].
         """
-        if on == self.on:
-            return
-        self.on = on
-        self.clock = self.clock.toward(time, self._forward * on, self._ramp)
+        if on != self.on:
+            self.on = on
+            self.clock = self.clock.toward(time, float(on))
 
-    def turn(self, time: float, period: float) -> None:
-        """Turns the motion round if it would else leave its ends.
 
-        To be called once a period.
+def turning_time(duration: float) -> float:
+    """How long a motion of that duration takes to turn round at an end [s]."""
+    return min(_RAMP, duration)
 
-        Args:
-            time: of the step that is next [s].
-            period: until the step after it [s].
-        """
-        phase, rate, _ = self.clock.at(time)
-        room = self._duration - phase if self._forward > 0.0 else phase
-        if not self.on or room > 2.0 * self._ramp:
-            return
-        later = self._turned(time + period)
-        times = later.start + later.ramp * _PLACES
-        phases = np.array([later.at(t)[0] for t in times])
-        if phases.min() < 0.0 or phases.max() > self._duration:
-            self.clock = self._turned(time)
-            self._forward = -self._forward
 
-    def _turned(self, time: float) -> MotionClock:
-        return self.clock.toward(time, -self._forward, self._ramp)
+def to_and_fro(way: float, duration: float) -> tuple[float, float, float]:
+    """f(u) in [0, duration], and its first and second derivative.
+
+    It has slope 1 and -1 in turn, but for W = `turning_time` at each end, where with x
+    in [0, 1] the slope goes from 1 to -1 (or back) as 1 - 2 x^2 (3 - 2 x). At u = 0 it
+    is in the middle of the turn at the beginning, f = 0.
+
+    Args:
+        way: u [s].
+        duration: of the motion [s].
+    """
+    W = turning_time(duration)
+    reach = 0.3125 * W  # what a turn leads beyond where it began
+    straight = duration - 2.0 * reach
+    half = straight + W  # of the period
+    turns, u = divmod(way + 0.5 * W, half)
+    if u < W:  # turning at the beginning, or on the way back, seen from there, the end
+        x = u / W
+        f = reach - W * (x - (2.0 - x) * x**3)
+        slope, bend = -1.0 + 2.0 * x * x * (3.0 - 2.0 * x), 12.0 * x * (1.0 - x) / W
+    else:
+        f, slope, bend = reach + u - W, 1.0, 0.0
+    return (f, slope, bend) if turns % 2 == 0 else (duration - f, -slope, -bend)

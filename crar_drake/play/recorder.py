@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crar_drake.results.log import SimulationLog
-from crar_drake.run import check_size, make_log
+from crar_drake.run import make_log
 from crar_drake.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ KEPT = 600.0  # [s]
 
 # The loggers are emptied this often [s]: it takes some milliseconds.
 _PIECE = 10.0
+
+_MOST = 2**30  # [B]
 
 _OVER_TIME = (
     "time",
@@ -41,7 +44,8 @@ class Recorder:
     """Takes what a diagram's loggers hold, in pieces, and drops the oldest ones.
 
     Attributes:
-        kept: so much time is kept at least, once it has passed [s].
+        kept: so much time is kept, once it has passed [s]; less if it takes more than
+            a gibibyte.
     """
 
     def __init__(self, live: LiveSimulation, kept: float = KEPT) -> None:
@@ -49,11 +53,7 @@ class Recorder:
         Args:
             live: the simulation.
             kept: as the attribute.
-
-        Raises:
-            ScenarioError: so long a log would not fit into memory.
         """
-        check_size(live.scenario, live.setup, kept, True)
         self.kept, self._live = kept, live
         self._pieces: deque[SimulationLog] = deque()
         self._sinks = [
@@ -70,8 +70,10 @@ class Recorder:
         self._pieces.append(self._piece(self._live.scenario))
         for sink in self._sinks:
             sink.FindMutableLog(root).Clear()
-        newest = self._pieces[-1].time[-1]
-        while newest - self._pieces[0].time[-1] > self.kept:
+        newest = self._pieces[-1]
+        size = sum(getattr(newest, name).nbytes for name in _OVER_TIME)
+        most = min(math.ceil(self.kept / _PIECE - 1e-9), _MOST // size)
+        while len(self._pieces) > max(1, most):
             self._pieces.popleft()
 
     def log(self, scenario: Scenario) -> SimulationLog:
@@ -85,9 +87,8 @@ class Recorder:
         return replace(
             last,
             **{
-                field.name: np.concatenate([getattr(p, field.name) for p in pieces])
-                for field in fields(SimulationLog)
-                if field.name in _OVER_TIME
+                name: np.concatenate([getattr(piece, name) for piece in pieces])
+                for name in _OVER_TIME
             },
         )
 

@@ -7,7 +7,9 @@ asks for, and fades away:
     alpha(t) = alpha_new(t) + (1 - s(t)) (alpha_old - alpha_new)(0),
 
 with s of `equations.blending.smooth_step`. At t = 0 that is the acceleration of the
-step before, whatever the laws are. A mode that holds by proof is then asked once more
+step before, whatever the laws are. Since a law may remember the step before, and the
+new one has none of its own at first, t = 0 is at its second step, and the first repeats
+the acceleration, too. A mode that holds by proof is then asked once more
 whether it allows that acceleration: its constraints come first, so that there may be a
 jump where they demand one.
 """
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters
 
 FADE_TIME = 0.2  # [s]
+_SETTLING = 2  # steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +41,9 @@ class Fading:
 
     Attributes:
         inner: the memory of the mode itself.
-        difference: (n,) accelerations at the beginning, old less new; None when they
-            have faded away.
-        steps: since then.
+        difference: (n,) accelerations at t = 0, old less new; None when they have
+            faded away.
+        steps: that the mode has made.
     """
 
     inner: Any
@@ -107,11 +110,13 @@ class FadingMode(Mode):
         vdot, controlled = resolved.answer.vdot, self._model.controlled
         if before is None or not before.follows:
             return replace(resolved, kept=Fading(resolved.kept, None, 0))
-        if begins:
-            fading = Fading(None, before.qddot - vdot[controlled], 0)
+        if begins or fading.difference is not None and fading.steps < _SETTLING:
+            done = 0 if begins else fading.steps
+            fading = Fading(None, before.qddot - vdot[controlled], done)
         if fading.difference is None:
             return replace(resolved, kept=Fading(resolved.kept, None, 0))
-        share = 1.0 - smooth_step(fading.steps * self._period, FADE_TIME)[0]
+        time = max(fading.steps + 1 - _SETTLING, 0) * self._period
+        share = 1.0 - smooth_step(time, FADE_TIME)[0]
         difference = fading.difference if share > 0.0 else None
         kept = Fading(resolved.kept, difference, fading.steps + 1)
         if difference is None:

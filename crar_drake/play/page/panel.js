@@ -63,6 +63,9 @@ function makePanel(data, state, ask) {
   });
   element("task").append(...data.tasks.map((name, i) => option(i, name)));
   element("targets").hidden = !data.tasks.length;
+  // Hands are what people want to move.
+  const hand = names => Math.max(0, names.findIndex(name => /wrist|hand|tool/.test(name)));
+  element("task").selectedIndex = hand(data.tasks);
   const axes = ["x", "y", "z"].map((name, axis) => makeSlider(element("axes"), {
     id: `live-${name}`, name, range: [-FARTHEST, FARTHEST], step: 0.005, digits: 3,
     unit: "m",
@@ -74,6 +77,7 @@ function makePanel(data, state, ask) {
     },
   }));
   element("frame").append(...data.frames.map(({ name, label }) => option(name, label)));
+  element("frame").selectedIndex = hand(data.frames.map(({ name }) => name));
   const force = makeSlider(element("force"), {
     id: "live-force-slider", name: "force", range: [10, data.strongest], unit: "N",
     digits: 0, onMove: () => {},

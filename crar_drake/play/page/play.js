@@ -64,21 +64,17 @@ function start(data) {
     chart.add(frame);
     panel.show(frame);
     stage.show(0);
+    chart.draw();
   };
   events.onerror = () => {
     if (!state.ended) panel.notice("no connection to the simulation");
   };
-  new ResizeObserver(() => stage.resize()).observe(element);
+  const resized = new ResizeObserver(() => {
+    stage.resize();
+    chart.draw();
+  });
+  resized.observe(element);
   stage.resize();
-  function animate() {
-    viewer.animator.update();
-    if (viewer.needs_render) {
-      viewer.render();
-      chart.draw();
-    }
-    requestAnimationFrame(animate);
-  }
-  requestAnimationFrame(animate);
   // For scripts: where it stands.
   window.crar = { state, stage, run, handles, viewer };
 }

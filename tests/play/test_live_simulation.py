@@ -119,6 +119,8 @@ def test_targets_that_are_dragged_into_the_body_are_not_followed_there(live, ref
             here = live.targets()[layout.position_entries[task]] - live.offsets[task]
             live.set_offset(task, np.zeros(3) if where is None else where - here)
         for k in range(140):
+            if k % 50 == 40:  # other gains where it is near, there and back
+                live.set_gains({"K": 50.0 - live.parameters.K})
             live.step()
             if k % 2:
                 lowest = min(lowest, referee.distances(live.positions()).min())

@@ -182,7 +182,9 @@ def _finish(
 
     live, pacer = session.live, session.pacer
     seconds = live.time
-    session.close(f"ended after {seconds:.1f} s; what was recorded goes to {out}")
+    asks = arguments.save is None and sys.stdin.isatty()
+    where = "the terminal asks whether to keep it" if asks else f"it is kept in {out}"
+    session.close(f"ended after {seconds:.1f} s; {where}")
     print(
         f"{seconds:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
         f"{live.told()}"
@@ -190,7 +192,7 @@ def _finish(
     if session.failure is not None:
         print(f"stopped: {session.failure}", file=sys.stderr)
     wanted, record = True, True
-    if arguments.save is None and sys.stdin.isatty():
+    if asks:
         wanted, record = _ask(out)
     if not wanted:
         print("nothing is kept")

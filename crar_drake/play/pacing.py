@@ -21,7 +21,7 @@ class Pacer:
     Attributes:
         paused: whether simulated time stands.
         speed: simulated seconds in a real one, as wished.
-        behind: real seconds by which steps came too late in all [s].
+        behind: the sum of all delays that were given up on [s].
     """
 
     def __init__(self, now: float, *, speed: float = 1.0) -> None:
@@ -30,13 +30,13 @@ class Pacer:
             now: on the wall [s].
             speed: as the attribute.
         """
-        self.paused, self.speed, self.behind = False, speed, 0.0
+        self.paused, self.speed, self.behind = False, _in_bounds(speed), 0.0
         self._anchor = (now, 0.0)  # on the wall and in the simulation
         self._recent: deque[tuple[float, float]] = deque()
 
     def set_speed(self, speed: float, now: float, time: float) -> None:
         """Changes the speed; now on the wall it is `time` in the simulation [s]."""
-        self.speed = min(max(speed, SLOWEST), FASTEST)
+        self.speed = _in_bounds(speed)
         self._restart(now, time)
 
     def set_paused(self, paused: bool, now: float, time: float) -> None:
@@ -75,3 +75,7 @@ class Pacer:
     def _restart(self, now: float, time: float) -> None:
         self._anchor = (now, time)
         self._recent.clear()
+
+
+def _in_bounds(speed: float) -> float:
+    return min(max(speed, SLOWEST), FASTEST)

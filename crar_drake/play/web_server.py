@@ -76,7 +76,9 @@ class PlayServer:
     def url(self) -> str:
         """Where the page is."""
         host, port = self.address
-        return f"http://{'localhost' if host == '0.0.0.0' else host}:{port}/"
+        if host in ("0.0.0.0", "::"):
+            host = "localhost"
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
     def start(self, page: str, viewer: bytes) -> None:
         """Begins to serve.

@@ -23,7 +23,7 @@ _PIECE = 10.0
 
 _MOST = 2**30  # [B]
 
-_OVER_TIME = (
+OVER_TIME = (
     "time",
     "q",
     "v",
@@ -71,7 +71,7 @@ class Recorder:
         for sink in self._sinks:
             sink.FindMutableLog(root).Clear()
         newest = self._pieces[-1]
-        size = sum(getattr(newest, name).nbytes for name in _OVER_TIME)
+        size = sum(getattr(newest, name).nbytes for name in OVER_TIME)
         most = min(math.ceil(self.kept / _PIECE - 1e-9), _MOST // size)
         while len(self._pieces) > max(1, most):
             self._pieces.popleft()
@@ -88,7 +88,7 @@ class Recorder:
             last,
             **{
                 name: np.concatenate([getattr(piece, name) for piece in pieces])
-                for name in _OVER_TIME
+                for name in OVER_TIME
             },
         )
 

@@ -69,6 +69,7 @@ def drag_a_target(browser: HeadlessBrowser, task: int, by: tuple[int, int]) -> N
     browser.drag(steps)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_browser() is None, reason="there is no Chromium")
 def test_a_session_in_a_browser(tmp_path):
     """All that a person does, until Ctrl-C, and what is left of it."""

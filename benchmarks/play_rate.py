@@ -40,7 +40,6 @@ def measure(scenario: str, period: float, duration: float) -> str:
         steps.append(after - before)
         if live.time - drawn >= _FRAME:
             drawn = live.time
-            scene.draw()
             scene.frame(pacer, live.time, "")
             pictures += time.process_time() - after
     whole = (time.process_time() - began) / live.time

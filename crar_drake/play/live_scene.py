@@ -1,7 +1,8 @@
-"""What the page shows of a simulation that goes on: links in Meshcat, and the rest.
+"""What the page shows of a simulation that goes on.
 
-Meshcat has the robot's shapes and moves them. Targets, near pairs and figures are drawn
-by the page's own scripts from frames, which `LiveScene.frame` makes.
+Meshcat brings the robot's shapes. Where they are, targets, near pairs and figures come
+with frames, which `LiveScene.frame` makes, so that all of a picture is of one instant
+and no browser is behind by what waits in a socket.
 """
 
 from __future__ import annotations
@@ -9,9 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
 
 from crar_drake.control.law import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.equations.admission import CORRECTED, SCALED
@@ -40,10 +39,9 @@ class LiveScene:
         """
         Args:
             live: the simulation.
-            meshcat: to draw into; it must be destroyed by the thread that made it, so
-                nothing that is part of a cycle may hold it.
+            meshcat: to draw into; it is not kept.
         """
-        self._live, self._meshcat = live, meshcat
+        self._live = live
         scenario = live.scenario
         set_surroundings(meshcat)
         self.robot = DrawnRobot(live.model.description, meshcat, PREFIX, scenario)
@@ -56,15 +54,8 @@ class LiveScene:
         wanted = [ways(t)[self._positions].reshape(-1, 3) for t in times]
         self.outline = np.vstack([points, *wanted])
 
-    def draw(self) -> None:
-        """Moves the links to where they are."""
-        poses, _ = self.robot.pose_links(self._live.positions())
-        for path, (x, y, z, *xyzw) in zip(self.robot.paths, poses, strict=True):
-            turn = Quaternion(np.roll(xyzw, 1) / np.linalg.norm(xyzw))
-            self._meshcat.SetTransform(path, RigidTransform(turn, [x, y, z]))
-
     def frame(self, pacer: Pacer, now: float, notice: str) -> dict:
-        """What the page shows besides, for JSON; after `draw`.
+        """What the page shows now, for JSON.
 
         Args:
             pacer: of the simulation.
@@ -72,6 +63,7 @@ class LiveScene:
             notice: something to tell the person; "" for nothing.
         """
         live = self._live
+        poses, _ = self.robot.pose_links(live.positions())
         distances = live.output("signed_distances")
         targets = live.targets()[self._positions].reshape(-1, 3)
         here = live.model.tasks_at(live.positions(), self._workspace)
@@ -89,6 +81,7 @@ class LiveScene:
             "motion": live.motion.on,
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),
+            "poses": [_short(x, 5) for x in poses.ravel()],
             "targets": _rows(targets),
             "reached": _rows(reached),
             "error": _short(

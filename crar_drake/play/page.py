@@ -65,7 +65,7 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         },
         "nearness": {"colours": marks.NEARNESS, "steps": marks.NEARNESS_STEPS},
         "scaleUnit": marks.SCALE_UNIT,
-        "robots": [{"prefix": PREFIX, "paths": []}],
+        "robots": [{"prefix": PREFIX, "paths": scene.robot.paths}],
         "outline": scene.outline.round(4).ravel().tolist(),
     }
     text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")

@@ -71,7 +71,6 @@ class PlaySession:
         except BaseException:
             self.close()
             raise
-        self._scene.draw()
         self._server.start(page, viewer_script())
         self.url = self._server.url
         self.pacer = Pacer(time.monotonic(), speed=speed)
@@ -133,7 +132,6 @@ class PlaySession:
 
     def _show(self, now: float) -> None:
         self._drawn = now
-        self._scene.draw()
         if now > self._notice_until:
             self._notice = ""
         self._server.show(self._scene.frame(self.pacer, now, self._notice))

@@ -2,8 +2,11 @@
 
     GET /             the page
     GET /meshcat.js   Meshcat's viewer, which the page connects to Meshcat itself
-    GET /live         frames as server-sent events, the newest one at a time
+    GET /live?after=N the newest frame, as soon as there is one after number N
     POST /do          a request, see `requests`
+
+A page asks for a frame when it has drawn the one before: a slow browser sees fewer of
+them, never old ones.
 
 It runs in threads of its own, that only hand things over: they never touch the
 simulation or Meshcat.
@@ -13,14 +16,16 @@ from __future__ import annotations
 
 import json
 import queue
+import re
 import socket
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from crar_drake.errors import CrarError
 from crar_drake.play.requests import LONGEST, Request, RequestError, parse
 
-# Requests that wait for the simulation, and pages that look on; more are refused.
+# Requests that wait for the simulation, and pages that wait for a frame, at most.
 _MOST_WAITING, _MOST_PAGES = 256, 16
 _PATIENCE = 5.0  # with a browser that does not read or write [s]
 _LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -60,6 +65,7 @@ class PlayServer:
         self._frame, self._number = b"", 0
         self._changed = threading.Condition()
         self._closed, self._pages = False, 0
+        self._asked, self._handed = -_PATIENCE, 0
         try:
             self._http = _Http((host, port), self)
         except OSError as error:
@@ -107,6 +113,8 @@ class PlayServer:
     def close(self) -> None:
         """Lets the pages have the last frame, and gives the port free."""
         with self._changed:
+            if time.monotonic() - self._asked < _PATIENCE:
+                self._changed.wait_for(lambda: self._handed >= self._number, 1.0)
             self._closed = True
             self._changed.notify_all()
             self._changed.wait_for(lambda: not self._pages, timeout=1.0)
@@ -117,15 +125,16 @@ class PlayServer:
 
     # --- in the threads ------------------------------------------------------------
 
-    def _next_frame(self, number: int) -> tuple[bytes, int]:
-        """The newest frame after that of a number; empty when nothing follows."""
+    def _next_frame(self, number: int) -> bytes:
+        """The newest frame after that of a number and its own; without one if none
+        comes for some time."""
         with self._changed:
+            self._asked = time.monotonic()
             self._changed.wait_for(
                 lambda: self._number > number or self._closed, timeout=_PATIENCE
             )
-            if self._number > number:
-                return self._frame, self._number
-            return (b"" if self._closed else b"{}"), number
+            frame = self._frame if self._number > number else b"null"
+            return b'{"number":%d,"frame":%s}' % (self._number, frame)
 
     def _enter(self) -> bool:
         """Counts a page that looks on, if there is room for it."""
@@ -135,9 +144,10 @@ class PlayServer:
             self._pages += 1
             return True
 
-    def _leave(self) -> None:
+    def _leave(self, handed: int) -> None:
         with self._changed:
             self._pages -= 1
+            self._handed = max(self._handed, handed)
             self._changed.notify_all()
 
 
@@ -172,8 +182,8 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if self.path in self.server.play._files:
             self._answer(200, *self.server.play._files[self.path])
-        elif self.path == "/live":
-            self._stream()
+        elif (asked := re.fullmatch(r"/live\?after=(\d{1,15})", self.path)) is not None:
+            self._hand_frame(int(asked[1]))
         elif self.path == "/favicon.ico":
             self._answer(204, "image/x-icon", b"")
         else:
@@ -207,24 +217,19 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._answer(204, "text/plain", b"")
 
-    def _stream(self) -> None:
+    def _hand_frame(self, after: int) -> None:
         play = self.server.play
         if not play._enter():
-            self._refuse(503, f"{_MOST_PAGES} pages are open already")
+            self._refuse(503, f"{_MOST_PAGES} pages are open already, or it has ended")
             return
+        handed = 0
         try:
-            self.close_connection = True
-            self.send_response(200)
-            self._send_headers("text/event-stream")
-            self.end_headers()
-            frame, number = play._next_frame(-1)
-            while frame:
-                self.wfile.write(b"data: " + frame + b"\n\n")
-                frame, number = play._next_frame(number)
-        except OSError:  # the browser went away
-            pass
+            body = play._next_frame(after)
+            self._answer(200, "application/json", body)
+            self.wfile.flush()
+            handed = json.loads(body)["number"]
         finally:
-            play._leave()
+            play._leave(handed)
 
     def _is_for_us(self) -> bool:
         """Whether the browser shows our page: other sites' may not reach in.

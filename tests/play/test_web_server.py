@@ -2,7 +2,7 @@
 
 import http.client
 import json
-import socket
+import threading
 from collections.abc import Iterator
 
 import pytest
@@ -68,16 +68,12 @@ def test_pages_of_other_sites_do_not_reach_in(server):
 def test_a_page_gets_the_newest_frame_and_the_last(server):
     server.show({"time": 1})
     server.show({"time": 2})
-    with socket.create_connection(server.address, timeout=10) as connection:
-        host = ":".join(map(str, server.address))
-        connection.sendall(f"GET /live HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
-        stream = connection.makefile("rb")
-        while stream.readline().strip():
-            pass  # the headers
-        assert json.loads(stream.readline().removeprefix(b"data: ")) == {"time": 2}
-        server.show({"ended": "now"})
-        server.close()
-        assert stream.read().endswith(b'\ndata: {"ended":"now"}\n\n')
+    newest = {"number": 2, "frame": {"time": 2}}
+    assert json.loads(ask(server, "GET", "/live?after=0")[1]) == newest
+    threading.Timer(0.2, server.show, ({"ended": "now"},)).start()
+    last = {"number": 3, "frame": {"ended": "now"}}
+    assert json.loads(ask(server, "GET", "/live?after=2")[1]) == last
+    assert ask(server, "GET", "/live?after=x")[0] == 404
 
 
 def test_a_frame_of_what_is_not_finite_is_a_mistake(server):

@@ -6,6 +6,7 @@ function makeLiveRun(data) {
     rate: 1, frames: 1, robot: 0, label: "", colour: data.colours.smallest,
     most: data.most, warning: data.warning,
     targetNames: data.tasks, pairNames: data.pairs,
+    poses: new Float32Array(7 * data.robots[0].paths.length),
     near: new Float32Array(8 * data.most).fill(NaN),
     targets: new Float32Array(3 * n).fill(NaN),
     reached: new Float32Array(3 * n).fill(NaN),
@@ -14,6 +15,7 @@ function makeLiveRun(data) {
 
 function takeFrame(run, frame) {
   const flat = rows => rows.flat().map(x => (x === null ? NaN : x));
+  run.poses.set(frame.poses);
   run.targets.set(flat(frame.targets));
   run.reached.set(flat(frame.reached));
   run.near.fill(NaN);

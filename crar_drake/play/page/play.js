@@ -45,16 +45,12 @@ function start(data) {
   const panel = makePanel(data, state, makeAsk(text => panel.notice(text)));
   const handles = makeHandles(stage, run, element, state, panel.moveTarget);
 
-  const events = new EventSource("live");
-  events.onmessage = ({ data: text }) => {
-    const frame = JSON.parse(text);
+  function take(frame) {
     if (frame.ended) {
       state.ended = true;
-      events.close();
       panel.notice(frame.ended);
       return;
     }
-    if (frame.time === undefined) return; // it only says that it is there
     state.frame = frame;
     state.frames += 1;
     for (const [task, wanted] of state.wanted)
@@ -65,10 +61,25 @@ function start(data) {
     panel.show(frame);
     stage.show(0);
     chart.draw();
-  };
-  events.onerror = () => {
-    if (!state.ended) panel.notice("no connection to the simulation");
-  };
+  }
+  // The next frame is asked for when this one is drawn, so that none is an old one.
+  async function look() {
+    let number = 0;
+    while (!state.ended) {
+      try {
+        const answer = await fetch(`live?after=${number}`);
+        if (!answer.ok) throw new Error(answer.statusText);
+        const told = await answer.json();
+        number = told.number;
+        if (told.frame) take(told.frame);
+        await new Promise(requestAnimationFrame);
+      } catch {
+        panel.notice("no connection to the simulation");
+        await new Promise(done => setTimeout(done, 1000));
+      }
+    }
+  }
+  look();
   const resized = new ResizeObserver(() => {
     stage.resize();
     chart.draw();

@@ -61,7 +61,7 @@ _VALUE_BYTES = 4 * 8
 
 # What a simulation can fail of, midway, that is no defect of this program: wrong input,
 # a robot that is thrown to infinity. NumPy's LinAlgError is among the ValueErrors.
-_FAILURES = (ValueError, FloatingPointError, OverflowError, RuntimeError)
+FAILURES = (ValueError, FloatingPointError, OverflowError, RuntimeError)
 
 # Takes simulated time [s], duration [s] and the real-time factor so far.
 Progress = Callable[[float, float, float], None]
@@ -177,7 +177,7 @@ def run_scenario(
     performer = setup.motion.performer
     report = inspect(performer) if performer is not None else None
     warnings = run_warnings(scenario, setup, report, recorded=record)
-    with _ctrl_c() as interrupts:
+    with ctrl_c() as interrupts:
         start, stopped = time.perf_counter(), None
         try:
             _simulate(simulator, duration, progress, interrupts)
@@ -187,18 +187,18 @@ def run_scenario(
             stopped = error
         wall_time = time.perf_counter() - start
         # Its robot named as in the log, for the figures to say the same.
-        logged = _logged(scenario)
+        logged = with_lasting_name(scenario)
         log = make_log(logged, setup, diagram, simulator.get_context())
         if stopped is not None and not len(log.time):
             raise stopped
         summary = summarize(
             log, wall_time, scenario=logged, motion=report, warnings=warnings
         )
-        summary = replace(summary, stopped=_reason(stopped))
+        summary = replace(summary, stopped=reason_of(stopped))
         result = RunResult(log, summary, setup)
         if out is None:
             return result
-        missing = _write(out, result, logged, record, interrupts)
+        missing = write_run(out, result, logged, record, interrupts)
     _tell(result, out, duration, stopped, missing)
     return result
 
@@ -298,7 +298,7 @@ def make_log(
         upper=upper,
         velocity_limits=controller.law.speed_limits,
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
-        scenario=_logged(scenario).to_yaml(),
+        scenario=with_lasting_name(scenario).to_yaml(),
     )
 
 
@@ -310,12 +310,12 @@ def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:
     return q
 
 
-def _logged(scenario: Scenario) -> Scenario:
-    """As a log keeps it: the run may be looked at from another working directory."""
+def with_lasting_name(scenario: Scenario) -> Scenario:
+    """As a log keeps it: it may be looked at from another working directory."""
     return replace(scenario, robot=lasting_name(scenario.robot))
 
 
-class _Interrupts:
+class Interrupts:
     """What Ctrl-C does to a run.
 
     While `hold`, the first is kept in `asked`, to be looked at between two slices:
@@ -346,13 +346,13 @@ class _Interrupts:
 
 
 @contextmanager
-def _ctrl_c() -> Iterator[_Interrupts]:
+def ctrl_c() -> Iterator[Interrupts]:
     """Handles SIGINT while the block lasts, if it would raise KeyboardInterrupt.
 
     In other threads signals cannot be handled, and an ignored one or a handler of the
     caller's stays.
     """
-    interrupts = _Interrupts()
+    interrupts = Interrupts()
     ours = (
         threading.current_thread() is threading.main_thread()
         and signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -370,7 +370,7 @@ def _simulate(
     simulator: Simulator,
     duration: float,
     progress: Progress | None,
-    interrupts: _Interrupts,
+    interrupts: Interrupts,
 ) -> None:
     """Advances to the end."""
     start = time.perf_counter()
@@ -385,12 +385,13 @@ def _simulate(
             raise KeyboardInterrupt
 
 
-def _write(
+def write_run(
     out: Path,
     result: RunResult,
     scenario: Scenario,
     record: bool,
-    interrupts: _Interrupts,
+    interrupts: Interrupts,
+    note: str = "",
 ) -> list[BaseException]:
     """Writes a run's files, and adds to `result.files` what is there.
 
@@ -414,6 +415,7 @@ def _write(
             frames_per_second=1.0 / scenario.visualization.publish_period,
             scenario=scenario,
             description=result.setup.model.description,
+            note=note,
         )
 
     # The page takes longest, and comes last.
@@ -447,7 +449,7 @@ def _write(
     return missing
 
 
-def _reason(stopped: BaseException | None) -> str:
+def reason_of(stopped: BaseException | None) -> str:
     """Why a run stopped, for its summary."""
     if stopped is None:
         return ""
@@ -471,7 +473,7 @@ def _tell(
     interrupted = isinstance(stopped, KeyboardInterrupt)
     if stopped is not None:
         reached = f"at {result.log.time[-1]:.3f} s of {duration:g} s"
-        parts.append(reached if interrupted else f"{_reason(stopped)} ({reached})")
+        parts.append(reached if interrupted else f"{reason_of(stopped)} ({reached})")
     for error in missing:
         if isinstance(error, WriteError):
             parts.append(str(error))
@@ -492,7 +494,7 @@ def _tell(
     message = "; ".join(parts)
     if interrupted:
         raise RunInterrupted(message, result) from stopped
-    if stopped is not None and not isinstance(stopped, _FAILURES):
+    if stopped is not None and not isinstance(stopped, FAILURES):
         stopped.add_note(message)
         raise stopped
     cause = stopped if stopped is not None else missing[0]

@@ -42,6 +42,12 @@ def test_wheel_carries_data(wheel: Path) -> None:
         "crar_drake/results/page/marks.js",
         "crar_drake/results/page/timeline.js",
         "crar_drake/results/page/view.js",
+        "crar_drake/play/page/play.html",
+        "crar_drake/play/page/play.css",
+        "crar_drake/play/page/play.js",
+        "crar_drake/play/page/panel.js",
+        "crar_drake/play/page/handles.js",
+        "crar_drake/play/page/live_run.js",
     ):
         assert needed in names
 

@@ -22,6 +22,7 @@ from crar_drake.commands import (
     judge,
     listing,
     motion,
+    play,
     playback,
     reproduce,
     run,
@@ -35,6 +36,7 @@ from crar_drake.errors import CrarError
 # In the order of the help.
 COMMANDS = (
     run,
+    play,
     sweep,
     reproduce,
     motion,

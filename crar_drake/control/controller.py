@@ -30,7 +30,9 @@ from crar_drake.control.law import (
     is_finite,
 )
 from crar_drake.control.modes import MODES
+from crar_drake.control.modes.fading import FadingMode, without_fading
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
 
 _NOTHING = np.zeros(0)
@@ -309,6 +311,42 @@ class CrarController(LeafSystem):
     def get_output_port_diagnostics(self) -> OutputPort:
         """Port: all other outputs, placed as `diagnostics_slices` says."""
         return self._outputs["diagnostics"]
+
+    def TakeOver(self, context: Context, parameters: CrarParameters) -> None:
+        """Goes on by a law with other gains or constraints, from the next tick on.
+
+        Accelerations do not jump: see `modes.fading`. A governor goes on from where it
+        is if its bounds stay. The law is the system's, not the context's: of a diagram
+        that several simulators run, all go on by it.
+
+        Call it between two ticks: outputs of the present one that were read already
+        were those of the law before.
+
+        Args:
+            context: of the controller, in a simulation.
+            parameters: with the same periods, level aside.
+
+        Raises:
+            ScenarioError: a parameter is out of range or a period another one; or the
+                law draws the null space to a posture, for which there is no port.
+        """
+        law = ControlLaw(self.model, parameters)
+        old, new = self.law.parameters, law.parameters
+        if (new.period, new.torque_period) != (old.period, old.torque_period):
+            raise ScenarioError("controller.period: it cannot change in a simulation")
+        if new.posture_gain and self._posture_port is None:
+            raise ScenarioError(
+                "controller.nominal_posture_gain: the controller was made without it"
+            )
+        law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
+        held = self._GetHeld(context)
+        memory = replace(held.memory, kept=without_fading(held.memory.kept))
+        if new.governor != old.governor:
+            memory = replace(memory, governed=None)
+        self.law = law
+        context.get_mutable_abstract_state(self._held_index).set_value(
+            ControlStep(held.solution, memory, held.torque_tick)
+        )
 
     def _CalcRootForce(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._EvalSolution(context).root_force)

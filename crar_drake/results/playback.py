@@ -52,6 +52,7 @@ def record_log(
     robot: str = "",
     scenario: Scenario | None = None,
     description: RobotDescription | None = None,
+    note: str = "",
 ) -> list[str]:
     """Writes the page of a run from its log, without simulating again.
 
@@ -63,6 +64,7 @@ def record_log(
         robot: where the robot is now, or its name; by default what the log says.
         scenario: of the log, if it is at hand; by default the log's text is parsed.
         description: of the robot, if it is at hand; by default it is loaded.
+        note: what else its caption says.
 
     Returns:
         The models whose collision shapes were drawn, for want of anything else.
@@ -75,9 +77,8 @@ def record_log(
     """
     scenario = scenario or load_logged_scenario(log)
     description = description or load_logged_robot(log, robot, scenario)
-    return _write_page(
-        [(log, scenario, description)], [""], path, frames_per_second, meshcat, False
-    )
+    runs = [(log, scenario, description)]
+    return _write_page(runs, [""], path, frames_per_second, meshcat, False, note)
 
 
 def compare_logs(
@@ -158,6 +159,7 @@ def _write_page(
     frames_per_second: float,
     meshcat: Meshcat | None,
     overlay: bool,
+    note: str = "",
 ) -> list[str]:
     """Draws each robot once, and lets the page show all runs of it."""
     meshcat = meshcat or Meshcat()
@@ -185,7 +187,7 @@ def _write_page(
     summaries = [run.summary for run in recorded]
     data = {
         "title": _title(summaries),
-        "subtitle": _subtitle(summaries),
+        "subtitle": " · ".join(filter(None, (_subtitle(summaries), note))),
         "overlay": overlay,
         "grid": GRID,
         "view": {
@@ -229,8 +231,8 @@ def _run_entry(run: RecordedRun, frames_per_second: float) -> dict:
         "targets": _packed(run.targets),
         "reached": _packed(run.reached),
         "near": _packed(run.near),
-        "pairNames": [_spoken(name) for name in run.pair_names],
-        "targetNames": [_spoken(name) for name in run.target_names],
+        "pairNames": [spoken(name) for name in run.pair_names],
+        "targetNames": [spoken(name) for name in run.target_names],
         "curve": {
             "time": _rounded(run.curve_time, 3),
             "distance": _rounded(run.distance_curve, 5),
@@ -253,7 +255,7 @@ def _rounded(values: np.ndarray, digits: int) -> list[float | None]:
     return [round(float(v), digits) if np.isfinite(v) else None for v in values]
 
 
-def _spoken(name: str) -> str:
+def spoken(name: str) -> str:
     return name.replace("_", " ").replace(" - ", " – ")
 
 
@@ -323,20 +325,20 @@ def _page(meshcat_page: str, data: dict) -> str:
         lambda _: (
             f"<title>{html.escape(data['title'])}</title>\n"
             '  <meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"  <style>\n{_resource('page.css')}  </style>"
+            f"  <style>\n{page_resource('page.css')}  </style>"
         ),
         meshcat_page,
         count=1,
     )
-    scripts = "\n".join(_resource(name) for name in _SCRIPTS)
+    scripts = "\n".join(page_resource(name) for name in _SCRIPTS)
     body, end, rest = page.rpartition("</body>")
     return (
-        f"{body}{_resource('page.html')}"
+        f"{body}{page_resource('page.html')}"
         f'<script type="application/json" id="crar-data">{text}</script>\n'
         f'<script>\n(() => {{\n"use strict";\n{scripts}}})();\n</script>\n{end}{rest}'
     )
 
 
-def _resource(name: str) -> str:
+def page_resource(name: str) -> str:
     folder = resources.files("crar_drake.results") / "page"
     return (folder / name).read_text(encoding="utf-8")

@@ -115,6 +115,27 @@ class Disturbances:
                 )
 
 
+def applied_force(
+    plant: MultibodyPlant, task_frames: dict[str, str], push: Push
+) -> ExternallyAppliedSpatialForce:
+    """The force of a push, for a plant's applied_spatial_force port.
+
+    Args:
+        plant: finalized.
+        task_frames: of the robot description.
+        push: whose frame is in the plant.
+
+    Raises:
+        ModelError: there is no such frame.
+    """
+    frame = find_frame(plant, task_frames.get(push.frame, push.frame))
+    force = ExternallyAppliedSpatialForce()
+    force.body_index = frame.body().index()
+    force.p_BoBq_B = frame.GetFixedPoseInBodyFrame().translation()
+    force.F_Bq_W = SpatialForce(np.zeros(3), np.array(push.force))
+    return force
+
+
 class PushSource(LeafSystem):
     """Emits the pushes that act now, for a plant's applied_spatial_force port."""
 
@@ -132,14 +153,14 @@ class PushSource(LeafSystem):
         """
         super().__init__()
         self.set_name("pushes")
-        self._pushes = []
-        for push in pushes:
-            frame = find_frame(plant, task_frames.get(push.frame, push.frame))
-            force = ExternallyAppliedSpatialForce()
-            force.body_index = frame.body().index()
-            force.p_BoBq_B = frame.GetFixedPoseInBodyFrame().translation()
-            force.F_Bq_W = SpatialForce(np.zeros(3), np.array(push.force))
-            self._pushes.append((push.start, push.start + push.duration, force))
+        self._pushes = [
+            (
+                push.start,
+                push.start + push.duration,
+                applied_force(plant, task_frames, push),
+            )
+            for push in pushes
+        ]
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
             lambda: Value[list[ExternallyAppliedSpatialForce]](),

@@ -697,6 +697,7 @@ def test_the_package_runs_as_a_module():
 # Each command with the arguments that it cannot do without.
 COMMANDS = {
     "run": [],
+    "play": [],
     "sweep": ["dance"],
     "reproduce": [],
     "motion": ["dance"],

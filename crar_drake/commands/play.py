@@ -1,0 +1,236 @@
+"""`crar-drake play`: a scenario live in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crar_drake.commands.options import (
+    CONSTRAINTS,
+    DEFAULT_SCENARIO,
+    EXPERIMENT_HELP,
+    EXPERIMENTS,
+    MOTION_HELP,
+    add_command,
+    positive,
+)
+from crar_drake.commands.output import OUT, label
+from crar_drake.errors import CrarError, ScenarioError
+
+if TYPE_CHECKING:
+    from crar_drake.play.session import PlaySession
+    from crar_drake.run import Interrupts
+    from crar_drake.simulation.scenario import Scenario
+
+_PORT = 7680
+_PERIOD = 5e-3  # [s]
+
+
+def add(subparsers: argparse._SubParsersAction) -> None:
+    """Adds the command and its options."""
+    parser = add_command(
+        subparsers,
+        "play",
+        run,
+        "Simulate a scenario live in a browser: drag targets, push the robot, change "
+        "constraints and gains while it moves. Ctrl-C ends it and keeps a recording.",
+    )
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default=DEFAULT_SCENARIO,
+        help="a YAML file or the name of a shipped scenario, see `crar-drake list` "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--motion",
+        metavar="MOTION",
+        help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
+    )
+    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument(
+        "--constraints",
+        choices=CONSTRAINTS,
+        default="lookahead",
+        help="what to begin with (default: %(default)s); with the others nothing is "
+        "guaranteed",
+    )
+    parser.add_argument(
+        "--period",
+        type=positive,
+        default=_PERIOD,
+        metavar="S",
+        help="control period instead of the scenario's: a longer one asks less of the "
+        "computer (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--speed",
+        type=positive,
+        default=1.0,
+        metavar="X",
+        help="simulated seconds in a real one, as wished (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address of the page; by default this computer alone has it. Whoever "
+        "reaches another address moves the robot: nobody is asked who they are",
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=_PORT,
+        help="of the page; 0 takes a free one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the URL, open no browser"
+    )
+    parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FOLDER",
+        help="keep recording.html, log.npz, summary.json and plot.png there, unasked "
+        "(default: out/NAME_play, asked for on a terminal)",
+    )
+    parser.add_argument(
+        "--duration", type=positive, metavar="S", help="end after S simulated seconds"
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Does what the arguments say."""
+    from crar_drake.simulation.scenario import load_scenario
+
+    scenario = load_scenario(arguments.scenario)
+    _override(scenario, arguments)
+    name = label(arguments.scenario)
+    out = arguments.save or OUT / name.with_name(f"{name.name}_play")
+
+    from crar_drake.files import check_file
+    from crar_drake.play.session import PlaySession
+    from crar_drake.results import LOG
+    from crar_drake.run import ctrl_c
+
+    if arguments.save:
+        check_file(out / LOG)
+    session = PlaySession(
+        scenario,
+        host=arguments.host,
+        port=arguments.port,
+        speed=arguments.speed,
+        tell=lambda text: print(text, file=sys.stderr),
+    )
+    with ctrl_c() as interrupts:
+        try:
+            print(f"{session.url}  (Ctrl-C ends it)", flush=True)
+            if not arguments.no_browser:
+                _open(session.url)
+            try:
+                session.run(interrupts, arguments.duration)
+            except KeyboardInterrupt:  # a second one, which does not wait for a step
+                pass
+            interrupts.hold = False
+            _finish(session, out, arguments, interrupts)
+        except BaseException:
+            session.close("the simulation has ended")
+            raise
+
+
+def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    if arguments.motion is not None:
+        if scenario.keyframes:
+            raise ScenarioError(
+                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
+                "scenario with a motion"
+            )
+        scenario.motion = arguments.motion
+        scenario.skeleton = scenario.unit = scenario.up = scenario.facing = ""
+        scenario.joints, scenario.frame_rate = "", None
+    if arguments.experiment is not None:
+        if scenario.tasks:
+            raise ScenarioError(
+                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
+                "scenario with an experiment"
+            )
+        scenario.experiment = arguments.experiment
+    scenario.controller.constraints = arguments.constraints
+    scenario.controller.period = arguments.period
+    scenario.controller.torque_period = None
+    scenario.validate()
+
+
+def _open(url: str) -> None:
+    import webbrowser
+
+    if not webbrowser.open(url):
+        print("no browser could be opened: open the address by hand", file=sys.stderr)
+
+
+def _finish(
+    session: PlaySession,
+    out: Path,
+    arguments: argparse.Namespace,
+    interrupts: Interrupts,
+) -> None:
+    """Keeps what was recorded, and says so on the page and on the terminal."""
+    from rich.console import Console
+
+    from crar_drake.play.saving import save_session
+    from crar_drake.results.summary import summary_table
+
+    live, pacer = session.live, session.pacer
+    seconds = live.time
+    asks = arguments.save is None and sys.stdin.isatty()
+    where = "the terminal asks whether to keep it" if asks else f"it is kept in {out}"
+    session.close(f"ended after {seconds:.1f} s; {where}")
+    print(
+        f"{seconds:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
+        f"{live.told()}"
+    )
+    if session.failure is not None:
+        print(f"stopped: {session.failure}", file=sys.stderr)
+    wanted, record = True, True
+    if asks:
+        wanted, record = _ask(out)
+    if not wanted:
+        print("nothing is kept")
+        return
+    result, missing = save_session(
+        live, out, interrupts, record=record, failure=session.failure
+    )
+    Console().print(summary_table(result.summary))
+    for path in result.files:
+        print(path)
+    if not record or any(isinstance(why, KeyboardInterrupt) for why in missing):
+        raise KeyboardInterrupt(_kept(result.files, out))
+    if missing:
+        raise missing[0]
+    if session.failure is not None:
+        raise CrarError(
+            f"the simulation stopped at {seconds:.3f} s: {session.failure}; {out} "
+            "holds what was simulated till then"
+        )
+
+
+def _ask(out: Path) -> tuple[bool, bool]:
+    """Whether to keep anything, and whether to make a page."""
+    try:
+        answer = input(f"keep the recording in {out}? [Y/n] ")
+    except EOFError:
+        return True, True
+    except KeyboardInterrupt:
+        print()
+        return True, False  # in a hurry, but nothing is lost
+    return answer.strip().lower() not in ("n", "no"), True
+
+
+def _kept(files: list[Path], out: Path) -> str:
+    names = [path.name for path in files]
+    if "log.npz" not in names:
+        return f"nothing was written to {out}"
+    told = f"{out} holds {', '.join(names)}"
+    if "recording.html" not in names:
+        told += f"; crar-drake playback {out / 'log.npz'} makes a page"
+    return told

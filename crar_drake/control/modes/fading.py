@@ -1,0 +1,136 @@
+"""From one law to another in the middle of a motion, without a jump.
+
+Another mode, or other gains, ask for other accelerations in the same state. Where one
+law takes over from another, the difference at that step is added to what the new one
+asks for, and fades away:
+
+    alpha(t) = alpha_new(t) + (1 - s(t)) (alpha_old - alpha_new)(0),
+
+with s of `equations.blending.smooth_step`. At t = 0 that is the acceleration of the
+step before, whatever the laws are. Since a law may remember the step before, and the
+new one has none of its own at first, t = 0 is at its second step, and the first repeats
+the acceleration, too. A mode that holds by proof is then asked once more
+whether it allows that acceleration: its constraints come first, so that there may be a
+jump where they demand one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crar_drake.control.modes.mode import Before, Mode, Resolved
+from crar_drake.equations.blending import smooth_step
+from crar_drake.equations.kinematics import Measured
+from crar_drake.equations.references import Wanted
+from crar_drake.robot.model import ControlModel, Workspace
+
+if TYPE_CHECKING:
+    from crar_drake.control.parameters import CrarParameters
+
+FADE_TIME = 0.2  # [s]
+_SETTLING = 2  # steps
+
+
+@dataclass(frozen=True, slots=True)
+class Fading:
+    """The memory of a mode that takes over, see `FadingMode`.
+
+    Attributes:
+        inner: the memory of the mode itself.
+        difference: (n,) accelerations at t = 0, old less new; None when they have
+            faded away.
+        steps: that the mode has made.
+    """
+
+    inner: Any
+    difference: np.ndarray | None
+    steps: int
+
+
+class FadingMode(Mode):
+    """A mode that begins with the accelerations of the step before.
+
+    Its first step is told by a memory that is no `Fading`: `without_fading` of that of
+    the mode before, which goes on to be used if that is of the same kind.
+    """
+
+    def __init__(
+        self, mode: Mode, before: Mode, model: ControlModel, period: float
+    ) -> None:
+        """
+        Args:
+            mode: that takes over.
+            before: the mode that it takes over from.
+            model: of the robot.
+            period: of the controller [s].
+        """
+        self._mode, self._model = mode, model
+        self._period = period
+        if isinstance(before, FadingMode):
+            before = before._mode
+        self._keeps_memory = type(before) is type(mode)
+        self.diagnostics = mode.diagnostics
+        self.horizon = mode.horizon
+        self.brakes_without_targets = mode.brakes_without_targets
+
+    @staticmethod
+    def check(parameters: CrarParameters) -> None:
+        """The mode itself was asked."""
+
+    def acceleration_bounds(
+        self, measured: Measured
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        return self._mode.acceleration_bounds(measured)
+
+    def admit_again(
+        self, measured: Measured, vdot: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        return self._mode.admit_again(measured, vdot)
+
+    def resolve(
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        wanted: Wanted,
+        before: Before | None,
+    ) -> Resolved:
+        fading = before.kept if before is not None else None
+        inner = before
+        begins = before is not None and not isinstance(fading, Fading)
+        if begins:
+            if not (self._keeps_memory and before.follows):
+                inner = None
+        elif before is not None:
+            inner = replace(before, kept=fading.inner)
+        resolved = self._mode.resolve(workspace, measured, wanted, inner)
+        vdot, controlled = resolved.answer.vdot, self._model.controlled
+        if before is None or not before.follows:
+            return replace(resolved, kept=Fading(resolved.kept, None, 0))
+        if begins or fading.difference is not None and fading.steps < _SETTLING:
+            done = 0 if begins else fading.steps
+            fading = Fading(None, before.qddot - vdot[controlled], done)
+        if fading.difference is None:
+            return replace(resolved, kept=Fading(resolved.kept, None, 0))
+        time = max(fading.steps + 1 - _SETTLING, 0) * self._period
+        share = 1.0 - smooth_step(time, FADE_TIME)[0]
+        difference = fading.difference if share > 0.0 else None
+        kept = Fading(resolved.kept, difference, fading.steps + 1)
+        if difference is None:
+            return replace(resolved, kept=kept)
+        vdot = vdot.copy()
+        vdot[controlled] += share * difference
+        vdot, told = self._mode.admit_again(measured, vdot)
+        return Resolved(
+            resolved.answer._replace(vdot=vdot),
+            kept,
+            {**resolved.diagnostics, **told},
+        )
+
+
+def without_fading(kept: Any) -> Any:
+    """A mode's memory as it would be had it not taken over from another."""
+    return kept.inner if isinstance(kept, Fading) else kept

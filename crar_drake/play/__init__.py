@@ -1,0 +1,1 @@
+"""A scenario's robot, moved live from a browser: `crar-drake play`."""

@@ -1,0 +1,118 @@
+"""What the page shows of a simulation that goes on.
+
+Meshcat brings the robot's shapes. Where they are, targets, near pairs and figures come
+with frames, which `LiveScene.frame` makes, so that all of a picture is of one instant
+and no browser is behind by what waits in a socket.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.geometry import Meshcat
+
+from crar_drake.control.law import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.equations.admission import CORRECTED, SCALED
+from crar_drake.play.live_simulation import GAINS, LiveSimulation
+from crar_drake.play.pacing import Pacer
+from crar_drake.results.marks import NEARNESS_STEPS
+from crar_drake.results.recorded_run import DrawnRobot
+from crar_drake.simulation.visualization import set_surroundings
+
+PREFIX = "/crar/robot0"
+NEAR_PAIRS = 8  # of which at most the page shows how near they are
+
+_STATUS = {STATUS_BLENDING: "blending in", STATUS_BRAKING: "braking"}
+_ADMITTED = {CORRECTED: "corrected", SCALED: "slowed down"}
+
+
+class LiveScene:
+    """Draws a live simulation.
+
+    Attributes:
+        robot: as it is drawn.
+        outline: (P, 3) points that the camera should have in the picture [m].
+    """
+
+    def __init__(self, live: LiveSimulation, meshcat: Meshcat) -> None:
+        """
+        Args:
+            live: the simulation.
+            meshcat: to draw into; it is not kept.
+        """
+        self._live = live
+        scenario = live.scenario
+        set_surroundings(meshcat)
+        self.robot = DrawnRobot(live.model.description, meshcat, PREFIX, scenario)
+        self._warning = scenario.warning_distance
+        self._positions = live.model.layout.position_entries.ravel()
+        self._workspace = live.model.MakeWorkspace()
+        _, points = self.robot.pose_links(live.positions())
+        ways = live.setup.motion.tasks_at
+        times = np.linspace(0.0, live.duration, 60)
+        wanted = [ways(t)[self._positions].reshape(-1, 3) for t in times]
+        self.outline = np.vstack([points, *wanted])
+
+    def frame(self, pacer: Pacer, now: float, notice: str) -> dict:
+        """What the page shows now, for JSON.
+
+        Args:
+            pacer: of the simulation.
+            now: on the wall [s].
+            notice: something to tell the person; "" for nothing.
+        """
+        live = self._live
+        poses, _ = self.robot.pose_links(live.positions())
+        distances = live.output("signed_distances")
+        targets = live.targets()[self._positions].reshape(-1, 3)
+        here = live.model.tasks_at(live.positions(), self._workspace)
+        reached = here[self._positions].reshape(-1, 3)
+        admission = live.output("admission")
+        return {
+            "time": _short(live.time, 3),
+            "paused": pacer.paused,
+            "speed": pacer.speed,
+            "rate": _short(pacer.rate(now, live.time), 3),
+            "late": _short(0.0 if pacer.paused else pacer.late(now, live.time), 4),
+            "behind": _short(pacer.behind, 2),
+            "mode": live.mode,
+            "gains": {name: getattr(live.parameters, name) for name in GAINS},
+            "motion": live.motion.on,
+            "phase": _short(live.phase, 2),
+            "offsets": _rows(live.offsets),
+            "poses": [_short(x, 5) for x in poses.ravel()],
+            "targets": _rows(targets),
+            "reached": _rows(reached),
+            "error": _short(
+                np.linalg.norm(targets - reached, axis=1).max(initial=0.0), 5
+            ),
+            "near": self._near(distances),
+            "smallest": _short(distances.min(initial=math.inf), 5),
+            "status": _STATUS.get(float(live.output("status")[0]), "tracking"),
+            "admitted": _ADMITTED.get(float(admission[0]), "as wished"),
+            # Whether the robot could brake on a clear path now; None: nobody says.
+            "clear": bool(admission[3]) if np.isfinite(admission[3]) else None,
+            "pushed": live.pushed,
+            "notice": notice,
+            "changes": len(live.events),
+        }
+
+    def _near(self, distances: np.ndarray) -> list[list[float]]:
+        """Of the nearest pairs: number, distance [m], a point on either link [m]."""
+        order = np.argsort(distances, kind="stable")[:NEAR_PAIRS]
+        order = order[distances[order] < NEARNESS_STEPS[0] * self._warning]
+        points = self.robot.nearest_points(order)
+        return [
+            [int(pair), _short(distances[pair], 5), *(_short(x, 4) for x in ends)]
+            for pair, ends in zip(order, points, strict=True)
+        ]
+
+
+def _short(value: float, digits: int) -> float | None:
+    """For JSON, which has no infinity and no NaN."""
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def _rows(points: np.ndarray) -> list[list[float | None]]:
+    return [[_short(x, 4) for x in point] for point in points]

@@ -1,0 +1,390 @@
+"""A scenario's simulation that goes on step by step, and changes in between."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from crar_drake.control.controller import CrarController
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes import MODES
+from crar_drake.control.parameters import CrarParameters, TargetGovernor
+from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.play.live_sources import LiveSource, make_live
+from crar_drake.play.motion_clock import MotionSwitch, to_and_fro, turning_time
+from crar_drake.play.recorder import Recorder
+from crar_drake.results.log import SimulationLog
+from crar_drake.robot.model import ControlModel
+from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario
+from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
+from crar_drake.simulation.scenario import Scenario
+from crar_drake.targets.desired_motion import DesiredMotion
+
+# A governed target is at least allowed to be so fast [m/s, rad/s], and to change its
+# velocity by that in the time below [s]; what the motion itself does is allowed, too.
+_SPEED, _ANGULAR_SPEED, _RISE = 1.5, 6.0, 0.1
+_ROOM = 1.1  # over what the motion does
+_MOST_SAMPLES = 2000  # of the motion, to see how fast it is
+
+_MOST_EVENTS, _MOST_TOLD = 10_000, 1000
+
+# The gains that can be changed; their names in `CrarParameters`.
+GAINS = ("K", "Kp", "Gv")
+
+PUSH_TIME = 0.1  # [s]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that a person did.
+
+    Attributes:
+        time: in the simulation [s].
+        what: in words.
+    """
+
+    time: float
+    what: str
+
+
+class LiveSimulation:
+    """A diagram of a scenario and its simulator, a control period at a time.
+
+    What is changed, is so in the middle between two control ticks, and counts from the
+    next one on. So every sample of the log is what the controller went by, and nothing
+    that is cached of a tick becomes stale. No tick is ever left out.
+
+    Attributes:
+        scenario: as it was begun; without pushes, which are done here.
+        model: the control model.
+        period: of the controller [s].
+        duration: of the motion [s].
+        offsets: (N, 3) added to the targets of the position and pose tasks, in the
+            order of `layout.linear_tasks` [m].
+        motion: switches the motion on and off.
+        setup, diagram, simulator, controller, plant: what it is made of.
+        recorder: keeps the log.
+        events: what was done, in order; the last ones of very many.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        """
+        Args:
+            scenario: validated. Without a governor of its own, it gets one that lets
+                the motion pass, see `make_governor`.
+
+        Raises:
+            CrarError: something in the scenario, its robot or its motion is wrong.
+        """
+        wanted = scenario.controller.constraints
+        setup = PrepareScenario(scenario)
+        self.model, self.duration = setup.model, setup.motion.duration
+        self._scheduled = list(scenario.disturbances.pushes)
+        parameters = replace(
+            scenario.controller,
+            lookahead=replace(
+                scenario.controller.lookahead,
+                # The proof is of a braking time that stays, whatever becomes of gains.
+                horizon=scenario.controller.braking_horizon,
+            ),
+        )
+        if parameters.governor.bounds() is None:
+            governor = make_governor(setup.motion, setup.model)
+            parameters = replace(parameters, governor=governor)
+        # The lookahead has an input port more, which cannot be added later.
+        first = parameters
+        if can_look_ahead(parameters):
+            first = replace(parameters, constraints="lookahead")
+        self.scenario = replace(
+            scenario,
+            controller=first,
+            disturbances=replace(scenario.disturbances, pushes=[]),
+            log_period=scenario.log_period or parameters.period,
+        )
+        setup = replace(setup, motion=make_live(setup.motion, setup.model))
+        self.setup = setup
+        self.diagram = MakeCrarDiagram(self.scenario, setup=setup)
+        self.period, self._tick = parameters.period, 0
+        self.simulator = Simulator(self.diagram)
+        ApplySimulatorConfig(self.scenario.simulator_config, self.simulator)
+        root = self.simulator.get_mutable_context()
+        self.controller: CrarController = self.diagram.GetSubsystemByName(
+            "crar_controller"
+        )
+        self._controller_context = self.controller.GetMyMutableContextFromRoot(root)
+        self.plant = self.diagram.GetSubsystemByName("plant")
+        self._plant_context = self.plant.GetMyMutableContextFromRoot(root)
+        if (scale := scenario.disturbances.mass_scale) != 1.0:
+            ScaleMasses(self.plant, self._plant_context, scale)
+        self._sources: list[LiveSource] = [
+            self.diagram.GetSubsystemByName(name)
+            for name in ("desired_tasks", "desired_prescribed")
+            if self.diagram.HasSubsystemNamed(name)
+        ]
+        self._source_contexts = [
+            source.GetMyMutableContextFromRoot(root) for source in self._sources
+        ]
+        self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
+        self.motion = MotionSwitch()
+        self.parameters, self._modes = first, {wanted}
+        self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
+        self.pushes: list[Push] = []
+        self._acting: list[Push] = []
+        self.recorder = Recorder(self)
+        if wanted != first.constraints:
+            self._take_over(parameters)
+        self._set_clock()
+        self.simulator.Initialize()
+        self.simulator.AdvanceTo(0.5 * self.period)
+
+    @property
+    def time(self) -> float:
+        """Of the last control tick [s]."""
+        return self._tick * self.period
+
+    @property
+    def phase(self) -> float:
+        """Where the motion is [s]."""
+        return to_and_fro(self.motion.clock.at(self.time)[0], self.duration)[0]
+
+    @property
+    def floor(self) -> float:
+        """What no pair comes nearer than, by the lookahead [m]."""
+        ahead = self.parameters.lookahead
+        return ahead.distance_margin - ahead.admission_slack
+
+    @property
+    def mode(self) -> str:
+        """What the constraints are."""
+        return self.parameters.constraints
+
+    def compile(self) -> None:
+        """Compiles what any mode needs, before somebody waits for it."""
+        for name in MODES:
+            try:
+                parameters = replace(self.parameters, constraints=name)
+                ControlLaw(self.model, parameters).compile()
+            except ScenarioError:  # it does not go with the scenario's gains
+                continue
+
+    def step(self) -> None:
+        """Goes on by one control period.
+
+        Raises:
+            Exception: what stopped the simulation; it cannot go on.
+        """
+        next_time = self.time + self.period
+        self._push()
+        self.simulator.AdvanceTo(next_time + 0.5 * self.period)
+        self._tick += 1
+        self.recorder.collect()
+
+    # --- what a person does -------------------------------------------------------
+
+    def set_mode(self, constraints: str) -> None:
+        """Changes the constraints, without a jump: see `modes.fading`.
+
+        Raises:
+            ScenarioError: there are no such, or the gains do not go with them.
+        """
+        if constraints == self.mode:
+            return
+        self._take_over(replace(self.parameters, constraints=constraints))
+        self._modes.add(constraints)
+        self._note(f"constraints {constraints}")
+
+    def set_gains(self, gains: dict[str, float]) -> None:
+        """Changes gains, likewise; the braking time of the lookahead stays.
+
+        Raises:
+            ScenarioError: with them the feedback would diverge.
+        """
+        self._take_over(replace(self.parameters, **gains))
+        told = ", ".join(f"{name} {value:g}" for name, value in gains.items())
+        self._note(told)
+
+    def set_offset(self, task: int, offset: np.ndarray) -> None:
+        """Moves a target away from the motion's.
+
+        Args:
+            task: its place in `layout.linear_tasks`.
+            offset: (3,) in W [m].
+
+        Raises:
+            CrarError: there is no such task.
+        """
+        if not 0 <= task < len(self.offsets):
+            raise CrarError(f"there is no target {task}")
+        self.offsets[task] = offset
+        x = np.zeros(self.model.layout.size_x)
+        x[self.model.layout.position_entries.ravel()] = self.offsets.ravel()
+        self._sources[0].set_offset(self._source_contexts[0], x)
+        name = self.model.layout.names[self.model.layout.linear_tasks[task]]
+        words = f"{name} moved by"
+        if self.events and self.events[-1].what.startswith(words):
+            self.events.pop()  # one drag is one event
+        x, y, z = offset
+        self._note(f"{words} {x:.3f}, {y:.3f}, {z:.3f} m")
+
+    def set_motion(self, on: bool) -> None:
+        """Lets the motion stop where it is, or go on."""
+        if on != self.motion.on:
+            self.motion.set(on, self.time + self.period)
+            self._set_clock()
+            self._note(f"motion {'on' if on else 'off'}")
+
+    def push(self, frame: str, force: np.ndarray) -> None:
+        """Pushes a frame at its origin, at once.
+
+        Args:
+            frame: of the plant, or of the description's tasks.
+            force: (3,) in W, for `PUSH_TIME` [N].
+
+        Raises:
+            ModelError: there is no such frame.
+        """
+        push = Push(frame, list(map(float, force)), self._now, PUSH_TIME)
+        applied_force(
+            self.plant, self.model.description.task_frames, push
+        )  # refuses others
+        self._scheduled.append(push)
+        x, y, z = push.force
+        self._note(f"{frame} pushed by {x:.0f}, {y:.0f}, {z:.0f} N")
+
+    @property
+    def pushed(self) -> bool:
+        """Whether a push acts now."""
+        return bool(self._acting)
+
+    # --- what is to be seen -------------------------------------------------------
+
+    def positions(self) -> np.ndarray:
+        """(nq,) of the plant now."""
+        return self.plant.GetPositions(self._plant_context)
+
+    def output(self, port: str) -> np.ndarray:
+        """What an output port of the controller says now."""
+        return self.controller.GetOutputPort(port).Eval(self._controller_context)
+
+    def targets(self) -> np.ndarray:
+        """(layout.size,) [x_d; v_d; a_d] as they are now, offsets included."""
+        return self._sources[0].get_output_port().Eval(self._source_contexts[0])
+
+    def logged_scenario(self) -> Scenario:
+        """The scenario that says what was done: its gains and pushes.
+
+        Of several constraints it has those that promise the least.
+        """
+        weakest = min(self._modes, key=list(MODES).index)
+        return replace(
+            self.scenario,
+            description="\n".join([self.told(), *self._changes()]),
+            controller=replace(self.parameters, constraints=weakest),
+            disturbances=replace(
+                self.scenario.disturbances, pushes=[*self.pushes, *self._acting]
+            ),
+        )
+
+    def _changes(self) -> list[str]:
+        told = list(self.events)[-_MOST_TOLD:]
+        return [f"{event.time:.3f} s: {event.what}" for event in told]
+
+    def told(self) -> str:
+        """What it was, in a line."""
+        words = ["played live"]
+        if len(self._modes) > 1:
+            words.append(f"constraints {', '.join(sorted(self._modes))} in turn")
+        done = len(self.events)
+        words.append(f"{done} change{'s' if done != 1 else ''} by hand")
+        return ", ".join(words)
+
+    def log(self) -> SimulationLog:
+        """All that is recorded, see `Recorder`."""
+        return self.recorder.log(self.logged_scenario())
+
+    # --- inside -------------------------------------------------------------------
+
+    def _take_over(self, parameters: CrarParameters) -> None:
+        self.controller.TakeOver(self._controller_context, parameters)
+        self.parameters = parameters
+
+    def _set_clock(self) -> None:
+        for source, context in zip(self._sources, self._source_contexts, strict=True):
+            source.set_clock(context, self.motion.clock)
+
+    def _note(self, what: str) -> None:
+        self.events.append(Event(self.time + self.period, what))
+
+    @property
+    def _now(self) -> float:
+        """Where the simulator stands: half a period after the last tick [s]."""
+        return self.time + 0.5 * self.period
+
+    def _push(self) -> None:
+        """Lets the forces of the next period act."""
+        now = self._now + 1e-9  # a push may begin at just this time
+        acting = [
+            push
+            for push in self._scheduled
+            if push.start <= now < push.start + push.duration
+        ]
+        if acting == self._acting:
+            return
+        self.pushes += [push for push in self._acting if push not in acting]
+        self._scheduled = [
+            push for push in self._scheduled if push.start + push.duration > now
+        ]
+        self._acting = acting
+        frames = self.model.description.task_frames
+        forces = Value[list[ExternallyAppliedSpatialForce]]()
+        forces.set_value([applied_force(self.plant, frames, push) for push in acting])
+        port = self.plant.get_applied_spatial_force_input_port()
+        port.FixValue(self._plant_context, forces)
+
+
+def can_look_ahead(parameters: CrarParameters) -> bool:
+    """Whether the gains go with the lookahead."""
+    try:
+        replace(parameters, constraints="lookahead").validate()
+    except ScenarioError:
+        return False
+    return True
+
+
+def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:
+    """Bounds that let a motion pass, and what a person adds to it follow.
+
+    Args:
+        motion: of the model.
+        model: of the robot.
+    """
+    layout = model.layout
+    count = int(min(max(motion.duration / 10e-3, 2), _MOST_SAMPLES))
+    samples = np.array(
+        [motion.tasks_at(t) for t in np.linspace(0.0, motion.duration, count)]
+    )
+    v = samples[:, layout.size_x : layout.size_x + layout.m]
+    a = samples[:, layout.size_x + layout.m :]
+    if not np.isfinite(samples).all():
+        raise CrarError("the motion has targets that are not finite")
+
+    def bounds(rows: np.ndarray, least: float) -> tuple[float, float]:
+        speed = np.linalg.norm(v[:, rows], axis=2).max(initial=0.0)
+        change = np.linalg.norm(a[:, rows], axis=2).max(initial=0.0)
+        # Where the motion turns round or stops its rate changes, at most so fast.
+        change += speed * (3.0 / turning_time(motion.duration) + 2.0)
+        return max(least, _ROOM * speed), max(least / _RISE, _ROOM * change)
+
+    governor = TargetGovernor()
+    if len(layout.linear_tasks):
+        speed, change = bounds(layout.linear_rows, _SPEED)
+        governor = replace(governor, speed=speed, acceleration=change)
+    if len(layout.angular_tasks):
+        speed, change = bounds(layout.angular_rows, _ANGULAR_SPEED)
+        governor = replace(governor, angular_speed=speed, angular_acceleration=change)
+    return governor

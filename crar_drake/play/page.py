@@ -1,0 +1,107 @@
+"""The page of `crar-drake play`: Meshcat's viewer, and what is laid over and beside it.
+
+Its scripts share how robots are looked at, and how targets and near pairs are drawn,
+with those of the recorded page.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from pydrake.common import FindResourceOrThrow
+from pydrake.multibody.tree import BodyIndex
+
+from crar_drake.control.modes import MODES
+from crar_drake.play.live_scene import NEAR_PAIRS, PREFIX, LiveScene
+from crar_drake.play.live_simulation import LiveSimulation
+from crar_drake.play.pacing import FASTEST, SLOWEST
+from crar_drake.play.requests import STRONGEST
+from crar_drake.results import marks
+from crar_drake.results.playback import page_resource, spoken
+from crar_drake.results.summary import motion_name, robot_name
+from crar_drake.simulation.visualization import GRID, VIEW_PITCH, VIEW_YAW
+
+_SCRIPTS = ("live_run.js", "handles.js", "panel.js", "play.js")
+
+
+def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
+    """The page as HTML.
+
+    Args:
+        live: the simulation.
+        scene: of it.
+        meshcat_port: of Meshcat, at the same host as the page.
+    """
+    layout, scenario = live.model.layout, live.scenario
+    motion = motion_name(scenario.motion) if scenario.motion else "its keyframes"
+    data = {
+        "title": f"{robot_name(scenario.robot)} following {motion}",
+        "meshcatPort": meshcat_port,
+        "period": live.period,
+        "duration": live.duration,
+        "modes": list(MODES),
+        "tasks": [spoken(layout.names[i]) for i in layout.linear_tasks],
+        "pairs": [spoken(f"{a} - {b}") for a, b in live.model.pairs.names],
+        "most": NEAR_PAIRS,
+        "warning": scenario.warning_distance,
+        "floor": live.floor,
+        "frames": _push_frames(live),
+        "strongest": STRONGEST,
+        "speeds": [SLOWEST, FASTEST],
+        "overlay": False,
+        "grid": GRID,
+        "view": {
+            "azimuth": float(np.degrees(VIEW_YAW)),
+            "elevation": float(np.degrees(VIEW_PITCH)),
+        },
+        "colours": {
+            "target": marks.TARGET,
+            "violation": marks.VIOLATION,
+            "smallest": marks.SMALLEST,
+        },
+        "nearness": {"colours": marks.NEARNESS, "steps": marks.NEARNESS_STEPS},
+        "scaleUnit": marks.SCALE_UNIT,
+        "robots": [{"prefix": PREFIX, "paths": scene.robot.paths}],
+        "outline": scene.outline.round(4).ravel().tolist(),
+    }
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    styles = page_resource("page.css") + _resource("play.css")
+    scripts = [page_resource("view.js"), page_resource("marks.js")]
+    scripts += map(_resource, _SCRIPTS)
+    page = _resource("play.html")
+    for mark, what in {
+        "TITLE": html.escape(data["title"]),
+        "STYLES": styles,
+        "DATA": text,
+        "SCRIPTS": "\n".join(scripts),
+    }.items():
+        page = page.replace(f"<!--{mark}-->", what)
+    return page
+
+
+def viewer_script() -> bytes:
+    """The script of Meshcat's viewer, as Drake has it."""
+    return Path(FindResourceOrThrow("drake/geometry/meshcat.js")).read_bytes()
+
+
+def _push_frames(live: LiveSimulation) -> list[dict]:
+    """What can be pushed: bodies that move and have a mass, and the tasks' frames."""
+    plant = live.plant
+    anchored = plant.GetBodiesWeldedTo(plant.world_body())
+    bodies = [
+        body.name()
+        for body in map(plant.get_body, map(BodyIndex, range(plant.num_bodies())))
+        if body not in anchored and body.default_mass() > 0.0
+    ]
+    frames = [live.model.tasks[i].frame for i in live.model.layout.linear_tasks]
+    names = dict.fromkeys([*frames, *bodies])
+    return [{"name": name, "label": spoken(name)} for name in names]
+
+
+def _resource(name: str) -> str:
+    folder = resources.files("crar_drake.play") / "page"
+    return (folder / name).read_text(encoding="utf-8")

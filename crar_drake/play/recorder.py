@@ -1,0 +1,98 @@
+"""The log of a simulation whose end nobody knows: its last minutes."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crar_drake.results.log import SimulationLog
+from crar_drake.run import make_log
+from crar_drake.simulation.scenario import Scenario
+
+if TYPE_CHECKING:
+    from crar_drake.play.live_simulation import LiveSimulation
+
+KEPT = 600.0  # [s]
+
+# The loggers are emptied this often [s]: it takes some milliseconds.
+_PIECE = 10.0
+
+_MOST = 2**30  # [B]
+
+OVER_TIME = (
+    "time",
+    "q",
+    "v",
+    "actuation",
+    "desired_acceleration",
+    "desired_tasks",
+    "task_error",
+    "signed_distances",
+    "constraint_weights",
+    "status",
+    "resting_margins",
+    "admission",
+    "torque_limit",
+)
+
+
+class Recorder:
+    """Takes what a diagram's loggers hold, in pieces, and drops the oldest ones.
+
+    Attributes:
+        kept: so much time is kept, once it has passed [s]; less if it takes more than
+            a gibibyte.
+    """
+
+    def __init__(self, live: LiveSimulation, kept: float = KEPT) -> None:
+        """
+        Args:
+            live: the simulation.
+            kept: as the attribute.
+        """
+        self.kept, self._live = kept, live
+        self._pieces: deque[SimulationLog] = deque()
+        self._sinks = [
+            live.diagram.GetSubsystemByName(f"log_{name}")
+            for name in ("state", "desired_tasks", "diagnostics")
+        ]
+
+    def collect(self) -> None:
+        """Takes a piece, if there is one."""
+        root = self._live.simulator.get_mutable_context()
+        times = self._sinks[0].FindLog(root).sample_times()
+        if not len(times) or times[-1] - times[0] < _PIECE:
+            return
+        self._pieces.append(self._piece(self._live.scenario))
+        for sink in self._sinks:
+            sink.FindMutableLog(root).Clear()
+        newest = self._pieces[-1]
+        size = sum(getattr(newest, name).nbytes for name in OVER_TIME)
+        most = min(math.ceil(self.kept / _PIECE - 1e-9), _MOST // size)
+        while len(self._pieces) > max(1, most):
+            self._pieces.popleft()
+
+    def log(self, scenario: Scenario) -> SimulationLog:
+        """All pieces in one.
+
+        Args:
+            scenario: to be written into it.
+        """
+        last = self._piece(scenario)
+        pieces = [*self._pieces, last]
+        return replace(
+            last,
+            **{
+                name: np.concatenate([getattr(piece, name) for piece in pieces])
+                for name in OVER_TIME
+            },
+        )
+
+    def _piece(self, scenario: Scenario) -> SimulationLog:
+        live = self._live
+        context = live.simulator.get_context()
+        return make_log(scenario, live.setup, live.diagram, context)

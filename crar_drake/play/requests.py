@@ -1,0 +1,146 @@
+"""What the page asks for: JSON, one object each, and numbers in bounds.
+
+    {"do": "pause"}  {"do": "resume"}  {"do": "step"}  {"do": "stop"}
+    {"do": "speed", "value": 0.5}
+    {"do": "mode", "value": "lookahead"}
+    {"do": "gains", "value": {"K": 30, "Kp": 300, "Gv": 30}}    any of them
+    {"do": "offset", "task": 0, "value": [0.1, 0, 0]}           of a target [m]
+    {"do": "home"}                                              no offsets
+    {"do": "motion", "value": false}
+    {"do": "push", "frame": "left_hand", "value": [0, 60, 0]}   [N]
+
+Nothing in a request is run, and names are looked up among those of the robot.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from crar_drake.control.modes import MODES
+from crar_drake.errors import CrarError
+from crar_drake.play.live_simulation import GAINS
+from crar_drake.play.pacing import FASTEST, SLOWEST
+
+LONGEST = 2048  # [bytes]
+FARTHEST = 2.0  # of an offset, in each direction [m]
+STRONGEST = 500.0  # of a push, in each direction [N]
+LARGEST_GAIN = 1e4
+# Far more frames than a robot has.
+_MOST_TASKS = 1000
+
+
+class RequestError(CrarError):
+    """A request that is not one of those above; it says why."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """One request, checked as far as can be without the simulation.
+
+    Attributes:
+        do: what, see the module.
+        value: of a type that belongs to `do`; None if it has none.
+        task: number of a task, of "offset".
+        frame: name of a frame, of "push".
+    """
+
+    do: str
+    value: object = None
+    task: int = 0
+    frame: str = ""
+
+
+def parse(body: bytes) -> Request:
+    """Reads a request.
+
+    Args:
+        body: as it came, without trust.
+
+    Raises:
+        RequestError: it is no request.
+    """
+    if len(body) > LONGEST:
+        raise RequestError(f"longer than {LONGEST} bytes")
+    try:
+        said = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise RequestError(f"no JSON: {error}") from error
+    if not isinstance(said, dict) or not isinstance(said.get("do"), str):
+        raise RequestError('no object with a "do"')
+    if said["do"] not in _KINDS:
+        raise RequestError(f"there is no {said['do'][:40]!r} to do")
+    read, more = _KINDS[said["do"]]
+    wanted = {"do", *more} | ({"value"} if read is not None else set())
+    if set(said) != wanted:
+        raise RequestError(f"{said['do']} has {', '.join(sorted(wanted))}")
+    return Request(
+        said["do"],
+        None if read is None else read(said["value"]),
+        _whole(said["task"]) if "task" in more else 0,
+        _name(said["frame"]) if "frame" in more else "",
+    )
+
+
+def _number(value: object, least: float, most: float) -> float:
+    # To Python, true is a number.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RequestError(f"{str(value)[:40]!r} is no number")
+    if not (least <= value <= most and math.isfinite(value)):
+        raise RequestError(f"{str(value)[:40]} is not from {least:g} to {most:g}")
+    return float(value)
+
+
+def _whole(value: object) -> int:
+    return int(_number(value, 0, _MOST_TASKS))
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str) or len(value) > 200:
+        raise RequestError("a frame is told by its name")
+    return value
+
+
+def _switch(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise RequestError("value is true or false")
+    return value
+
+
+def _mode(value: object) -> str:
+    if value not in tuple(MODES):
+        raise RequestError(f"there are no constraints {str(value)[:40]!r}")
+    return str(value)
+
+
+def _vector(most: float) -> Callable[[object], tuple[float, ...]]:
+    def read(value: object) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != 3:
+            raise RequestError("value is three numbers")
+        return tuple(_number(x, -most, most) for x in value)
+
+    return read
+
+
+def _gains(value: object) -> dict[str, float]:
+    if not isinstance(value, dict) or not value or set(value) - set(GAINS):
+        raise RequestError(f"gains are {', '.join(GAINS)}")
+    return {name: _number(x, 1e-3, LARGEST_GAIN) for name, x in value.items()}
+
+
+# How the value is read, None if there is none, and what else a request has.
+_KINDS: dict[str, tuple[Callable[[object], object] | None, tuple[str, ...]]] = {
+    "pause": (None, ()),
+    "resume": (None, ()),
+    "step": (None, ()),
+    "stop": (None, ()),
+    "home": (None, ()),
+    "speed": (lambda value: _number(value, SLOWEST, FASTEST), ()),
+    "mode": (_mode, ()),
+    "gains": (_gains, ()),
+    "offset": (_vector(FARTHEST), ("task",)),
+    "motion": (_switch, ()),
+    "push": (_vector(STRONGEST), ("frame",)),
+}

@@ -1,0 +1,269 @@
+"""The page of `crar-drake play`, what is live in it, and what it asks for, over HTTP.
+
+    GET /             the page
+    GET /meshcat.js   Meshcat's viewer, which the page connects to Meshcat itself
+    GET /live?after=N the newest frame, as soon as there is one after number N
+    POST /do          a request, see `requests`
+
+A page asks for a frame when it has drawn the one before: a slow browser sees fewer of
+them, never old ones.
+
+It runs in threads of its own, that only hand things over: they never touch the
+simulation or Meshcat.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import socket
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from crar_drake.errors import CrarError
+from crar_drake.play.requests import LONGEST, Request, RequestError, parse
+
+# Requests that wait for the simulation, and pages that wait for a frame, at most.
+_MOST_WAITING, _MOST_PAGES = 256, 16
+_PATIENCE = 5.0  # with a browser that does not read or write [s]
+_LOCAL = ("127.0.0.1", "localhost", "::1")
+
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class PlayServer:
+    """Serves one page and what is live in it.
+
+    Attributes:
+        requests: that came, in order.
+        address: (host, port) that it listens at.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        """
+        Args:
+            host: that of another interface than the loopback lets everybody there move
+                the robot.
+            port: 0 takes one that is free.
+
+        Raises:
+            CrarError: nothing can listen there.
+        """
+        if not host:  # would be all interfaces
+            raise CrarError("--host is empty; 0.0.0.0 listens at all interfaces")
+        if not 0 <= port < 65536:
+            raise CrarError(f"--port: {port} must be from 0 to 65535")
+        self.requests: queue.Queue[Request] = queue.Queue(_MOST_WAITING)
+        self._files: dict[str, tuple[str, bytes]] = {}
+        self._frame, self._number = b"", 0
+        self._changed = threading.Condition()
+        self._closed, self._pages = False, 0
+        self._asked, self._handed = -_PATIENCE, 0
+        try:
+            self._http = _Http((host, port), self)
+        except OSError as error:
+            raise CrarError(
+                f"HTTP at {host}:{port}: {error.strerror or error}; choose another "
+                "--port, or --port 0 for a free one"
+            ) from error
+        self.address: tuple[str, int] = self._http.server_address[:2]
+        self._thread = threading.Thread(
+            target=self._http.serve_forever, args=(0.05,), daemon=True
+        )
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        host, port = self.address
+        if host in ("0.0.0.0", "::"):
+            host = "localhost"
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+
+    def start(self, page: str, viewer: bytes) -> None:
+        """Begins to serve.
+
+        Args:
+            page: HTML.
+            viewer: the script of Meshcat's viewer.
+        """
+        self._files = {
+            "/": ("text/html; charset=utf-8", page.encode()),
+            "/meshcat.js": ("text/javascript; charset=utf-8", viewer),
+        }
+        self._thread.start()
+
+    def show(self, frame: dict) -> None:
+        """Hands the newest frame to all pages.
+
+        Args:
+            frame: for JSON, with finite numbers.
+        """
+        text = json.dumps(frame, allow_nan=False, separators=(",", ":"))
+        with self._changed:
+            self._frame, self._number = text.encode(), self._number + 1
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Lets the pages have the last frame, and gives the port free."""
+        with self._changed:
+            if time.monotonic() - self._asked < _PATIENCE:
+                self._changed.wait_for(lambda: self._handed >= self._number, 1.0)
+            self._closed = True
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: not self._pages, timeout=1.0)
+        if self._thread.is_alive():
+            self._http.shutdown()
+            self._thread.join()
+        self._http.server_close()
+
+    # --- in the threads ------------------------------------------------------------
+
+    def _next_frame(self, number: int) -> bytes:
+        """The newest frame after that of a number and its own; without one if none
+        comes for some time."""
+        with self._changed:
+            self._asked = time.monotonic()
+            self._changed.wait_for(
+                lambda: self._number > number or self._closed, timeout=_PATIENCE
+            )
+            frame = self._frame if self._number > number else b"null"
+            return b'{"number":%d,"frame":%s}' % (self._number, frame)
+
+    def _enter(self) -> bool:
+        """Counts a page that looks on, if there is room for it."""
+        with self._changed:
+            if self._closed or self._pages >= _MOST_PAGES:
+                return False
+            self._pages += 1
+            return True
+
+    def _leave(self, handed: int) -> None:
+        with self._changed:
+            self._pages -= 1
+            self._handed = max(self._handed, handed)
+            self._changed.notify_all()
+
+
+class _Http(ThreadingHTTPServer):
+    daemon_threads = True
+    request_queue_size = 32
+
+    def __init__(self, address: tuple[str, int], play: PlayServer) -> None:
+        if ":" in address[0]:
+            self.address_family = socket.AF_INET6
+        self.play = play
+        super().__init__(address, _Handler)
+
+    def server_bind(self) -> None:
+        # Without the look-up of the computer's name, which can take long.
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.socket.bind(self.server_address)
+        self.server_address = self.socket.getsockname()
+        self.server_name, self.server_port = self.server_address[:2]
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """A browser that goes away in the middle is no error."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    timeout = _PATIENCE
+    server: _Http
+
+    def do_GET(self) -> None:
+        if not self._is_for_us():
+            return
+        if self.path in self.server.play._files:
+            self._answer(200, *self.server.play._files[self.path])
+        elif (asked := re.fullmatch(r"/live\?after=(\d{1,15})", self.path)) is not None:
+            self._hand_frame(int(asked[1]))
+        elif self.path == "/favicon.ico":
+            self._answer(204, "image/x-icon", b"")
+        else:
+            self._answer(404, "text/plain", b"there is only /\n")
+
+    def do_POST(self) -> None:
+        if not self._is_for_us():
+            return
+        kind = self.headers.get("Content-Type", "").partition(";")[0].strip()
+        length = self.headers.get("Content-Length", "")
+        if self.path != "/do":
+            self._refuse(404, "there is only /do")
+        elif kind != "application/json":
+            # Another site's page could send a form, but not this without being asked.
+            self._refuse(415, "a request is application/json")
+        elif not length.isdecimal() or int(length) > LONGEST:
+            self._refuse(413, f"a request has at most {LONGEST} bytes")
+        else:
+            self._take(self.rfile.read(int(length)))
+
+    def log_message(self, *_: object) -> None:
+        """Nothing is printed for every request."""
+
+    def _take(self, body: bytes) -> None:
+        try:
+            self.server.play.requests.put_nowait(parse(body))
+        except RequestError as error:
+            self._refuse(400, str(error))
+        except queue.Full:
+            self._refuse(503, "too many requests at a time")
+        else:
+            self._answer(204, "text/plain", b"")
+
+    def _hand_frame(self, after: int) -> None:
+        play = self.server.play
+        if not play._enter():
+            self._refuse(503, f"{_MOST_PAGES} pages are open already, or it has ended")
+            return
+        handed = 0
+        try:
+            body = play._next_frame(after)
+            self._answer(200, "application/json", body)
+            self.wfile.flush()
+            handed = json.loads(body)["number"]
+        finally:
+            play._leave(handed)
+
+    def _is_for_us(self) -> bool:
+        """Whether the browser shows our page: other sites' may not reach in.
+
+        A name that another site has pointed at this computer is not among ours, and the
+        origin of another site's page is not the host.
+        """
+        host = self.headers.get("Host", "")
+        name = host.rpartition(":")[0].strip("[]")
+        ours, _ = self.server.play.address
+        origin = self.headers.get("Origin")
+        if ours in _LOCAL and name not in _LOCAL:
+            self._refuse(403, "another host")
+        elif origin is not None and origin.partition("://")[2] != host:
+            self._refuse(403, "another origin")
+        else:
+            return True
+        return False
+
+    def _refuse(self, status: int, why: str) -> None:
+        self.close_connection = True  # what it still sends is not read
+        self._answer(status, "text/plain; charset=utf-8", why.encode())
+
+    def _answer(self, status: int, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self._send_headers(kind)
+        if status != 204:
+            self.send_header("Content-Length", str(len(body)))
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _send_headers(self, kind: str) -> None:
+        self.send_header("Content-Type", kind)
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)

@@ -130,6 +130,11 @@ def test_the_reference_has_all_public_names_and_all_rooms(pages):
             parts = path.relative_to(ROOT).with_suffix("").parts
             name = ".".join(parts).removesuffix(".__init__")
             assert f"module-{name}" in ids, name
+        # Each public name stands in one place only.
+        assert not {f"crar_drake.{key}" for key in crar_drake.__all__} & ids
+    ids = pages["docs/site/rooms/control.html"].ids
+    assert "crar_drake.control.law.Memory" in ids
+    assert "crar_drake.control.law.ControlLaw" not in ids
 
 
 @pytest.mark.slow

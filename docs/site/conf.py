@@ -53,7 +53,7 @@ nitpick_ignore_regex = [("py:.*", r"(?!crar_drake\.).*"), ("py:class", r".*\.T")
 # In backticks stands code, which is a link where it is a name of the reference.
 default_role = "py:obj"
 
-autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_default_options = {"show-inheritance": True}
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 python_maximum_signature_line_length = 88

@@ -69,7 +69,7 @@ def _module(path: Path, name: str) -> list[str]:
     title = f"``{name}``"
     lines = [title, "-" * len(title), "", f".. automodule:: crar_drake.{name}"]
     # Named, because to see what else a module has takes five times as long.
-    lines += [f"   :members: {', '.join(members)}" if members else "   :no-members:"]
+    lines += [f"   :members: {', '.join(members)}"] if members else []
     if public:
         links = ", ".join(f":py:obj:`~crar_drake.{key}`" for key in public)
         lines += ["", f"Among the public names: {links}."]

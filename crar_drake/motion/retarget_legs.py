@@ -139,8 +139,10 @@ def retarget_legs(
 
 
 def _smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
-    names = [f"{side}_{joint}" for side in SIDES for joint in (*LEG, "toe")]
-    names += ["pelvis", "neck"]
+    names = [f"{side}_{joint}" for side in SIDES for joint in LEG]
+    # How a foot is turned is known, or else seen from where its toes are.
+    untold = [s for s in SIDES if f"{s}_ankle" not in performer.orientations]
+    names += ["pelvis", "neck", *(f"{side}_toe" for side in untold)]
     missing = [name for name in names if name not in performer.positions]
     if missing:
         raise MotionError(

@@ -4,11 +4,12 @@
     python -m benchmarks.whole_body $CRAR_MOCAP_PATH --out out/whole_body
 
 Each recording is simulated with the whole body's tasks and judged by programs that
-share nothing with the controller: the referee (capsules, limits, speeds) at every sample, the
-triangles of the meshes every 50 ms, and `references.footing` (slip of planted feet,
-lowest point, what the ground would have to give). Errors and footing leave out what is
-blended in at the start. A folder of a recording that has its log is judged, not run
-again, so that a stopped benchmark can be continued. docs/whole-body.md has figures.
+share nothing with the controller: the referee (capsules, limits, speeds) at every
+sample, the triangles of the meshes every 50 ms, and `references.footing` (slip of
+planted feet, lowest point, what the ground would have to give). Errors and footing
+leave out what is blended in at the start. A folder of a recording that has its log is
+judged, not run again, so that a stopped benchmark can be continued. docs/whole-body.md
+has figures.
 """
 
 from __future__ import annotations

@@ -105,3 +105,32 @@ def humanoid() -> str:
             ),
         ]
     return robot(parts, "small_humanoid")
+
+
+def humanoid_with_legs() -> str:
+    """The small humanoid on legs of six joints: knees at 0.3 m, ankles at 0.6 m below
+    the hips, which are 0.1 m to each side and 0.15 m below the pelvis."""
+    text = humanoid()
+    for side, y in (("left", 1), ("right", -1)):
+        old = joint(
+            f"{side}_hip", "pelvis", f"{side}_leg", "0 1 0", f"0 {0.08 * y} -0.1"
+        )
+        assert old in text
+        steps = [  # axis, and where from the joint before
+            ("yaw", "0 0 1", f"0 {0.1 * y} -0.05"),
+            ("roll", "1 0 0", "0 0 -0.1"),
+            ("pitch", "0 1 0", "0 0 0"),
+            ("knee", "0 1 0", "0 0 -0.3"),
+            ("ankle", "0 1 0", "0 0 -0.3"),
+            ("ankle_roll", "1 0 0", "0 0 0"),
+        ]
+        below, parts = "pelvis", []
+        for name, axis, xyz in steps:
+            parts += [
+                link(f"{side}_{name}"),
+                joint(f"{side}_{name}_joint", below, f"{side}_{name}", axis, xyz),
+            ]
+            below = f"{side}_{name}"
+        weld = joint(f"{side}_sole", below, f"{side}_leg", kind="fixed")
+        text = text.replace(old, "".join(parts) + weld)
+    return text

@@ -37,7 +37,7 @@ _ANTICIPATION = 0.25  # [s] before it is needed, the root begins to give way
 _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
 _FLAT_TIME = 0.2  # [s] of flat feet that tell how they are turned
-_LOWEST_SHARE = 0.1  # of the samples, in which the feet are lowest
+_LOWEST_SHARE = 0.1  # of slow samples, that are lower than the floor at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +139,10 @@ def retarget_legs(
 
 
 def _smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
-    names = [f"{side}_{joint}" for side in SIDES for joint in (*LEG, "toe")]
-    names += ["pelvis", "neck"]
+    names = [f"{side}_{joint}" for side in SIDES for joint in LEG]
+    # How a foot is turned is known, or else seen from where its toes are.
+    untold = [s for s in SIDES if f"{s}_ankle" not in performer.orientations]
+    names += ["pelvis", "neck", *(f"{side}_toe" for side in untold)]
     missing = [name for name in names if name not in performer.positions]
     if missing:
         raise MotionError(
@@ -216,21 +218,28 @@ def _unit(v: np.ndarray) -> np.ndarray:
 def _floor(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
     """Height of the soles when they are on the floor [m].
 
-    The median of what is within the thresholds of contact of where the feet are when
-    they are lowest.
+    First where heels and balls are slow, and low among those heights, since a foot may
+    be held up as well; then the median of what is in contact with that floor. A foot
+    is fast where it is lowest in a run, so that the lowest samples tell less.
     """
-    lowest = {
-        side: ankles[side][:, 2]
-        + np.min(turns[side].as_matrix()[:, 2] @ legs[side].points.T, axis=1)
-        for side in SIDES
-    }
-    both = np.min(list(lowest.values()), axis=0)
-    floor = float(np.quantile(both, _LOWEST_SHARE))
+    ends, slow = {}, []
+    for side in SIDES:
+        leg = legs[side]
+        for point in (leg.heel, leg.ball):
+            p = ankles[side] + turns[side].apply(point)
+            speed = np.linalg.norm(np.gradient(p, axis=0), axis=1) * rate
+            slow.append(p[speed < _FLAT_SPEED, 2])
+        lowest = np.min(turns[side].as_matrix()[:, 2] @ leg.points.T, axis=1)
+        ends[side] = ankles[side][:, 2] + lowest
+    slow = np.concatenate(slow)
+    if len(slow) < _FLAT_TIME * rate:
+        slow = np.min(list(ends.values()), axis=0)
+    floor = float(np.quantile(slow, _LOWEST_SHARE))
     heights = []
     for side in SIDES:
         points = np.array([legs[side].heel, legs[side].ball])
         found = find_contacts(ankles[side], turns[side], points, floor, rate)
-        heights.append(lowest[side][found.any(axis=1)])
+        heights.append(ends[side][found.any(axis=1)])
     heights = np.concatenate(heights)
     return float(np.median(heights)) if len(heights) else floor
 
@@ -256,15 +265,17 @@ def _out_of_reach(hip: np.ndarray, foot: np.ndarray, leg: LegShape) -> np.ndarra
 def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
     """(T,) how much higher the root must be for the trunk to be above the floor [m].
 
-    What is above the waist is taken to be straight, along the performer's trunk.
+    What is above the waist is taken to be straight, along the performer's trunk or
+    along the pelvis: a robot's waist is somewhere in between.
     """
     way = R_W.inv().apply(p["neck"] - p["pelvis"])
     bend = _between(trunk.neck, _unit(way)).as_matrix()
     R = R_W.as_matrix()
     lowest = np.min(R[:, 2] @ trunk.pelvis.T, axis=1, initial=np.inf)
     waist = R[:, 2] @ trunk.waist
-    upper = np.einsum("ti,tij->tj", R[:, 2], bend) @ trunk.upper.T
-    lowest = np.minimum(lowest, waist + np.min(upper, axis=1, initial=np.inf))
+    for up in (R[:, 2], np.einsum("ti,tij->tj", R[:, 2], bend)):
+        upper = np.min(up @ trunk.upper.T, axis=1, initial=np.inf)
+        lowest = np.minimum(lowest, waist + upper)
     needed = np.maximum(_ABOVE_FLOOR - (root[:, 2] + lowest), 0.0)
     return smooth_bound(needed, round(_ANTICIPATION * rate))
 

@@ -19,7 +19,7 @@ _MOST_RATE = 100.0  # [Hz] of samples that are looked at
 
 # A foot is planted if it touches the floor, however fast: here the floor is known.
 _TOUCHING = ContactThresholds(
-    height_on=0.002, height_off=0.004, speed_on=np.inf, speed_off=np.inf
+    height_on=0.001, height_off=0.002, speed_on=np.inf, speed_off=np.inf
 )
 
 
@@ -28,8 +28,8 @@ class Footing:
     """The figures of one run, the floor at z = 0; blending in at the start counts not.
 
     Attributes:
-        contacts: stretches in which a foot is planted: within 2 mm of the floor, and
-            till it is higher than 4 mm.
+        contacts: stretches in which a foot is planted: from within 1 mm of the floor
+            till it is higher than 2 mm.
         median_slip, worst_slip: way that a foot slides in one of them [m]; None
             without any.
         lowest: height of the robot's lowest point [m].

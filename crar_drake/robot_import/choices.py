@@ -182,7 +182,8 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
         text = _HEADER
-        for key in ("source", "package_paths", "name", "lock", "cover"):
+        given = ("source", "package_paths", "name", "lock", "cover")
+        for key in (*given, *(() if "base" in guessed else ("base",))):
             value = getattr(choices, key)
             if value or (key == "lock" and value is not None):
                 text += "\n" + _block(key, value, "")

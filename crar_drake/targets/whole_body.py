@@ -15,6 +15,7 @@ from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 from crar_drake.motion.retarget_legs import LegsMotion, retarget_legs
+from crar_drake.motion.smooth_steps import soft_positive
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.ankle_limits import LegSolver
 from crar_drake.targets.leg_shapes import body_shapes
@@ -23,6 +24,14 @@ from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
 FEET = tuple(f"{side}_foot" for side in SIDES)
 KNEES = tuple(f"{side}_knee" for side in SIDES)
 HEAD = "head"
+
+# Elbows and hands have a thickness: their points stay so high above the floor [m].
+_LEAST_HEIGHTS = {
+    f"{side}_{joint}": height
+    for side in SIDES
+    for joint, height in (("elbow", 0.05), ("wrist", 0.08))
+}
+_SOFT = 0.01  # width of that bound [m]
 
 # Below this neck and head have no direction worth keeping [m].
 _SHORTEST_NECK = 1e-3
@@ -91,6 +100,9 @@ def retarget_whole_body(
     arm = Rotation.from_quat(legs.root_turns).apply(trunk.waist)
     waist = legs.root_positions + arm
     upper = retarget(joint_centres(performer), lengths, cutoff=cutoff, waist=waist)
+    for name, height in _LEAST_HEIGHTS.items():
+        p = upper.positions[name]
+        p[:, 2] = height + soft_positive(p[:, 2] - height, _SOFT)
     return WholeBodyMotion(upper, legs, shapes)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from small_urdfs import humanoid, joint, link, write
+from small_urdfs import humanoid, humanoid_with_legs, write
 
 from crar_drake.robot_import.anatomy import find_anatomy, guess_frames
 from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
@@ -10,35 +10,6 @@ from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
 
 POINTS = {f"{s}_{n}" for s in ("left", "right") for n in ("hip", "knee", "foot")}
-
-
-def with_legs() -> str:
-    """The small humanoid on legs of six joints: knees at 0.3 m, ankles at 0.6 m below
-    the hips, which are 0.1 m to each side and 0.15 m below the pelvis."""
-    text = humanoid()
-    for side, y in (("left", 1), ("right", -1)):
-        old = joint(
-            f"{side}_hip", "pelvis", f"{side}_leg", "0 1 0", f"0 {0.08 * y} -0.1"
-        )
-        assert old in text
-        steps = [  # axis, and where from the joint before
-            ("yaw", "0 0 1", f"0 {0.1 * y} -0.05"),
-            ("roll", "1 0 0", "0 0 -0.1"),
-            ("pitch", "0 1 0", "0 0 0"),
-            ("knee", "0 1 0", "0 0 -0.3"),
-            ("ankle", "0 1 0", "0 0 -0.3"),
-            ("ankle_roll", "1 0 0", "0 0 0"),
-        ]
-        below, parts = "pelvis", []
-        for name, axis, xyz in steps:
-            parts += [
-                link(f"{side}_{name}"),
-                joint(f"{side}_{name}_joint", below, f"{side}_{name}", axis, xyz),
-            ]
-            below = f"{side}_{name}"
-        weld = joint(f"{side}_sole", below, f"{side}_leg", kind="fixed")
-        text = text.replace(old, "".join(parts) + weld)
-    return text
 
 
 def found_in(robot):
@@ -52,7 +23,7 @@ def found_in(robot):
 
 
 def test_a_leg_of_six_joints(tmp_path):
-    p, lacking = found_in(read_urdf(write(tmp_path, with_legs())))
+    p, lacking = found_in(read_urdf(write(tmp_path, humanoid_with_legs())))
     assert not lacking
     np.testing.assert_allclose(p["left_hip"], [0, 0.1, -0.15], atol=1e-5)
     np.testing.assert_allclose(p["left_knee"], [0, 0.1, -0.45], atol=1e-5)

@@ -1,0 +1,153 @@
+"""Recordings on a whole robot: does it keep clear, and do its feet stand?
+
+    crar-drake import-robot g1_whole_body
+    python -m benchmarks.whole_body $CRAR_MOCAP_PATH --out out/whole_body
+
+Each recording is simulated with the whole body's tasks and judged by programs that
+share nothing with the controller: the referee (capsules, limits, speeds) at every
+sample, the triangles of the meshes every 50 ms, and `references.footing` (slip of
+planted feet, lowest point, what the ground would have to give). Errors and footing
+leave out what is blended in at the start. A folder of a recording that has its log is
+judged, not run again, so that a stopped benchmark can be continued. docs/whole-body.md
+has figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from crar_drake.errors import CrarError
+from crar_drake.references.footing import Footing, footing
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.results import LOG
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
+from crar_drake.results.mesh_judge import MeshJudge
+from crar_drake.results.referee import Referee
+from crar_drake.results.summary import summarize
+from crar_drake.robot.model import ControlModel
+from crar_drake.run import run_scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario
+from crar_drake.studies.sweep import find_motions
+from crar_drake.studies.tables import markdown_table, write_report
+
+_MESH_PERIOD = 0.05  # [s]
+_HEADER = (
+    "recording",
+    "time",
+    "points / feet, rms",
+    "capsules",
+    "meshes",
+    "samples beyond a limit / speed",
+    "contacts",
+    "slip, median / worst",
+    "lowest point",
+    "in support",
+)
+
+
+def main() -> None:
+    """Runs and judges what the command line says."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("motions", nargs="+", help="folders, files or cmu:05_02")
+    parser.add_argument("--scenario", default="g1_whole_body_dance")
+    parser.add_argument("--duration", type=float, help="of each, at most [s]")
+    parser.add_argument("--out", type=Path, default=Path("out/whole_body"))
+    parser.add_argument("--judge-only", action="store_true", help="what has a log")
+    parser.add_argument("--no-meshes", action="store_true")
+    arguments = parser.parse_args()
+    base = load_scenario(arguments.scenario)
+    judge, rows = None, []
+    for motion in find_motions(arguments.motions):
+        name = Path(motion.removeprefix("cmu:")).stem
+        folder = arguments.out / name
+        if not (folder / LOG).is_file():
+            if arguments.judge_only:
+                continue
+            scenario = replace(base, motion=motion, duration=arguments.duration)
+            if (why := _run(scenario, folder)) is not None:
+                rows.append([name, why, *[""] * (len(_HEADER) - 2)])
+                continue
+        log = SimulationLog.load(folder / LOG)
+        if judge is None and not arguments.no_meshes:
+            judge = MeshJudge(load_logged_robot(log))
+        rows.append(_row(name, log, judge))
+        print(rows[-1], flush=True)
+    write_report(markdown_table(_HEADER, rows), arguments.out / "table.md")
+
+
+def _run(scenario: Scenario, folder: Path) -> str | None:
+    """Why there is no log, or None."""
+    try:
+        run_scenario(scenario, folder, record=False)
+    except CrarError as error:
+        return str(error)
+    return None
+
+
+def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
+    scenario, description = load_logged_scenario(log), load_logged_robot(log)
+    model = ControlModel.FromDescription(description, scenario.task_list())
+    speeds = scenario.controller.speed_limits(model)
+    referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)
+    found = referee.violations(log.q, log.v)
+    meshes = "not asked"
+    if judge is not None:
+        period = float(np.median(np.diff(log.time)))
+        verdict = judge.judge(log.q[:: max(1, round(_MESH_PERIOD / period))])
+        meshes = f"{1e3 * verdict.nearest.distance:.1f} mm"
+        if verdict.num_penetrating:
+            meshes += f", {verdict.num_penetrating} of {verdict.num_samples}"
+    start = scenario.controller.blend_time
+    points, feet = _errors(log, start, scenario)
+    stood = footing(log, WholeBody(description), start)
+    return [
+        name,
+        f"{log.time[-1]:.1f} s",
+        f"{1e3 * points:.0f} / {1e3 * feet:.0f} mm",
+        f"{1e3 * found.smallest_distance:.1f} mm, {found.num_penetrating}",
+        meshes,
+        f"{found.num_beyond_limit} / {found.num_beyond_speed}",
+        *_stood(stood),
+    ]
+
+
+def _errors(
+    log: SimulationLog, start: float, scenario: Scenario
+) -> tuple[float, float]:
+    """Rms errors of the points above the waist and of the feet [m]."""
+    rows = log.time >= start
+    late = replace(
+        log,
+        **{
+            name: value[rows]
+            for name, value in vars(log).items()
+            if isinstance(value, np.ndarray) and value.shape[:1] == log.time.shape
+        },
+    )
+    tasks = summarize(late, None, scenario=scenario).tasks
+    squares: dict[bool, list[float]] = {True: [], False: []}
+    for task, errors in tasks.items():
+        if errors.rms_error is not None:
+            squares[task.endswith("_foot")].append(errors.rms_error**2)
+    return tuple(float(np.sqrt(np.mean(squares[feet]))) for feet in (False, True))
+
+
+def _stood(stood: Footing) -> list[str]:
+    slip = support = "–"
+    if stood.contacts:
+        slip = f"{1e3 * stood.median_slip:.1f} / {1e3 * stood.worst_slip:.1f} mm"
+    if stood.supported_share is not None:
+        support = f"{100 * stood.supported_share:.0f} %"
+    low = f"{1e3 * stood.lowest:.1f} mm, {stood.lowest_link}"
+    return [str(stood.contacts), slip, low, support]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""A made-up step: what is planted stays, on the floor, and nothing is below it."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crar_drake.motion.held_feet import hold_foot, twist
+from crar_drake.motion.planted_feet import (
+    ContactThresholds,
+    runs,
+    standing,
+    without_short,
+)
+
+RATE = 120.0
+HEEL, BALL = np.array([-0.06, 0.0, -0.05]), np.array([0.12, 0.0, -0.05])
+POINTS = np.array([[x, y, -0.05] for x in (-0.06, 0.12) for y in (-0.03, 0.03)])
+
+
+def step(seed: int, *, noise: float = 0.004):
+    """Stands 1 s, strides 0.5 m in 0.6 s with the toe down at first, stands again.
+
+    Recorded as people are: it drifts while it stands, at a wrong height, tilted.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(2.6 * RATE)) / RATE
+    s = np.clip((t - 1.0) / 0.6, 0.0, 1.0)
+    stride = s - np.sin(2 * np.pi * s) / (2 * np.pi)
+    lift = np.sin(np.pi * s) ** 2
+    low = sum(
+        rng.normal(size=3) * np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6, 3))
+        for f in (0.3, 0.7, 1.1)
+    )
+    p = np.column_stack([0.5 * stride, 0.1 + 0 * t, 0.055 + 0.12 * lift])
+    turns = Rotation.from_euler(
+        "ZYX",
+        np.column_stack([0.2 + 0.1 * s, 0.6 * np.sin(np.pi * s) ** 2, 0.03 + 0 * t]),
+    )
+    return p + noise * low, turns
+
+
+def surface(foot) -> np.ndarray:
+    """(T, V, 3) its points in the world."""
+    R = Rotation.from_quat(foot.turns).as_matrix()
+    return foot.positions[:, None] + np.einsum("tij,vj->tvi", R, POINTS)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_planted_foot_stays_where_it_is(seed):
+    positions, turns = step(seed)
+    foot = hold_foot(positions, turns, HEEL, BALL, POINTS, RATE)
+    contacts = runs(foot.planted)
+    assert len(contacts) == 2
+    assert contacts[0][1] > 0.9 * RATE and contacts[1][0] < 1.8 * RATE
+    p = surface(foot)
+    low = p[..., 2].min(axis=1)
+    assert low.min() > -1e-9
+    np.testing.assert_allclose(low[foot.planted], 0.0, atol=1e-9)
+    flat = foot.heel & foot.ball
+    assert np.ptp(p[flat][..., 2], axis=1).max() < 1e-9
+    for start, end in contacts:
+        stands = np.zeros(len(p), dtype=bool)
+        stands[start:end] = flat[start:end]
+        assert np.count_nonzero(stands) > 0.5 * RATE
+        # All of the sole: neither does it slide, nor turn.
+        for points in np.split(
+            p[stands], np.flatnonzero(np.diff(np.flatnonzero(stands)) > 1) + 1
+        ):
+            assert np.ptp(points[..., :2], axis=0).max() < 1e-6
+        # It was moved no farther than it drifted.
+        way = foot.positions[start:end] - positions[start:end]
+        assert np.linalg.norm(way[:, :2].mean(axis=0)) < 1e-9
+    # In between it clears the floor, and its speed does not jump.
+    middle = round(1.3 * RATE)
+    assert low[middle] > 0.05
+    acceleration = np.diff(foot.positions, 2, axis=0) * RATE**2
+    assert np.abs(acceleration).max() < 120.0
+
+
+def test_on_its_ball_a_foot_pitches_about_it():
+    t = np.arange(240) / RATE
+    pitch = 0.5 * np.sin(np.pi * np.clip(t - 0.5, 0.0, 1.0)) ** 2  # heel up, and down
+    turns = Rotation.from_euler("y", pitch[:, None])
+    # The ball drifts while all turns about it.
+    positions = np.array([0.0, 0.0, 0.0]) + 0.02 * t[:, None] * [1.0, 0.5, 0.0]
+    positions = positions - turns.apply(BALL)
+    foot = hold_foot(positions, turns, HEEL, BALL, POINTS, RATE)
+    assert foot.ball.all() and not foot.heel.all()
+    R = Rotation.from_quat(foot.turns)
+    p = foot.positions + R.apply(BALL)
+    assert np.ptp(p, axis=0).max() < 1e-6
+    raised = R.as_rotvec()[~foot.heel, 1]
+    assert raised.max() > 0.45
+
+
+def test_a_twist_is_the_turn_about_the_vertical():
+    yaw = np.linspace(0.0, 9.0, 50)
+    turns = Rotation.from_euler("Z", yaw[:, None]) * Rotation.from_euler("y", [[0.7]])
+    np.testing.assert_allclose(twist(turns), yaw, atol=1e-9)
+
+
+def test_hysteresis_and_short_stretches():
+    limits = ContactThresholds(0.01, 0.03, 0.2, 0.5)
+    height = np.array([0.02, 0.005, 0.02, 0.02, 0.04, 0.02, 0.005])
+    speed = np.array([0.0, 0.1, 0.4, 0.4, 0.0, 0.0, 0.3])
+    assert standing(height, speed, limits).tolist() == [0, 1, 1, 1, 0, 0, 0]
+    flags = np.array([1, 1, 1, 0, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0], dtype=bool)
+    kept = without_short(flags, 2)
+    assert kept.tolist() == [1] * 7 + [0] * 7

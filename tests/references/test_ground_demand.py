@@ -1,0 +1,104 @@
+"""Newton and Euler against closed forms and against the change of momentum."""
+
+import numpy as np
+import pytest
+from floating_robots import add_floater, make_floater, random_state
+from pydrake.systems.framework import DiagramBuilder
+
+from crar_drake.errors import ModelError
+from crar_drake.references.ground_demand import (
+    GroundWrench,
+    ground_wrench,
+    outside_support,
+)
+
+
+@pytest.fixture(scope="module")
+def floater():
+    return make_floater()
+
+
+def momentum(plant, context):
+    """Of all that moves, about the world's origin: linear and angular (6,)."""
+    h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
+    return np.concatenate([h.translational(), h.rotational()])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_change_of_momentum_and_the_weight(floater, seed):
+    plant = floater.plant
+    context = plant.CreateDefaultContext()
+    q, v = random_state(floater, seed)
+    at = floater.prescribed_positions[-7:-3]
+    q[at] /= np.linalg.norm(q[at])
+    vdot = np.random.default_rng(seed).normal(size=len(v))
+    found = ground_wrench(plant, q[None], v[None], vdot[None])
+    rates, h = [], 1e-5
+    for sign in (-1.0, 1.0):
+        plant.SetPositions(context, q)
+        step = sign * h
+        qdot = plant.MapVelocityToQDot(context, v + 0.5 * step * vdot)
+        plant.SetPositions(context, q + step * qdot)
+        plant.SetVelocities(context, v + step * vdot)
+        rates.append(momentum(plant, context))
+    change = (rates[1] - rates[0]) / (2.0 * h)
+    plant.SetPositions(context, q)
+    p = plant.CalcCenterOfMassPositionInWorld(context)
+    lift = np.array([0.0, 0.0, found.weight])
+    np.testing.assert_allclose(found.force[0], change[:3] + lift, atol=2e-3)
+    np.testing.assert_allclose(
+        found.moment[0], change[3:] + np.cross(p, lift), atol=5e-3
+    )
+
+
+def test_at_rest_the_centre_is_below_the_centre_of_mass(floater):
+    plant = floater.plant
+    q = plant.GetPositions(plant.CreateDefaultContext())
+    zero = np.zeros((1, plant.num_velocities()))
+    found = ground_wrench(plant, q[None], zero, zero)
+    context = plant.CreateDefaultContext()
+    p = plant.CalcCenterOfMassPositionInWorld(context)
+    np.testing.assert_allclose(found.centres()[0], p[:2], atol=1e-9)
+    np.testing.assert_allclose(found.force[0], [0, 0, found.weight], atol=1e-9)
+    assert found.friction[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_who_accelerates_leans():
+    """A mass m at height h: the centre lags by h a / g, measured from any floor."""
+    m, g, a = 2.0, 10.0, np.array([3.0, -1.0, 0.0])
+    p = np.array([0.3, 0.2, 0.9])
+    force = m * (a + [0, 0, g])
+    wrench = GroundWrench(force[None], np.cross(p, force)[None], m * g)
+    for floor in (0.0, 0.15):
+        expected = p[:2] - (p[2] - floor) * a[:2] / g
+        np.testing.assert_allclose(wrench.centres(floor)[0], expected, atol=1e-12)
+    flying = GroundWrench(np.zeros((1, 3)), np.zeros((1, 3)), m * g)
+    assert np.isnan(flying.centres()).all() and np.isnan(flying.friction).all()
+
+
+def test_how_far_outside():
+    square = np.array([[x, y, 0.0] for x in (0.0, 1.0) for y in (0.0, 1.0)])
+    high = np.array([[5.0, 5.0, 0.5]])
+    soles = {
+        "left": np.tile(np.concatenate([square, high]), (5, 1, 1)),
+        "right": np.tile(square + [3.0, 0.0, 0.0], (5, 1, 1)),
+    }
+    planted = {
+        "left": np.array([1, 1, 1, 0, 1], dtype=bool),
+        "right": np.array([0, 0, 1, 0, 0], dtype=bool),
+    }
+    centres = np.array([[0.5, 0.9], [2.0, 2.0], [2.0, 0.5], [0.5, 0.5], [np.nan, 0]])
+    outside = outside_support(centres, soles, planted)
+    np.testing.assert_allclose(
+        outside, [-0.1, np.sqrt(2.0), -0.5, np.nan, np.nan], atol=1e-12
+    )
+    line = {"left": np.tile([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], (1, 1, 1))}
+    found = outside_support(np.array([[1.0, 0.3]]), line, {"left": np.array([True])})
+    assert found[0] == pytest.approx(0.3)
+
+
+def test_a_fixed_robot_asks_nothing_of_the_ground():
+    plant, _ = add_floater(DiagramBuilder(), "fixed")
+    n = plant.num_positions()
+    with pytest.raises(ModelError, match="0 links float"):
+        ground_wrench(plant, np.zeros((1, n)), np.zeros((1, n)), np.zeros((1, n)))

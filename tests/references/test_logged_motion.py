@@ -1,0 +1,133 @@
+"""A log as a reference motion, and how a run stood: against what it was made of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from small_logs import small_log
+from small_walker import HEIGHT, walker
+
+from crar_drake.errors import CrarError, MotionError
+from crar_drake.motion.performer import SIDES
+from crar_drake.references.footing import footing
+from crar_drake.references.logged_motion import (
+    export_log,
+    export_target,
+    motion_of_log,
+)
+from crar_drake.references.robot_motion import read_motion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.model import names_by_joint
+
+RATE = 200.0
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory) -> WholeBody:
+    return WholeBody(walker(tmp_path_factory.mktemp("walker")))
+
+
+def log_of(robot: WholeBody, samples: int = 101, **changes):
+    """It stands straight, slides ahead, and turns its waist; its root is turned by
+    more than half a turn, so that quaternions change their sign."""
+    plant = robot.plant
+    t = np.arange(samples) / RATE
+    q = np.zeros((samples, plant.num_positions()))
+    root = plant.get_joint(robot.plant.GetJointIndices()[-1])
+    at = root.position_start()
+    turns = Rotation.from_euler("z", 7.0 * t[:, None]).as_quat()[:, [3, 0, 1, 2]]
+    q[:, at : at + 4] = turns * np.where(t > 0.2, -1.0, 1.0)[:, None]
+    q[:, at + 4] = 0.3 * t
+    q[:, at + 6] = HEIGHT
+    waist = plant.GetJointByName("waist_yaw").position_start()
+    q[:, waist] = np.sin(t)
+    n = plant.num_velocities()
+    given = {
+        "time": t,
+        "q": q,
+        "v": np.zeros((samples, n)),
+        "desired_acceleration": np.zeros((samples, n)),
+        "signed_distances": np.ones((samples, 1)),
+        "position_names": np.array(names_by_joint(plant, of_positions=True)),
+        "pair_names": np.array(["left_foot - right_foot"]),
+    }
+    return small_log(**(given | changes)), waist
+
+
+def test_root_and_joints_are_the_logs(robot):
+    log, waist = log_of(robot)
+    motion = motion_of_log(log, robot)
+    assert motion.rate == RATE and motion.joint_names == robot.joint_names
+    np.testing.assert_allclose(motion.root_positions[:, 0], log.q[:, 4], atol=1e-12)
+    yaw = np.unwrap(motion.root_rotations.as_euler("ZYX")[:, 0])
+    np.testing.assert_allclose(yaw, 7.0 * log.time, atol=1e-9)
+    assert (np.diff(motion.root_quaternions, axis=0) ** 2).sum(axis=1).max() < 0.01
+    column = motion.joint_names.index("waist_yaw")
+    np.testing.assert_array_equal(motion.joint_positions[:, column], log.q[:, waist])
+
+
+@pytest.mark.parametrize("layout, file", [("xyzw-csv", "a.csv"), ("gmr-pkl", "a.pkl")])
+def test_it_is_written_and_read_again(robot, tmp_path, layout, file):
+    log, _ = log_of(robot)
+    written = export_log(log, robot, tmp_path / file, layout, 50.0)
+    found = read_motion(tmp_path / file, layout=layout, rate=50.0, robot=robot)
+    assert found.num_frames == 26 and found.rate == 50.0
+    np.testing.assert_allclose(
+        found.joint_positions, written.joint_positions, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        found.root_positions[:, 0], 0.3 * log.time[::4], atol=1e-6
+    )
+    turned = (found.root_rotations * written.root_rotations.inv()).magnitude()
+    assert turned.max() < 1e-6
+
+
+def test_what_is_refused(robot):
+    log, _ = log_of(robot)
+    assert export_target("mjlab-npz") == ("mjlab-npz", "")
+    assert export_target("gmr-pkl:a/b.pkl") == ("gmr-pkl", "a/b.pkl")
+    with pytest.raises(MotionError, match="no layout 'xyzw'.*xyzw-csv"):
+        export_target("xyzw")
+    with pytest.raises(MotionError, match="a.npz: xyzw-csv is a .csv file"):
+        export_target("xyzw-csv:a.npz")
+    with pytest.raises(MotionError, match="0.005 s and 0.1 s apart"):
+        times = log.time.copy()
+        times[50:] += 0.095
+        motion_of_log(replace(log, time=times), robot)
+    with pytest.raises(MotionError, match="fewer than two"):
+        motion_of_log(log_of(robot, samples=1)[0], robot)
+    with pytest.raises(CrarError, match="another model"):
+        motion_of_log(replace(log, q=log.q[:, 1:]), robot)
+
+
+def test_how_it_stood(robot):
+    log, _ = log_of(robot)
+    sliding = footing(log, robot)
+    assert sliding.contacts == len(SIDES)
+    assert sliding.lowest == pytest.approx(0.0, abs=1e-6)
+    # Its feet turn about the root, 9 cm away, and go ahead with it.
+    assert 0.2 < sliding.worst_slip < 0.9
+    still = log.q.copy()
+    still[:] = log.q[0]
+    stood = footing(replace(log, q=still), robot)
+    assert stood.worst_slip < 1e-9
+    assert (stood.planted_share, stood.supported_share) == (1.0, 1.0)
+    assert stood.least_force == pytest.approx(1.0)
+    assert stood.largest_force == pytest.approx(1.0)
+    pushed = np.zeros_like(log.desired_acceleration)
+    root = robot.plant.get_joint(robot.plant.GetJointIndices()[-1]).velocity_start()
+    pushed[:, root + 3] = 9.81  # as much ahead as its weight: it would fall on its back
+    leaning = footing(replace(log, q=still, desired_acceleration=pushed), robot)
+    assert leaning.supported_share == 0.0 and leaning.median_outside > 0.2
+    assert leaning.friction == pytest.approx(1.0, abs=0.01)
+    raised = still.copy()
+    raised[:, 6] += 0.05
+    flying = footing(replace(log, q=raised), robot)
+    assert flying.contacts == 0 and flying.supported_share is None
+    assert "no foot is planted" in "\n".join(flying.lines())
+    # What comes before the start counts not.
+    late = footing(
+        replace(log, q=np.where(log.time[:, None] < 0.2, raised, still)), robot, 0.2
+    )
+    assert late.planted_share == 1.0 and late.lowest == pytest.approx(0.0, abs=1e-6)

@@ -1,0 +1,211 @@
+"""A performer's whole body on a small robot: feet, root, limits, derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from small_walker import ANKLE_HEIGHT, HIP, SHANK, THIGH, walker
+
+from crar_drake.errors import MotionError, ScenarioError
+from crar_drake.motion import load_clip
+from crar_drake.motion.held_feet import FootMotion
+from crar_drake.motion.leg_shape import TrunkShape
+from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.planted_feet import runs
+from crar_drake.motion.retarget_legs import retarget_legs
+from crar_drake.robot.description import find_frame
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task, experiment_tasks, position_tasks
+from crar_drake.targets.ankle_limits import LegSolver
+from crar_drake.targets.leg_shapes import body_shapes
+from crar_drake.targets.motion import load_motion_targets, segment_lengths
+from crar_drake.targets.start_pose import solve_start_pose
+from crar_drake.targets.whole_body import retarget_whole_body
+
+TASKS = [*experiment_tasks("whole-body"), Task(frame="left_knee"), Task(frame="head")]
+
+
+@pytest.fixture(scope="module")
+def description(tmp_path_factory):
+    return walker(tmp_path_factory.mktemp("walker"))
+
+
+@pytest.fixture(scope="module")
+def model(description) -> ControlModel:
+    return ControlModel.FromDescription(description, TASKS)
+
+
+@pytest.fixture(scope="module")
+def performer():
+    return as_performer(load_clip("dance"))
+
+
+@pytest.fixture(scope="module")
+def motion(model):
+    return load_motion_targets("dance", model)
+
+
+@pytest.fixture(scope="module")
+def whole(model, performer):
+    return retarget_whole_body(model, performer, segment_lengths(model), 6.0)
+
+
+def test_shapes_are_read_off_the_robot(model):
+    legs, trunk = body_shapes(model)
+    left = legs["left"]
+    np.testing.assert_allclose(left.hip, HIP, atol=1e-9)
+    assert (left.thigh, left.shank) == (pytest.approx(THIGH), pytest.approx(SHANK))
+    assert left.reach == pytest.approx(THIGH + SHANK, abs=2e-3)
+    assert left.points[:, 2].min() == pytest.approx(-ANKLE_HEIGHT)
+    np.testing.assert_allclose(left.heel, [-0.06, 0.0, -ANKLE_HEIGHT], atol=1e-9)
+    np.testing.assert_allclose(left.ball, [0.12, 0.0, -ANKLE_HEIGHT], atol=1e-9)
+    np.testing.assert_allclose(legs["right"].hip, HIP * np.array([1, -1, 1]), atol=1e-9)
+    assert trunk.pelvis[:, 2].min() == pytest.approx(-0.08)
+    assert len(trunk.upper) and trunk.neck[2] > 0.99
+
+
+def test_feet_stand_on_the_floor_and_are_in_reach(model, whole):
+    for side, foot in whole.legs.feet.items():
+        leg = whole.shapes[side]
+        R = Rotation.from_quat(foot.turns).as_matrix()
+        p = foot.positions[:, None] + np.einsum("tij,vj->tvi", R, leg.points)
+        assert p[..., 2].min() > -1e-9
+        contacts = runs(foot.planted)
+        assert contacts
+        np.testing.assert_allclose(p[foot.planted][..., 2].min(axis=1), 0.0, atol=1e-9)
+        turns = Rotation.from_quat(whole.legs.root_turns)
+        hip = whole.legs.root_positions + turns.apply(leg.hip)
+        distance = np.linalg.norm(foot.positions - hip, axis=1)
+        assert distance.max() < THIGH + SHANK
+        # Two lengths and both ends: the knee is where they meet.
+        knee = whole.legs.knees[side]
+        np.testing.assert_allclose(np.linalg.norm(knee - hip, axis=1), THIGH, atol=1e-6)
+        np.testing.assert_allclose(
+            np.linalg.norm(knee - foot.positions, axis=1), SHANK, atol=1e-6
+        )
+
+
+def test_the_hips_path_is_scaled_by_the_legs(performer, whole):
+    p = performer.positions
+    ratio = (THIGH + SHANK) / np.mean(
+        [
+            np.linalg.norm(p[f"{s}_hip"] - p[f"{s}_knee"], axis=1)
+            + np.linalg.norm(p[f"{s}_knee"] - p[f"{s}_ankle"], axis=1)
+            for s in ("left", "right")
+        ]
+    )
+    turns = Rotation.from_quat(whole.legs.root_turns)
+    found = whole.legs.root_positions + turns.apply([HIP[0], 0.0, HIP[2]])
+    middle = 0.5 * (p["left_hip"] + p["right_hip"])
+    expected = ratio * (middle - middle[0])[:, :2]
+    # A low-pass of 6 Hz lies between.
+    np.testing.assert_allclose((found - found[0])[:, :2], expected, atol=0.02)
+
+
+def test_ways_have_their_derivatives(model, motion):
+    source = motion.MakeTaskSource()
+    context = source.CreateDefaultContext()
+
+    def at(time):
+        context.SetTime(time)
+        return model.layout.unpack(source.get_output_port().Eval(context))
+
+    h = 1e-4
+    for time in np.linspace(0.3, motion.duration - 0.3, 12):
+        before, here, after = at(time - h), at(time), at(time + h)
+        linear = np.concatenate(model.layout.linear_rows).ravel()
+        v = ((after.p - before.p) / (2 * h)).ravel()
+        np.testing.assert_allclose(here.v[linear], v, atol=2e-3)
+        a = (after.v - before.v) / (2 * h)
+        np.testing.assert_allclose(here.a, a, atol=0.3)
+        turn = Rotation.from_matrix(after.R) * Rotation.from_matrix(before.R).inv()
+        angular = np.concatenate(model.layout.angular_rows).ravel()
+        omega = turn.as_rotvec().ravel() / (2 * h)
+        np.testing.assert_allclose(here.v[angular], omega, atol=2e-3)
+
+
+def test_the_robot_can_start_so(model, motion):
+    q = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
+    state = model.evaluate(
+        model.MakeWorkspace(), q, np.zeros(model.plant.num_velocities())
+    )
+    wanted = model.layout.unpack(motion.tasks_at(0.0))
+    feet = [model.layout.names.index(f"{side}_foot") for side in ("left", "right")]
+    rows = [list(model.layout.linear_tasks).index(task) for task in feet]
+    np.testing.assert_allclose(state.p[rows], wanted.p[rows], atol=5e-3)
+
+
+def test_an_ankle_that_cannot_roll_turns_the_foot_as_far_as_it_can(description, model):
+    """The foot is flat, 0.25 m to the side of a hip that is upright: the leg leans."""
+    legs, _ = body_shapes(model)
+    solver = LegSolver(model, "left", legs["left"])
+    p_hip = np.array([0.0, 0.0, 0.6])
+    root = p_hip - legs["left"].hip
+    foot = FootMotion(
+        np.tile([0.0, 0.28, ANKLE_HEIGHT], (3, 1)),
+        np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)),
+        *np.ones((2, 3), dtype=bool),
+    )
+    turns = solver.turns(np.tile(root, (3, 1)), Rotation.identity(3), foot)
+    lean = np.arctan2(0.28, 0.6 - ANKLE_HEIGHT)
+    limit = 0.3 - 0.03
+    np.testing.assert_allclose(
+        turns[-1].as_rotvec(), [lean - limit, 0.0, 0.0], atol=6e-3
+    )
+    # Within the limits the foot is as it should be.
+    near = replace(foot, positions=foot.positions - [0.0, 0.2, 0.0])
+    turns = solver.turns(np.tile(root, (3, 1)), Rotation.identity(3), near)
+    assert np.abs(turns[-1].magnitude()) < 1e-4
+
+
+def test_a_trunk_is_lifted_off_the_floor(model, performer):
+    legs, _ = body_shapes(model)
+    plain = retarget_legs(performer, legs, 6.0)
+    ball = np.array([[0.0, 0.0, -0.7]])
+    trunk = TrunkShape(ball, np.zeros(3), np.zeros((0, 3)), np.array([0.0, 0.0, 1.0]))
+    lifted = retarget_legs(performer, legs, 6.0, trunk=trunk)
+
+    def lowest(motion):
+        turns = Rotation.from_quat(motion.root_turns)
+        return (motion.root_positions + turns.apply(ball[0]))[:, 2].min()
+
+    assert lowest(plain) < 0.0 < lowest(lifted) < 0.02
+
+
+def test_what_is_refused(model, performer, description):
+    no_toes = {k: v for k, v in performer.positions.items() if "toe" not in k}
+    with pytest.raises(MotionError, match="no left_toe, right_toe, and so no feet"):
+        toeless = replace(performer, positions=no_toes, orientations={})
+        retarget_legs(toeless, body_shapes(model)[0], 6.0)
+    frames = {k: v for k, v in description.task_frames.items() if k != "left_hip"}
+    lacking = replace(description, task_frames=frames)
+    tasks = position_tasks(["left_knee"])
+    with pytest.raises(ScenarioError, match="needs the task_frames left_hip"):
+        load_motion_targets("dance", ControlModel.FromDescription(lacking, tasks))
+    fixed = replace(description, root="fixed")
+    with pytest.raises(ScenarioError, match="import it with --whole-body"):
+        load_motion_targets("dance", ControlModel.FromDescription(fixed, tasks))
+    tasks = [Task(frame="left_knee", kind="orientation")]
+    with pytest.raises(ScenarioError, match="no orientation of left_knee"):
+        load_motion_targets("dance", ControlModel.FromDescription(description, tasks))
+    frames = {k: v for k, v in description.task_frames.items() if k != "head"}
+    headless = replace(description, task_frames=frames)
+    headless = replace(headless, task_frames=frames | {"crown": "head"})
+    tasks = position_tasks(["head"])
+    with pytest.raises(ScenarioError, match="no task_frame head"):
+        load_motion_targets("dance", ControlModel.FromDescription(headless, tasks))
+
+
+def test_the_foot_of_the_robot_is_turned_from_its_rest(model, whole):
+    """At rest the foot's axes are those of the world: the way has them so."""
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, model.rest_positions())
+    foot = find_frame(plant, model.description.task_frames["left_foot"])
+    R = foot.CalcPoseInWorld(context).rotation().matrix()
+    np.testing.assert_allclose(R, whole.shapes["left"].foot, atol=1e-9)
+    way = whole.way("left_foot")
+    time = 40 / whole.upper.frame_rate
+    turned = Rotation.from_quat(whole.legs.feet["left"].turns[40]).as_matrix() @ R
+    np.testing.assert_allclose(way.orientation(time)[0], turned, atol=1e-9)

@@ -174,8 +174,7 @@ def run_scenario(
             plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()),
             scenario.disturbances.mass_scale,
         )
-    performer = setup.motion.performer
-    report = inspect(performer) if performer is not None else None
+    report = inspect(p) if (p := setup.motion.performer) is not None else None
     warnings = run_warnings(scenario, setup, report, recorded=record)
     with ctrl_c() as interrupts:
         start, stopped = time.perf_counter(), None

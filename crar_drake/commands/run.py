@@ -145,7 +145,8 @@ def run(arguments: argparse.Namespace) -> None:
 
         layout, file = export
         rate = arguments.export_rate or _EXPORT_RATE
-        motion = export_log(result.log, robot, file, layout, rate)
+        blended = scenario.controller.blend_time
+        motion = export_log(result.log, robot, file, layout, rate, blended)
         print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
 
 

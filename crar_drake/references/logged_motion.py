@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import numpy as np
 
@@ -72,6 +73,7 @@ def export_log(
     path: str | os.PathLike[str],
     layout: str,
     rate: float | None = None,
+    start: float = 0.0,
 ) -> RobotMotion:
     """Writes the motion of a log into a file, whole or not at all.
 
@@ -81,6 +83,7 @@ def export_log(
         path: of the file.
         layout: its name.
         rate: samples per second, along splines [Hz]; by default the log's.
+        start: what is before is left out, such as blending in, unless it is all [s].
 
     Returns:
         What was written.
@@ -90,6 +93,14 @@ def export_log(
         WriteError: the file cannot be written.
     """
     motion = motion_of_log(log, robot)
+    first = int(np.searchsorted(log.time, start - 1e-9))
+    if first < motion.num_frames - 1:
+        motion = replace(
+            motion,
+            root_positions=motion.root_positions[first:],
+            root_quaternions=motion.root_quaternions[first:],
+            joint_positions=motion.joint_positions[first:],
+        )
     if rate is not None:
         motion, _ = resampled(motion, rate)
     write_motion(path, motion, layout, robot)

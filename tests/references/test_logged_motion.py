@@ -79,6 +79,8 @@ def test_it_is_written_and_read_again(robot, tmp_path, layout, file):
     np.testing.assert_allclose(
         found.root_positions[:, 0], 0.3 * log.time[::4], atol=1e-6
     )
+    late = export_log(log, robot, tmp_path / file, layout, 50.0, start=0.1)
+    np.testing.assert_allclose(late.joint_positions, written.joint_positions[5:])
     turned = (found.root_rotations * written.root_rotations.inv()).magnitude()
     assert turned.max() < 1e-6
 

@@ -16,11 +16,9 @@ SPHERE = '<sphere radius="0.06"/>'
 
 
 def add_ground(plant: MultibodyPlant, X_WG: RigidTransform) -> None:
-    """A link "ground" with a half space below the plane z = 0 of its frame G."""
-    ground = plant.AddRigidBody("ground", plant.AddModelInstance("ground"))
-    plant.WeldFrames(plant.world_frame(), ground.body_frame(), X_WG)
+    """A half space on the world, below the plane z = 0 of a frame G."""
     plant.RegisterCollisionGeometry(
-        ground, RigidTransform(), HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
+        plant.world_body(), X_WG, HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
     )
 
 

@@ -22,6 +22,7 @@ from pydrake.multibody.tree import RigidBody
 
 from crar_drake.equations.capsule_distances import ShapePairs, capsule_sizes
 from crar_drake.errors import ModelError
+from crar_drake.robot.description import GROUND
 
 DISTANCES = ("closed_form", "scene_graph")
 
@@ -44,12 +45,13 @@ class WatchedPairs:
 
     A segment may carry several shapes: the pair's distance is then the smallest
     over its shape pairs. Pairs of capsules and spheres are computed in closed
-    form; other shapes are asked of SceneGraph. Against a half space, which must be
-    welded to the world, the ends of a capsule and the corners of a box count as shapes
-    of their own, in closed form in any case.
+    form; other shapes are asked of SceneGraph. Against a half space, which must be one
+    of the world's own shapes, the ends of a capsule and the corners of a box count as
+    shapes of their own, in closed form in any case.
 
     Attributes:
-        names: per pair (link a, link b), in the documented order of the ports.
+        names: per pair (link a, link b), in the documented order of the ports; the
+            world is called "ground" if it has a half space.
         body_a, body_b: (Nc,) index of each segment in `bodies`; a segment with a half
             space is b, whatever its place in the name.
         bodies: the bodies that carry watched shapes.
@@ -75,7 +77,7 @@ class WatchedPairs:
 
         Raises:
             ModelError: a segment has no collision shape, or is watched against
-                itself; or a half space moves, or is watched against another one or
+                itself; or a half space is on another link than the world, or is watched
                 against a shape that is neither sphere, capsule nor box.
         """
         if distances not in DISTANCES:
@@ -83,13 +85,12 @@ class WatchedPairs:
         for a, b in pairs:
             if a.index() == b.index():
                 raise ModelError(f"link {a.name()!r} is watched against itself")
-        self.names = tuple((a.name(), b.name()) for a, b in pairs)
         self.bodies: list[RigidBody] = []
         self.axes: list[list[CapsuleAxis]] = []
         index_of: dict[int, int] = {}
         shapes: list[list[tuple[GeometryId, int | None]]] = []
         flat: list[bool] = []  # whether a body carries a half space
-        anchored = {int(b.index()) for b in plant.GetBodiesWeldedTo(plant.world_body())}
+        world = int(plant.world_body().index())
         for body in (body for pair in pairs for body in pair):
             if int(body.index()) in index_of:
                 continue
@@ -115,20 +116,25 @@ class WatchedPairs:
             self.axes.append(axes)
             shapes.append(entries)
             flat.append(any(axis.flat for axis in axes))
-            if flat[-1] and int(body.index()) not in anchored:
+            if flat[-1] and int(body.index()) != world:
                 raise ModelError(
-                    f"link {body.name()!r} carries a half space and moves: weld it to "
-                    "the world, or give it a box"
+                    f"link {body.name()!r} carries a half space: register it on "
+                    "plant.world_body() (on a link, welded or not, it makes Drake's "
+                    "collision engine crash now and then), or give the link a box"
                 )
 
         self.body_a = np.array([index_of[int(a.index())] for a, _ in pairs], dtype=int)
         self.body_b = np.array([index_of[int(b.index())] for _, b in pairs], dtype=int)
+        ground = {
+            int(body.index()): GROUND
+            for body, is_flat in zip(self.bodies, flat, strict=True)
+            if is_flat
+        }
+        self.names = tuple(
+            tuple(ground.get(int(body.index()), body.name()) for body in pair)
+            for pair in pairs
+        )
         for k, (a, b) in enumerate(zip(self.body_a, self.body_b, strict=True)):
-            if flat[a] and flat[b]:
-                raise ModelError(
-                    f"links {self.names[k][0]!r} and {self.names[k][1]!r} both carry a "
-                    "half space: nothing is between them to be watched"
-                )
             if flat[a]:
                 self.body_a[k], self.body_b[k] = b, a
         stand = {

@@ -31,7 +31,7 @@ IMPORT_FILE = "import.yaml"
 # What a motion can drive a prescribed joint with.
 PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 
-# The link that `ground` adds.
+# What pairs call the world's half space, which `ground` adds.
 GROUND = "ground"
 
 # What becomes of the base.
@@ -79,8 +79,8 @@ class RobotDescription:
         task_frames: name of a point that a motion has to a frame of the model.
         pairs: watched segment pairs, two links each; a link that is welded to the
             world counts as environment.
-        ground: height of the ground in the world [m], a half space on a link "ground",
-            which pairs can name; None for none.
+        ground: height of the ground in the world [m], a half space that pairs name
+            "ground"; None for none, or for that of the plant.
         rest_posture: joint to position [rad or m]; those not named are at 0.
         velocity_limits: joint to its largest speed [rad/s or m/s], instead of that of
             the model; infinite for none.
@@ -288,14 +288,12 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     """Parses the robot's model into a plant that is registered with a SceneGraph,
     and welds its base to the world, unless it floats. The plant is not finalized.
 
-    A ground that the description has is added, unless the plant has a link of that name
-    that is welded to the world: then it is that one.
+    A ground that the description has is added to the world's shapes.
 
     Raises:
         ModelError: the model file cannot be parsed, or there is no such base, or it
-            cannot be welded; or the model has a link "ground" of its own.
+            cannot be welded; or there is a ground, and a link "ground" as well.
     """
-    has_ground = plant.HasBodyNamed(GROUND)
     folder = Path(description.folder)
     parser = Parser(plant)
     if (folder / "package.xml").is_file():
@@ -305,10 +303,10 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
         parser.AddModels(str(model))
     except RuntimeError as error:
         raise ModelError(f"{model}: {error}") from error
-    if description.ground is not None and not has_ground:
+    if description.ground is not None:
         if plant.HasBodyNamed(GROUND):
             raise ModelError(
-                f"{model}: it has a link {GROUND!r} of its own; leave ground out of "
+                f"{model}: there is a link {GROUND!r} already; leave ground out of "
                 f"robot {description.name}"
             )
         _add_ground(plant, description.ground)
@@ -325,12 +323,18 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
 
 
 def _add_ground(plant: MultibodyPlant, height: float) -> None:
-    """A link with a half space, whose surface is at a height in the world [m]."""
-    body = plant.AddRigidBody(GROUND, plant.AddModelInstance(GROUND))
-    X_WG = RigidTransform([0.0, 0.0, height])
-    plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WG)
+    """A half space on the world itself, whose surface is at a height in it [m].
+
+    On a link that is welded to the world it would be among the shapes that move, in
+    whose tree of bounding boxes the infinite one makes Drake 1.51 and 1.58 crash now
+    and then.
+    """
     plant.RegisterCollisionGeometry(
-        body, RigidTransform(), HalfSpace(), GROUND, CoulombFriction(1.0, 1.0)
+        plant.world_body(),
+        RigidTransform([0.0, 0.0, height]),
+        HalfSpace(),
+        f"{GROUND}_{plant.num_collision_geometries()}",
+        CoulombFriction(1.0, 1.0),
     )
 
 
@@ -393,7 +397,12 @@ def find_frame(plant: MultibodyPlant, name: str) -> Frame:
 
 
 def find_body(plant: MultibodyPlant, name: str) -> RigidBody:
-    """The link of that name, plain or scoped; ModelError if none."""
+    """The link of that name, plain or scoped; ModelError if none.
+
+    "ground" is the world, if no link has that name.
+    """
+    if name == GROUND and not plant.HasBodyNamed(GROUND):
+        return plant.world_body()
     return _find(plant, name, "link", "GetBodyByName", _body_names)
 
 

@@ -132,11 +132,6 @@ class ImportReport:
             )
         pairs = self.choices.pairs or []
         lines += ["", f"watched pairs: {len(pairs)}"]
-        if self.choices.ground is not None and math.isfinite(self.choices.ground):
-            lines.append(
-                f"ground at {1e3 * self.choices.ground:.0f} mm, which all links that "
-                "move are watched against"
-            )
         if self.warnings:
             lines += ["", *(f"WARNING: {warning}" for warning in self.warnings)]
         if self.notes:
@@ -327,7 +322,7 @@ def _make(
         robot, locked, segments, rest_posture, choices.pairs, overlapping
     )
     description.pairs = choices.pairs
-    _watch_ground(description, plant, capsules, choices, report, file)
+    _watch_ground(description, plant, rest, capsules, choices, report, file)
     description.validate()
     _write_description(folder, description)
     progress("drawing", 1.0)
@@ -807,11 +802,15 @@ def _pairs(
     return found.overlapping
 
 
-def _watch_ground(description, plant, capsules, choices, report, file) -> None:
-    """All links that move are kept above the ground; guessed for a root that floats."""
+def _watch_ground(description, plant, rest, capsules, choices, report, file) -> None:
+    """Links that move are kept above the ground; guessed for a root that floats.
+
+    Not those whose capsules are below at rest, as feet's are if they are thicker than
+    the soles are high: they would be lifted.
+    """
     if choices.ground is None and description.root == "prescribed":
         choices.ground = -_BELOW_SOLES
-        if GROUND in capsules or plant.HasBodyNamed(GROUND):
+        if plant.HasBodyNamed(GROUND):
             choices.ground = -math.inf  # that name is taken
         report.guessed["ground"] = (
             "as far below the soles as pairs keep apart, so that feet stand on it"
@@ -822,12 +821,29 @@ def _watch_ground(description, plant, capsules, choices, report, file) -> None:
         raise ModelError(
             f"{file}: ground: the robot has a link {GROUND!r} of its own; say -.inf"
         )
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, rest)
     fixed = {body.name() for body in plant.GetBodiesWeldedTo(plant.world_body())}
-    description.ground = choices.ground
-    description.pairs = [
-        *choices.pairs,
-        *([link, GROUND] for link in capsules if link not in fixed),
-    ]
+    watched, below = [], []
+    for link in capsules:
+        if link in fixed:
+            continue
+        X_WL = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(link))
+        lowest = min(
+            X_WL.multiply(end)[2] - capsule.radius
+            for capsule in capsules[link]
+            for end in (capsule.p_L0, capsule.p_L1)
+        )
+        (watched if lowest >= choices.ground + _BELOW_SOLES - 1e-6 else below).append(
+            link
+        )
+    description.ground = choices.ground if watched else None
+    description.pairs = [*choices.pairs, *([link, GROUND] for link in watched)]
+    report.notes.append(
+        f"ground at {1e3 * choices.ground:.0f} mm: {len(watched)} links are watched "
+        "against it"
+        + (f", but not {', '.join(below)}: capsules too low at rest" if below else "")
+    )
 
 
 def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:

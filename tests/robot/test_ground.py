@@ -1,5 +1,6 @@
 """The ground as a half space: distances, gradients, what stands on it, who judges."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from small_robots import CAPSULE, add_plant, chain_urdf, random_state
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import ModelError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -96,10 +98,8 @@ def test_scene_graph_has_no_other_opinion() -> None:
     query = model.scene_graph.get_query_output_port().Eval(
         model.scene_graph.GetMyContextFromRoot(context)
     )
-    ids = [
-        model.plant.GetCollisionGeometriesForBody(model.plant.GetBodyByName(name))[0]
-        for name in ("l1", "ground")
-    ]
+    bodies = (model.plant.GetBodyByName("l1"), model.plant.world_body())
+    ids = [model.plant.GetCollisionGeometriesForBody(body)[0] for body in bodies]
     d = query.ComputeSignedDistancePairClosestPoints(*ids).distance
     found = model.evaluate(model.MakeWorkspace(), q, v).d[0]
     assert found == pytest.approx(d, abs=1e-12)
@@ -150,8 +150,8 @@ def test_a_floating_robot_reaches_below_and_stays_above(seed: int) -> None:
     assert 0.004 - 1e-4 <= min(near) < 0.02
 
 
-def test_a_description_brings_the_ground(tmp_path) -> None:
-    """As a link of its own, unless the plant has one."""
+def test_a_description_brings_the_ground() -> None:
+    """As one of the world's own shapes."""
     shipped = load_robot_description("upper_body")
     described = replace(shipped, ground=-0.1, pairs=[["left_hand", "ground"]])
     described.validate()
@@ -162,13 +162,15 @@ def test_a_description_brings_the_ground(tmp_path) -> None:
     p = without.layout.unpack(without.tasks_at(q)).p
     assert 0.0 < d[0] - 0.1 < p[0, 2]
 
+    # Two robots have one each; a link of that name would be another thing.
     plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
-    add_ground(plant, RigidTransform([0.0, 0.0, -0.5]))
     add_robot(plant, described)
-    plant.Finalize()
-    ground = plant.GetBodyByName("ground")
-    X_WG = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), ground)
-    assert X_WG.translation()[2] == -0.5
+    add_robot(plant, replace(load_robot_description("obstacle_arm"), ground=-0.2))
+    assert len(plant.GetCollisionGeometriesForBody(plant.world_body())) == 2
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    plant.AddRigidBody("ground", plant.AddModelInstance("park"))
+    with pytest.raises(ModelError, match="there is a link 'ground' already; leave"):
+        add_robot(plant, described)
 
 
 def test_bad_grounds_are_refused() -> None:
@@ -182,24 +184,32 @@ def test_bad_grounds_are_refused() -> None:
         grounded(urdf, SLOPE, pairs=[["l1", "ground"]])
 
 
-@pytest.mark.parametrize(
-    ("on", "pair", "said"),
-    [
-        ("l0", ("l1", "l0"), "'l0' carries a half space and moves: weld it"),
-        ("post", ("post", "ground"), "'post' and 'ground' both carry a half space"),
-    ],
-)
-def test_half_spaces_that_move_or_meet_are_refused(on, pair, said) -> None:
-    plant, scene_graph = add_plant(DiagramBuilder(), chain_urdf("zy"), finalize=False)
-    add_ground(plant, SLOPE)
-    plant.RegisterCollisionGeometry(
-        plant.GetBodyByName(on),
-        RigidTransform(),
-        HalfSpace(),
-        "flat",
-        CoulombFriction(1.0, 1.0),
-    )
-    plant.Finalize()
-    pairs = [tuple(map(plant.GetBodyByName, pair))]
-    with pytest.raises(ModelError, match=said):
-        WatchedPairs(plant, scene_graph.model_inspector(), pairs)
+def test_a_half_space_on_a_link_is_refused() -> None:
+    """Welded or not: for Drake's collision engine it is one of the moving shapes."""
+    for link in ("l0", "post"):
+        plant, scene_graph = add_plant(
+            DiagramBuilder(), chain_urdf("zy"), finalize=False
+        )
+        plant.RegisterCollisionGeometry(
+            plant.GetBodyByName(link),
+            RigidTransform(),
+            HalfSpace(),
+            "flat",
+            CoulombFriction(1.0, 1.0),
+        )
+        plant.Finalize()
+        pairs = [(plant.GetBodyByName("l1"), plant.GetBodyByName(link))]
+        with pytest.raises(
+            ModelError, match=f"{link!r} carries a half space: register"
+        ):
+            WatchedPairs(plant, scene_graph.model_inspector(), pairs)
+
+
+def test_drake_says_nothing_of_a_ground() -> None:
+    """It warns of soft bodies, which no robot here has."""
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    stream = io.StringIO()
+    with collected_warnings(stream=stream):
+        add_ground(plant, RigidTransform())
+        plant.Finalize()
+    assert not stream.getvalue()

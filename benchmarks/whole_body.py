@@ -95,7 +95,9 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
     scenario, description = load_logged_scenario(log), load_logged_robot(log)
     model = ControlModel.FromDescription(description, scenario.task_list())
     speeds = scenario.controller.speed_limits(model)
-    referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)
+    # Between links: what is below the ground, the lowest point tells.
+    pairs = description.without_ground().pairs
+    referee = Referee(model.plant, model.scene_graph, pairs, speeds)
     found = referee.violations(log.q, log.v)
     meshes = "not asked"
     if judge is not None:

@@ -124,15 +124,7 @@ def _errors(
     log: SimulationLog, start: float, scenario: Scenario
 ) -> tuple[float, float]:
     """Rms errors of the points above the waist and of the feet [m]."""
-    rows = log.time >= start
-    late = replace(
-        log,
-        **{
-            name: value[rows]
-            for name, value in vars(log).items()
-            if isinstance(value, np.ndarray) and value.shape[:1] == log.time.shape
-        },
-    )
+    late = log.samples(log.time >= start)
     tasks = summarize(late, None, scenario=scenario).tasks
     squares: dict[bool, list[float]] = {True: [], False: []}
     for task, errors in tasks.items():

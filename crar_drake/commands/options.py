@@ -6,9 +6,12 @@ import argparse
 import difflib
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, ScenarioError
+
+if TYPE_CHECKING:
+    from crar_drake.simulation.scenario import Scenario
 
 DEFAULT_SCENARIO = "dance"
 
@@ -211,3 +214,32 @@ def nearest(word: str, known: Iterable[str]) -> str:
     known = list(known)
     close = difflib.get_close_matches(word, known, n=1)
     return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"
+
+
+def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
+    """Puts --motion and --experiment in the place of what the scenario says.
+
+    Args:
+        scenario: to be changed; `validate` is left to the caller.
+        arguments: with `scenario`, `motion` and `experiment`, None where not given.
+
+    Raises:
+        ScenarioError: the scenario has no motion, or no experiment, to be replaced.
+    """
+    if arguments.motion is not None:
+        if scenario.keyframes:
+            raise ScenarioError(
+                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
+                "scenario with a motion, or change the file"
+            )
+        # What the scenario says of its motion's file belongs to that one.
+        scenario.motion = arguments.motion
+        for name in FILE_OPTIONS:
+            setattr(scenario, name, None if name == "frame_rate" else "")
+    if arguments.experiment is not None:
+        if scenario.tasks:
+            raise ScenarioError(
+                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
+                "scenario with an experiment, or change the file"
+            )
+        scenario.experiment = arguments.experiment

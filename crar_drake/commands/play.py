@@ -14,10 +14,11 @@ from crar_drake.commands.options import (
     EXPERIMENTS,
     MOTION_HELP,
     add_command,
+    override_motion,
     positive,
 )
 from crar_drake.commands.output import OUT, label
-from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
     from crar_drake.play.session import PlaySession
@@ -139,22 +140,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
-    if arguments.motion is not None:
-        if scenario.keyframes:
-            raise ScenarioError(
-                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
-                "scenario with a motion"
-            )
-        scenario.motion = arguments.motion
-        scenario.skeleton = scenario.unit = scenario.up = scenario.facing = ""
-        scenario.joints, scenario.frame_rate = "", None
-    if arguments.experiment is not None:
-        if scenario.tasks:
-            raise ScenarioError(
-                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
-                "scenario with an experiment"
-            )
-        scenario.experiment = arguments.experiment
+    override_motion(scenario, arguments)
     scenario.controller.constraints = arguments.constraints
     scenario.controller.period = arguments.period
     scenario.controller.torque_period = None

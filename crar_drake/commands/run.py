@@ -24,6 +24,7 @@ from crar_drake.commands.options import (
     add_file_options,
     add_frame_rate,
     add_skeleton,
+    override_motion,
     positive,
 )
 from crar_drake.commands.output import OUT, label
@@ -188,16 +189,7 @@ def _show_footing(
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
     """Puts the options in the place of what the scenario says."""
-    if arguments.motion is not None:
-        if scenario.keyframes:
-            raise ScenarioError(
-                f"--motion: {arguments.scenario} follows keyframes of its own; take a "
-                "scenario with a motion, or change the file"
-            )
-        # What the scenario says of its motion's file belongs to that one.
-        scenario.motion = arguments.motion
-        for name in FILE_OPTIONS:
-            setattr(scenario, name, None if name == "frame_rate" else "")
+    override_motion(scenario, arguments)
     for name in FILE_OPTIONS:
         value = getattr(arguments, name)
         if value is None:
@@ -207,13 +199,6 @@ def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 f"--{name}: {arguments.scenario} follows keyframes, not a motion"
             )
         setattr(scenario, name, value)
-    if arguments.experiment is not None:
-        if scenario.tasks:
-            raise ScenarioError(
-                f"--experiment: {arguments.scenario} lists tasks of its own; take a "
-                "scenario with an experiment, or change the file"
-            )
-        scenario.experiment = arguments.experiment
     if arguments.level is not None:
         scenario.controller.level = arguments.level
     if arguments.constraints is not None:

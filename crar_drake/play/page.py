@@ -11,7 +11,6 @@ import json
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
 from pydrake.common import FindResourceOrThrow
 from pydrake.multibody.tree import BodyIndex
 
@@ -20,10 +19,8 @@ from crar_drake.play.live_scene import NEAR_PAIRS, PREFIX, LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import FASTEST, SLOWEST
 from crar_drake.play.requests import STRONGEST
-from crar_drake.results import marks
-from crar_drake.results.playback import page_resource, spoken
+from crar_drake.results.playback import page_look, page_resource, spoken
 from crar_drake.results.summary import motion_name, robot_name
-from crar_drake.simulation.visualization import GRID, VIEW_PITCH, VIEW_YAW
 
 _SCRIPTS = ("live_run.js", "handles.js", "panel.js", "play.js")
 
@@ -53,18 +50,7 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         "strongest": STRONGEST,
         "speeds": [SLOWEST, FASTEST],
         "overlay": False,
-        "grid": GRID,
-        "view": {
-            "azimuth": float(np.degrees(VIEW_YAW)),
-            "elevation": float(np.degrees(VIEW_PITCH)),
-        },
-        "colours": {
-            "target": marks.TARGET,
-            "violation": marks.VIOLATION,
-            "smallest": marks.SMALLEST,
-        },
-        "nearness": {"colours": marks.NEARNESS, "steps": marks.NEARNESS_STEPS},
-        "scaleUnit": marks.SCALE_UNIT,
+        **page_look(),
         "robots": [{"prefix": PREFIX, "paths": scene.robot.paths}],
         "outline": scene.outline.round(4).ravel().tolist(),
     }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crar_drake.results.log import SimulationLog
+from crar_drake.results.log import OVER_TIME, SimulationLog
 from crar_drake.run import make_log
 from crar_drake.simulation.scenario import Scenario
 
@@ -22,22 +22,6 @@ KEPT = 600.0  # [s]
 _PIECE = 10.0
 
 _MOST = 2**30  # [B]
-
-OVER_TIME = (
-    "time",
-    "q",
-    "v",
-    "actuation",
-    "desired_acceleration",
-    "desired_tasks",
-    "task_error",
-    "signed_distances",
-    "constraint_weights",
-    "status",
-    "resting_margins",
-    "admission",
-    "torque_limit",
-)
 
 
 class Recorder:

@@ -22,6 +22,7 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+from crar_drake.addresses import check_address
 from crar_drake.errors import CrarError
 from crar_drake.play.requests import LONGEST, Request, RequestError, parse
 
@@ -56,10 +57,7 @@ class PlayServer:
         Raises:
             CrarError: nothing can listen there.
         """
-        if not host:  # would be all interfaces
-            raise CrarError("--host is empty; 0.0.0.0 listens at all interfaces")
-        if not 0 <= port < 65536:
-            raise CrarError(f"--port: {port} must be from 0 to 65535")
+        check_address(host, port)
         self.requests: queue.Queue[Request] = queue.Queue(_MOST_WAITING)
         self._files: dict[str, tuple[str, bytes]] = {}
         self._frame, self._number = b"", 0

@@ -6,7 +6,7 @@ import os
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -120,6 +120,10 @@ class SimulationLog:
         ticks = np.floor(self.time / period + _ROUNDING)
         return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1.0) > 0.0)
 
+    def samples(self, rows: np.ndarray | slice) -> SimulationLog:
+        """The log of some samples only, by whatever picks rows of an array."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in OVER_TIME})
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a compressed NumPy archive with one array per attribute.
 
@@ -211,6 +215,9 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "velocity_limits": ("nv",),
     "effort_limits": ("nu",),
 }
+
+# The arrays that have a row for each sample.
+OVER_TIME = tuple(name for name, axes in _SHAPES.items() if axes[0] == "T")
 
 # What logs of earlier versions do not have, and what stands for it.
 _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {

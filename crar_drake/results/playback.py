@@ -189,19 +189,8 @@ def _write_page(
         "title": _title(summaries),
         "subtitle": " · ".join(filter(None, (_subtitle(summaries), note))),
         "overlay": overlay,
-        "grid": GRID,
-        "view": {
-            "azimuth": float(np.degrees(VIEW_YAW)),
-            "elevation": float(np.degrees(VIEW_PITCH)),
-        },
-        "colours": {
-            "target": marks.TARGET,
-            "violation": marks.VIOLATION,
-            "smallest": marks.SMALLEST,
-        },
-        "nearness": {"colours": marks.NEARNESS, "steps": marks.NEARNESS_STEPS},
+        **page_look(),
         "spans": marks.SPANS,
-        "scaleUnit": marks.SCALE_UNIT,
         "robots": [
             {"prefix": _prefix(i), "paths": robot.paths}
             for i, robot in enumerate(robots)
@@ -213,6 +202,24 @@ def _write_page(
     with whole_file(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return sorted({name for robot in robots for name in robot.unseen})
+
+
+def page_look() -> dict:
+    """What the scripts of a page read of how it looks: view, grid, colours, scales."""
+    return {
+        "grid": GRID,
+        "view": {
+            "azimuth": float(np.degrees(VIEW_YAW)),
+            "elevation": float(np.degrees(VIEW_PITCH)),
+        },
+        "colours": {
+            "target": marks.TARGET,
+            "violation": marks.VIOLATION,
+            "smallest": marks.SMALLEST,
+        },
+        "nearness": {"colours": marks.NEARNESS, "steps": marks.NEARNESS_STEPS},
+        "scaleUnit": marks.SCALE_UNIT,
+    }
 
 
 def _prefix(robot: int) -> str:

@@ -118,38 +118,17 @@ def load_motion_targets(
     else:
         retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, whole, cutoff)
-    if model.num_free:
-        prescribed_at = _prescribed_motion(model, performer, retargeted, cutoff)
-    # Of the performer a run's report alone is left to be made, which needs none.
-    performer = replace(performer, orientations={}, hands={})
-    if not model.n_p:
-        return DesiredMotion(
-            retargeted.duration,
-            tasks_at,
-            lambda time: np.zeros(0),
-            MakeTaskSource,
-            None,
-            performer,
-        )
-    if model.num_free:
-        return DesiredMotion(
-            retargeted.duration,
-            tasks_at,
-            lambda time: prescribed_at(time)[: len(model.prescribed_positions)],
-            MakeTaskSource,
-            lambda: TimeFunctionSource(
-                "desired_prescribed", model.prescribed_size, prescribed_at
-            ),
-            performer,
-        )
-    prescribed = _prescribed_trajectory(model, retargeted)
+    prescribed_at, MakePrescribedSource = _prescribed(
+        model, performer, retargeted, cutoff
+    )
     return DesiredMotion(
         retargeted.duration,
         tasks_at,
-        lambda time: prescribed.value(time).ravel(),
+        prescribed_at,
         MakeTaskSource,
-        lambda: TrajectorySource(prescribed, 2),
-        performer,
+        MakePrescribedSource,
+        # A run's report alone is left to be made of it, which needs none of these.
+        replace(performer, orientations={}, hands={}),
     )
 
 
@@ -256,6 +235,28 @@ def _distance(model: ControlModel, a: str, b: str) -> float:
         for name in (a, b)
     )
     return float(np.linalg.norm(p_b - p_a))
+
+
+def _prescribed(
+    model: ControlModel,
+    performer: Performer,
+    retargeted: RetargetedMotion,
+    cutoff: float,
+) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem] | None]:
+    """`prescribed_at` and `MakePrescribedSource` of a `DesiredMotion`."""
+    if not model.n_p:
+        return lambda time: np.zeros(0), None
+    if model.num_free:
+        at = _prescribed_motion(model, performer, retargeted, cutoff)
+        return (
+            lambda time: at(time)[: len(model.prescribed_positions)],
+            lambda: TimeFunctionSource("desired_prescribed", model.prescribed_size, at),
+        )
+    trajectory = _prescribed_trajectory(model, retargeted)
+    return (
+        lambda time: trajectory.value(time).ravel(),
+        lambda: TrajectorySource(trajectory, 2),
+    )
 
 
 def _prescribed_motion(

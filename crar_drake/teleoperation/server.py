@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from crar_drake.addresses import check_address
 from crar_drake.control.law import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
@@ -122,10 +123,7 @@ def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
     Raises:
         CrarError: nothing can listen there.
     """
-    if not host:  # would be all interfaces
-        raise CrarError("--host is empty; 0.0.0.0 listens at all interfaces")
-    if not 0 <= port < 65536:
-        raise CrarError(f"--port: {port} must be from 0 to 65535")
+    check_address(host, port)
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
     try:

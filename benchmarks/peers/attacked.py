@@ -1,0 +1,271 @@
+"""The adversary's attacks on the peers: the same targets and the same judge for all.
+
+    python -m benchmarks.peers.attacked --seeds 12 --out out/attacked
+
+Seven points of the shipped upper body, from a clear start at rest, for a second each.
+Left out are the attacks that need what a peer does not have: a start at speed, targets
+that are NaN, moving obstacles, other gains, a nominal posture. Every controller keeps
+the settings that `compare --tune` chose for hands swung through each other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.adversary.attacks import make_episode
+from benchmarks.adversary.judge import Judge, Verdict
+from benchmarks.peers.compare import PERIOD, drive, environment, job, run_command
+from benchmarks.peers.crossings import entries
+from benchmarks.peers.peers import ENVIRONMENTS, MARGIN
+from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
+from crar_drake import (
+    EXPERIMENTS,
+    ControlModel,
+    CrarParameters,
+    load_robot_description,
+    position_tasks,
+)
+from crar_drake.files import whole_file
+from crar_drake.studies.tables import markdown_table, write_report
+
+ATTACKS = (
+    "teleport",
+    "sine",
+    "chirp",
+    "search",
+    "singular",
+    "several",
+    "squeeze",
+    "wild",
+)
+DURATION = 1.0  # of an episode [s]
+ENOUGH = MARGIN - 1e-3  # [m] a distance that counts as the margin kept, but for steps
+HEADER = (
+    "controller",
+    "episodes violated",
+    "samples penetrating",
+    "beyond a limit",
+    "too fast",
+    "without an answer",
+    "nearer than 4 mm",
+    "smallest distance",
+    "farthest beyond a limit",
+)
+
+
+@dataclass
+class Harm:
+    """What a controller did wrong in all episodes of an attack.
+
+    Attributes:
+        episodes, violated: how many, and those with a penetration or a joint beyond
+            its limit.
+        samples: states after control steps; of them penetrating, beyond_limit,
+            too_fast, no_answer (steps), near (a pair nearer than ENOUGH).
+        clearance: the smallest distance of all [m].
+        excess: the farthest that a joint is beyond its limit [rad].
+    """
+
+    episodes: int = 0
+    violated: int = 0
+    samples: int = 0
+    penetrating: int = 0
+    beyond_limit: int = 0
+    too_fast: int = 0
+    no_answer: int = 0
+    near: int = 0
+    clearance: float = np.inf
+    excess: float = 0.0
+
+    def add(self, other: Harm) -> None:
+        """Takes another's episodes in."""
+        for name in (f.name for f in fields(Harm)):
+            mine, its = getattr(self, name), getattr(other, name)
+            value = (
+                min(mine, its)
+                if name == "clearance"
+                else max(mine, its)
+                if name == "excess"
+                else mine + its
+            )
+            setattr(self, name, value)
+
+
+class Witness:
+    """Judges what the drivers record, by the adversary's judge.
+
+    Args:
+        folder: of the problem that `write_problem` wrote.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        shipped = load_robot_description(ROBOT)
+        self.model = ControlModel.FromDescription(
+            describe(folder, shipped), position_tasks(EXPERIMENTS["upper-body"])
+        )
+        self.judge = Judge(self.model.plant, self.model.scene_graph, shipped.pairs)
+
+    def harm(self, result: dict[str, np.ndarray]) -> Harm:
+        """Of one episode, as `driver.run` returns it."""
+        q, v = result["q"], result["v"]
+        # No braking path: what would follow is not what a peer answers for.
+        verdict: Verdict = self.judge.judge(q, v, 0.0, np.random.default_rng(0))
+        beyond = np.maximum(self.judge.lower - q[1:], q[1:] - self.judge.upper)
+        return Harm(
+            episodes=1,
+            violated=int(bool(verdict.penetrating + verdict.beyond_limit)),
+            samples=verdict.states,
+            penetrating=verdict.penetrating,
+            beyond_limit=verdict.beyond_limit,
+            too_fast=verdict.too_fast,
+            no_answer=int(result["no_answer"].sum()),
+            near=int((self.judge.nearest(q[1:])[0] < ENOUGH).sum()),
+            clearance=verdict.clearance,
+            excess=max(0.0, float(beyond.max())),
+        )
+
+
+def write_attacks(
+    folder: Path, witness: Witness, attacks: Sequence[str], seeds: Iterable[int]
+) -> dict[str, list[str]]:
+    """Writes a case for every attack and seed, to a folder that has the problem.
+
+    Returns:
+        The names of the cases, by attack.
+    """
+    steps = round(DURATION / SAMPLE) + 1
+    names: dict[str, list[str]] = {attack: [] for attack in attacks}
+    for seed in seeds:
+        for attack in attacks:
+            episode = make_episode(
+                attack,
+                witness.model,
+                witness.judge,
+                CrarParameters(period=SAMPLE),
+                steps,
+                [seed],
+            )
+            p, v, a = episode.tasks.reshape(steps, 3, -1, 3).swapaxes(0, 1)
+            name = f"{attack}_{seed}"
+            with whole_file(folder / f"{name}.npz") as temporary:
+                np.savez(
+                    temporary,
+                    time=SAMPLE * np.arange(steps),
+                    q_start=episode.q,
+                    p=p,
+                    v=v,
+                    a=a,
+                )
+            names[attack].append(name)
+    return names
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/attacked"))
+    parser.add_argument(
+        "--environments",
+        type=Path,
+        default=Path("out/peers/environments"),
+        help="of the peers; made where they are not there",
+    )
+    parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
+    parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
+    parser.add_argument("--table", type=Path, help="write the tables to this file")
+    arguments = parser.parse_args(argv)
+    if arguments.seeds < 1:
+        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
+    if not SAMPLE <= arguments.period <= 0.1:
+        parser.error(f"--period {arguments.period}: must be from {SAMPLE} to 0.1 s")
+    out = arguments.out.resolve()
+    folder = out / "problem"
+    write_problem(folder)
+    witness = Witness(folder)
+    cases = write_attacks(folder, witness, ATTACKS, range(arguments.seeds))
+    found: dict[str, dict[str, Harm]] = {}
+    every = [name for names in cases.values() for name in names]
+    for entry in track(entries(every), "controllers"):
+        python = environment(
+            arguments.environments.resolve(),
+            entry.peer.environment,
+            ENVIRONMENTS[entry.peer.environment],
+        )
+        jobs = {
+            case: job(
+                case, entry.settings[case], out / "runs" / f"{entry.name} {case}.npz"
+            )
+            | {"period": arguments.period}
+            for case in every
+        }
+        drive(entry.peer, {entry.peer.environment: python}, folder, list(jobs.values()))
+        found[entry.name] = {attack: Harm() for attack in cases}
+        for attack, names in cases.items():
+            for name in names:
+                recorded = dict(np.load(jobs[name]["out"]))
+                found[entry.name][attack].add(witness.harm(recorded))
+    with whole_file(out / "attacked.json") as temporary:
+        temporary.write_text(
+            json.dumps(
+                {
+                    name: {attack: asdict(harm) for attack, harm in each.items()}
+                    for name, each in found.items()
+                },
+                indent=1,
+            )
+        )
+    text = tables(found)
+    Console().print(text, markup=False, soft_wrap=True)
+    if arguments.table:
+        write_report(text, arguments.table)
+
+
+def tables(found: dict[str, dict[str, Harm]]) -> str:
+    """All attacks together, a row a controller; and its smallest distance by attack."""
+    whole, parts = [], []
+    for name, each in found.items():
+        total = Harm()
+        for harm in each.values():
+            total.add(harm)
+        counts = (
+            total.penetrating,
+            total.beyond_limit,
+            total.too_fast,
+            total.no_answer,
+            total.near,
+        )
+        whole.append(
+            [
+                name,
+                f"{total.violated} of {total.episodes}",
+                *(f"{count:,}" for count in counts),
+                f"{1e3 * total.clearance:.1f} mm",
+                f"{np.degrees(total.excess):.2f}°",
+            ]
+        )
+        parts.append(
+            [
+                name,
+                *(
+                    f"{1e3 * harm.clearance:.1f} mm, {harm.violated}"
+                    for harm in each.values()
+                ),
+            ]
+        )
+    attacks = list(next(iter(found.values())))
+    return (
+        markdown_table(HEADER, whole)
+        + "\nSmallest distance, and episodes violated, attack by attack:\n\n"
+        + markdown_table(["controller", *attacks], parts)
+    )
+
+
+if __name__ == "__main__":
+    run_command(main)

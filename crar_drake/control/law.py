@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
@@ -33,12 +34,6 @@ from crar_drake.equations.references import (
     find_error,
 )
 from crar_drake.equations.tasks import unpack_tasks
-from crar_drake.equations.torque_limit import (
-    clip_torque,
-    limit_torque,
-    nearest_accelerations,
-    share_of_wish,
-)
 from crar_drake.errors import CrarError
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -221,10 +216,6 @@ class ControlLaw:
         self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
-        self.effort_limits = gains.effort_limits(model)
-        self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
-        # Without limits the inertias would be computed for nothing.
-        self._limits_efforts = bool(np.isfinite(self.effort_limits).any())
         task_gains = TaskGains(
             float(gains.K),
             float(gains.Kp),
@@ -233,6 +224,8 @@ class ControlLaw:
             model.row_weights if model.weighs_rows else _NOTHING,
         )
         self.mode = MODES[gains.constraints](model, gains, task_gains)
+        self._efforts = EffortLimits(model, self.mode, gains, self._predict)
+        self.effort_limits = self._efforts.limits
         self.reset()
 
     def compile(self) -> None:
@@ -249,12 +242,9 @@ class ControlLaw:
         )
         workspace = model.MakeWorkspace()
         step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
-        if self._limits_efforts:
+        if self._efforts.finite:
             measured = self._measure(workspace, q, v)
-            inertia = model.effort_per_acceleration(workspace)
-            wish = np.ones_like(v)
-            effort = model.inverse_dynamics(workspace, wish)
-            self._within_efforts(workspace, measured, wish, effort, inertia)
+            self._efforts.compile(workspace, measured, np.ones_like(v))
         self.hold(workspace, step, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:
@@ -474,8 +464,8 @@ class ControlLaw:
         actuation = model.inverse_dynamics(workspace, held.acceleration)
         root_force = model.root_force(workspace, held.acceleration)
         torque_limit = held.torque_limit
-        if self._limits_efforts:
-            actuation, excess = clip_torque(actuation, self.effort_limits)
+        if self._efforts.finite:
+            actuation, excess = self._efforts.clipped(actuation)
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(
             held,
@@ -541,18 +531,16 @@ class ControlLaw:
         vdot, torque_limit = answer.vdot, UNLIMITED
         diagnostics = resolved.diagnostics
         actuation = model.inverse_dynamics(workspace, vdot)
-        if self._limits_efforts:
-            inertia = model.effort_per_acceleration(workspace)
-            wish, effort = vdot, actuation
-            vdot, actuation, torque_limit = self._slow_down(
-                measured, wish, effort, inertia
+        if self._efforts.finite:
+            vdot, actuation, torque_limit, told = self._efforts.limited(
+                workspace,
+                measured,
+                vdot,
+                actuation,
+                braking=status == STATUS_BRAKING,
             )
-            if torque_limit[0] < 1.0 and status != STATUS_BRAKING:
-                vdot, actuation, torque_limit, told = self._within_efforts(
-                    workspace, measured, wish, effort, inertia
-                )
-                diagnostics = {**diagnostics, **told}
-        after = self._next_state(measured.q[0], measured.v, vdot)
+            diagnostics = {**diagnostics, **told}
+        after = self._predict(measured.q[0], measured.v, vdot, self._period)
         return Solution(
             actuation=actuation,
             acceleration=vdot,
@@ -577,11 +565,11 @@ class ControlLaw:
         in_order = resting_configuration(*model.in_order(q, v), T)
         return model.measure(workspace, q, v, *model.in_plant(in_order))
 
-    def _next_state(
-        self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray
+    def _predict(
+        self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray, time: float
     ) -> tuple[np.ndarray, ...]:
-        """`next_state` in the plant's order."""
-        model, times = self.model, (self._period, self._plant_step)
+        """`next_state` in the plant's order, after `time` [s]."""
+        model, times = self.model, (time, self._plant_step)
         if not model.num_free:
             return next_state(q, v, vdot, *times)
         return model.in_plant(*next_state(*model.in_order(q, v, vdot), *times))
@@ -590,57 +578,6 @@ class ControlLaw:
         """Raises InputError if the root's quaternion is of zero length."""
         if not has_orientations(q[self.model.positions], len(self.model.order)):
             raise _no_orientation(what, time)
-
-    def _within_efforts(
-        self,
-        workspace: Workspace,
-        measured: Measured,
-        wish: np.ndarray,
-        effort: np.ndarray,
-        inertia: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Mapping[str, np.ndarray]]:
-        """Accelerations near the wish, which takes `effort`, within the limits, as the
-        mode allows them; with their torque, `Solution.torque_limit`, and what the mode
-        tells of it."""
-        model, mode, T = self.model, self.mode, self._braking_horizon
-        near = nearest_accelerations(
-            wish,
-            effort,
-            inertia,
-            measured.v,
-            model.controlled,
-            self.effort_limits,
-            *(mode.acceleration_bounds(measured) or self._unbounded),
-            T,
-            self._period,
-        )
-        actuation = model.inverse_dynamics(workspace, near)
-        within, actuation, limit = self._slow_down(measured, near, actuation, inertia)
-        vdot, told = mode.admit_again(measured, within)
-        if not np.array_equal(vdot, within):
-            actuation = model.inverse_dynamics(workspace, vdot)
-            actuation, limit[1] = clip_torque(actuation, self.effort_limits)
-        limit[0] = share_of_wish(vdot, wish, measured.v, model.controlled, T)
-        return vdot, actuation, limit, told
-
-    def _slow_down(
-        self,
-        measured: Measured,
-        vdot: np.ndarray,
-        actuation: np.ndarray,
-        inertia: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`limit_torque` at the state."""
-        return limit_torque(
-            vdot,
-            actuation,
-            inertia,
-            measured.v,
-            self.model.controlled,
-            self.effort_limits,
-            self._braking_horizon,
-            self._period,
-        )
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:

@@ -13,6 +13,7 @@ from pydrake.systems.primitives import (
 )
 from small_robots import add_plant, chain_urdf, make_model
 
+from crar_drake.control import effort_limits
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.control.parameters import CrarParameters
@@ -298,8 +299,10 @@ def test_targets_are_looked_at_in_control_ticks_only_and_the_state_in_all():
         simulator.AdvanceTo(0.06)
 
 
-def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told():
+def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told(monkeypatch):
     """What the limits allow of the wish is decided at the control tick."""
+    # Nothing is left free for what the torque grows by.
+    monkeypatch.setattr(effort_limits, "_TRIES", 0)
     effort = 60.0
     loop = Loop(effort=effort, respect_effort_limits=True, period=10 * STEP)
     # So fast that centrifugal forces change much within a control period.
@@ -323,6 +326,28 @@ def test_between_control_ticks_the_torque_is_clipped_and_the_excess_told():
         beyond = max(0.0, np.abs(wished).max() / effort - 1.0)
         assert told == pytest.approx(beyond, abs=1e-9)
     assert (excess[between] > 0.01).any() and (excess[between] == 0.0).any()
+
+
+def test_what_torques_grow_by_within_a_period_is_left_free(monkeypatch):
+    """Without it, torques that are within the limits at the control tick pass them
+    before the next one, and the robot does otherwise than told."""
+
+    def run() -> tuple[np.ndarray, np.ndarray]:
+        loop = Loop(effort=60.0, respect_effort_limits=True, period=5 * STEP)
+        simulator = loop.start(speeds=np.array([1.5, -2.0, 2.0, 1.0]))
+        simulator.AdvanceTo(0.4)
+        data = loop.logged(simulator)
+        reached = np.diff(data["state"][:, 4:], axis=0) / STEP
+        slip = np.abs(reached - data["desired_acceleration"][:-1]).max(axis=1)
+        return data["torque_limit"][:-1, 1], slip
+
+    excess, slip = run()
+    monkeypatch.setattr(effort_limits, "_TRIES", 0)
+    excess_before, slip_before = run()
+    assert (excess_before > 0.0).sum() > 20
+    assert (excess > 0.0).sum() < 0.2 * (excess_before > 0.0).sum()
+    assert excess.sum() < 0.3 * excess_before.sum()
+    assert slip.sum() < 0.3 * slip_before.sum()
 
 
 # --- a user's own loop ------------------------------------------------------------

@@ -1,0 +1,202 @@
+"""Accelerations whose torques the motors have, for a whole control period.
+
+Where a wish takes more than the effort limits, the nearest accelerations that do not
+are found, `equations.torque_limit`; then the constraint mode admits them again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.control.modes.mode import Mode
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.kinematics import Measured
+from crar_drake.equations.torque_limit import (
+    clip_torque,
+    limit_torque,
+    nearest_accelerations,
+    share_of_wish,
+)
+from crar_drake.robot.model import ControlModel, Workspace
+
+# Below this share of all limits no torque is expected to pass one within a period [1].
+_CALM = 0.5
+# By what a torque passes its limit within a period the limit is lowered, and by so much
+# more of it [1], for other accelerations let it grow otherwise; so often at most, and
+# at most to this share of the limit [1].
+_GROWTH, _TRIES, _MOST_FREE = 1.2, 3, 0.5
+
+# The state that held accelerations lead to: (q, v, vdot, time in s) -> (q', v').
+Predict = Callable[[np.ndarray, np.ndarray, np.ndarray, float], tuple[np.ndarray, ...]]
+
+
+class Effort(NamedTuple):
+    """Accelerations and what they take.
+
+    Attributes:
+        vdot: (nv,) accelerations [rad/s^2 or m/s^2].
+        actuation: (nu,) their torque [Nm or N].
+        inertia: (nu, nv) change of the torque with the accelerations.
+    """
+
+    vdot: np.ndarray
+    actuation: np.ndarray
+    inertia: np.ndarray
+
+
+class Limited(NamedTuple):
+    """Accelerations within the limits.
+
+    Attributes:
+        vdot: (nv,) accelerations.
+        actuation: (nu,) their torque, clipped if nothing else helps.
+        torque_limit: (2,) `Solution.torque_limit`.
+        told: what the mode tells of them, if it was asked.
+    """
+
+    vdot: np.ndarray
+    actuation: np.ndarray
+    torque_limit: np.ndarray
+    told: Mapping[str, np.ndarray]
+
+
+class EffortLimits:
+    """What the effort limits of a robot make of a wish.
+
+    Attributes:
+        limits: (nu,) effort limits, infinite where there is none [Nm or N].
+        finite: whether there is any.
+    """
+
+    def __init__(
+        self, model: ControlModel, mode: Mode, gains: CrarParameters, predict: Predict
+    ) -> None:
+        self.limits = gains.effort_limits(model)
+        # Without limits the inertias would be computed for nothing.
+        self.finite = bool(np.isfinite(self.limits).any())
+        self._model, self._mode, self._predict = model, mode, predict
+        self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
+        self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
+        ticks = gains.torque_ticks(float(model.plant.time_step()))
+        self._last_torque = self._period * (ticks - 1) / ticks
+
+    def compile(
+        self, workspace: Workspace, measured: Measured, vdot: np.ndarray
+    ) -> None:
+        """Compiles what has yet to be, at the workspace's state."""
+        wish = self._effort(workspace, vdot)
+        self._nearest(workspace, measured, wish, self.limits)
+
+    def limited(
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        vdot: np.ndarray,
+        actuation: np.ndarray,
+        *,
+        braking: bool,
+    ) -> Limited:
+        """Accelerations near the wish that are within the limits and the mode's bounds,
+        in this period's torque ticks, too.
+
+        Args:
+            workspace: at the state of the control step, where it is left.
+            measured: of the same state.
+            vdot, actuation: (nv,), (nu,) the wish and its torque.
+            braking: whether the wish is to brake: then its torque is clipped, at most.
+        """
+        inertia = self._model.effort_per_acceleration(workspace)
+        wish = Effort(vdot, actuation, inertia)
+        if braking:
+            return self._slowed(measured, wish, self.limits)
+        limits = self.limits
+        found = self._within(workspace, measured, wish, limits)
+        for _ in range(_TRIES):
+            excess = self._excess_to_come(workspace, measured, found)
+            if excess is None:
+                break
+            limits = np.maximum(limits - _GROWTH * excess, _MOST_FREE * self.limits)
+            again = self._within(workspace, measured, wish, limits)
+            if again.torque_limit[1]:
+                break
+            found = again
+        return found
+
+    def clipped(self, actuation: np.ndarray) -> tuple[np.ndarray, float]:
+        """`clip_torque`, for accelerations that are decided already."""
+        return clip_torque(actuation, self.limits)
+
+    def _effort(self, workspace: Workspace, vdot: np.ndarray) -> Effort:
+        model = self._model
+        return Effort(
+            vdot,
+            model.inverse_dynamics(workspace, vdot),
+            model.effort_per_acceleration(workspace),
+        )
+
+    def _within(
+        self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
+    ) -> Limited:
+        """The wish, or the nearest within these limits (nu,)."""
+        slowed = self._slowed(measured, wish, limits)
+        if slowed.torque_limit[0] == 1.0:
+            return slowed
+        return self._nearest(workspace, measured, wish, limits)
+
+    def _nearest(
+        self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
+    ) -> Limited:
+        """The nearest accelerations within the limits, as the mode allows them."""
+        model, mode, T = self._model, self._mode, self._horizon
+        near = nearest_accelerations(
+            wish.vdot,
+            wish.actuation,
+            wish.inertia,
+            measured.v,
+            model.controlled,
+            limits,
+            *(mode.acceleration_bounds(measured) or self._unbounded),
+            T,
+            self._period,
+        )
+        found = wish._replace(
+            vdot=near, actuation=model.inverse_dynamics(workspace, near)
+        )
+        slowed = self._slowed(measured, found, limits)
+        actuation, limit = slowed.actuation, slowed.torque_limit
+        vdot, told = mode.admit_again(measured, slowed.vdot)
+        if not np.array_equal(vdot, slowed.vdot):
+            actuation = model.inverse_dynamics(workspace, vdot)
+            actuation, limit[1] = clip_torque(actuation, limits)
+        limit[0] = share_of_wish(vdot, wish.vdot, measured.v, model.controlled, T)
+        return Limited(vdot, actuation, limit, told)
+
+    def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
+        """`limit_torque` at the state."""
+        controlled = self._model.controlled
+        found = limit_torque(
+            *wish, measured.v, controlled, limits, self._horizon, self._period
+        )
+        return Limited(*found, {})
+
+    def _excess_to_come(
+        self, workspace: Workspace, measured: Measured, found: Limited
+    ) -> np.ndarray | None:
+        """By how much (nu,) torques will be beyond the limits at the period's last
+        torque tick, while the accelerations are held; None if none will.
+
+        Coriolis forces and gravity change within a period.
+        """
+        limits = self.limits
+        if not self._last_torque or np.all(np.abs(found.actuation) <= _CALM * limits):
+            return None
+        plant, context = self._model.plant, workspace.plant_context
+        here = plant.GetPositionsAndVelocities(context)
+        there = self._predict(measured.q[0], measured.v, found.vdot, self._last_torque)
+        plant.SetPositionsAndVelocities(context, np.concatenate(there))
+        last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
+        plant.SetPositionsAndVelocities(context, here)
+        return np.maximum(last - limits, 0.0) if np.any(last > limits) else None

@@ -20,6 +20,10 @@ integrates:
 
 After it was held off, the robot catches up: its error x follows both poles z =
 exp(-h / catch_up) of x'' = -P x - D x', for which h D = 1 - z^2, h^2 P = (1 - z)^2.
+
+Where the robot is on the reference, and the admission finds the reference's own next
+step clear by the whole margin, that step is taken as it is: nothing changes less, and
+the law, which would weigh pairs that are near, need not be asked.
 """
 
 from __future__ import annotations
@@ -51,6 +55,9 @@ HANDS = ("left_hand", "right_hand")
 _SETTLING = 600
 _STUCK = 10
 _SETTLED = 1e-6
+
+# Nearer to the reference than this is on it [rad or m, and per second].
+_ON_IT, _ALONG_IT = 3e-4, 2e-2
 
 _NOTHING_ASKED = np.zeros((0, 7))
 _NOTHING = np.zeros(0)
@@ -285,7 +292,9 @@ class Follower:
         clear = np.ones(frames, dtype=bool)
         for frame in range(1, frames):
             for k in range((frame - 1) * self.steps, frame * self.steps):
-                told = self._step(run, self._targets(q_d[k], v_d[k], a_d[k]))
+                told = self._along(run, q_d, v_d, a_d, k)
+                if told is None:
+                    told = self._step(run, self._targets(q_d[k], v_d[k], a_d[k]))
                 admitted[frame] = max(admitted[frame], told[0])
                 share[frame] = min(share[frame], told[1])
                 clear[frame] &= told[3] == 1.0
@@ -321,6 +330,29 @@ class Follower:
         whole = self._rest.copy()
         whole[self.model.controlled_positions] = q
         return whole
+
+    def _along(
+        self, run: _Run, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray, k: int
+    ) -> np.ndarray | None:
+        """Moves `run` to the next sample of the reference, if it is on it and the step
+        is admitted with the margin kept; returns how it was, (4,), else None."""
+        controlled = self.model.controlled
+        off = np.abs(run.q[self.model.controlled_positions] - q_d[k]).max()
+        if off > _ON_IT or np.abs(run.v[controlled] - v_d[k]).max() > _ALONG_IT:
+            return None
+        n_p = self.model.n_p
+        q, v = self._whole(q_d[k]), self.model.join(v_d[k], np.zeros(n_p))
+        vdot = self.model.join(a_d[k], np.zeros(n_p))
+        measured = Measured(np.array([q, q + self._T * v]), v, _NOTHING_ASKED)
+        admitted, told = self.law.mode.admit_again(measured, vdot)
+        told = told["admission"]
+        kept = told[3] == 1.0 and told[2] >= self.parameters.distance_margin
+        if not kept or not np.array_equal(admitted, vdot):
+            return None
+        run.before = None
+        run.q = self._whole(q_d[k + 1])
+        run.v = self.model.join(v_d[k + 1], np.zeros(n_p))
+        return told
 
     def _step(self, run: _Run, targets: np.ndarray) -> np.ndarray:
         """Moves `run` a step on; returns how it was admitted, (4,)."""

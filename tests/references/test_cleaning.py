@@ -8,7 +8,7 @@ from small_reference_robots import SPEED, reaching, write_robot
 
 from crar_drake.errors import ModelError, MotionError, ScenarioError
 from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.following import CleaningParameters
+from crar_drake.references.following import CleaningParameters, Follower
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 
@@ -38,6 +38,39 @@ def test_a_clean_reference_comes_back_as_it_was(cleaner):
     cleaned = cleaner.clean(q)
     np.testing.assert_allclose(cleaned.q, q, rtol=0.0, atol=1e-9)
     assert (cleaned.admitted == 0.0).all() and cleaned.moved_start == 0.0
+
+
+def test_the_law_itself_leaves_a_clean_reference_as_it_was(cleaner, monkeypatch):
+    """Where it is asked in every step, not only where the reference cannot be taken."""
+    monkeypatch.setattr(Follower, "_along", lambda *arguments: None)
+    q = reaching(30, RATE, 0.3)
+    cleaned = cleaner.clean(q)
+    np.testing.assert_allclose(cleaned.q, q, rtol=0.0, atol=1e-9)
+    assert not np.array_equal(cleaned.q, q)
+
+
+def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(
+    cleaner, monkeypatch
+):
+    asked = []
+    step = Follower._step
+
+    def counted(self, *arguments):
+        asked.append(self)
+        return step(self, *arguments)
+
+    monkeypatch.setattr(Follower, "_step", counted)
+    still = np.zeros((80, 3))
+    q = np.vstack([reaching(50, RATE, 1.0), still])
+    cleaned = cleaner.clean(q)
+    same = (cleaned.q == q).all(axis=1)
+    assert same[:10].all() and same[-10:].all() and not same[20:30].any()
+    assert least_distances(cleaner, cleaned.q).min() > FLOOR - 1e-6
+    # Back on it, it is off by less than it may be, and never again.
+    change = np.abs(cleaned.q - q).max(axis=1)
+    back = int(np.flatnonzero(~same)[-1]) + 1
+    assert change[back - 1] < 5e-3 and back < 110
+    assert 0 < len(asked) < cleaner._all.steps * len(q)
 
 
 def test_one_frame_is_a_motion(cleaner):

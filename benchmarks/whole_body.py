@@ -107,7 +107,7 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
         if verdict.num_penetrating:
             meshes += f", {verdict.num_penetrating} of {verdict.num_samples}"
     start = scenario.controller.blend_time
-    points, feet = _errors(log, start, scenario)
+    points, feet = late_errors(log, start, scenario)
     stood = footing(log, WholeBody(description), start)
     return [
         name,
@@ -120,7 +120,7 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
     ]
 
 
-def _errors(
+def late_errors(
     log: SimulationLog, start: float, scenario: Scenario
 ) -> tuple[float, float]:
     """Rms errors of the points above the waist and of the feet [m]."""

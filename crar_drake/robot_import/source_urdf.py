@@ -201,11 +201,13 @@ class SourceRobot:
         """The robot without a root link that only says where it stands.
 
         None where the root is not of that kind: a link named world, without
-        geometry, that carries one link by a joint that is fixed or floating.
+        geometry. If it carries several links, or one that moves, it gets another name.
         """
         joints = self.children(self.root)
-        if self.root != WORLD or not self.is_bare(self.root) or len(joints) != 1:
+        if self.root != WORLD or not self.is_bare(self.root) or not joints:
             return None
+        if len(joints) > 1 or joints[0].moves:
+            return self._renamed_world()
         (joint,) = joints
         if joint.kind not in ("fixed", "floating"):
             return None
@@ -215,6 +217,29 @@ class SourceRobot:
             joints={name: v for name, v in self.joints.items() if v is not joint},
             root=joint.child,
             _parents={k: v for k, v in self._parents.items() if v is not joint},
+        )
+
+    def _renamed_world(self) -> SourceRobot:
+        """The robot with another name of its root link."""
+        name = "mount"
+        while name in self.links:
+            name += "_"
+        joints = {
+            key: replace(joint, parent=name) if joint.parent == self.root else joint
+            for key, joint in self.joints.items()
+        }
+        links = {
+            name if key == self.root else key: replace(link, name=name)
+            if key == self.root
+            else link
+            for key, link in self.links.items()
+        }
+        return replace(
+            self,
+            links=links,
+            joints=joints,
+            root=name,
+            _parents={joint.child: joint for joint in joints.values()},
         )
 
 
@@ -296,6 +321,11 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         raise ModelError(f"{path}: not a URDF: {error}") from error
     if root.tag != "robot":
         raise ModelError(f"{path}: not a URDF: its root element is <{root.tag}>")
+    if any("xacro" in str(element.tag) for element in root.iter()):
+        raise ModelError(
+            f"{path}: it is made of macros that are not expanded; expand it with "
+            f"ROS's xacro ({path.name} > robot.urdf) and import what that writes"
+        )
     for tag in _LOOPS:
         element = next(root.iter(tag.replace("drake:", "_drake_")), None)
         if element is not None:
@@ -498,7 +528,9 @@ def _read_joint(element, path: Path) -> Joint:
     ends = {tag: element.find(tag) for tag in ("parent", "child")}
     if any(end is None for end in ends.values()):
         raise ModelError(f"{path}: joint {name!r} lacks its parent or child")
-    limit, mimic = element.find("limit"), element.find("mimic")
+    limit = element.find("limit")
+    # A weld follows nothing, whatever the file says of it.
+    mimic = None if kind == "fixed" else element.find("mimic")
     dynamics, axis = element.find("dynamics"), element.find("axis")
     vector = np.array(_three(axis.get("xyz")) if axis is not None else (1, 0, 0.0))
     length = np.linalg.norm(vector)

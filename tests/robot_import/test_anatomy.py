@@ -7,13 +7,12 @@ from small_urdfs import humanoid, joint, link, robot, write
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
-    guess_frames,
     guess_rest,
-    guess_tool,
 )
 from crar_drake.robot_import.joint_groups import guess_locked
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 
 def test_the_small_humanoid(tmp_path):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from pydrake.multibody.tree import PrismaticJoint
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
@@ -290,6 +291,7 @@ def make_log(
         ),
         velocity_names=np.array(model.velocity_names),
         controlled_names=np.array(model.joint_names),
+        controlled_units=np.array(_units(model)),
         task_names=np.array(model.layout.names),
         task_kinds=np.array(model.layout.kinds),
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
@@ -299,6 +301,12 @@ def make_log(
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=with_lasting_name(scenario).to_yaml(),
     )
+
+
+def _units(model: ControlModel) -> list[str]:
+    """(n,) "m" or "rad": of the positions of the controlled joints."""
+    kinds = [model.plant.GetJointByName(n).type_name() for n in model.joint_names]
+    return ["m" if kind == PrismaticJoint.kTypeName else "rad" for kind in kinds]
 
 
 def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:

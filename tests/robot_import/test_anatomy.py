@@ -219,7 +219,8 @@ def rolling(root: str, trunk_turns_at: float | None = None) -> str:
     [
         ("base_footprint", None, 0.62 * 0.9),  # the shoulders are 0.9 m above it
         ("base_footprint", 0.55, 0.55),
-        ("pelvis", None, 0.0),
+        # No wheels, but far from the arms: as far below them as a person's.
+        ("pelvis", None, 0.9 - 0.9 * 0.55),
     ],
 )
 def test_the_waist_is_not_on_wheels(tmp_path, root, turns, height):

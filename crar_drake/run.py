@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.multibody.tree import PrismaticJoint
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
@@ -22,9 +21,11 @@ from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.motion.report import inspect
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
+from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
+from crar_drake.robot.joint_units import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import ScaleMasses
@@ -191,6 +192,7 @@ def run_scenario(
         log = make_log(logged, setup, diagram, simulator.get_context())
         if stopped is not None and not len(log.time):
             raise stopped
+        warnings += lasting_error_warnings(log, scenario.controller.blend_time)
         summary = summarize(
             log, wall_time, scenario=logged, motion=report, warnings=warnings
         )
@@ -291,7 +293,7 @@ def make_log(
         ),
         velocity_names=np.array(model.velocity_names),
         controlled_names=np.array(model.joint_names),
-        controlled_units=np.array(_units(model)),
+        controlled_units=np.array(joint_units(plant, model.joint_names)),
         task_names=np.array(model.layout.names),
         task_kinds=np.array(model.layout.kinds),
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
@@ -301,12 +303,6 @@ def make_log(
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=with_lasting_name(scenario).to_yaml(),
     )
-
-
-def _units(model: ControlModel) -> list[str]:
-    """(n,) "m" or "rad": of the positions of the controlled joints."""
-    kinds = [model.plant.GetJointByName(n).type_name() for n in model.joint_names]
-    return ["m" if kind == PrismaticJoint.kTypeName else "rad" for kind in kinds]
 
 
 def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:

@@ -22,6 +22,7 @@ from crar_drake.results.log import SimulationLog
 from crar_drake.results.mesh_judge import MeshJudge
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import RobotDescription, load_robot_description
+from crar_drake.robot.joint_units import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, position_tasks
 from crar_drake.robot_import import import_robot
@@ -194,9 +195,11 @@ def _visits(description: RobotDescription) -> list[Keyframe]:
     model = ControlModel.FromDescription(description, position_tasks([TOOL]))
     rest, columns = model.rest_positions(), model.controlled_positions
     referee = Referee(model.plant, model.scene_graph, description.pairs)
-    reach = np.where(
-        _slides(model), _SHARE * np.nan_to_num(model.upper - model.lower), _TURNS
+    slides = np.array(joint_units(model.plant, model.joint_names)) == "m"
+    room = np.where(
+        np.isfinite(model.upper - model.lower), model.upper - model.lower, 0
     )
+    reach = np.where(slides, _SHARE * room, _TURNS)
     lower = np.maximum(rest[columns] - reach, model.lower)
     upper = np.minimum(rest[columns] + reach, model.upper)
     rng = np.random.default_rng(0)
@@ -211,14 +214,6 @@ def _visits(description: RobotDescription) -> list[Keyframe]:
     places.append(rest)
     points = [model.layout.unpack(model.tasks_at(q)).p.ravel() for q in places]
     return [Keyframe(_SECONDS * i, [float(c) for c in p]) for i, p in enumerate(points)]
-
-
-def _slides(model: ControlModel) -> np.ndarray:
-    """(n,) which of the controlled joints are prismatic."""
-    plant = model.plant
-    return np.array(
-        [plant.GetJointByName(n).type_name() == "prismatic" for n in model.joint_names]
-    )
 
 
 def _judge(

@@ -29,7 +29,6 @@ from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarm
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
-    find_leg_chains,
     guess_rest,
 )
 from crar_drake.robot_import.capsule_fitting import Fit, coverage
@@ -43,7 +42,10 @@ from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
-from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
+from crar_drake.robot_import.leg_and_head_frames import (
+    guess_leg_and_head_frames,
+    has_feet,
+)
 from crar_drake.robot_import.meshes import (
     Part,
     guess_up_axis,
@@ -422,7 +424,7 @@ def _guess_structure(
         elif (
             choices.lock is not None
             and "legs" not in choices.lock
-            and find_leg_chains(robot, anatomy) is not None
+            and has_feet(robot, anatomy, parts)
         ):
             choices.base, why = "floating", "mirrored arms and legs, none locked"
         else:

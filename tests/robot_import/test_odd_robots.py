@@ -9,6 +9,8 @@ from crar_drake.robot_import.alarms import limb_alarms
 from crar_drake.robot_import.anatomy import find_anatomy, find_leg_chains
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
+from crar_drake.robot_import.leg_and_head_frames import has_feet
+from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
@@ -101,6 +103,14 @@ def test_four_legs_are_not_two(tmp_path):
         axes = ["1 0 0", "0 1 0", "0 1 0", "0 1 0"]
         parts += chain([f"{side}_hind_{i}" for i in range(4)], "pelvis", ways, axes)
     assert find_leg_chains(*_with_anatomy(tmp_path, added(text, parts))) is None
+
+
+def test_legs_without_a_shape_at_their_end_have_no_feet(tmp_path):
+    """As of a model whose feet are masses alone: nothing says where its soles are."""
+    read, anatomy = _with_anatomy(tmp_path, humanoid_with_legs())
+    parts = {name: link_parts(each) for name, each in read.links.items()}
+    assert has_feet(read, anatomy, parts)
+    assert not has_feet(read, anatomy, parts | {"left_leg": []})
 
 
 def _with_anatomy(folder, text):

@@ -21,6 +21,7 @@ from pathlib import Path
 
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
 from benchmarks.robots.page import write_page
+from benchmarks.robots.sheet import write_sheet
 from benchmarks.robots.trial import Outcome, load_outcome, try_robot
 from crar_drake.studies.fresh_processes import FreshProcesses
 
@@ -37,7 +38,9 @@ def main() -> None:
     parser.add_argument("--duration", type=float, help="of each run, at most [s]")
     parser.add_argument("--only", help="names, with ; between")
     parser.add_argument("--again", action="store_true", help="also what has a result")
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="robots at a time")
+    parser.add_argument("--tell-only", action="store_true", help="what has a result")
+    parser.add_argument("--sheets", type=Path, help="folder for pictures of the runs")
     parser.add_argument("--page", type=Path, help="Markdown file to write")
     arguments = parser.parse_args()
     subjects = _chosen(parser, arguments.only)
@@ -50,6 +53,8 @@ def main() -> None:
             if known is not None:
                 outcomes[subject.name] = known
                 continue
+            if arguments.tell_only:
+                continue
             running[subject.name] = pool.submit(
                 try_robot, subject, path, folder, arguments.motion, arguments.duration
             )
@@ -61,6 +66,13 @@ def main() -> None:
                     why=f"CRASHED: {type(error).__name__}: {error}"
                 )
             print(f"{name}: {outcomes[name].why or 'ran'}", flush=True)
+    if arguments.sheets is not None:
+        for subject in subjects:
+            outcome = outcomes.get(subject.name)
+            if outcome is not None and not outcome.why:
+                name = folder_name(subject)
+                sheet = arguments.sheets / f"{name}.png"
+                write_sheet(subject, outcome, arguments.out / name, sheet)
     tried = [(s, outcomes[s.name]) for s in subjects if s.name in outcomes]
     write_page(tried, arguments.motion, arguments.page)
 

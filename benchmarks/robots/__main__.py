@@ -81,7 +81,7 @@ def _chosen(parser: argparse.ArgumentParser, only: str | None) -> list[Subject]:
     if only is None:
         return SUBJECTS
     names = [name.strip() for name in only.split(";")]
-    known = {subject.name for subject in SUBJECTS}
+    known = [subject.name for subject in SUBJECTS]
     for name in names:
         if name not in known:
             parser.error(f"--only: no robot {name!r}; there are: {'; '.join(known)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -50,9 +51,9 @@ def write_page(
     crar-drake fetch 05_02
     python -m benchmarks.robots --page docs/robots.md
 
-This page is written by that command. It imports robots of packages on PyPI
-({", ".join(packages)}) with `crar-drake import-robot FILE --lock hands,head,other`,
-corrects nothing, and sets each the task that its import allows:
+This page is written by that command. It imports robots of packages on PyPI with
+`crar-drake import-robot FILE --lock hands,head,other`, corrects nothing, and sets each
+the task that its import allows:
 
 * *whole body*: two arms, two legs, a root that floats: seven points of the upper body
   and the poses of both feet follow {motion}, the first {duration:.1f} s;
@@ -65,30 +66,43 @@ A *violation* is a sample in which capsules or meshes penetrate, or a joint is b
 its limit or its speed. Meshes can penetrate where capsules do not cover them or nobody
 watches the pair ([what to do](your-robot.md#what-the-report-warns-of)). *Size* is the
 height of the neck, or the tool's longest way; errors count from when the targets are
-blended in. The *import* and the *run* are CPU seconds, the run without compiling.
+blended in. *Import* and *run* are CPU seconds, the run without compiling; *warnings*
+are lines of the import's report. No hand work was done on any.
 
-Of {len(tried)} robots {len(ran)} ran, {len(dancing)} of them the dance and \
-{len(arms)} an arm's task; {clean} without any violation. No hand work was done.
-
+Of {len(SUBJECTS)} robots in the catalogue {len(tried)} were tried. {len(ran)} of these
+ran, {len(dancing)} the dance and {len(arms)} an arm's task, {clean} without any
+violation.
+"""
+    if dancing:
+        text += f"""
 ## Dancing
 
-{markdown_table(_HEADER, [_row(s, o) for s, o in dancing])}
+{markdown_table(_HEADER, [_row(s, o) for s, o in dancing])}"""
+    if arms:
+        text += f"""
 ## Arms
 
-{markdown_table(_HEADER[:9] + _HEADER[11:], [_short(_row(s, o)) for s, o in arms])}"""
+{markdown_table(_short(_HEADER), [_short(_row(s, o)) for s, o in arms])}"""
     if stopped:
         rows = [[s.name, s.package, s.kind, o.why] for s, o in stopped]
         text += f"""
 ## Those that could not
 
 {markdown_table(("robot", "package", "what it is", "why"), rows)}"""
-    text += f"\n{_versions(packages)}\n"
+    known = {subject.name for subject, _ in tried}
+    if untried := [s.name for s in SUBJECTS if s.name not in known]:
+        text += "\n" + _wrapped(f"Not tried: {', '.join(untried)}.")
+    text += "\n" + _wrapped(_versions(packages))
     write_report(text, path)
 
 
-def _short(row: list[str]) -> list[str]:
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, 88, break_on_hyphens=False) + "\n"
+
+
+def _short(row: Sequence[str]) -> list[str]:
     """Without what arms have not."""
-    return row[:9] + row[11:]
+    return [*row[:9], *row[11:]]
 
 
 def _row(subject: Subject, outcome: Outcome) -> list[str]:

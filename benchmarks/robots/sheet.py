@@ -19,7 +19,7 @@ from crar_drake.robot_import.link_meshes import read_link_meshes
 
 _MOMENTS = 8
 _POINTS = 500  # of a link, at most
-_VIEWS = {"front": (1, -1.0), "left": (0, 1.0)}  # across the picture: axis, direction
+_VIEWS = {"front": (1, 1.0), "left": (0, -1.0)}  # across the picture: axis, direction
 
 
 def write_sheet(subject: Subject, outcome: Outcome, folder: Path, out: Path) -> None:

@@ -260,12 +260,15 @@ def guess_rest(
 ) -> dict[str, float]:
     """Arms a little away from the trunk and elbows bent: clear of limits, of the
     trunk, and of the singular pose of a straight arm. A robot without a pair of arms
-    has its joints in the middle of their ranges."""
+    has its joints as the file's own posture, else in the middle of their ranges."""
     rest = {}
     for joint in robot.joints.values():
         if not joint.moves or joint.name in locked:
             continue
-        if anatomy is None and np.isfinite(joint.upper - joint.lower):
+        if anatomy is None and robot.posture:
+            own = robot.posture.get(joint.name, 0.0)
+            rest[joint.name] = float(np.clip(own, joint.lower, joint.upper))
+        elif anatomy is None and np.isfinite(joint.upper - joint.lower):
             rest[joint.name] = (joint.lower + joint.upper) / 2.0
         else:
             inside = min(0.05, (joint.upper - joint.lower) / 4.0)

@@ -755,6 +755,8 @@ def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
     how = (
         "arms a little out, elbows bent, standing on the ground"
         if anatomy
+        else "a keyframe of the file"
+        if robot.posture
         else "the middle of each joint's range"
     )
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):

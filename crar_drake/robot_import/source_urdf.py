@@ -148,6 +148,7 @@ class SourceRobot:
         X_FR: pose of the root link in the frame F that all poses are given in: z
             up, x the robot's front (`facing`).
         loops: chains that the file closes; the tree has them open.
+        posture: joint to position [rad or m] in a rest posture of the file's own.
     """
 
     name: str
@@ -159,6 +160,7 @@ class SourceRobot:
     notes: tuple[str, ...] = ()
     X_FR: RigidTransform = field(default_factory=RigidTransform)
     loops: tuple[Loop, ...] = ()
+    posture: dict[str, float] = field(default_factory=dict)
 
     def parent_joint(self, link: str) -> Joint | None:
         """The joint that carries a link; None for the root."""

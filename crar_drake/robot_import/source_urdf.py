@@ -203,13 +203,15 @@ class SourceRobot:
         """The robot without a root link that only says where it stands.
 
         None where the root is not of that kind: a link named world, without
-        geometry. If it carries several links, or one that moves, it gets another name.
+        geometry, that carries one link by a joint that is fixed or floating. If it
+        carries several that are fixed to it, it gets another name instead.
         """
         joints = self.children(self.root)
         if self.root != WORLD or not self.is_bare(self.root) or not joints:
             return None
-        if len(joints) > 1 or joints[0].moves:
-            return self._renamed_world()
+        if len(joints) > 1:
+            welded = all(joint.kind == "fixed" for joint in joints)
+            return self._renamed_world() if welded else None
         (joint,) = joints
         if joint.kind not in ("fixed", "floating"):
             return None
@@ -230,12 +232,8 @@ class SourceRobot:
             key: replace(joint, parent=name) if joint.parent == self.root else joint
             for key, joint in self.joints.items()
         }
-        links = {
-            name if key == self.root else key: replace(link, name=name)
-            if key == self.root
-            else link
-            for key, link in self.links.items()
-        }
+        others = {k: v for k, v in self.links.items() if k != self.root}
+        links = {name: replace(self.links[self.root], name=name), **others}
         return replace(
             self,
             links=links,

@@ -91,7 +91,7 @@ violation.
 {markdown_table(("robot", "package", "what it is", "why"), rows)}"""
     known = {subject.name for subject, _ in tried}
     if untried := [s.name for s in SUBJECTS if s.name not in known]:
-        text += "\n" + _wrapped(f"Not tried: {', '.join(untried)}.")
+        text += "\n" + _wrapped(f"Not tried: {'; '.join(untried)}.")
     text += "\n" + _wrapped(_versions(packages))
     write_report(text, path)
 

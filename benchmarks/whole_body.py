@@ -123,14 +123,17 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
 def late_errors(
     log: SimulationLog, start: float, scenario: Scenario
 ) -> tuple[float, float]:
-    """Rms errors of the points above the waist and of the feet [m]."""
+    """Rms errors of the points above the waist and of the feet [m]; NaN for none."""
     late = log.samples(log.time >= start)
     tasks = summarize(late, None, scenario=scenario).tasks
     squares: dict[bool, list[float]] = {True: [], False: []}
     for task, errors in tasks.items():
         if errors.rms_error is not None:
             squares[task.endswith("_foot")].append(errors.rms_error**2)
-    return tuple(float(np.sqrt(np.mean(squares[feet]))) for feet in (False, True))
+    return tuple(
+        float(np.sqrt(np.mean(squares[feet]))) if squares[feet] else np.nan
+        for feet in (False, True)
+    )
 
 
 def _stood(stood: Footing) -> list[str]:

@@ -207,7 +207,7 @@ def _visits(description: RobotDescription) -> list[Keyframe]:
     for _ in range(1000):
         q = rest.copy()
         q[columns] = rng.uniform(lower, upper)
-        if not len(description.pairs) or referee.distances(q[None]).min() > _ROOM:
+        if not len(description.pairs) or referee.distances(q).min() > _ROOM:
             places.append(q)
         if len(places) == _PLACES:
             break
@@ -225,7 +225,8 @@ def _judge(
     """Fills in what judges say that share nothing with the controller."""
     model = ControlModel.FromDescription(description, scenario.task_list())
     start = scenario.controller.blend_time
-    outcome.error, outcome.feet_error = late_errors(log, start, scenario)
+    outcome.error, feet = late_errors(log, start, scenario)
+    outcome.feet_error = feet if scenario.experiment == WHOLE_BODY else None
     pairs = description.without_ground().pairs
     speeds = scenario.controller.speed_limits(model)
     found = Referee(model.plant, model.scene_graph, pairs, speeds).violations(

@@ -39,7 +39,8 @@ _PERIOD = 0.005  # [s] of control
 _MESH_PERIOD = 0.05  # [s]
 
 # An arm's tool visits places that its joints reach from the rest posture by turning
-# this far or sliding this share of their range, with this much room to the next pair.
+# this far or sliding this share of their range, with this much room between links, or
+# half of that at rest.
 _TURNS = 0.5  # [rad]
 _SHARE = 0.25
 _ROOM = 0.02  # [m]
@@ -181,7 +182,7 @@ def _scenario(
     elif TOOL in frames:
         scenario.tasks = [Task(frame=TOOL)]
         scenario.keyframes = {TOOL: _visits(description)}
-        scenario.duration = _SECONDS * (_PLACES + 1)
+        scenario.duration = scenario.keyframes[TOOL][-1].time
     else:
         raise ModelError(
             "it has no task here: the import found neither two mirrored arms nor a "
@@ -196,21 +197,25 @@ def _visits(description: RobotDescription) -> list[Keyframe]:
     rest, columns = model.rest_positions(), model.controlled_positions
     referee = Referee(model.plant, model.scene_graph, description.pairs)
     slides = np.array(joint_units(model.plant, model.joint_names)) == "m"
-    room = np.where(
-        np.isfinite(model.upper - model.lower), model.upper - model.lower, 0
-    )
-    reach = np.where(slides, _SHARE * room, _TURNS)
+    ways = model.upper - model.lower
+    ways = np.where(np.isfinite(ways), ways, 0.0)
+    reach = np.where(slides, _SHARE * ways, _TURNS)
     lower = np.maximum(rest[columns] - reach, model.lower)
     upper = np.minimum(rest[columns] + reach, model.upper)
     rng = np.random.default_rng(0)
-    places = [rest]
+    places, room = [rest], -np.inf
+    if len(description.pairs):
+        # Neighbours may be nearer than that wherever they are.
+        room = min(_ROOM, 0.5 * referee.distances(rest).min())
     for _ in range(1000):
         q = rest.copy()
         q[columns] = rng.uniform(lower, upper)
-        if not len(description.pairs) or referee.distances(q).min() > _ROOM:
+        if not len(description.pairs) or referee.distances(q).min() > room:
             places.append(q)
         if len(places) == _PLACES:
             break
+    else:
+        raise ModelError("no posture beside that at rest was found clear of itself")
     places.append(rest)
     points = [model.layout.unpack(model.tasks_at(q)).p.ravel() for q in places]
     return [Keyframe(_SECONDS * i, [float(c) for c in p]) for i, p in enumerate(points)]

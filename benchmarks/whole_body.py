@@ -107,7 +107,7 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
         if verdict.num_penetrating:
             meshes += f", {verdict.num_penetrating} of {verdict.num_samples}"
     start = scenario.controller.blend_time
-    points, feet = _errors(log, start, scenario)
+    points, feet = late_errors(log, start, scenario)
     stood = footing(log, WholeBody(description), start)
     return [
         name,
@@ -120,17 +120,20 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
     ]
 
 
-def _errors(
+def late_errors(
     log: SimulationLog, start: float, scenario: Scenario
 ) -> tuple[float, float]:
-    """Rms errors of the points above the waist and of the feet [m]."""
+    """Rms errors of the points above the waist and of the feet [m]; NaN for none."""
     late = log.samples(log.time >= start)
     tasks = summarize(late, None, scenario=scenario).tasks
     squares: dict[bool, list[float]] = {True: [], False: []}
     for task, errors in tasks.items():
         if errors.rms_error is not None:
             squares[task.endswith("_foot")].append(errors.rms_error**2)
-    return tuple(float(np.sqrt(np.mean(squares[feet]))) for feet in (False, True))
+    return tuple(
+        float(np.sqrt(np.mean(squares[feet]))) if squares[feet] else np.nan
+        for feet in (False, True)
+    )
 
 
 def _stood(stood: Footing) -> list[str]:

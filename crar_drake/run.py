@@ -21,9 +21,11 @@ from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.motion.report import inspect
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
+from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
+from crar_drake.robot.joint_units import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import ScaleMasses
@@ -190,6 +192,7 @@ def run_scenario(
         log = make_log(logged, setup, diagram, simulator.get_context())
         if stopped is not None and not len(log.time):
             raise stopped
+        warnings += lasting_error_warnings(log, scenario.controller.blend_time)
         summary = summarize(
             log, wall_time, scenario=logged, motion=report, warnings=warnings
         )
@@ -290,6 +293,7 @@ def make_log(
         ),
         velocity_names=np.array(model.velocity_names),
         controlled_names=np.array(model.joint_names),
+        controlled_units=np.array(joint_units(plant, model.joint_names)),
         task_names=np.array(model.layout.names),
         task_kinds=np.array(model.layout.kinds),
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),

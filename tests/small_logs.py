@@ -48,6 +48,7 @@ def small_log(**changes) -> SimulationLog:
         velocity_names=np.array(["rail", "swing", "turn"]),
         actuator_names=np.array(["turn", "rail", "swing"]),
         controlled_names=np.array(["swing", "turn"]),
+        controlled_units=np.array(["rad", "rad"]),
         task_names=np.array(["hand", "tool"]),
         task_kinds=np.array(["position", "pose"]),
         pair_names=np.array(["left - right", "hand - torso"]),

@@ -49,6 +49,8 @@ class SimulationLog:
             free, and in logs of versions that did not keep them.
         actuator_names: (nu,) joint that each actuator moves.
         controlled_names: (n,) the controlled joints.
+        controlled_units: (n,) "rad" of joints that turn, "m" of those that slide;
+            "rad" in logs of versions that did not keep them.
         task_names, task_kinds: (N,) tasks, in the order of the rows.
         pair_names: (Nc,) "link a - link b".
         lower, upper: (nq,) position limits; infinite where there is none, and for
@@ -79,6 +81,7 @@ class SimulationLog:
     velocity_names: np.ndarray
     actuator_names: np.ndarray
     controlled_names: np.ndarray
+    controlled_units: np.ndarray
     task_names: np.ndarray
     task_kinds: np.ndarray
     pair_names: np.ndarray
@@ -169,7 +172,8 @@ class SimulationLog:
         sizes: dict[str, int] = {}
         for name, axes in _SHAPES.items():
             array = getattr(self, name)
-            if array.dtype.kind != ("U" if name.endswith(("names", "kinds")) else "f"):
+            text = name.endswith(("names", "kinds", "units"))
+            if array.dtype.kind != ("U" if text else "f"):
                 raise _Unfit(f"array {name!r} is of type {array.dtype}")
             if array.ndim == len(axes):
                 for axis, size in zip(axes, array.shape, strict=True):
@@ -207,6 +211,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "velocity_names": ("nv",),
     "actuator_names": ("nu",),
     "controlled_names": ("n",),
+    "controlled_units": ("n",),
     "task_names": ("N",),
     "task_kinds": ("N",),
     "pair_names": ("Nc",),
@@ -222,6 +227,9 @@ OVER_TIME = tuple(name for name, axes in _SHAPES.items() if axes[0] == "T")
 # What logs of earlier versions do not have, and what stands for it.
 _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "velocity_names": lambda arrays: arrays["position_names"],
+    "controlled_units": lambda arrays: np.full(
+        arrays["controlled_names"].shape[:1], "rad"
+    ),
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
     "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
     "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),

@@ -353,7 +353,8 @@ def _draw_torque(ax: Axes, time: np.ndarray, joints: ControlledJoints) -> None:
         if limited.any()
         else "the model states no limits; dark: the joint's largest"
     )
-    _headline(ax, f"Torque [Nm], share of the limit: {told}")
+    unit = "Nm; N where joints slide" if "m" in joints.units else "Nm"
+    _headline(ax, f"Torque [{unit}], share of the limit: {told}")
 
 
 def _draw_power(
@@ -366,5 +367,6 @@ def _draw_power(
     _headline(
         ax,
         f"Power of the controlled joints: mean {summary.mean_power:.1f} W; "
-        f"peak torque {summary.peak_torque:.1f} Nm, {summary.peak_torque_joint}",
+        f"peak torque {summary.peak_torque:.1f} {summary.peak_torque_unit}, "
+        f"{summary.peak_torque_joint}",
     )

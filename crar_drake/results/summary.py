@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +120,8 @@ class Summary:
         arithmetic: what computed the control law; "" if not known.
         stopped: why the run ended before its time, "interrupted" or an error; "" if
             it did not, or if it is not known.
+        sliding_joints: controlled joints whose positions are in m: what is told of
+            them is in m, m/s and N where rad, rad/s and Nm stand here.
     """
 
     version: str
@@ -173,6 +175,7 @@ class Summary:
     real_time_factor: float | None
     arithmetic: str
     stopped: str = ""
+    sliding_joints: list[str] = field(default_factory=list)
 
     @property
     def title(self) -> str:
@@ -183,6 +186,15 @@ class Summary:
             f"{robot_name(self.robot)} following {motion}: {tracked}\n"
             f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
         )
+
+    def unit_of(self, joint: str) -> str:
+        """ "rad" or "m": of a controlled joint's positions."""
+        return "m" if joint in self.sliding_joints else "rad"
+
+    @property
+    def peak_torque_unit(self) -> str:
+        """ "Nm", or "N" if that joint slides."""
+        return "N" if self.peak_torque_joint in self.sliding_joints else "Nm"
 
     def to_json(self) -> str:
         """The summary as JSON text, see the class documentation."""
@@ -196,19 +208,21 @@ class ControlledJoints:
 
     Attributes:
         names: (n,) the joints.
-        q: (T, n) positions [rad].
-        v: (T, n) velocities [rad/s].
-        torque: (T, n) efforts [Nm].
-        acceleration: (T, n) commanded accelerations [rad/s^2].
-        lower, upper: (n,) limits, infinite where there is none [rad].
+        units: (n,) of their positions, "rad" or "m".
+        q: (T, n) positions [rad or m].
+        v: (T, n) velocities [rad/s or m/s].
+        torque: (T, n) efforts [Nm or N].
+        acceleration: (T, n) commanded accelerations [rad/s² or m/s²].
+        lower, upper: (n,) limits, infinite where there is none [rad or m].
         excess: (T, n) how far beyond the nearer limit, negative inside, -inf for
-            an unlimited joint [rad].
-        velocity_limits: (n,) largest speeds, infinite where there is none [rad/s].
-        speed_excess: (T, n) how much faster than that, negative where slower [rad/s].
-        effort_limits: (n,) largest efforts, infinite where there is none [Nm].
+            an unlimited joint [rad or m].
+        velocity_limits: (n,) largest speeds, infinite where there is none [as v].
+        speed_excess: (T, n) how much faster than that, negative where slower [as v].
+        effort_limits: (n,) largest efforts, infinite where there is none [as torque].
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     q: np.ndarray
     v: np.ndarray
     torque: np.ndarray
@@ -245,6 +259,7 @@ def controlled_joints(log: SimulationLog) -> ControlledJoints:
     v, fastest = log.v[:, columns], log.velocity_limits[columns]
     return ControlledJoints(
         names=tuple(log.controlled_names.tolist()),
+        units=tuple(log.controlled_units.tolist()),
         q=q,
         v=v,
         torque=np.stack(torque, axis=1),
@@ -365,6 +380,11 @@ def summarize(
         wall_time=wall_time,
         real_time_factor=duration / wall_time if wall_time else None,
         arithmetic=arithmetic() if wall_time else "",
+        sliding_joints=[
+            name
+            for name, unit in zip(joints.names, joints.units, strict=True)
+            if unit == "m"
+        ],
     )
 
 
@@ -422,7 +442,8 @@ def summary_table(summary: Summary) -> Table:
             "  beyond limits",
             f"{summary.beyond_limit_samples}",
             f"{_most(summary.joints_beyond_limits)}; farthest "
-            f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} rad",
+            f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} "
+            f"{summary.unit_of(summary.largest_excess_joint)}",
         )
     if summary.beyond_speed_samples:
         # Apart from the violations, as in `Summary`.
@@ -431,7 +452,8 @@ def summary_table(summary: Summary) -> Table:
             f"{summary.beyond_speed_samples}",
             f"{_most(summary.joints_beyond_speed)}; most "
             f"{summary.largest_speed_excess_joint}, by "
-            f"{summary.largest_speed_excess:.3g} rad/s",
+            f"{summary.largest_speed_excess:.3g} "
+            f"{summary.unit_of(summary.largest_speed_excess_joint)}/s",
             style="bold red",
         )
     if summary.admitted_steps:
@@ -445,7 +467,7 @@ def summary_table(summary: Summary) -> Table:
     table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
     table.add_row(
         "peak torque",
-        f"{summary.peak_torque:.1f} Nm",
+        f"{summary.peak_torque:.1f} {summary.peak_torque_unit}",
         f"{summary.peak_torque_joint}, at {summary.peak_torque_time:.2f} s",
     )
     if summary.torque_limited_samples:
@@ -456,7 +478,9 @@ def summary_table(summary: Summary) -> Table:
             f"of {summary.samples} samples; clipped in "
             f"{summary.torque_clipped_samples}",
         )
-    table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", "")
+    count = len(summary.sliding_joints)
+    slides = f"{count} that slide, in m/s², among them" if count else ""
+    table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", slides)
     if summary.stopped:
         reason = escape(summary.stopped)
         table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")

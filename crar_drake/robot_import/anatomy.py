@@ -7,24 +7,25 @@ with at least four joints. The robot is to be given in a frame with x forward an
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
 
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Part
 from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 
-_FEWEST_JOINTS = 4  # of an arm
-_TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
+FEWEST_JOINTS = 4  # of an arm
+_LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
+_ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 _AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
-_MIRROR_TOLERANCE = 0.03  # [m]
+MIRROR_TOLERANCE = 0.03  # [m]
+_GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
+_HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
+_ASIDE = 0.02  # [m] between the first joints of two arms, at least
 _UNEVEN = 2.0  # upper arm over forearm, or the other way
-_ON_FLOOR = 0.2  # [m] that a root link on wheels is above the floor, at most
-_WAIST_SHARE = 0.62  # of a person's neck's height
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,13 @@ class Anatomy:
 
 
 def find_anatomy(robot: SourceRobot) -> Anatomy | None:
-    """The robot's arms; None where there is no mirrored pair of chains."""
+    """The robot's arms; None where no mirrored pair of chains is one of arms."""
     X = robot.poses()
-    pairs = mirrored_chains(robot, _FEWEST_JOINTS)
+    pairs = [
+        pair
+        for pair in mirrored_chains(robot, FEWEST_JOINTS)
+        if not _are_legs(robot, pair)
+    ]
     if not pairs:
         return None
 
@@ -63,30 +68,59 @@ def find_anatomy(robot: SourceRobot) -> Anatomy | None:
     return Anatomy(*max(pairs, key=height))
 
 
+def _are_legs(robot: SourceRobot, pair: tuple[Arm, Arm]) -> bool:
+    """Whether a pair of chains, although the highest one, is one of legs.
+
+    That is so of a robot that ends at its hips. Its joints say so, or, if they say
+    nothing, that the chains hang down from below the root link, farther than anything.
+    """
+    names = " ".join(joint.name.lower() for arm in pair for joint in arm.joints)
+    legs, arms = (any(w in names for w in words) for words in (_LEG_WORDS, _ARM_WORDS))
+    if legs or arms:
+        return legs and not arms
+    X = robot.poses()
+    height = {link: X[link].translation()[2] for link in robot.links}
+    root, start = height[robot.root], height[pair[0].joints[0].child]
+    return start < root - 0.01 and height[pair[0].hand] <= min(height.values()) + 0.05
+
+
 def find_leg_chains(
     robot: SourceRobot, anatomy: Anatomy | None
 ) -> tuple[Arm, Arm] | None:
-    """The left leg and the right one, as chains; None where there are none.
+    """The left leg and the right one, as chains; None where there are none, or four.
 
     Legs are the lowest pair of mirrored chains with three or more joints that are
-    not the arms and end below where they begin.
+    not the arms and end below where they begin. Who has another such pair, which
+    reaches half as far down, goes on four legs.
     """
     X = robot.poses()
     arms = set()
     if anatomy is not None:
         arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
-    found = {}
+    root = X[robot.root].translation()[2]
+    found = []
     for pair in mirrored_chains(robot, fewest=3):
         if any(joint.name in arms for chain in pair for joint in chain.joints):
             continue
         height = X[pair[0].joints[-1].child].translation()[2]
         if height < X[pair[0].joints[0].child].translation()[2] - 0.1:
-            found[height] = pair
-    return found[min(found)] if found else None
+            found.append((height, pair))
+    if not found:
+        return None
+    lowest, legs = min(found, key=lambda each: each[0])
+    own = {joint.name for chain in legs for joint in chain.joints}
+    for height, pair in found:
+        others = {joint.name for chain in pair for joint in chain.joints}
+        if not own & others and height - root < 0.5 * (lowest - root) < 0.0:
+            return None
+    return legs
 
 
 def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     """Pairs of chains that mirror each other, that at +y first.
+
+    What tells is where their last joints are: what is welded beyond them, a camera on
+    one hand, is often not there twice.
 
     Args:
         robot: in a frame whose x axis is its front.
@@ -98,10 +132,10 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     found = []
     for a in ends:
         for b in ends:
-            p_a, p_b = X[a].translation(), X[b].translation()
-            if not p_a[1] > p_b[1] or p_a[1] < 0.0:
+            if a == b or not ways[a] or not ways[b]:
                 continue
-            if np.abs(p_a - p_b * [1, -1, 1]).max() > _MIRROR_TOLERANCE:
+            p_a, p_b = (X[ways[end][-1].child].translation() for end in (a, b))
+            if np.abs(p_a - p_b * [1, -1, 1]).max() > MIRROR_TOLERANCE:
                 continue
             common = 0
             for joint_a, joint_b in zip(ways[a], ways[b], strict=False):
@@ -110,6 +144,11 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
                 common += 1
             arm_a, arm_b = ways[a][common:], ways[b][common:]
             if len(arm_a) != len(arm_b) or len(arm_a) < fewest:
+                continue
+            # Arms may cross at zero: it counts where they begin, if that is aside.
+            start = [X[arm[0].child].translation()[1] for arm in (arm_a, arm_b)]
+            aside = abs(start[0] - start[1]) > _ASIDE
+            if not (start[0] > start[1] if aside else p_a[1] > p_b[1]):
                 continue
             chains = ((arm_a, a), (arm_b, b))
             found.append(
@@ -127,18 +166,31 @@ def chain_ends(robot: SourceRobot) -> list[str]:
             found += [joint] if joint.moves else moving_below(joint.child)
         return found
 
+    followed = {joint.mimic for joint in robot.joints.values() if joint.mimic}
+
     def is_finger(joint: Joint) -> bool:
         words = ("finger", "thumb")
-        return bool(joint.mimic) or any(word in joint.name.lower() for word in words)
+        # What moves a gripper's other parts is followed by them, and carries no chain.
+        leads = joint.name in followed and _depth(robot, joint.child) < 2
+        name = joint.name.lower()
+        grips = any(word in name for word in _GRIPS)
+        turns = any(word in name for word in _TURNS)
+        last = grips and not turns and not _depth(robot, joint.child)
+        named = any(word in name for word in words)
+        return bool(joint.mimic) or leads or last or named
 
-    ends = []
+    X, ends = robot.poses(), []
 
     def walk(link: str, depth: int) -> None:
         onward = moving_below(link)
         fingers = any(is_finger(joint) for joint in onward)
-        spread = len(onward) > 1 and depth >= _FEWEST_JOINTS
+        spread = len(onward) > 1 and depth >= FEWEST_JOINTS
         # A spread that still has long chains behind it is a trunk, not a hand.
-        long_behind = any(_depth(robot, j.child) >= _FEWEST_JOINTS - 1 for j in onward)
+        long_behind = any(
+            _depth(robot, j.child) >= FEWEST_JOINTS - 1
+            and _reach(robot, X, link, j.child) > _HAND_SHARE * _way(robot, X, link)
+            for j in onward
+        )
         if not onward or fingers or (spread and not long_behind):
             ends.append(_hand_link(robot, link))
             return
@@ -149,6 +201,16 @@ def chain_ends(robot: SourceRobot) -> list[str]:
     return ends
 
 
+def longest_chains(robot: SourceRobot) -> list[str]:
+    """The ends of the chains that have the most joints."""
+    count = {
+        end: sum(joint.moves for joint in robot.path_to(end))
+        for end in chain_ends(robot)
+    }
+    longest = max(count.values())
+    return [end for end, joints in count.items() if joints == longest]
+
+
 def _depth(robot: SourceRobot, link: str) -> int:
     """Moving joints on the longest way down from a link."""
     return max(
@@ -156,88 +218,32 @@ def _depth(robot: SourceRobot, link: str) -> int:
     )
 
 
+def _reach(robot: SourceRobot, X, link: str, first: str) -> float:
+    """How far from a link the chains below one of its children end, at most [m]."""
+    p = X[link].translation()
+    below = (X[other].translation() for other in robot.below(first))
+    return max(float(np.linalg.norm(end - p)) for end in below)
+
+
+def _way(robot: SourceRobot, X, link: str) -> float:
+    """The way from the root link to a link, from joint to joint [m]."""
+    steps = [joint.child for joint in robot.path_to(link)]
+    p = [X[each].translation() for each in (robot.root, *steps)]
+    return float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
+
+
 def _hand_link(robot: SourceRobot, link: str) -> str:
-    """The link with geometry farthest down the welds, else the link itself."""
-    best = link
-    for joint in robot.children(link):
-        if joint.kind == "fixed" and not robot.is_bare(joint.child):
-            best = _hand_link(robot, joint.child)
-            break
-    return best
+    """The link with geometry farthest down the welds, else the link itself.
 
-
-def guess_frames(
-    robot: SourceRobot,
-    anatomy: Anatomy,
-    parts: Mapping[str, Sequence[Part]] | None = None,
-) -> dict[str, FrameChoice]:
-    """The points that a motion of joint centres needs, on the robot.
-
-    Shoulder: where the axes of the arm's second and third joint come nearest.
-    Elbow: origin of the joint after the shoulder's three, or of that named elbow, if
-    it bends the arm between two parts of similar length; else of one that does.
-    Wrist: origin of the last joint but one after the elbow, if there are two. Where
-    the forearm is the last link, at 80 % of its reach.
-    Neck: between the shoulders. Waist: the root link, or above it where that one is on
-    wheels.
-
-    Args:
-        robot: in a frame whose x axis is its front.
-        anatomy: its arms.
-        parts: link to its real look, in its frame; without it, floor and tips are
-            unknown.
+    Where several are welded to one link, none of them is the hand: cameras are among
+    them, and soles' corners.
     """
-    X, parts = robot.poses(), parts or {}
-    frames = {}
-    shoulders = []
-    for side, arm in (("left", anatomy.left), ("right", anatomy.right)):
-        joints = arm.joints
-        elbow = elbow_index(X, arm)
-        p_shoulder = axes_crossing(X, joints[1], joints[2])
-        wrist = _wrist(X, arm, elbow)
-        shoulders.append(p_shoulder)
-        frames[f"{side}_shoulder"] = frame_at(X, joints[1].parent, p_shoulder)
-        frames[f"{side}_elbow"] = FrameChoice(joints[elbow].child)
-        if wrist is not None:
-            p_wrist = X[wrist.child].translation()
-            frames[f"{side}_wrist"] = frame_at(X, wrist.parent, p_wrist)
-        elif (tip := _forearm_tip(X, arm, elbow, parts)) is not None:
-            frames[f"{side}_wrist"] = frame_at(X, arm.hand, tip)
-        else:
-            frames[f"{side}_wrist"] = FrameChoice(arm.hand)
-        frames[f"{side}_hand"] = FrameChoice(arm.hand)
-    p_neck = np.mean(shoulders, axis=0)
-    frames["neck"] = frame_at(X, anatomy.left.trunk, p_neck)
-    p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)
-    frames["waist"] = (
-        FrameChoice(robot.root) if p_waist is None else frame_at(X, robot.root, p_waist)
-    )
-    order = ("waist", "neck")
-    return {name: frames[name] for name in (*order, *sorted(set(frames) - set(order)))}
-
-
-def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
-    """The tool of a robot with one arm: the end of its only longest chain.
-
-    It is what is welded there and named so, else the last link without geometry,
-    else the hand. Robots without such a chain of four or more joints have none.
-    """
-    ways = {
-        end: [joint for joint in robot.path_to(end) if joint.moves]
-        for end in chain_ends(robot)
-    }
-    longest = max(map(len, ways.values()))
-    ends = [end for end, way in ways.items() if len(way) == longest]
-    if longest < _FEWEST_JOINTS or len(ends) != 1:
-        return {}
-    (end,) = ends
-    welded = welded_below(robot, ways[end][-1].child)
-    for word in _TOOLS:
-        for link in welded:
-            if word in link.lower():
-                return {"tool": FrameChoice(link)}
-    bare = [link for link in welded if robot.is_bare(link)]
-    return {"tool": FrameChoice(bare[-1] if bare else end)}
+    welded = [
+        joint.child
+        for joint in robot.children(link)
+        if joint.kind == "fixed" and not robot.is_bare(joint.child)
+    ]
+    return _hand_link(robot, welded[0]) if len(welded) == 1 else link
 
 
 def welded_below(robot: SourceRobot, link: str) -> list[str]:
@@ -254,12 +260,15 @@ def guess_rest(
 ) -> dict[str, float]:
     """Arms a little away from the trunk and elbows bent: clear of limits, of the
     trunk, and of the singular pose of a straight arm. A robot without a pair of arms
-    has its joints in the middle of their ranges."""
+    has its joints as the file's own posture, else in the middle of their ranges."""
     rest = {}
     for joint in robot.joints.values():
         if not joint.moves or joint.name in locked:
             continue
-        if anatomy is None and np.isfinite(joint.upper - joint.lower):
+        if anatomy is None and robot.posture:
+            own = robot.posture.get(joint.name, 0.0)
+            rest[joint.name] = float(np.clip(own, joint.lower, joint.upper))
+        elif anatomy is None and np.isfinite(joint.upper - joint.lower):
             rest[joint.name] = (joint.lower + joint.upper) / 2.0
         else:
             inside = min(0.05, (joint.upper - joint.lower) / 4.0)
@@ -302,11 +311,11 @@ def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:
     joints = arm.joints
     named = [i for i, j in enumerate(joints) if "elbow" in j.name.lower() and i >= 2]
     usual = [*named, min(3, len(joints) - 1)]
-    p_shoulder = axes_crossing(X, joints[1], joints[2])
+    p_shoulder = shoulder_point(X, arm)
     uneven = {}
     for index in range(2, len(joints)):
         p_elbow = X[joints[index].child].translation()
-        wrist = _wrist(X, arm, index)
+        wrist = wrist_joint(X, arm, index)
         end = arm.hand if wrist is None else wrist.child
         forearm = X[end].translation() - p_elbow
         lengths = np.linalg.norm(p_elbow - p_shoulder), np.linalg.norm(forearm)
@@ -322,7 +331,7 @@ def elbow_index(X: Mapping[str, RigidTransform], arm: Arm) -> int:
     return min(uneven, key=uneven.get) if uneven else usual[0]
 
 
-def _wrist(X, arm: Arm, elbow: int) -> Joint | None:
+def wrist_joint(X, arm: Arm, elbow: int) -> Joint | None:
     """The joint whose origin is the wrist; None where fewer than two are left."""
     after = arm.joints[elbow + 1 :]
     if len(after) < 2:
@@ -338,60 +347,16 @@ def _wrist(X, arm: Arm, elbow: int) -> Joint | None:
     return wrist
 
 
-def _forearm_tip(X, arm: Arm, elbow: int, parts) -> np.ndarray | None:
-    """Where a forearm's wrist would be that has no hand: 80 % of the way to its tip.
-
-    None where the hand is a link of its own, away from the elbow, or has no look.
-    """
-    p_elbow = X[arm.joints[elbow].child].translation()
-    points = [
-        X[arm.hand].multiply(part.vertices.T).T for part in parts.get(arm.hand, ())
-    ]
-    if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not points:
-        return None
-    from_elbow = np.concatenate(points) - p_elbow
-    reach = np.linalg.norm(from_elbow, axis=1)
-    # The middle of what is near the tip, not its outermost corner.
-    tip = from_elbow[reach > 0.9 * reach.max()].mean(axis=0)
-    return p_elbow + 0.8 * tip
+def shoulder_point(X, arm: Arm) -> np.ndarray:
+    """Where an arm turns in all directions, in the root's frame."""
+    first, second, third = arm.joints[:3]
+    if are_parallel(X, second, third):
+        return axes_crossing(X, first, second)
+    return axes_crossing(X, second, third)
 
 
-def on_wheels(robot: SourceRobot, parts: Mapping[str, Sequence[Part]]) -> bool:
-    """Whether the root link is on the floor, with wheels around it or a name so."""
-    X = robot.poses()
-    heights = [
-        X[link].multiply(part.vertices.T)[2].min()
-        for link, of_link in parts.items()
-        for part in of_link
-    ]
-    if not heights:
-        return False
-    near = [robot.root, *(j.child for j in robot.joints.values())]
-    words = ("wheel", "footprint", "caster", "mobile_base")
-    named = any(word in link.lower() for link in near for word in words)
-    return named and X[robot.root].translation()[2] - min(heights) < _ON_FLOOR
-
-
-def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | None:
-    """The waist of a robot whose root is on wheels; None for others.
-
-    It is where the trunk turns, if that is at a waist's height, else at a person's
-    share of the neck's height.
-    """
-    if not on_wheels(robot, parts):
-        return None
-    X = robot.poses()
-    turns = [
-        X[joint.child].translation()
-        for joint in robot.path_to(anatomy.left.trunk)
-        if joint.moves and joint.kind != "prismatic"
-    ]
-    bottom = X[robot.root].translation()[2]
-    tall = p_neck[2] - bottom
-    waists = [p for p in turns if 0.4 < (p[2] - bottom) / tall < 0.8]
-    if waists:
-        return waists[-1]
-    return np.array([p_neck[0], p_neck[1], bottom + _WAIST_SHARE * tall])
+def are_parallel(X, a: Joint, b: Joint) -> bool:
+    return bool(np.linalg.norm(np.cross(joint_axis(X, a), joint_axis(X, b))) < 0.1)
 
 
 def axes_crossing(X: dict, a: Joint, b: Joint) -> np.ndarray:
@@ -401,7 +366,7 @@ def axes_crossing(X: dict, a: Joint, b: Joint) -> np.ndarray:
     matrix = np.stack([u, -v], axis=1)
     (_, t), *_ = np.linalg.lstsq(matrix, p_b - p_a, rcond=None)
     # Parallel axes cross nowhere in particular.
-    return p_b if np.linalg.norm(np.cross(u, v)) < 0.1 else p_b + t * v
+    return p_b if are_parallel(X, a, b) else p_b + t * v
 
 
 def joint_axis(X, joint: Joint) -> np.ndarray:

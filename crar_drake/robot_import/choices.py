@@ -14,7 +14,7 @@ from crar_drake.files import whole_file
 from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "floating", "fixed")
-FACINGS = ("+x", "-x", "+y", "-y")
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 UP_AXES = ("z", "file")
 # Parts of the body whose joints can be locked together.
 GROUPS = ("legs", "arms", "hands", "head", "trunk", "other")
@@ -29,7 +29,8 @@ _HEADER = """\
 _COMMENTS = {
     "source": "the robot's own file, URDF or MJCF",
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
-    "facing": "axis of the root link that points ahead: +x, -x, +y or -y",
+    "up": "axis of the root link that points up: +x, -x, +y, -y, +z or -z",
+    "facing": "axis of the root link that points ahead: +x, -x, +y, -y, +z or -z",
     "base": "floating: the motion moves and turns the root link in all directions; "
     "prescribed: it turns it about z only; fixed: welded",
     "lock": f"groups of joints to lock: {', '.join(GROUPS)}",
@@ -70,7 +71,8 @@ class ImportChoices:
         name: of the robot.
         up_axis: "z" if all meshes have z up, whatever they say, or "file" if DAE
             meshes are to be turned as they say; None where none says anything else.
-        facing: axis of the root link that points ahead: "+x", "-x", "+y" or "-y".
+        up: axis of the root link that points up, one of `AXES`; None is z.
+        facing: axis of the root link that points ahead, one of `AXES`.
         base: "prescribed" (three prismatic joints and a heading between world and
             root link, driven by the motion), "floating" (by a quaternion: the motion
             turns it in all directions) or "fixed".
@@ -94,6 +96,7 @@ class ImportChoices:
     package_paths: list[str] = field(default_factory=list)
     name: str = ""
     up_axis: str | None = None
+    up: str | None = None
     facing: str | None = None
     base: str | None = None
     lock: list[str] | None = None
@@ -115,9 +118,16 @@ class ImportChoices:
         """
         if not self.source:
             raise ModelError(f"{where}: source: name the robot's URDF or MJCF")
-        if self.facing is not None and self.facing not in FACINGS:
+        for key in ("up", "facing"):
+            axis = getattr(self, key)
+            if axis is not None and axis not in AXES:
+                raise ModelError(
+                    f"{where}: {key}: {axis!r} is none of {', '.join(AXES)}"
+                )
+        if self.facing is not None and self.facing[1] == (self.up or "+z")[1]:
             raise ModelError(
-                f"{where}: facing: {self.facing!r} is none of {', '.join(FACINGS)}"
+                f"{where}: facing: {self.facing} is along the axis that points up, "
+                f"{self.up or '+z'}; write another axis for one of them"
             )
         if self.up_axis is not None and self.up_axis not in UP_AXES:
             raise ModelError(

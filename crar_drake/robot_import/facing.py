@@ -1,4 +1,5 @@
-"""Which way a robot looks: from the symmetry of its arms, their names, and its feet."""
+"""Which way is up on a robot, and which way it looks: from the symmetry of its limbs,
+their names, and its feet."""
 
 from __future__ import annotations
 
@@ -17,10 +18,14 @@ from crar_drake.robot_import.anatomy import (
 from crar_drake.robot_import.meshes import Part
 from crar_drake.robot_import.source_urdf import SourceRobot
 
-# Yaw of the front in the root's frame [rad].
-_YAW = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
+# Axes of the root link, in its own frame; the usual way up comes first.
+_AXES = {
+    f"{sign}{name}": np.roll([float(f"{sign}1"), 0.0, 0.0], shift)
+    for shift, name in ((2, "z"), (1, "y"), (0, "x"))
+    for sign in "+-"
+}
 
-_BEHIND = {"+x": "-x", "-x": "+x", "+y": "-y", "-y": "+y"}
+_BEHIND = {axis: ("-" if axis[0] == "+" else "+") + axis[1] for axis in _AXES}
 _TOES = 0.08  # share of a foot's length by which its middle is ahead of the ankle
 
 
@@ -29,7 +34,7 @@ class FacingGuess:
     """Where a robot's front is.
 
     Attributes:
-        facing: one of `choices.FACINGS`: the axis of the root link that points ahead.
+        facing: one of `choices.AXES`: the axis of the root link that points ahead.
         why: what says so.
         doubt: what speaks against it; "" if nothing.
     """
@@ -39,20 +44,52 @@ class FacingGuess:
     doubt: str = ""
 
 
-def turned(robot: SourceRobot, facing: str) -> SourceRobot:
-    """The robot with poses in a frame whose x axis is its front.
+def turned(robot: SourceRobot, facing: str, up: str = "+z") -> SourceRobot:
+    """The robot with poses in a frame whose x axis is its front, its z axis up.
 
     Args:
         robot: as the URDF has it.
-        facing: one of `choices.FACINGS`.
+        facing: one of `choices.AXES`.
+        up: another one, across it.
     """
-    R_FR = RotationMatrix.MakeZRotation(-_YAW[facing])
-    X_FR = RigidTransform() if facing == "+x" else RigidTransform(R_FR, np.zeros(3))
-    return replace(robot, X_FR=X_FR)
+    x, z = _AXES[facing], _AXES[up]
+    R_FR = RotationMatrix(np.stack([x, np.cross(z, x), z]))
+    return replace(robot, X_FR=RigidTransform(R_FR, np.zeros(3)))
+
+
+def guess_up(robot: SourceRobot) -> str:
+    """The axis of the root link that points up, one of `choices.AXES`.
+
+    It is z, as is usual, unless arms with two legs below them are found for another one
+    only; or arms above the root link for another one, and for z none at all.
+
+    Args:
+        robot: as the URDF has it.
+    """
+    with_arms = []
+    for up in _AXES:
+        for facing in _across(up):
+            there = turned(robot, facing, up)
+            anatomy = find_anatomy(there)
+            if anatomy is None:
+                continue
+            X = there.poses()
+            shoulder = X[anatomy.left.joints[0].child].translation()[2]
+            legs = find_leg_chains(there, anatomy)
+            if legs and shoulder > X[legs[0].joints[0].child].translation()[2]:
+                return up
+            if up == "+z" or shoulder > 0.0:
+                with_arms.append(up)
+    return with_arms[0] if with_arms else "+z"
+
+
+def _across(up: str) -> list[str]:
+    """The two positive axes that a robot may look along, the usual one first."""
+    return [axis for axis in ("+x", "+y", "+z") if axis[1] != up[1]]
 
 
 def guess_facing(
-    robot: SourceRobot, parts: Mapping[str, Sequence[Part]]
+    robot: SourceRobot, parts: Mapping[str, Sequence[Part]], up: str = "+z"
 ) -> FacingGuess:
     """The axis of the root link that the robot looks along.
 
@@ -63,14 +100,15 @@ def guess_facing(
     Args:
         robot: as the URDF has it.
         parts: link to its real look, in its frame.
+        up: the axis of the root link that points up.
     """
-    for facing in ("+x", "+y"):
-        there = turned(robot, facing)
+    for facing in _across(up):
+        there = turned(robot, facing, up)
         anatomy = find_anatomy(there)
         if anatomy is not None:
             break
     else:
-        return FacingGuess("+x", "no pair of mirrored arms was found")
+        return FacingGuess(_across(up)[0], "no pair of mirrored arms was found")
     named, toes = _named_left(anatomy), _toes(there, anatomy, parts)
     votes = {"the names of left and right": named, "the feet": toes}
     said = [what for what, sign in votes.items() if sign]

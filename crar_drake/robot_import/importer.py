@@ -29,10 +29,7 @@ from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarm
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
-    find_leg_chains,
-    guess_frames,
     guess_rest,
-    guess_tool,
 )
 from crar_drake.robot_import.capsule_fitting import Fit, coverage
 from crar_drake.robot_import.choices import (
@@ -41,11 +38,14 @@ from crar_drake.robot_import.choices import (
     save_choices,
 )
 from crar_drake.robot_import.covering import covered
-from crar_drake.robot_import.facing import guess_facing, turned
+from crar_drake.robot_import.facing import guess_facing, guess_up, turned
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
-from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
+from crar_drake.robot_import.leg_and_head_frames import (
+    guess_leg_and_head_frames,
+    has_feet,
+)
 from crar_drake.robot_import.meshes import (
     Part,
     guess_up_axis,
@@ -63,6 +63,7 @@ from crar_drake.robot_import.source_urdf import (
     SourceRobot,
     find_urdf,
 )
+from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 from crar_drake.robot_import.urdf_writer import (
     BASE_JOINTS,
     VisualMesh,
@@ -377,14 +378,22 @@ def _without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
     arms = any(find_anatomy(turned(bare, facing)) for facing in ("+x", "+y"))
     if choices.base not in ("prescribed", "floating") and not arms:
         return robot
-    note = f"the root link {WORLD!r} is left out: {bare.root} is the root"
+    what = "called" if bare.root not in robot.links else "left out: the root is"
+    note = f"the root link {WORLD!r} is {what} {bare.root}"
     return replace(bare, notes=(*robot.notes, note))
 
 
 def _face(robot, parts, choices: ImportChoices, report: ImportReport) -> SourceRobot:
-    """The robot in a frame whose x axis is its front."""
+    """The robot in a frame whose x axis is its front, its z axis up."""
+    if choices.up is None and choices.facing is None:
+        up = guess_up(robot)
+        if up != "+z":
+            choices.up = up
+            report.guessed["up"] = "where arms and legs are found as a body has them"
+            report.notes.append(f"{up} of the root link points up: it was turned")
+    up = choices.up or "+z"
     if choices.facing is None:
-        guess = guess_facing(robot, parts)
+        guess = guess_facing(robot, parts, up)
         choices.facing = guess.facing
         report.guessed["facing"] = guess.why
         if guess.doubt:
@@ -394,12 +403,12 @@ def _face(robot, parts, choices: ImportChoices, report: ImportReport) -> SourceR
                 f"the robot faces {guess.facing} of its root link, {guess.why}: it was "
                 "turned to face +x"
             )
-    if choices.facing != "+x" and robot.root == WORLD:
+    if (choices.facing, up) != ("+x", "+z") and robot.root == WORLD:
         raise ModelError(
             f"{report.folder / IMPORT_FILE}: facing: the root link is named {WORLD!r}, "
-            "which cannot turn; write +x, or rename the link in the URDF"
+            "which cannot turn; write +x (up: +z), or rename the link in the URDF"
         )
-    return turned(robot, choices.facing)
+    return turned(robot, choices.facing, up)
 
 
 def _guess_structure(
@@ -415,7 +424,7 @@ def _guess_structure(
         elif (
             choices.lock is not None
             and "legs" not in choices.lock
-            and find_leg_chains(robot, anatomy) is not None
+            and has_feet(robot, anatomy, parts)
         ):
             choices.base, why = "floating", "mirrored arms and legs, none locked"
         else:
@@ -746,6 +755,8 @@ def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
     how = (
         "arms a little out, elbows bent, standing on the ground"
         if anatomy
+        else "a keyframe of the file"
+        if robot.posture
         else "the middle of each joint's range"
     )
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):

@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from crar_drake.robot_import.anatomy import Anatomy, chain_ends
+from crar_drake.robot_import.anatomy import (
+    Anatomy,
+    chain_ends,
+    find_leg_chains,
+    longest_chains,
+)
 from crar_drake.robot_import.meshes import Part
 from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 
@@ -26,10 +31,11 @@ def joint_groups(
 ) -> dict[str, str]:
     """Each joint that is not fixed, to one of `choices.GROUPS`.
 
-    Arms are those of the anatomy, the trunk is what carries both. What branches off
-    the trunk is a leg if it hangs down far from below the shoulders, the head if it
-    reaches above them, else it is other; what branches off an arm's end is a hand. Of a
-    robot without a pair of arms the chains are arms, what is beyond them hands.
+    Arms are those of the anatomy, the trunk is what carries both. Two mirrored legs are
+    legs. What else branches off the trunk is a leg if it hangs down far from below the
+    shoulders, the head if it reaches above them, else it is other; what branches off an
+    arm's end is a hand. Of a robot without a pair of arms the longest chain is the arm,
+    or all are if several are as long; what is beyond is a hand, all else is other.
 
     Args:
         robot: in a frame whose x axis is its front.
@@ -37,17 +43,14 @@ def joint_groups(
         parts: link to its real look, in its frame; without it a link is a point.
     """
     if anatomy is None:
-        limbs = {j.name for end in chain_ends(robot) for j in robot.path_to(end)}
-        return {
-            name: "arms" if name in limbs else "hands"
-            for name, joint in robot.joints.items()
-            if joint.kind != "fixed"
-        }
+        return _of_one_arm(robot)
     groups: dict[str, str] = {}
     arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
     ends = [arm.joints[-1] for arm in (anatomy.left, anatomy.right)]
     way = {j.name for end in ends for j in robot.path_to(end.child)}
     last = {end.name for end in ends}
+    legs = find_leg_chains(robot, anatomy) or ()
+    in_legs = {joint.name for leg in legs for joint in leg.joints}
     extents = _Extents(robot, anatomy, parts or {})
     for link in robot.below(robot.root):
         joint = robot.parent_joint(link)
@@ -56,6 +59,8 @@ def joint_groups(
         above = _moving_above(robot, joint)
         if joint.name in way:
             group = "arms" if joint.name in arms else "trunk"
+        elif joint.name in in_legs:
+            group = "legs"
         elif above is not None and above.name not in way:
             group = groups[above.name]  # farther out on a branch
         elif above is not None and above.name in arms:
@@ -63,6 +68,25 @@ def joint_groups(
         else:
             group = extents.group(joint)
         groups[joint.name] = group
+    return groups
+
+
+def _of_one_arm(robot: SourceRobot) -> dict[str, str]:
+    """The groups of a robot without a pair of arms."""
+    ends = longest_chains(robot)
+    arms = {joint.name for end in ends for joint in robot.path_to(end)}
+    limbs = {j.name for end in chain_ends(robot) for j in robot.path_to(end)}
+    beyond = {
+        joint.name
+        for end in ends
+        for link in robot.below(end)
+        for joint in robot.children(link)
+    }
+    groups = {}
+    for name, joint in robot.joints.items():
+        if joint.kind != "fixed":
+            other = "other" if name in limbs and name not in beyond else "hands"
+            groups[name] = "arms" if name in arms else other
     return groups
 
 

@@ -13,6 +13,7 @@ from crar_drake.robot_import.anatomy import (
     find_leg_chains,
     frame_at,
     joint_axis,
+    welded_below,
 )
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Part
@@ -52,6 +53,25 @@ def guess_leg_and_head_frames(
         frames["head"] = head
     wanted = [f"{side}_{name}" for side in ("left", "right") for name in LEG_POINTS]
     return frames, [name for name in (*wanted, "head") if name not in frames]
+
+
+def has_feet(
+    robot: SourceRobot,
+    anatomy: Anatomy,
+    parts: Mapping[str, Sequence[Part]],
+) -> bool:
+    """Whether there are two legs, each with something at its end to stand on.
+
+    Args:
+        robot, anatomy: as `guess_leg_and_head_frames` has them.
+        parts: link to its real look; empty where it has none.
+    """
+    legs = find_leg_chains(robot, anatomy)
+    ends = [leg.joints[-1].child for leg in legs or ()]
+    return bool(ends) and all(
+        any(parts.get(link) for link in (end, *welded_below(robot, end)))
+        for end in ends
+    )
 
 
 def _of_leg(robot: SourceRobot, leg: Arm) -> dict[str, FrameChoice]:

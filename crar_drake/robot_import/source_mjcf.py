@@ -22,6 +22,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.mjcf_actuators import effort_limits
+from crar_drake.robot_import.mjcf_keyframes import keyframe_posture
 from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.source_urdf import (
     WORLD,
@@ -122,6 +123,7 @@ class _Reader:
             parents,
             tuple(self._notes),
             loops=loops,
+            posture=keyframe_posture(self._model, self._joint_names),
         )
 
     # --- which bodies are the robot -------------------------------------------------

@@ -148,6 +148,7 @@ class SourceRobot:
         X_FR: pose of the root link in the frame F that all poses are given in: z
             up, x the robot's front (`facing`).
         loops: chains that the file closes; the tree has them open.
+        posture: joint to position [rad or m] in a rest posture of the file's own.
     """
 
     name: str
@@ -159,6 +160,7 @@ class SourceRobot:
     notes: tuple[str, ...] = ()
     X_FR: RigidTransform = field(default_factory=RigidTransform)
     loops: tuple[Loop, ...] = ()
+    posture: dict[str, float] = field(default_factory=dict)
 
     def parent_joint(self, link: str) -> Joint | None:
         """The joint that carries a link; None for the root."""
@@ -201,11 +203,15 @@ class SourceRobot:
         """The robot without a root link that only says where it stands.
 
         None where the root is not of that kind: a link named world, without
-        geometry, that carries one link by a joint that is fixed or floating.
+        geometry, that carries one link by a joint that is fixed or floating. If it
+        carries several that are fixed to it, it gets another name instead.
         """
         joints = self.children(self.root)
-        if self.root != WORLD or not self.is_bare(self.root) or len(joints) != 1:
+        if self.root != WORLD or not self.is_bare(self.root) or not joints:
             return None
+        if len(joints) > 1:
+            welded = all(joint.kind == "fixed" for joint in joints)
+            return self._renamed_world() if welded else None
         (joint,) = joints
         if joint.kind not in ("fixed", "floating"):
             return None
@@ -215,6 +221,25 @@ class SourceRobot:
             joints={name: v for name, v in self.joints.items() if v is not joint},
             root=joint.child,
             _parents={k: v for k, v in self._parents.items() if v is not joint},
+        )
+
+    def _renamed_world(self) -> SourceRobot:
+        """The robot with another name of its root link."""
+        name = "mount"
+        while name in self.links:
+            name += "_"
+        joints = {
+            key: replace(joint, parent=name) if joint.parent == self.root else joint
+            for key, joint in self.joints.items()
+        }
+        others = {k: v for k, v in self.links.items() if k != self.root}
+        links = {name: replace(self.links[self.root], name=name), **others}
+        return replace(
+            self,
+            links=links,
+            joints=joints,
+            root=name,
+            _parents={joint.child: joint for joint in joints.values()},
         )
 
 
@@ -296,6 +321,11 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         raise ModelError(f"{path}: not a URDF: {error}") from error
     if root.tag != "robot":
         raise ModelError(f"{path}: not a URDF: its root element is <{root.tag}>")
+    if any("xacro" in str(element.tag) for element in root.iter()):
+        raise ModelError(
+            f"{path}: it is made of macros that are not expanded; expand it with "
+            f"ROS's xacro ({path.name} > robot.urdf) and import what that writes"
+        )
     for tag in _LOOPS:
         element = next(root.iter(tag.replace("drake:", "_drake_")), None)
         if element is not None:
@@ -498,7 +528,9 @@ def _read_joint(element, path: Path) -> Joint:
     ends = {tag: element.find(tag) for tag in ("parent", "child")}
     if any(end is None for end in ends.values()):
         raise ModelError(f"{path}: joint {name!r} lacks its parent or child")
-    limit, mimic = element.find("limit"), element.find("mimic")
+    limit = element.find("limit")
+    # A weld follows nothing, whatever the file says of it.
+    mimic = None if kind == "fixed" else element.find("mimic")
     dynamics, axis = element.find("dynamics"), element.find("axis")
     vector = np.array(_three(axis.get("xyz")) if axis is not None else (1, 0, 0.0))
     length = np.linalg.norm(vector)

@@ -24,10 +24,11 @@ def test_round_trip(tmp_path):
 
 def test_a_log_of_an_earlier_version_knows_no_speed_limits(tmp_path):
     arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
-    del arrays["velocity_limits"]
+    del arrays["velocity_limits"], arrays["controlled_units"]
     np.savez(tmp_path / "log.npz", **arrays)
     log = SimulationLog.load(tmp_path / "log.npz")
     np.testing.assert_array_equal(log.velocity_limits, [np.inf] * 3)
+    assert log.controlled_units.tolist() == ["rad", "rad"]
     np.testing.assert_array_equal(log.v, small_log().v)
     # One of a wrong size is no log nevertheless.
     np.savez(tmp_path / "log.npz", **arrays, velocity_limits=np.ones(2))

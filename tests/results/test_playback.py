@@ -65,6 +65,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         velocity_names=np.array(model.velocity_names),
         actuator_names=np.array(model.position_names),
         controlled_names=np.array(model.joint_names),
+        controlled_units=np.array(["rad"] * model.n),
         task_names=np.array(layout.names),
         task_kinds=np.array(layout.kinds),
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names]),

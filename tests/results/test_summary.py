@@ -253,7 +253,7 @@ def test_the_keys_of_the_json_are_stable():
         "unclear_steps path_clearance longest_held_back torque_limited_samples "
         "torque_clipped_samples braking_samples frame_rate frame_rate_source "
         "motion_findings warnings wall_time real_time_factor arithmetic "
-        "stopped"
+        "stopped sliding_joints"
     )
     assert list(json.loads(summarize(small_log()).to_json())) == keys.split()
 
@@ -328,3 +328,18 @@ def test_the_ground_counts_where_something_is_below(names, heights, smallest, pa
     assert summary.smallest_distance == smallest
     assert summary.smallest_distance_pair == pair
     assert summary.penetrating_samples == (smallest < 0.0)
+
+
+def test_joints_that_slide_have_units_of_their_own():
+    """`swing` is beyond its limit and too fast, and has the largest effort."""
+    log = small_log(controlled_units=np.array(["m", "rad"]))
+    summary = summarize(log)
+    assert summary.sliding_joints == ["swing"]
+    console = Console(width=200, record=True, file=open("/dev/null", "w"))
+    console.print(summary_table(summary))
+    text = console.export_text()
+    assert "swing, 0.25 m" in text and "30.0 N " in text
+    assert "1 that slide, in m/s², among them" in text
+    turning = summarize(small_log())
+    assert turning.sliding_joints == [] and turning.peak_torque_unit == "Nm"
+    assert turning.unit_of("swing") == "rad"

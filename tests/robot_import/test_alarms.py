@@ -5,10 +5,11 @@ from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
-from crar_drake.robot_import.anatomy import find_anatomy, guess_frames
+from crar_drake.robot_import.anatomy import find_anatomy
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import read_urdf
+from crar_drake.robot_import.upper_body_frames import guess_frames
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,12 @@ from small_urdfs import humanoid, joint, link, robot, write
 from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
-    guess_frames,
     guess_rest,
-    guess_tool,
 )
 from crar_drake.robot_import.joint_groups import guess_locked
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 
 def test_the_small_humanoid(tmp_path):
@@ -220,7 +219,8 @@ def rolling(root: str, trunk_turns_at: float | None = None) -> str:
     [
         ("base_footprint", None, 0.62 * 0.9),  # the shoulders are 0.9 m above it
         ("base_footprint", 0.55, 0.55),
-        ("pelvis", None, 0.0),
+        # No wheels, but far from the arms: as far below them as a person's.
+        ("pelvis", None, 0.9 - 0.9 * 0.55),
     ],
 )
 def test_the_waist_is_not_on_wheels(tmp_path, root, turns, height):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from small_urdfs import humanoid, humanoid_with_legs, write
 
-from crar_drake.robot_import.anatomy import find_anatomy, guess_frames
+from crar_drake.robot_import.anatomy import find_anatomy
 from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.upper_body_frames import guess_frames
 
 POINTS = {f"{s}_{n}" for s in ("left", "right") for n in ("hip", "knee", "foot")}
 

@@ -13,6 +13,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot
+from crar_drake.robot_import.anatomy import guess_rest
 from crar_drake.robot_import.inertias import read_inertia, spatial_inertia
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_file import read_robot
@@ -252,6 +253,22 @@ def test_sites_can_be_tools(tmp_path):
         chain = body(name, chain)
     report = import_small(tmp_path, mjcf(chain))
     assert report.choices.frames["tool"].link == "tcp"
+
+
+def test_a_keyframe_is_the_rest_posture_of_an_arm(tmp_path):
+    """That called home, if there is one; its quaternion of a ball joint is left out."""
+    chain = body("e", joint='<joint name="{}_joint" type="ball"/>')
+    for name in "dcba":
+        chain = body(name, chain)
+    keys = '<key name="busy" qpos="1 1 1 1 1 0 0 0"/>'
+    home = '<key name="Home" qpos="0.1 -0.2 0.3 0 0.6 0.8 0 0"/>'
+    for more, posture in ((keys + home, (0.1, -0.2, 0.3, 0.0)), (keys, (1.0,) * 4)):
+        robot = read(tmp_path, mjcf(chain, f"<keyframe>{more}</keyframe>"))
+        expected = {f"{n}_joint": q for n, q in zip("abcd", posture, strict=True)}
+        assert robot.posture == expected
+        rest = guess_rest(robot, None, {"a_joint": 0.0})
+        assert rest == {n: q for n, q in expected.items() if n != "a_joint" and q}
+    assert read(tmp_path, mjcf(chain)).posture == {}
 
 
 def test_a_joint_that_follows_another_mimics_it(tmp_path):

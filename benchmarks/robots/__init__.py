@@ -1,0 +1,1 @@
+"""Robots of packages on PyPI, imported without hand work: do they dance?"""

@@ -1,0 +1,157 @@
+"""The page of what became of each robot."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.robots.catalogue import SUBJECTS, Subject
+from benchmarks.robots.trial import TOOL, WHOLE_BODY, Outcome
+from crar_drake.studies.tables import markdown_table, write_report
+
+_HEADER = (
+    "robot",
+    "package",
+    "task",
+    "import / run",
+    "rms error",
+    "of size",
+    "capsules",
+    "meshes",
+    "violations",
+    "feet: slip, median / worst",
+    "lowest point",
+    "warnings",
+)
+
+
+def write_page(
+    tried: Sequence[tuple[Subject, Outcome]], motion: str, path: Path | None
+) -> None:
+    """Prints the tables, and writes the page if there is a path for it.
+
+    Args:
+        tried: robots and what became of them.
+        motion: what those with two arms did.
+        path: Markdown file.
+    """
+    ran = [(s, o) for s, o in tried if not o.why]
+    stopped = [(s, o) for s, o in tried if o.why]
+    dancing = [(s, o) for s, o in ran if o.task != TOOL]
+    arms = [(s, o) for s, o in ran if o.task == TOOL]
+    clean = sum(not o.violations for _, o in ran)
+    packages = sorted({subject.package for subject in SUBJECTS})
+    duration = max((o.duration for _, o in dancing), default=0.0)
+    text = f"""# Robots that nobody corrected
+
+    pip install 'crar-drake[robots-table,compiled]'
+    crar-drake fetch 05_02
+    python -m benchmarks.robots --page docs/robots.md
+
+This page is written by that command. It imports robots of packages on PyPI with
+`crar-drake import-robot FILE --lock hands,head,other`, corrects nothing, and sets each
+the task that its import allows:
+
+* *whole body*: two arms, two legs, a root that floats: seven points of the upper body
+  and the poses of both feet follow {motion}, the first {duration:.1f} s;
+* *seven points*: two arms on a base that drives or is mounted: the same without feet;
+* *tool*: a single arm's tool visits places that its joints reach.
+
+The control period is 5 ms, the constraints are the lookahead. *Capsules* and *meshes*
+are the smallest distances between links, judged at every control step and every 50 ms.
+A *violation* is a sample in which capsules or meshes penetrate, or a joint is beyond
+its limit or its speed. Meshes can penetrate where capsules do not cover them or nobody
+watches the pair ([what to do](your-robot.md#what-the-report-warns-of)). *Size* is the
+height of the neck, or the tool's longest way; errors count from when the targets are
+blended in. *Import* and *run* are CPU seconds, the run without compiling; *warnings*
+are lines of the import's report. No hand work was done on any.
+
+Of {len(SUBJECTS)} robots in the catalogue {len(tried)} were tried. {len(ran)} of these
+ran, {len(dancing)} the dance and {len(arms)} an arm's task, {clean} without any
+violation.
+"""
+    if dancing:
+        text += f"""
+## Dancing
+
+{markdown_table(_HEADER, [_row(s, o) for s, o in dancing])}"""
+    if arms:
+        text += f"""
+## Arms
+
+{markdown_table(_short(_HEADER), [_short(_row(s, o)) for s, o in arms])}"""
+    if stopped:
+        rows = [[s.name, s.package, s.kind, o.why] for s, o in stopped]
+        text += f"""
+## Those that could not
+
+{markdown_table(("robot", "package", "what it is", "why"), rows)}"""
+    known = {subject.name for subject, _ in tried}
+    if untried := [s.name for s in SUBJECTS if s.name not in known]:
+        text += "\n" + _wrapped(f"Not tried: {'; '.join(untried)}.")
+    text += "\n" + _wrapped(_versions(packages))
+    write_report(text, path)
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, 88, break_on_hyphens=False) + "\n"
+
+
+def _short(row: Sequence[str]) -> list[str]:
+    """Without what arms have not."""
+    return [*row[:9], *row[11:]]
+
+
+def _row(subject: Subject, outcome: Outcome) -> list[str]:
+    o = outcome
+    error = _mm(o.error)
+    if o.task == WHOLE_BODY:
+        error += f"; feet {_mm(o.feet_error)}"
+    slip = "–"
+    if o.contacts:
+        slip = f"{_mm(o.median_slip, 1)} / {_mm(o.worst_slip, 1)}"
+    return [
+        subject.name,
+        subject.package,
+        o.task.replace("-", " ").replace("upper body", "seven points"),
+        f"{o.import_time:.0f} / {o.run_time:.0f} s",
+        error,
+        "–" if not o.size else f"{100 * o.error / o.size:.0f} %",
+        _mm(o.capsules, 1),
+        _mm(o.meshes, 1),
+        _violations(o),
+        slip,
+        _mm(o.lowest, 1),
+        str(len(o.warnings)) if o.warnings else "–",
+    ]
+
+
+def _violations(o: Outcome) -> str:
+    counts = {
+        "capsules": (o.penetrating, o.samples),
+        "meshes": (o.meshes_penetrating, o.mesh_samples),
+        "limits": (o.beyond_limit, o.samples),
+        "speeds": (o.beyond_speed, o.samples),
+    }
+    told = [f"{what} {n} of {total}" for what, (n, total) in counts.items() if n]
+    return ", ".join(told) or "0"
+
+
+def _mm(metres: float | None, digits: int = 0) -> str:
+    if metres is None or not math.isfinite(metres):
+        return "–"
+    return f"{1e3 * metres:.{digits}f} mm"
+
+
+def _versions(packages: Sequence[str]) -> str:
+    """Which versions this was."""
+    told = []
+    for package in packages:
+        try:
+            told.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            told.append(f"{package} (not installed)")
+    return f"Versions: {', '.join(told)}."

@@ -1,0 +1,211 @@
+"""A first guess at a motion's points on arms, neck and waist, and at a single arm's
+tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from crar_drake.robot_import.anatomy import (
+    FEWEST_JOINTS,
+    MIRROR_TOLERANCE,
+    Anatomy,
+    Arm,
+    elbow_index,
+    find_leg_chains,
+    frame_at,
+    joint_axis,
+    longest_chains,
+    shoulder_point,
+    welded_below,
+    wrist_joint,
+)
+from crar_drake.robot_import.choices import FrameChoice
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_urdf import Joint, SourceRobot
+
+_TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
+_ON_FLOOR = 0.2  # [m] that a root link on wheels is above the floor, at most
+_WAIST_SHARE = 0.62  # of a person's neck's height
+_TRUNK_SHARE = 0.9  # of a person's arm, from shoulder to wrist
+
+
+def guess_frames(
+    robot: SourceRobot,
+    anatomy: Anatomy,
+    parts: Mapping[str, Sequence[Part]] | None = None,
+) -> dict[str, FrameChoice]:
+    """The points that a motion of joint centres needs, on the robot.
+
+    Shoulder: where the axes of the arm's second and third joint come nearest, or of
+    its first and second where those are parallel.
+    Elbow: origin of the joint after the shoulder's three, or of that named elbow, if
+    it bends the arm between two parts of similar length; else of one that does.
+    Wrist: origin of the last joint but one after the elbow, if there are two. Where
+    the forearm is the last link, at 80 % of its reach.
+    An origin may lie anywhere along its axis: where left and right do not mirror each
+    other it is the axes' points that are nearest to the shoulder.
+    Neck: between the shoulders. Waist: the root link, or where a body has it if that is
+    on wheels or elsewhere far from there.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms.
+        parts: link to its real look, in its frame; without it, floor and tips are
+            unknown.
+    """
+    X, parts = robot.poses(), parts or {}
+    frames = {}
+    arms = {"left": anatomy.left, "right": anatomy.right}
+    elbows = {side: elbow_index(X, arm) for side, arm in arms.items()}
+    wrists = {side: wrist_joint(X, arm, elbows[side]) for side, arm in arms.items()}
+    shoulders = {side: shoulder_point(X, arm) for side, arm in arms.items()}
+    bends = [arm.joints[elbows[side]] for side, arm in arms.items()]
+    p_elbows = dict(zip(arms, _on_axes(X, bends, shoulders.values()), strict=True))
+    p_wrists: dict[str, np.ndarray] = {}
+    if all(wrists.values()):
+        on_axes = _on_axes(X, wrists.values(), shoulders.values())
+        p_wrists = dict(zip(arms, on_axes, strict=True))
+    for side, arm in arms.items():
+        elbow, wrist = arm.joints[elbows[side]], wrists[side]
+        at = arm.joints[1].parent
+        frames[f"{side}_shoulder"] = frame_at(X, at, shoulders[side])
+        frames[f"{side}_elbow"] = frame_at(X, elbow.child, p_elbows[side])
+        if wrist is not None:
+            p_wrist = p_wrists.get(side, X[wrist.child].translation())
+            frames[f"{side}_wrist"] = frame_at(X, wrist.parent, p_wrist)
+        elif (tip := _forearm_tip(X, arm, elbows[side], parts)) is not None:
+            frames[f"{side}_wrist"] = frame_at(X, arm.hand, tip)
+        else:
+            frames[f"{side}_wrist"] = FrameChoice(arm.hand)
+        frames[f"{side}_hand"] = FrameChoice(arm.hand)
+    p_neck = np.mean(list(shoulders.values()), axis=0)
+    frames["neck"] = frame_at(X, anatomy.left.trunk, p_neck)
+    p_waist = _waist_above_wheels(robot, anatomy, p_neck, parts)
+    if p_waist is None:
+        limbs = [("shoulder", "elbow"), ("elbow", "wrist")]
+        p = {name: X[f.link].multiply(np.array(f.point)) for name, f in frames.items()}
+        arm_length = sum(
+            np.linalg.norm(p[f"left_{a}"] - p[f"left_{b}"]) for a, b in limbs
+        )
+        p_waist = _waist_far_from_root(robot, anatomy, p_neck, arm_length)
+    frames["waist"] = (
+        FrameChoice(robot.root) if p_waist is None else frame_at(X, robot.root, p_waist)
+    )
+    order = ("waist", "neck")
+    return {name: frames[name] for name in (*order, *sorted(set(frames) - set(order)))}
+
+
+def _on_axes(X, joints: Iterable[Joint], p_shoulders: Iterable[np.ndarray]) -> list:
+    """The origins of a left joint and a right one if they mirror each other, else the
+    points of their axes that are nearest to the shoulders; in the root's frame."""
+    joints = list(joints)
+    left, right = (X[joint.child].translation() for joint in joints)
+    if np.abs(left - right * [1, -1, 1]).max() <= MIRROR_TOLERANCE:
+        return [left, right]
+    axes = [joint_axis(X, joint) for joint in joints]
+    return [
+        origin + axis * (axis @ (p_shoulder - origin))
+        for origin, axis, p_shoulder in zip(
+            (left, right), axes, p_shoulders, strict=True
+        )
+    ]
+
+
+def _forearm_tip(X, arm: Arm, elbow: int, parts) -> np.ndarray | None:
+    """Where a forearm's wrist would be that has no hand: 80 % of the way to its tip.
+
+    None where the hand is a link of its own, away from the elbow, or has no look.
+    """
+    p_elbow = X[arm.joints[elbow].child].translation()
+    points = [
+        X[arm.hand].multiply(part.vertices.T).T for part in parts.get(arm.hand, ())
+    ]
+    if np.linalg.norm(X[arm.hand].translation() - p_elbow) > 0.03 or not points:
+        return None
+    from_elbow = np.concatenate(points) - p_elbow
+    reach = np.linalg.norm(from_elbow, axis=1)
+    # The middle of what is near the tip, not its outermost corner.
+    tip = from_elbow[reach > 0.9 * reach.max()].mean(axis=0)
+    return p_elbow + 0.8 * tip
+
+
+def on_wheels(robot: SourceRobot, parts: Mapping[str, Sequence[Part]]) -> bool:
+    """Whether the root link is on the floor, with wheels around it or a name so."""
+    X = robot.poses()
+    heights = [
+        X[link].multiply(part.vertices.T)[2].min()
+        for link, of_link in parts.items()
+        for part in of_link
+    ]
+    if not heights:
+        return False
+    near = [robot.root, *(j.child for j in robot.joints.values())]
+    words = ("wheel", "footprint", "caster", "mobile_base")
+    named = any(word in link.lower() for link in near for word in words)
+    return named and X[robot.root].translation()[2] - min(heights) < _ON_FLOOR
+
+
+def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | None:
+    """The waist of a robot whose root is on wheels; None for others.
+
+    It is where the trunk turns, if that is at a waist's height, else at a person's
+    share of the neck's height.
+    """
+    if not on_wheels(robot, parts):
+        return None
+    X = robot.poses()
+    turns = [
+        X[joint.child].translation()
+        for joint in robot.path_to(anatomy.left.trunk)
+        if joint.moves and joint.kind != "prismatic"
+    ]
+    bottom = X[robot.root].translation()[2]
+    tall = p_neck[2] - bottom
+    waists = [p for p in turns if 0.4 < (p[2] - bottom) / tall < 0.8]
+    if waists:
+        return waists[-1]
+    return np.array([p_neck[0], p_neck[1], bottom + _WAIST_SHARE * tall])
+
+
+def _waist_far_from_root(
+    robot: SourceRobot, anatomy: Anatomy, p_neck: np.ndarray, arm_length: float
+) -> np.ndarray | None:
+    """The waist of a robot whose root link is not near where a body has it; else None.
+
+    On legs it is between the hips, if the root is not about there. Without legs it is
+    as far below the neck as a person's is, by the length from shoulder to wrist, if the
+    root is much nearer to the neck or farther from it.
+    """
+    X = robot.poses()
+    legs = find_leg_chains(robot, anatomy)
+    if legs is not None:
+        p_hips = np.mean([X[leg.joints[0].child].translation() for leg in legs], axis=0)
+        trunk = p_neck[2] - p_hips[2]
+        if -0.6 * trunk < X[robot.root].translation()[2] - p_hips[2] < 0.6 * trunk:
+            return None
+        return p_hips
+    trunk = p_neck[2] - X[robot.root].translation()[2]
+    if 0.25 * arm_length < trunk < 1.5 * arm_length:
+        return None
+    return p_neck - [0.0, 0.0, _TRUNK_SHARE * arm_length]
+
+
+def guess_tool(robot: SourceRobot) -> dict[str, FrameChoice]:
+    """The tool of a robot with one arm: the end of its only longest chain.
+
+    It is what is welded there and named so, else the last link without geometry,
+    else the hand. Robots without such a chain of four or more joints have none.
+    """
+    end, *others = longest_chains(robot)
+    way = [joint for joint in robot.path_to(end) if joint.moves]
+    if len(way) < FEWEST_JOINTS or others:
+        return {}
+    welded = welded_below(robot, way[-1].child)
+    for word in _TOOLS:
+        for link in welded:
+            if word in link.lower():
+                return {"tool": FrameChoice(link)}
+    bare = [link for link in welded if robot.is_bare(link)]
+    return {"tool": FrameChoice(bare[-1] if bare else end)}

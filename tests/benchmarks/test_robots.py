@@ -1,0 +1,90 @@
+"""The table of robots: what is kept of a trial, and the page that is made of it."""
+
+import json
+from dataclasses import asdict
+
+import pytest
+
+from benchmarks.robots import __main__ as command
+from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
+from benchmarks.robots.page import write_page
+from benchmarks.robots.trial import RESULT, TOOL, WHOLE_BODY, Outcome, load_outcome
+
+DANCER = Outcome(
+    imported=True,
+    task=WHOLE_BODY,
+    duration=4.0,
+    size=1.2,
+    error=0.06,
+    feet_error=0.012,
+    capsules=0.005,
+    meshes=-0.002,
+    meshes_penetrating=3,
+    mesh_samples=80,
+    samples=800,
+    contacts=2,
+    median_slip=0.001,
+    worst_slip=0.0025,
+    lowest=-0.0004,
+    warnings=["pairs: some", "facing: some"],
+)
+
+
+def cells(text: str, name: str) -> list[str]:
+    (line,) = [line for line in text.splitlines() if line.startswith(f"| {name} |")]
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_the_page(tmp_path, capsys):
+    dancer, arm, lame = SUBJECTS[0], SUBJECTS[13], SUBJECTS[-1]
+    outcomes = [
+        (dancer, DANCER),
+        (arm, Outcome(task=TOOL, size=0.5, error=0.001, samples=100)),
+        (lame, Outcome(why="it has no arms")),
+    ]
+    page = tmp_path / "robots.md"
+    write_page(outcomes, "cmu:05_02", page)
+    text = page.read_text()
+    assert "3 were tried. 2 of these\nran, 1 the dance and 1 an arm" in text
+    assert "1 without any\nviolation" in text
+    row = cells(text, dancer.name)
+    assert row[2] == "whole body" and row[4:9] == [
+        "60 mm; feet 12 mm",
+        "5 %",
+        "5.0 mm",
+        "-2.0 mm",
+        "meshes 3 of 80",
+    ]
+    assert row[9:] == ["1.0 mm / 2.5 mm", "-0.4 mm", "2"]
+    assert cells(text, arm.name)[4:9] == ["1 mm", "0 %", "–", "–", "0"]
+    assert cells(text, lame.name)[-1] == "it has no arms"
+    assert f"Not tried: {SUBJECTS[1].name}" in text
+    capsys.readouterr()
+
+
+def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
+    subject = Subject("Some robot", "no-such-package", "robot.urdf", "arm")
+    known = SUBJECTS[0]
+    monkeypatch.setattr(command, "SUBJECTS", [subject, known])
+    monkeypatch.setattr(Subject, "path", lambda s: None if s is subject else tmp_path)
+    folder = tmp_path / folder_name(known)
+    folder.mkdir()
+    (folder / RESULT).write_text(json.dumps(asdict(DANCER)))
+    assert load_outcome(folder) == DANCER and load_outcome(tmp_path) is None
+    monkeypatch.setattr("sys.argv", ["robots", "--out", str(tmp_path)])
+    command.main()
+    told = capsys.readouterr().out
+    assert "the package no-such-package is not installed" in told
+    assert cells(told, known.name)[4].startswith("60 mm")
+
+
+def test_unknown_names_are_refused(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["robots", "--only", "Nobody"])
+    with pytest.raises(SystemExit):
+        command.main()
+    assert "no robot 'Nobody'; there are: G1;" in capsys.readouterr().err
+
+
+def test_folders_are_apart():
+    names = [folder_name(subject) for subject in SUBJECTS]
+    assert len(set(names)) == len(names)

@@ -1,8 +1,8 @@
 """A page whose scripts, meshes and arrays are compressed; the browser unpacks them.
 
 Meshcat's own script alone has 2.2 MB, and what it is told to draw is base64 of text. In
-one gzip stream that shrinks to a third or less. `page/unpack.js` is what undoes it, with
-the browser's own DecompressionStream.
+one gzip stream that shrinks to a third or less. `page/unpack.js` undoes it, with the
+browser's own DecompressionStream.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ from crar_drake.simulation.visualization import (
 
 _SCRIPTS = ("view.js", "marks.js", "timeline.js", "page.js")
 
-# What the page's numbers are rounded to, far below a pixel: poses and points [m, 1], and
-# where links are near each other [m].
+# What the page's numbers are rounded to, far below a pixel: poses and points [m, 1],
+# and where links are near each other [m].
 _STEPS = {"poses": 2**-14, "targets": 2**-14, "reached": 2**-14, "near": 2**-17}
 
 _MODES = {
@@ -231,9 +231,7 @@ def _prefix(robot: int) -> str:
     return f"/crar/robot{robot}"
 
 
-def _run_entry(
-    run: RecordedRun, frames_per_second: float, arrays: list[bytes]
-) -> dict:
+def _run_entry(run: RecordedRun, frames_per_second: float, arrays: list[bytes]) -> dict:
     """What the page's scripts read of a run; its arrays are added to the others."""
     packed = {}
     for name, step in _STEPS.items():

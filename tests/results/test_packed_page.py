@@ -45,7 +45,9 @@ def unpack(text: str) -> tuple[str, list[bytes], list[bytes]]:
 
 
 def test_scripts_in_their_order_and_what_they_draw():
-    text, parts, scripts = unpack(packed_page(page(f"a();{DRAW}b();", "c();"), [b"xyz"]))
+    text, parts, scripts = unpack(
+        packed_page(page(f"a();{DRAW}b();", "c();"), [b"xyz"])
+    )
     assert parts == [b"xyz", DRAWN]
     assert scripts[0] == b"first();" and scripts[2] == b"c();"
     drawn = re.sub(r"\s", "", scripts[1].decode())

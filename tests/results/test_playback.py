@@ -398,6 +398,10 @@ def test_phones_begin_with_what_matters(opened):
         "document.getElementById('crar-stage').clientHeight / innerHeight"
     )
     assert share > 0.5
+    # From here to the end nothing moves, such as controls into a second row.
+    opened.evaluate("crar.seek(0)")
+    height = "document.getElementById('crar-controls').clientHeight"
+    assert opened.evaluate(height) < 50
     wide = "document.documentElement.scrollWidth <= innerWidth"
     assert opened.evaluate(wide) is True
     assert opened.evaluate("viewer.gui.domElement.style.display") == "none"
@@ -429,8 +433,13 @@ def test_names_are_text_and_nothing_else(log, meshcat, browser, tmp_path):
     assert browser.evaluate("document.images.length") == 0
     # Of a path, the last part is the motion's name.
     assert "script><img src=x onerror=alert(1)>" in browser.evaluate("document.title")
-    reading = "document.querySelector('#crar-timeline .reading').textContent"
-    assert evil in browser.evaluate(reading)
+    reading = "document.querySelector('#crar-timeline .reading')"
+    assert evil in browser.evaluate(f"{reading}.textContent")
+    browser.resize(390, 844)
+    browser.settle()
+    assert browser.evaluate(f"{reading}.getBoundingClientRect().right") <= 390
+    assert "10 mm · </scr" in browser.evaluate(f"{reading}.textContent")
+    browser.resize(640, 480)
     assert browser.complaints == []
 
 

@@ -120,7 +120,10 @@ function start() {
     state.time = Math.min(Math.max(time, 0), duration);
     stage.show(state.time);
     timeline.move(state.time);
-    element("time").textContent = `${state.time.toFixed(2)} / ${duration.toFixed(2)} s`;
+    const end = duration.toFixed(2);
+    // As wide at the beginning as at the end.
+    const now = state.time.toFixed(2).padStart(end.length, "\u2007");
+    element("time").textContent = `${now} / ${end} s`;
   }
   function play(playing) {
     state.playing = playing && duration > 0;

@@ -179,6 +179,7 @@ def _finish(
         print()
         record = False
     interrupts.ignore()  # until files are written
+    session.close()  # if that was what it disturbed
     if not wanted:
         print("nothing is kept")
         return

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import socket
+
 from crar_drake.errors import CrarError
 
 
@@ -17,5 +20,29 @@ def check_address(host: str, port: int) -> None:
     """
     if not host:  # would be all interfaces
         raise CrarError("--host is empty; 0.0.0.0 listens at all interfaces")
+    try:
+        host.encode("idna")
+    except UnicodeError as error:
+        raise CrarError(f"--host: {host!r} is no address of a computer") from error
     if not 0 <= port < 65536:
         raise CrarError(f"--port: {port} must be from 0 to 65535")
+
+
+def cannot_listen(what: str, host: str, port: int, error: OSError) -> CrarError:
+    """The error that says why nothing can listen there, and what to do.
+
+    Args:
+        what: listens, such as "UDP".
+        host, port: where it should.
+        error: of the socket.
+    """
+    wrong_host = isinstance(error, socket.gaierror) or error.errno in (
+        errno.EADDRNOTAVAIL,
+        errno.EAFNOSUPPORT,
+    )
+    advice = (
+        "--host must be an address of this computer, such as 127.0.0.1"
+        if wrong_host
+        else "choose another --port, or --port 0 for a free one"
+    )
+    return CrarError(f"{what} at {host}:{port}: {error.strerror or error}; {advice}")

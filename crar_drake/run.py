@@ -340,6 +340,10 @@ class Interrupts:
     def hold(self, hold: bool) -> None:
         self._hold, self._raised = hold, False
 
+    def ignore(self) -> None:
+        """Lets none disturb, until `hold` is set."""
+        self._hold, self._raised = False, True
+
     def handle(self, *_: object) -> None:
         if self._hold and not self.asked:
             self.asked = True

@@ -41,6 +41,7 @@ def test_wheel_carries_data(wheel: Path) -> None:
         "crar_drake/results/page/page.js",
         "crar_drake/results/page/marks.js",
         "crar_drake/results/page/timeline.js",
+        "crar_drake/results/page/unpack.js",
         "crar_drake/results/page/view.js",
         "crar_drake/play/page/play.html",
         "crar_drake/play/page/play.css",

@@ -13,6 +13,7 @@ from crar_drake.commands.options import (
     EXPERIMENT_HELP,
     EXPERIMENTS,
     MOTION_HELP,
+    WHOLE_BODY,
     add_command,
     override_motion,
     positive,
@@ -50,7 +51,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="MOTION",
         help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
     )
-    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument(
+        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
+    )
     parser.add_argument(
         "--constraints",
         choices=CONSTRAINTS,
@@ -132,7 +135,7 @@ def run(arguments: argparse.Namespace) -> None:
                 session.run(interrupts, arguments.duration)
             except KeyboardInterrupt:  # a second one, which does not wait for a step
                 pass
-            interrupts.hold = False
+            interrupts.ignore()
             _finish(session, out, arguments, interrupts)
         except BaseException:
             session.close("the simulation has ended")
@@ -166,20 +169,17 @@ def _finish(
     from crar_drake.play.saving import save_session
     from crar_drake.results.summary import summary_table
 
-    live, pacer = session.live, session.pacer
-    seconds = live.time
-    asks = arguments.save is None and sys.stdin.isatty()
-    where = "the terminal asks whether to keep it" if asks else f"it is kept in {out}"
-    session.close(f"ended after {seconds:.1f} s; {where}")
-    print(
-        f"{seconds:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
-        f"{live.told()}"
-    )
-    if session.failure is not None:
-        print(f"stopped: {session.failure}", file=sys.stderr)
-    wanted, record = True, True
-    if asks:
-        wanted, record = _ask(out)
+    live, wanted, record = session.live, True, True
+    interrupts.hold = False
+    try:
+        asks = arguments.save is None and sys.stdin.isatty()
+        _tell_end(session, out, asks)
+        wanted = _ask(out) if asks else True
+    except KeyboardInterrupt:  # in a hurry, but nothing is lost
+        print()
+        record = False
+    interrupts.ignore()  # until files are written
+    session.close()  # if that was what it disturbed
     if not wanted:
         print("nothing is kept")
         return
@@ -195,21 +195,30 @@ def _finish(
         raise missing[0]
     if session.failure is not None:
         raise CrarError(
-            f"the simulation stopped at {seconds:.3f} s: {session.failure}; {out} "
+            f"the simulation stopped at {live.time:.3f} s: {session.failure}; {out} "
             "holds what was simulated till then"
         )
 
 
-def _ask(out: Path) -> tuple[bool, bool]:
-    """Whether to keep anything, and whether to make a page."""
+def _tell_end(session: PlaySession, out: Path, asks: bool) -> None:
+    live, pacer = session.live, session.pacer
+    where = "the terminal asks whether to keep it" if asks else f"it is kept in {out}"
+    session.close(f"ended after {live.time:.1f} s; {where}")
+    print(
+        f"{live.time:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
+        f"{live.told()}"
+    )
+    if session.failure is not None:
+        print(f"stopped: {session.failure}", file=sys.stderr)
+
+
+def _ask(out: Path) -> bool:
+    """Whether to keep anything."""
     try:
         answer = input(f"keep the recording in {out}? [Y/n] ")
     except EOFError:
-        return True, True
-    except KeyboardInterrupt:
-        print()
-        return True, False  # in a hurry, but nothing is lost
-    return answer.strip().lower() not in ("n", "no"), True
+        return True
+    return answer.strip().lower() not in ("n", "no")
 
 
 def _kept(files: list[Path], out: Path) -> str:

@@ -8,6 +8,7 @@ import sys
 from crar_drake.commands.options import (
     EXPERIMENT_HELP,
     EXPERIMENTS,
+    WHOLE_BODY,
     add_command,
     positive,
 )
@@ -51,7 +52,9 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--robot", metavar="ROBOT", help="another robot than the scenario's"
     )
-    parser.add_argument("--experiment", choices=EXPERIMENTS, help=EXPERIMENT_HELP)
+    parser.add_argument(
+        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
+    )
     parser.add_argument(
         "--rate",
         type=positive,

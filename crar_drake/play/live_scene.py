@@ -18,6 +18,7 @@ from crar_drake.play.live_simulation import GAINS, LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
 from crar_drake.results.recorded_run import DrawnRobot
+from crar_drake.robot.description import GROUND
 from crar_drake.simulation.visualization import set_surroundings
 
 PREFIX = "/crar/robot0"
@@ -46,6 +47,8 @@ class LiveScene:
         set_surroundings(meshcat)
         self.robot = DrawnRobot(live.model.description, meshcat, PREFIX, scenario)
         self._warning = scenario.warning_distance
+        above = np.array([GROUND in names for names in live.model.pairs.names], bool)
+        self._above_ground = above & (not above.all())
         self._positions = live.model.layout.position_entries.ravel()
         self._workspace = live.model.MakeWorkspace()
         _, points = self.robot.pose_links(live.positions())
@@ -64,7 +67,7 @@ class LiveScene:
         """
         live = self._live
         poses, _ = self.robot.pose_links(live.positions())
-        distances = live.output("signed_distances")
+        distances = self._between_links(live.output("signed_distances"))
         targets = live.targets()[self._positions].reshape(-1, 3)
         here = live.model.tasks_at(live.positions(), self._workspace)
         reached = here[self._positions].reshape(-1, 3)
@@ -97,6 +100,11 @@ class LiveScene:
             "notice": notice,
             "changes": len(live.events),
         }
+
+    def _between_links(self, distances: np.ndarray) -> np.ndarray:
+        """The distances that are told [m]: feet are always near the ground, which
+        counts where it is penetrated, as in `SimulationLog.between_links`."""
+        return np.where(self._above_ground & (distances >= 0.0), np.inf, distances)
 
     def _near(self, distances: np.ndarray) -> list[list[float]]:
         """Of the nearest pairs: number, distance [m], a point on either link [m]."""

@@ -22,8 +22,7 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from crar_drake.addresses import check_address
-from crar_drake.errors import CrarError
+from crar_drake.addresses import cannot_listen, check_address
 from crar_drake.play.requests import LONGEST, Request, RequestError, parse
 
 # Requests that wait for the simulation, and pages that wait for a frame, at most.
@@ -67,10 +66,7 @@ class PlayServer:
         try:
             self._http = _Http((host, port), self)
         except OSError as error:
-            raise CrarError(
-                f"HTTP at {host}:{port}: {error.strerror or error}; choose another "
-                "--port, or --port 0 for a free one"
-            ) from error
+            raise cannot_listen("HTTP", host, port, error) from error
         self.address: tuple[str, int] = self._http.server_address[:2]
         self._thread = threading.Thread(
             target=self._http.serve_forever, args=(0.05,), daemon=True

@@ -7,7 +7,6 @@ draws targets, distances and the time line.
 
 from __future__ import annotations
 
-import base64
 import html
 import json
 import os
@@ -23,6 +22,7 @@ from crar_drake.files import whole_file
 from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
+from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun, record_run
 from crar_drake.results.summary import Summary, motion_name, robot_name
 from crar_drake.robot.description import RobotDescription
@@ -35,6 +35,10 @@ from crar_drake.simulation.visualization import (
 )
 
 _SCRIPTS = ("view.js", "marks.js", "timeline.js", "page.js")
+
+# What the page's numbers are rounded to, far below a pixel: poses and points [m, 1],
+# and where links are near each other [m].
+_STEPS = {"poses": 2**-14, "targets": 2**-14, "reached": 2**-14, "near": 2**-17}
 
 _MODES = {
     "none": "no constraints",
@@ -167,6 +171,7 @@ def _write_page(
     set_surroundings(meshcat)
     robots: list[DrawnRobot] = []
     entries, recorded = [], []
+    arrays: list[bytes] = []
     for (log, scenario, description), label in zip(runs, labels, strict=True):
         if not len(log.time):
             raise CrarError("the log is empty: there is nothing to play back")
@@ -182,7 +187,7 @@ def _write_page(
         colour = marks.RUNS[len(entries)]
         entries.append(
             {"label": label, "robot": number, "colour": colour}
-            | _run_entry(run, frames_per_second)
+            | _run_entry(run, frames_per_second, arrays)
         )
     summaries = [run.summary for run in recorded]
     data = {
@@ -198,7 +203,7 @@ def _write_page(
         "runs": entries,
         "outline": _rounded(np.vstack([run.outline for run in recorded]).ravel(), 4),
     }
-    page = _page(meshcat.StaticHtml(), data)
+    page = packed_page(_page(meshcat.StaticHtml(), data), arrays)
     with whole_file(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return sorted({name for robot in robots for name in robot.unseen})
@@ -226,18 +231,19 @@ def _prefix(robot: int) -> str:
     return f"/crar/robot{robot}"
 
 
-def _run_entry(run: RecordedRun, frames_per_second: float) -> dict:
-    """What the page's scripts read of a run."""
+def _run_entry(run: RecordedRun, frames_per_second: float, arrays: list[bytes]) -> dict:
+    """What the page's scripts read of a run; its arrays are added to the others."""
+    packed = {}
+    for name, step in _STEPS.items():
+        packed[name] = len(arrays)
+        arrays.append(packed_array(getattr(run, name), step))
     return {
+        **packed,
         "rate": frames_per_second,
         "frames": len(run.time),
         "most": run.near.shape[1],
         "warning": run.warning_distance,
         "figures": _figures(run.summary),
-        "poses": _packed(run.poses),
-        "targets": _packed(run.targets),
-        "reached": _packed(run.reached),
-        "near": _packed(run.near),
         "pairNames": [spoken(name) for name in run.pair_names],
         "targetNames": [spoken(name) for name in run.target_names],
         "curve": {
@@ -251,11 +257,6 @@ def _run_entry(run: RecordedRun, frames_per_second: float) -> dict:
             for name, spans in run.spans.items()
         },
     }
-
-
-def _packed(array: np.ndarray) -> str:
-    """As base64 of little-endian 4-byte numbers, in C order."""
-    return base64.b64encode(np.ascontiguousarray(array, "<f4").tobytes()).decode()
 
 
 def _rounded(values: np.ndarray, digits: int) -> list[float | None]:

@@ -26,6 +26,8 @@ from crar_drake.simulation.scenario import Scenario
 # Pairs farther apart than this are of no interest [m].
 _FAR = 0.3
 
+_FIGURE_WIDTH = 0.05  # of a written distance, as a share of the picture's width
+
 # Half the height of a joint's lane between its limits; 0.5 is the whole lane.
 _HALF_BAND = 0.38
 
@@ -202,6 +204,7 @@ def _draw_distances(
         ax.plot(log.time, millimetres[:, i], color="0.8", linewidth=0.5, label=label)
     smallest = millimetres.min(axis=1)
     ax.plot(log.time, smallest, color=marks.SMALLEST, linewidth=1.8, label="smallest")
+    told: list[float] = []  # when
     for colour, i in zip(marks.NEAR_PAIRS, named, strict=False):
         ax.plot(
             log.time,
@@ -212,10 +215,13 @@ def _draw_distances(
         )
         at = np.argmin(millimetres[:, i])
         ax.plot(log.time[at], least[i], ".", color=colour, markersize=5)
+        # Below those that would be written over; all of them are near the bottom.
+        close = np.abs(np.array(told) - log.time[at]) < _FIGURE_WIDTH * np.ptp(log.time)
+        told.append(log.time[at])
         ax.annotate(
             f"{least[i]:.1f}".replace("-", "−"),
             (log.time[at], least[i]),
-            xytext=(3, -3),
+            xytext=(3, -3 - 10 * np.count_nonzero(close)),
             textcoords="offset points",
             va="top",
             fontsize="x-small",

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crar_drake.addresses import check_address
+from crar_drake.addresses import cannot_listen, check_address
 from crar_drake.control.law import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
@@ -130,10 +130,7 @@ def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
         opened.bind((host, port))
     except OSError as error:
         opened.close()
-        raise CrarError(
-            f"UDP at {host}:{port}: {error.strerror or error}; choose another --port "
-            "or --host"
-        ) from error
+        raise cannot_listen("UDP", host, port, error) from error
     return opened
 
 

@@ -174,6 +174,13 @@ def judge(log: SimulationLog) -> None:
         (["--speed", "-1"], "'-1' is not a positive number"),
         (["obstacle_arm", "--motion", "dance"], "follows keyframes of its own"),
         (["--host", ""], "--host is empty"),
+        (["--host", "b\u00fccher..de"], "is no address of a computer"),
+        (
+            ["--host", "999.1.1.1"],
+            "HTTP at 999.1.1.1:7680: .*; --host must",
+        ),
+        (["--host", "192.0.2.1"], "--host must be an address of this computer"),
+        (["--experiment", "whole-body"], "task left_foot: "),
     ],
 )
 def test_what_cannot_be_played(capsys, arguments, why):

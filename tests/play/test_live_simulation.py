@@ -84,6 +84,32 @@ def test_another_mode_takes_over_without_a_jump(live, constraints):
     assert jumps.max() < 3.0 * usual + 3.0
 
 
+def test_hands_do_not_jump_where_the_mode_changes_in_motion(live, referee):
+    """From one period to the next, and from one's way to the next one's; no link
+    touches another."""
+    workspace, entries = live.model.MakeWorkspace(), live.model.layout.position_entries
+
+    def hands() -> np.ndarray:
+        return live.model.tasks_at(live.positions(), workspace)[entries]
+
+    assert live.motion.on
+    fastest = 0.0
+    for constraints in ("paper", "lookahead", "none", "lookahead"):
+        steps(live, 30)
+        there = [hands()]
+        for k in range(40):
+            if k == 10:
+                live.set_mode(constraints)
+            live.step()
+            there.append(hands())
+            assert referee.distances(live.positions()).min() > 0.0
+        moved = np.linalg.norm(np.diff(there, axis=0), axis=2).max()
+        jump = np.linalg.norm(np.diff(there, 2, axis=0), axis=2).max()
+        assert jump < 3e-3
+        fastest = max(fastest, moved)
+    assert fastest > 1e-3  # 0.2 m/s
+
+
 def test_without_fading_there_is_a_jump(live, monkeypatch):
     """Else the test above could not fail."""
     monkeypatch.setattr("crar_drake.control.modes.fading.FADE_TIME", 0.0)

@@ -89,5 +89,5 @@ def test_a_port_that_is_taken(server):
         PlayServer("127.0.0.1", 70000)
     with pytest.raises(CrarError, match="--host is empty"):
         PlayServer("", 0)
-    with pytest.raises(CrarError, match="choose another"):
+    with pytest.raises(CrarError, match="--host must be an address of this computer"):
         PlayServer("192.0.2.1", 0)

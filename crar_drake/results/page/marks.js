@@ -151,12 +151,15 @@ function drawNear(data, context, view, run, pixels, time, size, labels) {
   });
 }
 
-// Beside what they belong to, away from the middle of the view and off each other.
+// Beside what they belong to, away from the middle of the view and off each other; the
+// upper one above, so that the lines to them do not cross.
 function drawLabels(context, view, labels, size) {
   const taken = [];
   context.font = `600 ${Math.round(12.5 * Math.sqrt(size))}px system-ui, sans-serif`;
   context.textBaseline = "middle";
-  for (const { at: [x, y], text, rgb, run } of labels.reverse()) {
+  context.lineWidth = 1.2;
+  for (const label of labels.sort((one, other) => one.at[1] - other.at[1])) {
+    const { at: [x, y], text, rgb } = label;
     const w = context.measureText(text).width + 14 + (view.runs.length > 1 ? 12 : 0);
     const [h, away] = [20, 44 * size];
     const side = x < view.x + view.w / 2 ? -1 : 1;
@@ -170,22 +173,25 @@ function drawLabels(context, view, labels, size) {
       box.y = hit.y + h + 4;
     }
     taken.push(box);
+    label.box = box;
     context.strokeStyle = `rgb(${rgb})`;
-    context.lineWidth = 1.2;
     segment(context, [side < 0 ? box.x + w : box.x, box.y + h / 2], [x, y]);
+  }
+  for (const { box, text, rgb, run } of labels) { // over all of the lines
     context.beginPath();
-    context.roundRect(box.x, box.y, w, h, 6);
+    context.roundRect(box.x, box.y, box.w, box.h, 6);
     context.fillStyle = "rgb(255 255 255 / 92%)";
     context.fill();
+    context.strokeStyle = `rgb(${rgb})`;
     context.stroke();
     let start = box.x + 7;
     if (view.runs.length > 1) {
-      disc(context, [start + 3, box.y + h / 2], 4);
+      disc(context, [start + 3, box.y + box.h / 2], 4);
       context.fillStyle = run.colour;
       context.fill();
       start += 12;
     }
     context.fillStyle = "#1f2933";
-    context.fillText(text, start, box.y + h / 2 + 0.5);
+    context.fillText(text, start, box.y + box.h / 2 + 0.5);
   }
 }

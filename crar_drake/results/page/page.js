@@ -1,7 +1,14 @@
 // The page: its texts, its clock, and what keys and buttons do.
 
-function decode(text) {
-  const bytes = Uint8Array.from(atob(text), c => c.charCodeAt(0));
+// The numbers of frame after frame; see `packed_array` in packed_page.py.
+function unpackArray(planes, frames) {
+  const columns = planes.length / 4 / frames;
+  const bytes = new Uint8Array(planes.length);
+  let i = 0;
+  for (let plane = 0; plane < 4; plane++)
+    for (let column = 0; column < columns; column++)
+      for (let frame = 0; frame < frames; frame++)
+        bytes[4 * (frame * columns + column) + plane] = planes[i++];
   return new Float32Array(bytes.buffer);
 }
 
@@ -96,7 +103,8 @@ function start() {
   const data = JSON.parse(document.getElementById("crar-data").textContent);
   const arrays = ["poses", "targets", "reached", "near"];
   const runs = data.runs.map(run => ({
-    ...run, ...Object.fromEntries(arrays.map(name => [name, decode(run[name])])),
+    ...run, ...Object.fromEntries(
+      arrays.map(name => [name, unpackArray(crarPacked[run[name]], run.frames)])),
   }));
   document.title = data.title;
   document.documentElement.style.setProperty("--violation", data.colours.violation);
@@ -112,7 +120,10 @@ function start() {
     state.time = Math.min(Math.max(time, 0), duration);
     stage.show(state.time);
     timeline.move(state.time);
-    element("time").textContent = `${state.time.toFixed(2)} / ${duration.toFixed(2)} s`;
+    const end = duration.toFixed(2);
+    // As wide at the beginning as at the end.
+    const now = state.time.toFixed(2).padStart(end.length, "\u2007");
+    element("time").textContent = `${now} / ${end} s`;
   }
   function play(playing) {
     state.playing = playing && duration > 0;

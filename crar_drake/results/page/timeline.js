@@ -155,6 +155,14 @@ function makeTimeline(data, runs, element, duration, on) {
     }
   }
 
+  // What does not fit in a line ends in dots.
+  function shorten(lane, text) {
+    const excess = lane.reading.getComputedTextLength() - (right - left);
+    if (excess <= 0) return;
+    const most = text.length - Math.ceil(excess / 5) - 1; // 5 px: a narrow letter
+    lane.readings[0].textContent = `${text.slice(0, Math.max(most, 0)).trimEnd()}…`;
+  }
+
   function move(now) {
     time = now;
     if (!cursor) return;
@@ -178,6 +186,7 @@ function makeTimeline(data, runs, element, duration, on) {
         if (nearest) text += ` · ${run.pairNames[nearest.pair]}`;
       }
       lane.readings[k].textContent = text;
+      if (single && narrow()) shorten(lane, text);
     });
     svg.setAttribute("aria-valuenow", time.toFixed(2));
   }

@@ -147,8 +147,8 @@ def place_foot(
     grounded = smooth_flags(planted, max(1, round(_LANDING * rate)))
     clear = _CLEARANCE + soft_positive(positions[:, 2] - least - _CLEARANCE, _SOFT)
     z = least + (1.0 - grounded) * clear
-    kept = _dwelling(planted, round(_DWELL * rate))
-    shifts = _shifts(positions, matrices, ball, points, on_heel & on_ball, kept)
+    kept = dwelling(planted, rate)
+    shifts = _shifts(positions, matrices, ball, points, contacts, kept)
     shift = bridge(shifts, kept, rate, _BLEND)
     held = np.column_stack([positions[:, :2] + shift, z])
     return FootMotion(held, sign_continuous(turns.as_quat()), on_heel, on_ball)
@@ -178,10 +178,16 @@ def _about_z(angles: np.ndarray) -> np.ndarray:
     return np.column_stack([np.zeros((len(angles), 2)), angles])
 
 
-def _dwelling(planted: np.ndarray, margin: int) -> np.ndarray:
-    """(T,) flags that begin and end by `margin` samples earlier and later; of what is
-    between two contacts half is left, to get from one to the other."""
-    kept = planted.copy()
+def dwelling(planted: np.ndarray, rate: float) -> np.ndarray:
+    """(T,) whether a foot stays where it is: a moment longer than it is planted.
+
+    Of what is between two contacts half is left, to get from one to the other.
+
+    Args:
+        planted: (T,) whether it is on the floor.
+        rate: samples per second [Hz].
+    """
+    kept, margin = planted.copy(), round(_DWELL * rate)
     for start, end in runs(~planted):
         inside = start > 0 and end < len(planted)
         reach = min(margin, (end - start) // 4) if inside else margin
@@ -192,15 +198,16 @@ def _dwelling(planted: np.ndarray, margin: int) -> np.ndarray:
     return kept
 
 
-def _shifts(positions, matrices, ball, points, flat, kept) -> np.ndarray:
+def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
     """(T, 2) horizontal shifts that keep what is on the floor in its place, in each
-    stretch of `kept` as small as they can be in the mean [m]; 0 elsewhere.
+    contact as small as they can be in the mean [m]; 0 where a foot is not `kept`.
 
     Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
     lowest of it.
     """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
+    flat, planted = contacts.all(axis=1), contacts.any(axis=1)
     for start, end in runs(kept):
         heights = matrices[start:end, 2] @ points.T
         lowest = np.argmin(heights[1:] + heights[:-1], axis=1)
@@ -212,5 +219,5 @@ def _shifts(positions, matrices, ball, points, flat, kept) -> np.ndarray:
                 turned = (matrices[t] - matrices[t - 1]) @ point
                 way = (positions[t] - positions[t - 1] + turned)[:2]
             shifts[t] = shifts[t - 1] - way
-        shifts[start:end] -= shifts[start:end].mean(axis=0)
+        shifts[start:end] -= shifts[start:end][planted[start:end]].mean(axis=0)
     return shifts

@@ -114,7 +114,7 @@ WHOLE_BODY = "whole-body"
 
 # What evades moves points rather than feet, and is damped as ever. A radian of a foot
 # counts as much as 20 cm of it.
-_FOOT_WEIGHT = 5.0
+_FOOT_WEIGHT = 20.0
 _FOOT_TURN_WEIGHT = 0.2 * _FOOT_WEIGHT  # [m/rad]
 
 # The task sets of the paper's two experiments, Section IV.

@@ -7,9 +7,9 @@ Each recording is simulated with the whole body's tasks and judged by programs t
 share nothing with the controller: the referee (capsules, limits, speeds) at every
 sample, the triangles of the meshes every 50 ms, and `references.footing` (slip of
 planted feet, lowest point, what the ground would have to give). Errors and footing
-leave out what is blended in at the start. A folder of a recording that has its log is
-judged, not run again, so that a stopped benchmark can be continued. docs/whole-body.md
-has figures.
+leave out what is blended in at the start. The smallest files come first; a folder of a
+recording that has its log is judged, not run again, so that a stopped benchmark can be
+continued, and several can share a folder. docs/whole-body.md has figures.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def main() -> None:
     parser.add_argument("--no-meshes", action="store_true")
     arguments = parser.parse_args()
     base = load_scenario(arguments.scenario)
-    judge, rows = None, []
-    for motion in find_motions(arguments.motions):
+    judge, rows, points = None, [], []
+    for motion in sorted(find_motions(arguments.motions), key=_size):
         name = Path(motion.removeprefix("cmu:")).stem
         folder = arguments.out / name
         if not (folder / LOG).is_file():
@@ -77,9 +77,21 @@ def main() -> None:
         log = SimulationLog.load(folder / LOG)
         if judge is None and not arguments.no_meshes:
             judge = MeshJudge(load_logged_robot(log))
+        scenario = load_logged_scenario(log)
+        errors = _errors(log, scenario.controller.blend_time, scenario)
         rows.append(_row(name, log, judge))
+        points.append([name, *(f"{1e3 * error:.0f}" for error in errors.values())])
         print(rows[-1], flush=True)
-    write_report(markdown_table(_HEADER, rows), arguments.out / "table.md")
+    text = markdown_table(_HEADER, rows)
+    if points:
+        text += "\nRms errors [mm]:\n\n" + markdown_table(["", *errors], points)
+    write_report(text, arguments.out / "table.md")
+
+
+def _size(motion: str) -> int:
+    """Of a motion's file; 0 of one that is known by name [B]."""
+    path = Path(motion)
+    return path.stat().st_size if path.is_file() else 0
 
 
 def _run(scenario: Scenario, folder: Path) -> str | None:
@@ -105,7 +117,8 @@ def _row(name: str, log: SimulationLog, judge: MeshJudge | None) -> list[str]:
         verdict = judge.judge(log.q[:: max(1, round(_MESH_PERIOD / period))])
         meshes = f"{1e3 * verdict.nearest.distance:.1f} mm"
         if verdict.num_penetrating:
-            meshes += f", {verdict.num_penetrating} of {verdict.num_samples}"
+            pairs = ", ".join(" – ".join(each.pair) for each in verdict.penetrations)
+            meshes += f", {verdict.num_penetrating} of {verdict.num_samples}: {pairs}"
     start = scenario.controller.blend_time
     points, feet = late_errors(log, start, scenario)
     stood = footing(log, WholeBody(description), start)
@@ -124,16 +137,23 @@ def late_errors(
     log: SimulationLog, start: float, scenario: Scenario
 ) -> tuple[float, float]:
     """Rms errors of the points above the waist and of the feet [m]; NaN for none."""
-    late = log.samples(log.time >= start)
-    tasks = summarize(late, None, scenario=scenario).tasks
     squares: dict[bool, list[float]] = {True: [], False: []}
-    for task, errors in tasks.items():
-        if errors.rms_error is not None:
-            squares[task.endswith("_foot")].append(errors.rms_error**2)
+    for task, error in _errors(log, start, scenario).items():
+        squares[task.endswith("_foot")].append(error**2)
     return tuple(
         float(np.sqrt(np.mean(squares[feet]))) if squares[feet] else np.nan
         for feet in (False, True)
     )
+
+
+def _errors(log: SimulationLog, start: float, scenario: Scenario) -> dict[str, float]:
+    """Task to its rms error of position from `start` [s] on [m]."""
+    tasks = summarize(log.samples(log.time >= start), None, scenario=scenario).tasks
+    return {
+        task: errors.rms_error
+        for task, errors in tasks.items()
+        if errors.rms_error is not None
+    }
 
 
 def _stood(stood: Footing) -> list[str]:

@@ -6,8 +6,10 @@ speed, with hysteresis (`planted_feet`). Then, sample by sample:
 
 * While both are on the floor the foot is flat; while one of them is, it does not roll
   sideways, and pitches about that point as the performer's does.
-* A point on the floor stays where it is. What that shifts the foot by is made up for
-  in the air, between one contact and the next.
+* A point on the floor stays where it is, and a moment longer at either end of a
+  contact: a foot comes down and leaves upright, or it would slide where it is still
+  as low as that. What that shifts the foot by is made up for in the air, between one
+  contact and the next.
 * While a point is on the floor, the foot's lowest point is at the floor; in the air it
   is above it.
 
@@ -39,6 +41,7 @@ THRESHOLDS = ContactThresholds(
 
 _SHORTEST = 0.08  # [s] that a contact and a gap last, at least
 _BLEND = 0.12  # [s] before and after a contact
+_DWELL = 0.03  # [s] before and after a contact, in which the foot stays above its place
 _LANDING = 0.07  # [s] in which a foot comes down before a contact, and leaves after
 _CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
 _SOFT = 0.005  # [m] width of that bound
@@ -144,12 +147,9 @@ def place_foot(
     grounded = smooth_flags(planted, max(1, round(_LANDING * rate)))
     clear = _CLEARANCE + soft_positive(positions[:, 2] - least - _CLEARANCE, _SOFT)
     z = least + (1.0 - grounded) * clear
-    shift = bridge(
-        _shifts(positions, matrices, ball, points, on_heel, on_ball),
-        planted,
-        rate,
-        _BLEND,
-    )
+    kept = dwelling(planted, rate)
+    shifts = _shifts(positions, matrices, ball, points, contacts, kept)
+    shift = bridge(shifts, kept, rate, _BLEND)
     held = np.column_stack([positions[:, :2] + shift, z])
     return FootMotion(held, sign_continuous(turns.as_quat()), on_heel, on_ball)
 
@@ -178,17 +178,37 @@ def _about_z(angles: np.ndarray) -> np.ndarray:
     return np.column_stack([np.zeros((len(angles), 2)), angles])
 
 
-def _shifts(positions, matrices, ball, points, on_heel, on_ball) -> np.ndarray:
+def dwelling(planted: np.ndarray, rate: float) -> np.ndarray:
+    """(T,) whether a foot stays where it is: a moment longer than it is planted.
+
+    Of what is between two contacts half is left, to get from one to the other.
+
+    Args:
+        planted: (T,) whether it is on the floor.
+        rate: samples per second [Hz].
+    """
+    kept, margin = planted.copy(), round(_DWELL * rate)
+    for start, end in runs(~planted):
+        inside = start > 0 and end < len(planted)
+        reach = min(margin, (end - start) // 4) if inside else margin
+        if start > 0:
+            kept[start : start + reach] = True
+        if end < len(planted):
+            kept[max(start, end - reach) : end] = True
+    return kept
+
+
+def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
     """(T, 2) horizontal shifts that keep what is on the floor in its place, in each
-    contact as small as they can be in the mean [m]; 0 elsewhere.
+    contact as small as they can be in the mean [m]; 0 where a foot is not `kept`.
 
     Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
     lowest of it.
     """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
-    flat = on_heel & on_ball
-    for start, end in runs(on_heel | on_ball):
+    flat, planted = contacts.all(axis=1), contacts.any(axis=1)
+    for start, end in runs(kept):
         heights = matrices[start:end, 2] @ points.T
         lowest = np.argmin(heights[1:] + heights[:-1], axis=1)
         for t in range(start + 1, end):
@@ -199,5 +219,5 @@ def _shifts(positions, matrices, ball, points, on_heel, on_ball) -> np.ndarray:
                 turned = (matrices[t] - matrices[t - 1]) @ point
                 way = (positions[t] - positions[t - 1] + turned)[:2]
             shifts[t] = shifts[t - 1] - way
-        shifts[start:end] -= shifts[start:end].mean(axis=0)
+        shifts[start:end] -= shifts[start:end][planted[start:end]].mean(axis=0)
     return shifts

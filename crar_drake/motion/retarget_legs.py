@@ -25,6 +25,7 @@ from crar_drake.motion.held_feet import (
     twist,
 )
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
+from crar_drake.motion.parted_feet import part_feet
 from crar_drake.motion.performer import LEG, SIDES, Performer
 from crar_drake.motion.smooth_steps import smooth_bound
 from crar_drake.motion.turns import hip_turns, smooth_turns
@@ -104,18 +105,14 @@ def retarget_legs(
         side: hold_foot(ankles[side], turns[side], leg.heel, leg.ball, leg.points, rate)
         for side, leg in legs.items()
     }
+    for side, shift in part_feet(feet, legs, rate).items():
+        ankles[side][:, :2] += shift
+        feet[side] = _placed(ankles[side], feet[side], None, legs[side], rate)
     if attainable is not None:
         low = root - [[0.0, 0.0, 1.0]] * _lowering(root, R_W, feet, legs, rate)[:, None]
         for side, leg in legs.items():
-            foot = feet[side]
-            feet[side] = place_foot(
-                ankles[side],
-                attainable(side, low, R_W, foot),
-                np.column_stack([foot.heel, foot.ball]),
-                leg.ball,
-                leg.points,
-                rate,
-            )
+            turns = attainable(side, low, R_W, feet[side])
+            feet[side] = _placed(ankles[side], feet[side], turns, leg, rate)
     lowered = _lowering(root, R_W, feet, legs, rate)
     root[:, 2] -= lowered
     if trunk is not None:
@@ -242,6 +239,19 @@ def _floor(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
         heights.append(ends[side][found.any(axis=1)])
     heights = np.concatenate(heights)
     return float(np.median(heights)) if len(heights) else floor
+
+
+def _placed(
+    ankle: np.ndarray,
+    foot: FootMotion,
+    turns: Rotation | None,
+    leg: LegShape,
+    rate: float,
+) -> FootMotion:
+    """The foot on another way, or turned otherwise, with the contacts that it has."""
+    turns = Rotation.from_quat(foot.turns) if turns is None else turns
+    contacts = np.column_stack([foot.heel, foot.ball])
+    return place_foot(ankle, turns, contacts, leg.ball, leg.points, rate)
 
 
 def _lowering(root, R_W, feet, legs, rate: float) -> np.ndarray:

@@ -77,15 +77,23 @@ def joint_tasks(joints: list[str], weight: float = 1.0) -> list[Task]:
     return [Task(kind="joint", joint=name, position_weight=weight) for name in joints]
 
 
-def pose_tasks(frames: list[str], orientation_weight: float) -> list[Task]:
-    """One pose task per frame, of position weight one.
+def pose_tasks(
+    frames: list[str], orientation_weight: float, position_weight: float = 1.0
+) -> list[Task]:
+    """One pose task per frame.
 
     Args:
         frames: as of `position_tasks`.
         orientation_weight: of each [m/rad].
+        position_weight: of each [1].
     """
     return [
-        Task(frame=frame, kind="pose", orientation_weight=orientation_weight)
+        Task(
+            frame=frame,
+            kind="pose",
+            position_weight=position_weight,
+            orientation_weight=orientation_weight,
+        )
         for frame in frames
     ]
 
@@ -98,14 +106,16 @@ def experiment_tasks(experiment: str) -> list[Task]:
     """
     if experiment != WHOLE_BODY:
         return position_tasks(EXPERIMENTS[experiment])
-    feet = pose_tasks(["left_foot", "right_foot"], _FOOT_ORIENTATION_WEIGHT)
+    feet = pose_tasks(["left_foot", "right_foot"], _FOOT_TURN_WEIGHT, _FOOT_WEIGHT)
     return position_tasks(EXPERIMENTS["upper-body"]) + feet
 
 
 WHOLE_BODY = "whole-body"
 
-# A radian of a foot counts as much as 20 cm of it.
-_FOOT_ORIENTATION_WEIGHT = 0.2  # [m/rad]
+# What evades moves points rather than feet, and is damped as ever. A radian of a foot
+# counts as much as 20 cm of it.
+_FOOT_WEIGHT = 20.0
+_FOOT_TURN_WEIGHT = 0.2 * _FOOT_WEIGHT  # [m/rad]
 
 # The task sets of the paper's two experiments, Section IV.
 EXPERIMENTS: dict[str, list[str]] = {

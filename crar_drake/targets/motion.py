@@ -26,7 +26,11 @@ from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.sources import PoseTrajectorySource, TimeFunctionSource
-from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
+from crar_drake.targets.ways import (
+    CarriedTrajectory,
+    HeldTrajectory,
+    PointTrajectory,
+)
 from crar_drake.targets.whole_body import (
     FEET,
     HEAD,
@@ -93,6 +97,7 @@ def load_motion_targets(
     *,
     options: MotionOptions | None = None,
     cutoff: float = 6.0,
+    hold: float = 0.0,
 ) -> DesiredMotion:
     """Loads, filters and scales a motion to the robot's tasks.
 
@@ -103,6 +108,8 @@ def load_motion_targets(
             move as `motion.retarget_legs` has them, else the waist's path is scaled.
         options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
+        hold: for which the controller holds accelerations [s]: with feet, which must
+            land where they stand, those of tasks and root are the means over it.
 
     Raises:
         MotionError: the motion cannot be found, read or scaled, or its skeleton
@@ -117,9 +124,10 @@ def load_motion_targets(
         retargeted = whole.upper
     else:
         retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
-    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, whole, cutoff)
+        hold = 0.0
+    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, whole, cutoff, hold)
     prescribed_at, MakePrescribedSource = _prescribed(
-        model, performer, retargeted, cutoff
+        model, performer, retargeted, cutoff, hold
     )
     return DesiredMotion(
         retargeted.duration,
@@ -173,11 +181,13 @@ def _tasks(
     retargeted: RetargetedMotion,
     whole: WholeBodyMotion | None,
     cutoff: float,
+    hold: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
     """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
     frames = [task.frame for task in model.tasks]
     if any(frame not in JOINT_CENTRES for frame in frames):
         ways = _task_ways(model, performer, retargeted, whole, cutoff)
+        ways = {name: _held(way, hold) for name, way in ways.items()}
         return (
             PoseTrajectorySource(model.layout, ways).at,
             lambda: PoseTrajectorySource(model.layout, ways),
@@ -225,6 +235,12 @@ def _task_ways(
     }
 
 
+def _held(
+    way: PointTrajectory | CarriedTrajectory, hold: float
+) -> PointTrajectory | CarriedTrajectory | HeldTrajectory:
+    return HeldTrajectory(way, hold) if hold > 0.0 else way
+
+
 def _distance(model: ControlModel, a: str, b: str) -> float:
     """Between two task frames at zero joint angles [m]."""
     plant, frames = model.plant, model.description.task_frames
@@ -242,12 +258,13 @@ def _prescribed(
     performer: Performer,
     retargeted: RetargetedMotion,
     cutoff: float,
+    hold: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem] | None]:
     """`prescribed_at` and `MakePrescribedSource` of a `DesiredMotion`."""
     if not model.n_p:
         return lambda time: np.zeros(0), None
     if model.num_free:
-        at = _prescribed_motion(model, performer, retargeted, cutoff)
+        at = _prescribed_motion(model, performer, retargeted, cutoff, hold)
         return (
             lambda time: at(time)[: len(model.prescribed_positions)],
             lambda: TimeFunctionSource("desired_prescribed", model.prescribed_size, at),
@@ -264,6 +281,7 @@ def _prescribed_motion(
     performer: Performer,
     retargeted: RetargetedMotion,
     cutoff: float,
+    hold: float,
 ) -> Callable[[float], np.ndarray]:
     """`desired_prescribed` of a robot whose root floats, as a function of time [s].
 
@@ -285,6 +303,7 @@ def _prescribed_motion(
         QuaternionSpline(retargeted.time, turns.as_quat()),
         -p_BC,
     )
+    root = _held(root, hold)
     held = q[model.prescribed_positions[:-7]]
     still = np.zeros(len(held))
 

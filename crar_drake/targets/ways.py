@@ -58,3 +58,36 @@ class CarriedTrajectory:
         arm = R @ self._arm
         turning = np.cross(omega, arm)
         return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
+
+
+class HeldTrajectory:
+    """A way whose accelerations are the means over the period that they are held for.
+
+    A controller that holds accelerations lags half a period behind those of the
+    instant: where a foot lands, by millimetres. With
+
+        a = (v(t + h) - v(t)) / h
+
+    the velocity is the way's own again at the end of each period.
+    """
+
+    def __init__(self, way: PointTrajectory | CarriedTrajectory, hold: float) -> None:
+        """
+        Args:
+            way: with its accelerations as they are.
+            hold: the period h [s].
+        """
+        self.end = way.end
+        self._way, self._hold = way, hold
+
+    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """R (3, 3), angular velocity (3,) and acceleration (3,) held from `time` on."""
+        R, omega, _ = self._way.orientation(time)
+        _, then, _ = self._way.orientation(time + self._hold)
+        return R, omega, (then - omega) / self._hold
+
+    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p (3,) [m], its velocity and its acceleration from `time` [s] on, in W."""
+        p, v, _ = self._way.position(time)
+        _, then, _ = self._way.position(time + self._hold)
+        return p, v, (then - v) / self._hold

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.motion.held_feet import hold_foot, twist
+from crar_drake.motion.held_feet import dwelling, hold_foot, twist
 from crar_drake.motion.planted_feet import (
     ContactThresholds,
     runs,
@@ -107,3 +107,23 @@ def test_hysteresis_and_short_stretches():
     flags = np.array([1, 1, 1, 0, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0], dtype=bool)
     kept = without_short(flags, 2)
     assert kept.tolist() == [1] * 7 + [0] * 7
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_foot_comes_down_and_leaves_upright(seed):
+    """Where it is as low as 2 mm it does not slide, also before and after a contact."""
+    positions, turns = step(seed)
+    foot = hold_foot(positions, turns, HEEL, BALL, POINTS, RATE)
+    p = surface(foot)
+    low = p[..., 2].min(axis=1) < 0.002
+    assert np.count_nonzero(low) > np.count_nonzero(foot.planted)
+    ways = np.linalg.norm(np.diff(p[..., :2], axis=0), axis=2).min(axis=1)
+    assert ways[low[1:] & low[:-1]].max() < 1e-4  # [m] in a sample
+
+
+def test_a_foot_dwells_no_longer_than_a_quarter_of_a_gap():
+    planted = np.ones(40, dtype=bool)
+    planted[15:23] = planted[30:] = False
+    kept = dwelling(planted, RATE)
+    assert np.flatnonzero(~kept).tolist() == [17, 18, 19, 20, *range(34, 40)]
+    np.testing.assert_array_equal(dwelling(~np.ones(5, bool), RATE), False)

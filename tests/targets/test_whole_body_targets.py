@@ -125,6 +125,18 @@ def test_ways_have_their_derivatives(model, motion):
         np.testing.assert_allclose(here.v[angular], omega, atol=2e-3)
 
 
+def test_held_accelerations_lead_to_the_velocities_of_the_way(model, motion):
+    h = 0.005
+    held = load_motion_targets("dance", model, hold=h)
+    for time in np.linspace(0.3, motion.duration - 0.3, 8):
+        now, then = motion.tasks_at(time), motion.tasks_at(time + h)
+        of_held = model.layout.unpack(held.tasks_at(time))
+        now, then = model.layout.unpack(now), model.layout.unpack(then)
+        np.testing.assert_array_equal(of_held.p, now.p)
+        np.testing.assert_array_equal(of_held.v, now.v)
+        np.testing.assert_allclose(now.v + h * of_held.a, then.v, atol=1e-12)
+
+
 def test_the_robot_can_start_so(model, motion):
     q = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
     state = model.evaluate(

@@ -34,11 +34,15 @@ class Part(JITCodeLibrary):
 
     def finalize(self) -> None:
         self._raise_if_finalized()
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
         if self.name.endswith("_loops"):
             self._optimize_functions(self._final_module)
             self._optimize_final_module()
         for function in self._final_module.functions:
-            if not function.is_declaration:
+            # The same function may come with several that call it.
+            external = function.linkage == binding.Linkage.external
+            if external and not function.is_declaration:
                 function.linkage = "linkonce_odr"
         self._finalized = True
 

@@ -59,27 +59,38 @@ class Part(JITCodeLibrary):
         return 0  # as of any function without a wrapper
 
     def _get_module_for_linking(self):
-        """The part with all that it calls."""
+        """The part with all that it calls, for others than a `Whole`."""
         if self._shared_module is None:
             self._shared_module = self._final_module.clone()
-            for library in self._called():
-                module = (
-                    library._final_module
-                    if isinstance(library, Part)
-                    else library._get_module_for_linking()
-                )
-                self._shared_module.link_in(module, preserve=True)
+            _link(self._linking_libraries, self._shared_module)
         return self._shared_module
 
-    def _called(self) -> list:
-        """Libraries of all that is called, those called by other parts included."""
-        called = list(dict.fromkeys(self._linking_libraries))
-        for library in called:
-            if isinstance(library, Part):
-                called += [
-                    each for each in library._linking_libraries if each not in called
-                ]
-        return called
+
+class Whole(JITCodeLibrary):
+    """The code of what is called from Python, with that of all its parts."""
+
+    def finalize(self) -> None:
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        _link(self._linking_libraries, self._final_module)
+        self._linking_libraries = []
+        super().finalize()
+
+
+def _link(libraries: list, module: binding.ModuleRef) -> None:
+    """Links libraries, and those that parts among them call, each once."""
+    called = dict.fromkeys(libraries)
+    waiting = list(called)
+    while waiting:
+        library = waiting.pop()
+        own = library._final_module
+        if isinstance(library, Part):
+            more = [x for x in library._linking_libraries if x not in called]
+            called |= dict.fromkeys(more)
+            waiting += more
+        else:
+            own = library._get_module_for_linking()
+        module.link_in(own, preserve=True)
 
 
 class ProgramCompiler(Compiler):
@@ -87,7 +98,7 @@ class ProgramCompiler(Compiler):
 
     def compile_extra(self, func):
         codegen = self.state.targetctx.codegen()
-        library = JITCodeLibrary(codegen, func.__qualname__)
+        library = Whole(codegen, func.__qualname__)
         library.enable_object_caching()
         self.state.library = library
         # Numba's own functions, which ours call, are parts like these.

@@ -12,19 +12,26 @@ from crar_drake.equations.compilation import IS_COMPILED
 # A function that calls others.
 _CALL = """
 import json
+import numba
 import numpy as np
 from crar_drake.equations.free_joints import quaternion_product
 from crar_drake.equations.vectors import cross, dot
 
 turned = quaternion_product(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1, 0]))
-print(json.dumps({
+told = {
     "turned": turned.tolist(),
     "hits": sum(quaternion_product.stats.cache_hits.values()),
     "misses": sum(quaternion_product.stats.cache_misses.values()),
     "parts": [len(each.part.overloads) for each in (cross, dot)],
     "called": [len(each.overloads) for each in (cross, dot)],
     "crossed": cross(turned[1:], np.array([1.0, 0.0, 0.0])).tolist(),
-}))
+}
+
+@numba.njit
+def twice(a):
+    return quaternion_product(a, a)
+
+print(json.dumps(told | {"twice": twice(turned).tolist()}))
 """
 
 
@@ -50,3 +57,5 @@ def test_a_later_process_compiles_nothing(tmp_path):
     assert (later["parts"], later["called"]) == ([0, 0], [0, 0])
     assert first["turned"] == later["turned"] == [0.0, 0.0, 0.0, 1.0]
     assert first["crossed"] == later["crossed"] == [0.0, 1.0, 0.0]
+    # A user's compiled function may call ours, too.
+    assert first["twice"] == later["twice"] == [-1.0, 0.0, 0.0, 0.0]

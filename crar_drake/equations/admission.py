@@ -29,7 +29,13 @@ from crar_drake.equations.kinematics import (
     place_points,
 )
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.vectors import cross_rows, dot_rows, product, times
+from crar_drake.equations.vectors import (
+    cross_rows,
+    dot_rows,
+    product,
+    sum_rows,
+    times,
+)
 
 # How a step was admitted.
 AS_WISHED = 0.0
@@ -154,10 +160,10 @@ def path_curvature(x: np.ndarray, reaches: Reaches) -> np.ndarray:
     speed = np.abs(x)
     own = reaches.a * speed
     before = product(reaches.a_alone * speed, np.ascontiguousarray(reaches.above.T))
-    curvature = (own * (speed + 2.0 * before)).sum(axis=1)
+    curvature = sum_rows(own * (speed + 2.0 * before))
     own = reaches.b * speed
     before = product(reaches.b_alone * speed, np.ascontiguousarray(reaches.above.T))
-    return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
+    return curvature + sum_rows(own * (speed + 2.0 * before))
 
 
 @compiled

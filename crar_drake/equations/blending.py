@@ -19,7 +19,14 @@ from crar_drake.equations.tasks import (
     rotation_from_quaternion,
     stack_rows,
 )
-from crar_drake.equations.vectors import cross, dot, product, times, transposed_times
+from crar_drake.equations.vectors import (
+    cross,
+    dot,
+    identity,
+    product,
+    times,
+    transposed_times,
+)
 
 
 @compiled
@@ -212,8 +219,12 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     if cosine > 0.0:
         return skew
     # Near 180 degrees the skew part vanishes; the axis is in the symmetric part.
-    symmetric = 0.5 * (R + R.T) + np.eye(3)
-    axis = symmetric[:, np.argmax(np.diag(symmetric))].copy()
+    k = 0
+    for i in range(1, 3):
+        if R[i, i] > R[k, k]:
+            k = i
+    axis = 0.5 * (R[:, k] + R[k])
+    axis[k] += 1.0
     axis /= np.sqrt(dot(axis, axis))
     return angle * (axis if dot(axis, skew) >= 0.0 else -axis)
 
@@ -226,7 +237,7 @@ def rotation_from_vector(phi: np.ndarray) -> np.ndarray:
     S = np.array(
         [[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]]
     )
-    return np.eye(3) + (1.0 - b * theta2) * S + a * product(S, S)
+    return identity(3) + (1.0 - b * theta2) * S + a * product(S, S)
 
 
 @compiled

@@ -161,7 +161,11 @@ def _perpendicular(u, v):
     ):
         along = u if uu > 0.0 else v
         normal = np.zeros((1, 3))
-        normal[0, np.argmin(np.abs(along[0]))] = 1.0
+        least = 0
+        for k in range(1, 3):
+            if abs(along[0, k]) < abs(along[0, least]):
+                least = k
+        normal[0, least] = 1.0
         if uu > 0.0 or vv > 0.0:
             normal = cross_rows(along, normal)
     return normal[0] / np.sqrt(dot_rows(normal, normal)[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.vectors import batched_product, cross_rows
+from crar_drake.equations.vectors import batched_product, cross_rows, sum_columns
 
 # Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
 # d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
@@ -164,4 +164,4 @@ def collision_weights(W_COL_j: np.ndarray) -> np.ndarray:
     """
     if not len(W_COL_j):
         return np.ones(W_COL_j.shape[1])
-    return W_COL_j.sum(axis=0) / len(W_COL_j)
+    return sum_columns(W_COL_j) / len(W_COL_j)

@@ -81,6 +81,8 @@ def _compile_quickly() -> None:
 
 
 if IS_COMPILED:
+    from crar_drake.equations.whole_programs import program
+
     _compile_quickly()
 
 
@@ -102,9 +104,9 @@ def compiled(function: Callable | None = None, *, loops: Callable | None = None)
     chosen = function if loops is None else loops
     chosen.__doc__ = function.__doc__
     try:
-        return numba.njit(cache=True, error_model="numpy")(chosen)
+        return program(chosen, cache=True)
     except RuntimeError:  # nothing can be written there: compile in every process
-        return numba.njit(error_model="numpy")(chosen)
+        return program(chosen, cache=False)
     finally:
         numba.config.CACHE_DIR = theirs
 

@@ -60,6 +60,8 @@ from crar_drake.equations.vectors import (
     cholesky,
     cholesky_solve,
     gram,
+    identity,
+    largest,
     smallest,
     times,
     transposed_times,
@@ -420,9 +422,9 @@ def wish_velocity(
         normal, right, rows, -root * towards / T, cholesky_solve(factor, right)
     )
     s_0 = resting_velocity(qdot, alpha + z, T)
-    largest = np.abs(s_0).max()
-    if largest > longest:
-        s_0 *= longest / largest
+    fastest = largest(s_0)
+    if fastest > longest:
+        s_0 *= longest / fastest
     W = np.ones(n)
     for row in np.flatnonzero(active):
         W += constraints.weight[row] * g[row] * g[row]
@@ -442,7 +444,7 @@ def guard_norm(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
         J: (m, n) task Jacobian, weighted.
         gains: of the mode.
     """
-    N = np.eye(J.shape[1])
+    N = identity(J.shape[1])
     if gains.task_norm:
         N = gains.damping**2 * N + gram(J)
     return N

@@ -13,6 +13,7 @@ from crar_drake.equations.vectors import (
     cholesky,
     cholesky_solve,
     gram,
+    largest,
     times,
     transposed_times,
 )
@@ -59,7 +60,7 @@ def one_sided_minimum(
         if (violated == active).all():
             return y, active, passes
         way = y - x
-        if not np.abs(way).max() > _NO_WAY * np.abs(y).max():
+        if not largest(way) > _NO_WAY * largest(y):
             return y, active, passes  # rows that just hold, to rounding, or NaN
         x = x + _lowest_on_way(M, right, rows, wish, x, way) * way
         active = times(rows, x) < wish
@@ -84,10 +85,12 @@ def _lowest_on_way(M, right, rows, wish, x, way):
         if active[j] == (rate[j] > 0.0) and rate[j] != 0.0:
             at[j] = max(gap[j] / rate[j], 0.0)
     share = 0.0
-    for j in np.argsort(at):
+    for _ in range(len(at)):
+        j = np.argmin(at)
         next_slope = slope + (at[j] - share) * curvature
         if not next_slope < 0.0:
             break
         slope, share = next_slope, at[j]
+        at[j] = np.inf
         curvature += -rate[j] * rate[j] if active[j] else rate[j] * rate[j]
     return share - slope / curvature

@@ -32,7 +32,7 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.one_sided import one_sided_minimum
-from crar_drake.equations.vectors import times
+from crar_drake.equations.vectors import identity, largest, sum_rows, times
 
 # Share of a limit that braking in the next step may need [1].
 _RESERVE = 0.8
@@ -197,7 +197,7 @@ def nearest_accelerations(
     wish, M = vdot[controlled], np.ascontiguousarray(inertia[:, controlled])
     tau_brake = tau - times(M, v[controlled] / T + wish)
     tau_still = tau - times(M, wish)
-    size = np.sqrt((M * M).sum(axis=1))
+    size = np.sqrt(sum_rows(M * M))
     some = np.flatnonzero(np.isfinite(limits) & (size > 0.0))
     L, size, brake = limits[some], size[some], tau_brake[some]
     room = _reserve(brake, L, c)
@@ -210,7 +210,7 @@ def nearest_accelerations(
     lowest, highest = lowest + spare, highest - spare
     rows = M[some] / size[:, np.newaxis]
     there = times(rows, wish)
-    unit = np.eye(n)
+    unit = identity(n)
     x, _, _ = one_sided_minimum(
         unit,
         wish,
@@ -285,7 +285,7 @@ def clip_torque(tau: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, float]
         (nu,) the torque, clipped; and by which share of its limit the worst actuator
         was beyond it [1], 0 if none was.
     """
-    excess = np.abs(tau / limits).max() - 1.0
+    excess = largest(tau / limits) - 1.0
     if excess <= 1e-12:  # a rounding error of the limit is no excess
         excess = 0.0
     return np.minimum(np.maximum(tau, -limits), limits), excess

@@ -53,6 +53,65 @@ def clip_to_unit(x: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(x, 0.0), 1.0)
 
 
+def _identity_loops(n):
+    M = np.zeros((n, n))
+    for i in range(n):
+        M[i, i] = 1.0
+    return M
+
+
+@compiled(loops=_identity_loops)
+def identity(n: int) -> np.ndarray:
+    """I (n, n)."""
+    return np.eye(n)
+
+
+def _largest_loops(x):
+    found = abs(x[0])
+    for i in range(1, len(x)):
+        # Once it is NaN it stays so, as by NumPy.
+        if abs(x[i]) > found or np.isnan(x[i]):
+            found = abs(x[i])
+    return found
+
+
+@compiled(loops=_largest_loops)
+def largest(x: np.ndarray) -> float:
+    """The largest |x_i| of x (n,), NaN if one is."""
+    return np.abs(x).max()
+
+
+def _sum_loops(A):
+    s = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            s[i] += A[i, j]
+    return s
+
+
+@compiled(loops=_sum_loops)
+def sum_rows(A: np.ndarray) -> np.ndarray:
+    """The sum of each row of A (m, n), (m,).
+
+    Of a sum along an axis Numba makes thirty functions.
+    """
+    return A.sum(axis=1)
+
+
+def _sum_columns_loops(A):
+    s = np.zeros(A.shape[1])
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            s[j] += A[i, j]
+    return s
+
+
+@compiled(loops=_sum_columns_loops)
+def sum_columns(A: np.ndarray) -> np.ndarray:
+    """The sum of each column of A (m, n), (n,)."""
+    return A.sum(axis=0)
+
+
 def _gram_loops(A):
     rows, n = A.shape
     M = np.zeros((n, n))

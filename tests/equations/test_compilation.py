@@ -9,20 +9,36 @@ import pytest
 
 from crar_drake.equations.compilation import IS_COMPILED
 
+# A function that calls others.
 _CALL = """
 import json
+import numba
 import numpy as np
-from crar_drake.equations.vectors import cross_rows
+from crar_drake.equations.free_joints import quaternion_product
+from crar_drake.equations.vectors import cross, dot
 
-turned = cross_rows(np.array([[0.0, 0.0, 1.0]]), np.array([[2.0, 0.0, 0.0]]))
-hits = sum(cross_rows.stats.cache_hits.values())
-misses = sum(cross_rows.stats.cache_misses.values())
-print(json.dumps({"turned": turned.tolist(), "hits": hits, "misses": misses}))
+turned = quaternion_product(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1, 0]))
+told = {
+    "turned": turned.tolist(),
+    "hits": sum(quaternion_product.stats.cache_hits.values()),
+    "misses": sum(quaternion_product.stats.cache_misses.values()),
+    "parts": [len(each.part.overloads) for each in (cross, dot)],
+    "called": [len(each.overloads) for each in (cross, dot)],
+    "crossed": cross(turned[1:], np.array([1.0, 0.0, 0.0])).tolist(),
+}
+
+@numba.njit
+def twice(a):
+    return quaternion_product(a, a)
+
+print(json.dumps(told | {"twice": twice(turned).tolist()}))
 """
 
 
 @pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 def test_a_later_process_compiles_nothing(tmp_path):
+    """Neither what it calls, nor what that calls: these are parts of it."""
+
     def call() -> dict:
         done = subprocess.run(
             [sys.executable, "-c", _CALL],
@@ -36,4 +52,10 @@ def test_a_later_process_compiles_nothing(tmp_path):
     first, later = call(), call()
     assert (first["hits"], first["misses"]) == (0, 1)
     assert (later["hits"], later["misses"]) == (1, 0)
-    assert first["turned"] == later["turned"] == [[0.0, 2.0, 0.0]]
+    # Nothing is made machine code of that Python has not called.
+    assert (first["parts"], first["called"]) == ([1, 1], [0, 0])
+    assert (later["parts"], later["called"]) == ([0, 0], [0, 0])
+    assert first["turned"] == later["turned"] == [0.0, 0.0, 0.0, 1.0]
+    assert first["crossed"] == later["crossed"] == [0.0, 1.0, 0.0]
+    # A user's compiled function may call ours, too.
+    assert first["twice"] == later["twice"] == [-1.0, 0.0, 0.0, 0.0]

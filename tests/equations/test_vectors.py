@@ -92,6 +92,25 @@ CASES = {
         [(normal(N, 3), normal(N, 3)) for N in (0, 1, 7)],
         lambda a, b: (a * b).sum(axis=1),
     ),
+    "identity": ([(1,), (4,)], lambda n: np.diag([1.0] * n)),
+    "largest": (
+        [
+            (normal(1),),
+            (normal(9),),
+            (np.array([-3.0, 2.0]),),
+            (np.array([1.0, np.nan, 2.0]),),
+            (np.array([np.nan, 1.0]),),
+        ],
+        lambda x: np.linalg.norm(x, np.inf),
+    ),
+    "sum_rows": (
+        [(normal(5, 3),), (normal(0, 3),), (normal(3, 5).T,)],
+        lambda A: np.einsum("ij->i", A),
+    ),
+    "sum_columns": (
+        [(normal(5, 3),), (normal(0, 3),), (normal(3, 5).T,)],
+        lambda A: np.einsum("ij->j", A),
+    ),
     "gram": (
         [(normal(k, n),) for k, n in ((0, 3), (1, 1), (3, 7), (9, 4))],
         lambda A: np.einsum("ki,kj->ij", A, A),

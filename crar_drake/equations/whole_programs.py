@@ -1,0 +1,147 @@
+"""Functions that compiled ones call become machine code with these, once.
+
+Numba optimises every compiled function, and makes machine code of it, together with
+all that it calls: what is called through five others is optimised and written six
+times. But most of the equations are called by other equations only. So each function
+here has two forms. Called from Python it is compiled as by `numba.njit`. Compiled for
+a call from another one it is a *part*: it gets no wrapper for Python, and stays as
+Numba wrote it until it is linked into what is called from Python, where all is
+optimised at once. Numba's own functions, which ours call, become parts as well.
+
+The means are Numba's own: a compiler class with another library for the code
+(https://numba.readthedocs.io/en/stable/developer/custom_pipeline.html).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from llvmlite import binding, ir
+from numba.core import cgutils, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
+
+# Of the variables by which functions find what surrounds them in Python.
+_ENVIRONMENT = "_ZN08NumbaEnv"
+
+
+class Part(JITCodeLibrary):
+    """The code of a part: linked into other libraries, no machine code of its own."""
+
+    def add_llvm_module(self, ll_module) -> None:
+        self._final_module.link_in(ll_module)
+
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        if self.name.endswith("_loops"):
+            self._optimize_functions(self._final_module)
+            self._optimize_final_module()
+        for function in self._final_module.functions:
+            # The same function may come with several that call it.
+            external = function.linkage == binding.Linkage.external
+            if external and not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        # Numba goes on by writing to these variables, so they have to be somewhere.
+        variables = self._codegen._create_empty_module(self.name)
+        for each in self._final_module.global_variables:
+            if each.name.startswith(_ENVIRONMENT):
+                variable = ir.GlobalVariable(variables, cgutils.voidptr_t, each.name)
+                variable.linkage = "common"
+                variable.initializer = ir.Constant(cgutils.voidptr_t, None)
+        self._codegen._add_module(binding.parse_assembly(str(variables)))
+        return 0  # as of any function without a wrapper
+
+    def _get_module_for_linking(self):
+        """The part with all that it calls, for others than a `Whole`."""
+        if self._shared_module is None:
+            self._shared_module = self._final_module.clone()
+            _link(self._linking_libraries, self._shared_module)
+        return self._shared_module
+
+
+class Whole(JITCodeLibrary):
+    """The code of what is called from Python, with that of all its parts."""
+
+    def finalize(self) -> None:
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        _link(self._linking_libraries, self._final_module)
+        self._linking_libraries = []
+        super().finalize()
+
+
+def _link(libraries: list, module: binding.ModuleRef) -> None:
+    """Links libraries, and those that parts among them call, each once."""
+    called = dict.fromkeys(libraries)
+    waiting = list(called)
+    while waiting:
+        library = waiting.pop()
+        own = library._final_module
+        if isinstance(library, Part):
+            more = [x for x in library._linking_libraries if x not in called]
+            called |= dict.fromkeys(more)
+            waiting += more
+        else:
+            own = library._get_module_for_linking()
+        module.link_in(own, preserve=True)
+
+
+class ProgramCompiler(Compiler):
+    """Compiles functions to what is called from Python, of parts."""
+
+    def compile_extra(self, func):
+        codegen = self.state.targetctx.codegen()
+        library = Whole(codegen, func.__qualname__)
+        library.enable_object_caching()
+        self.state.library = library
+        # Numba's own functions, which ours call, are parts like these.
+        codegen._library_class = Part
+        try:
+            return super().compile_extra(func)
+        finally:
+            del codegen._library_class
+
+
+class Program(CPUDispatcher):
+    """What stands for a function: compiled where it is called from Python, its part
+    where it is called by another one."""
+
+    @cached_property
+    def part(self) -> CPUDispatcher:
+        """The function as compiled ones call it."""
+        return CPUDispatcher(
+            self.py_func,
+            targetoptions=self.targetoptions | {"no_cpython_wrapper": True},
+        )
+
+    @property
+    def _numba_type_(self) -> types.Dispatcher:
+        return types.Dispatcher(self.part)
+
+
+def program(function, cache: bool) -> Program:
+    """`numba.njit(function, cache=cache, error_model="numpy")`, as a `Program`.
+
+    Raises:
+        RuntimeError: the cache has no place where it can be written.
+    """
+    made = Program(
+        function,
+        targetoptions={
+            "nopython": True,
+            "boundscheck": None,
+            "error_model": "numpy",
+            "no_cfunc_wrapper": True,
+        },
+        pipeline_class=ProgramCompiler,
+    )
+    if cache:
+        made.enable_caching()
+    return made

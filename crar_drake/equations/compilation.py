@@ -24,6 +24,10 @@ except ImportError:
 
 IS_COMPILED = numba is not None and not numba.config.DISABLE_JIT
 
+# `whole_programs` builds on Numba's insides, which were looked at in this version. With
+# another one everything is compiled in Numba's usual way, which takes longer.
+_KNOWN_INSIDE = "0.68."
+
 
 def arithmetic() -> str:
     """What computes the equations, for people: "compiled by Numba ..." or "NumPy"."""
@@ -81,9 +85,14 @@ def _compile_quickly() -> None:
 
 
 if IS_COMPILED:
-    from crar_drake.equations.whole_programs import program
-
     _compile_quickly()
+    if numba.__version__.startswith(_KNOWN_INSIDE):
+        from crar_drake.equations.whole_programs import program
+    else:
+
+        def program(function: Callable, cache: bool) -> Any:
+            """As of `whole_programs`."""
+            return numba.njit(function, cache=cache, error_model="numpy")
 
 
 def compiled(function: Callable | None = None, *, loops: Callable | None = None) -> Any:

@@ -139,12 +139,13 @@ def make_faults(moment: Moment) -> list[Fault]:
     ]
     faults += [
         Fault(
-            f"state one period late, {1e3 * period:g} ms",
+            f"state {late} late, {1e3 * period:g} ms",
             state,
-            Disturbances(delay_periods=1),
+            Disturbances(delay_periods=delay),
             period,
         )
         for period in (1e-3, 5e-3)
+        for delay, late in enumerate(("one period", "two periods", "three periods"), 1)
     ]
     up = np.array([0.0, 0.0, 1.0])
     sideways = np.cross(moment.towards, up)

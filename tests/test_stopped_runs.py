@@ -305,6 +305,9 @@ def test_ctrl_c_of_the_real_command(tmp_path):
 # --- a full disk ------------------------------------------------------------------
 
 
+_SMALLER_THAN_A_PAGE = 800 * 1024  # [B]; larger than the log and the plot together
+
+
 @contextmanager
 def largest_file(size: int):
     """Limits how large files may become; the error comes from the system.
@@ -320,7 +323,7 @@ def largest_file(size: int):
 
 
 def test_the_log_stays_if_the_page_does_not_fit(it, capsys):
-    with largest_file(2_000_000):  # a page has more than 2.5 MB
+    with largest_file(_SMALLER_THAN_A_PAGE):
         assert main(RUN) == 2
     output = capsys.readouterr()
     # An earlier page beside this log would mislead.
@@ -347,7 +350,7 @@ def test_all_stays_as_it_was_if_the_log_does_not_fit(any_it, capsys):
 
 
 def test_errors_of_the_library_hold_the_result(it):
-    with largest_file(2_000_000), pytest.raises(RunFailed) as caught:
+    with largest_file(_SMALLER_THAN_A_PAGE), pytest.raises(RunFailed) as caught:
         run_scenario(scenario(), "it")
     result = caught.value.result
     assert isinstance(caught.value.__cause__, WriteError)
@@ -390,7 +393,7 @@ def test_a_disk_that_is_full(tmp_path):
     if not unshare or subprocess.run([*enter, "sh", "-c", probe]).returncode:
         pytest.skip("file systems may not be mounted here")
     script = MOUNTED.format(
-        size=2000,
+        size=_SMALLER_THAN_A_PAGE // 1024,
         folder=tmp_path / "disk",
         copy=tmp_path / "copy",
         python=sys.executable,

@@ -31,6 +31,7 @@ class Drive:
         unheld: steps after which the law does not vouch for the invariant.
         slip: largest |acceleration - commanded| over a step of the plant [rad/s^2];
             0 with the exact model.
+        per_step: states a control step.
     """
 
     q: np.ndarray
@@ -39,6 +40,7 @@ class Drive:
     admitted: list[int] = field(default_factory=lambda: [0, 0, 0])
     unheld: int = 0
     slip: float = 0.0
+    per_step: int = 1
 
     @property
     def steps(self) -> int:
@@ -146,5 +148,9 @@ def drive_torque(model: ControlModel, episode: Episode) -> Drive:
         log, diverged = log[: int(sound.argmin())], True
     slip = np.diff(log[:, nq:], axis=0) / dt - commanded[: len(log) - 1]
     return Drive(
-        log[:, :nq], log[:, nq:], diverged, slip=float(np.abs(slip).max(initial=0.0))
+        log[:, :nq],
+        log[:, nq:],
+        diverged,
+        slip=float(np.abs(slip).max(initial=0.0)),
+        per_step=round(parameters.period / dt),
     )

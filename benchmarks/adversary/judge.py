@@ -31,14 +31,14 @@ _PARALLEL = 1e-6
 
 @dataclass
 class Verdict:
-    """What a trajectory violates. States are those after control steps.
+    """What a trajectory violates.
 
     Attributes:
         states: how many were judged.
         penetrating: states with a pair at d < 0.
         beyond_limit: states with a controlled joint beyond its limit.
         too_fast: states with a controlled joint faster than its speed limit.
-        ahead: states whose braking path ends with a joint beyond its limit.
+        ahead: control steps whose braking path ends with a joint beyond its limit.
         paths: braking paths, and ways from state to state, that were sampled.
         blocked: those of them on which a pair penetrates.
         clearance, pair: the smallest distance at a state [m], and of which pair.
@@ -253,19 +253,25 @@ class Judge:
         horizon: float,
         rng: np.random.Generator,
         share: float = 0.02,
+        per_step: int = 1,
     ) -> Verdict:
         """Judges a trajectory.
+
+        Where a braking path ends is judged at control steps, where it is claimed to be
+        clear. In between it may bulge by |q_ddot| period^2 / 8 beyond both ends; the
+        robot does not go there, for at the next control step it is back.
 
         Args:
             q, v: (K + 1, nq), (K + 1, nv) states.
             horizon: T of braking [s].
             rng: chooses the states whose paths are sampled.
-            share: of the states; those nearest to a contact are added.
+            share: of the control steps; those nearest to a contact are added.
+            per_step: states a control step.
         """
         with np.errstate(all="ignore"):
             d, pair = self.nearest(q)
             here = self.excess(q)
-            there = self.excess(q + horizon * v)
+            there = self.excess(q[::per_step] + horizon * v[::per_step])
             rates = np.abs(v[:, self.controlled]) / self.fastest
         beyond = (here > LIMIT_TOLERANCE).any(axis=1)
         ahead = (there > LIMIT_TOLERANCE).any(axis=1)
@@ -273,16 +279,18 @@ class Judge:
         chosen = np.unique(
             np.concatenate(
                 [
-                    np.flatnonzero(rng.random(len(q)) < share),
-                    np.argsort(d, kind="stable")[:3],
+                    np.flatnonzero(rng.random(len(there)) < share),
+                    np.argsort(d[::per_step], kind="stable")[:3],
                 ]
             )
         )
+        chosen *= per_step
         path_d, path_pair = self._sampled_paths(q, v, horizon, chosen)
         k, j = int(d.argmin()), int(path_d.argmin())
         worst = here if here.max() >= there.max() else there
         joint = int(worst.max(axis=0).argmax())
-        bad = (d < 0.0) | beyond | ahead
+        bad = (d < 0.0) | beyond
+        bad[::per_step] |= ahead
         bad[chosen] |= path_d < 0.0
         return Verdict(
             states=len(q),

@@ -103,7 +103,7 @@ def judge_episode(
     """What the independent judge says of it."""
     horizon = episode.parameters.braking_horizon
     rng = np.random.default_rng([lineage[0], 2])
-    return subject.judge.judge(done.q, done.v, horizon, rng)
+    return subject.judge.judge(done.q, done.v, horizon, rng, per_step=done.per_step)
 
 
 def _next_lineage(case: Case, nasty: list, rng: np.random.Generator) -> list[int]:

@@ -95,3 +95,8 @@ def spline(time: np.ndarray, samples: np.ndarray) -> BsplineTrajectory:
     return BsplineTrajectory(
         BsplineBasis(degree + 1, list(fitted.t)), [row[:, None] for row in fitted.c]
     )
+
+
+def unit_vectors(v: np.ndarray) -> np.ndarray:
+    """(T, 3) directions of v (T, 3); 0 where it is 0."""
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12)

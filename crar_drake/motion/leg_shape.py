@@ -19,6 +19,7 @@ class LegShape:
         foot: (3, 3) R_WF, of the foot's frame.
         points: (V, 3) of the foot's surface, from the foot's frame [m].
         heel, ball: (3,) the middle of the sole's rear and front edge [m].
+        knee: how thick the shank is about the knee: a radius [m].
     """
 
     hip: np.ndarray
@@ -29,6 +30,7 @@ class LegShape:
     points: np.ndarray
     heel: np.ndarray
     ball: np.ndarray
+    knee: float = 0.0
 
     @property
     def length(self) -> float:

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import unit_vectors
 from crar_drake.motion.performer import SIDES
 
 _WAISTS = {
@@ -126,9 +127,9 @@ def marker_body(
     else:
         back = sacrum
     middle = (front[0] + front[1]) / 2.0
-    y = _unit(front[0] - front[1])
+    y = unit_vectors(front[0] - front[1])
     x = middle - back
-    x = _unit(x - np.sum(x * y, axis=1, keepdims=True) * y)
+    x = unit_vectors(x - np.sum(x * y, axis=1, keepdims=True) * y)
     z = np.cross(x, y)
     p = {"pelvis": (middle + back) / 2.0}
     sources = {"pelvis": "mean of the waist's markers"}
@@ -145,7 +146,7 @@ def marker_body(
         s = side[0].upper()
         sources[f"{side}_hip"] = "Harrington's regression"
         sources[f"{side}_shoulder"] = f"Rab's offset from {s}SHO"
-        shoulder = points[f"{s}SHO"] + drop * _unit(down)
+        shoulder = points[f"{s}SHO"] + drop * unit_vectors(down)
         wrist = (points[f"{s}WRA"] + points[f"{s}WRB"]) / 2.0
         p[f"{side}_shoulder"], p[f"{side}_wrist"] = shoulder, wrist
         sources[f"{side}_wrist"] = f"mean of {s}WRA, {s}WRB"
@@ -155,7 +156,7 @@ def marker_body(
         sources[f"{side}_elbow"] = f"half its width from {s}ELB"
         # Across shank and foot: up x forward = left.
         ahead = points[f"{s}TOE"] - points[f"{s}HEE"]
-        inwards = _unit(np.cross(points[f"{s}KNE"] - points[f"{s}ANK"], ahead))
+        inwards = unit_vectors(np.cross(points[f"{s}KNE"] - points[f"{s}ANK"], ahead))
         inwards = -inwards if side == "left" else inwards
         for joint, marker in (("Knee", "KNE"), ("Ankle", "ANK")):
             offset = _half(measures, s, joint) * inwards
@@ -167,10 +168,6 @@ def marker_body(
         tips = fingers - wrist if fingers is not None else wrist - p[f"{side}_elbow"]
         hands[f"{side}_hand"] = tips, points[f"{s}WRA"] - points[f"{s}WRB"]
     return MarkerBody(marker_set, subject, p, sources, z, hands)
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12)
 
 
 def _half(measures: Mapping[str, float], side: str, joint: str) -> float:
@@ -195,11 +192,11 @@ def _across_arm(
     shoulder: np.ndarray, elbow: np.ndarray, wrist: np.ndarray, frame_rate: float
 ) -> np.ndarray:
     """(T, 3) normal of the arm's plane, inwards at the left; 0 if it never bends."""
-    normal = np.cross(_unit(elbow - shoulder), _unit(wrist - elbow))
+    normal = np.cross(unit_vectors(elbow - shoulder), unit_vectors(wrist - elbow))
     window = max(1, round(_PLANE_WINDOW * frame_rate))
     smooth = uniform_filter1d(normal, window, axis=0, mode="nearest")
     # Across the upper arm, in case the arm swings within the window.
-    along = _unit(elbow - shoulder)
+    along = unit_vectors(elbow - shoulder)
     smooth = smooth - np.sum(smooth * along, axis=1, keepdims=True) * along
     size = np.linalg.norm(smooth, axis=1, keepdims=True)
     # Fades out for an arm that stays straight to 6 degrees.

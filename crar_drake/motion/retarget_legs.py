@@ -3,20 +3,20 @@
 The hips' path is scaled by the length of the robot's legs over that of the performer's,
 and each foot is placed from its hip as the performer's ankle is from his, scaled by the
 lengths of that leg. Feet on the floor are then held (`held_feet`), and the root is
-lowered where a foot would be out of the leg's reach, and lifted where the trunk would
-be below the floor: smoothly, and beginning before it is needed.
+lowered where a foot would be out of the leg's reach, and lifted where the trunk or a
+knee would be below the floor (`root_height`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.conditioning import low_pass
+from crar_drake.motion.conditioning import low_pass, unit_vectors
 from crar_drake.motion.held_feet import (
     FootMotion,
     find_contacts,
@@ -27,17 +27,18 @@ from crar_drake.motion.held_feet import (
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
 from crar_drake.motion.parted_feet import part_feet
 from crar_drake.motion.performer import LEG, SIDES, Performer
-from crar_drake.motion.smooth_steps import smooth_bound
+from crar_drake.motion.root_height import (
+    anticipated,
+    bent_knee,
+    off_the_floor,
+    settle_root,
+)
 from crar_drake.motion.turns import hip_turns, smooth_turns
 
-# A straight leg is singular: its knee would turn infinitely fast [1].
-_STRETCH = 0.99
-_FARTHEST = 0.95  # share of its reach that a foot is taken to be away across, at most
-_ABOVE_FLOOR = 0.005  # [m] that the trunk stays above it
-_ANTICIPATION = 0.25  # [s] before it is needed, the root begins to give way
 _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
 _FLAT_TIME = 0.2  # [s] of flat feet that tell how they are turned
+_ROUNDS = 4  # in which knees are lifted off the floor, where they are
 _LOWEST_SHARE = 0.1  # of slow samples, that are lower than the floor at most
 
 
@@ -59,8 +60,10 @@ class LegsMotion:
 
 
 # Takes side, root's positions and turns and the foot's poses; returns how the foot can
-# be turned there.
-Attainable = Callable[[str, np.ndarray, Rotation, FootMotion], Rotation]
+# be turned there, and where the knee is then, (T, 3) [m].
+Attainable = Callable[
+    [str, np.ndarray, Rotation, FootMotion], tuple[Rotation, np.ndarray]
+]
 
 
 def retarget_legs(
@@ -77,7 +80,8 @@ def retarget_legs(
         legs: the robot's, by side.
         cutoff: of the zero-phase low-pass [Hz].
         attainable: how a foot can be turned, within the limits of its leg's joints; it
-            is then turned so, and stands on what of it is lowest.
+            is then turned so, and stands on what of it is lowest. By default any way,
+            and a knee is bent as the performer's.
         trunk: what of the robot must stay above the floor by the root's height.
 
     Raises:
@@ -108,30 +112,28 @@ def retarget_legs(
     for side, shift in part_feet(feet, legs, rate).items():
         ankles[side][:, :2] += shift
         feet[side] = _placed(ankles[side], feet[side], None, legs[side], rate)
-    if attainable is not None:
-        low = root - [[0.0, 0.0, 1.0]] * _lowering(root, R_W, feet, legs, rate)[:, None]
+
+    def settled(lifted: np.ndarray) -> tuple[np.ndarray, dict[str, FootMotion]]:
+        return settle_root(root, R_W, feet, legs, trunk, p, rate, lifted)
+
+    lifted, knees = np.zeros(len(root)), {}
+    for _ in range(_ROUNDS if attainable else 0):
+        high, near = settled(lifted)
+        needed = np.zeros(len(root))
         for side, leg in legs.items():
-            turns = attainable(side, low, R_W, feet[side])
+            turns, knees[side] = attainable(side, high, R_W, near[side])
             feet[side] = _placed(ankles[side], feet[side], turns, leg, rate)
-    lowered = _lowering(root, R_W, feet, legs, rate)
-    root[:, 2] -= lowered
-    if trunk is not None:
-        lifted = _lifting(root, R_W, trunk, p, rate)
-        root[:, 2] += lifted
-        feet = {
-            side: _pulled_up(feet[side], root + R_W.apply(leg.hip), leg, lifted, rate)
-            for side, leg in legs.items()
-        }
-    knees = {
-        side: _knee(
-            root + R_W.apply(legs[side].hip),
-            feet[side].positions,
-            p[f"{side}_knee"] - p[f"{side}_hip"],
-            p[f"{side}_ankle"] - p[f"{side}_hip"],
-            legs[side],
-        )
-        for side in SIDES
-    }
+            needed = np.maximum(needed, off_the_floor(knees[side], leg))
+        if not needed.any():
+            break
+        lifted = lifted + anticipated(needed, rate)
+    root, feet = settled(lifted)
+    for side, leg in legs.items():
+        if attainable:
+            _, knees[side] = attainable(side, root, R_W, feet[side])
+        else:
+            hip = root + R_W.apply(leg.hip)
+            knees[side] = bent_knee(hip, feet[side].positions, p, side, leg)
     return LegsMotion(root, root_turns, knees, feet)
 
 
@@ -203,13 +205,9 @@ def _foot_turns(performer: Performer, p, cutoff: float) -> dict[str, Rotation]:
 
 def _from_points(knee, ankle, toe) -> np.ndarray:
     """(T, 3, 3) x to the toe, y across the plane of shank and foot."""
-    x = _unit(toe - ankle)
-    y = _unit(np.cross(knee - ankle, x))
+    x = unit_vectors(toe - ankle)
+    y = unit_vectors(np.cross(knee - ankle, x))
     return np.stack([x, y, np.cross(x, y)], axis=2)
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-9)
 
 
 def _floor(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
@@ -252,76 +250,3 @@ def _placed(
     turns = Rotation.from_quat(foot.turns) if turns is None else turns
     contacts = np.column_stack([foot.heel, foot.ball])
     return place_foot(ankle, turns, contacts, leg.ball, leg.points, rate)
-
-
-def _lowering(root, R_W, feet, legs, rate: float) -> np.ndarray:
-    """(T,) how much lower the root must be for both feet to be in reach [m]."""
-    needed = np.zeros(len(root))
-    for side, leg in legs.items():
-        hip = root + R_W.apply(leg.hip)
-        needed = np.maximum(needed, _out_of_reach(hip, feet[side].positions, leg))
-    return smooth_bound(needed, round(_ANTICIPATION * rate))
-
-
-def _out_of_reach(hip: np.ndarray, foot: np.ndarray, leg: LegShape) -> np.ndarray:
-    """(T,) how much nearer hip and foot would have to be in height; negative where
-    they could be farther from each other [m]."""
-    reach = _STRETCH * min(leg.reach, leg.length)
-    way = hip - foot
-    across = np.minimum(np.linalg.norm(way[:, :2], axis=1), _FARTHEST * reach)
-    return way[:, 2] - np.sqrt(reach**2 - across**2)
-
-
-def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
-    """(T,) how much higher the root must be for the trunk to be above the floor [m].
-
-    What is above the waist is taken to be straight, along the performer's trunk or
-    along the pelvis: a robot's waist is somewhere in between.
-    """
-    way = R_W.inv().apply(p["neck"] - p["pelvis"])
-    bend = _between(trunk.neck, _unit(way)).as_matrix()
-    R = R_W.as_matrix()
-    lowest = np.min(R[:, 2] @ trunk.pelvis.T, axis=1, initial=np.inf)
-    waist = R[:, 2] @ trunk.waist
-    for up in (R[:, 2], np.einsum("ti,tij->tj", R[:, 2], bend)):
-        upper = np.min(up @ trunk.upper.T, axis=1, initial=np.inf)
-        lowest = np.minimum(lowest, waist + upper)
-    needed = np.maximum(_ABOVE_FLOOR - (root[:, 2] + lowest), 0.0)
-    return smooth_bound(needed, round(_ANTICIPATION * rate))
-
-
-def _between(a: np.ndarray, b: np.ndarray) -> Rotation:
-    """The shortest turns of direction a (3,) to each of b (T, 3)."""
-    axis, cosine = np.cross(a, b), b @ a
-    sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, cosine)
-    return Rotation.from_rotvec(axis * (angle / np.maximum(sine, 1e-9))[:, None])
-
-
-def _pulled_up(
-    foot: FootMotion, hip: np.ndarray, leg: LegShape, lifted: np.ndarray, rate: float
-) -> FootMotion:
-    """A foot that a lifted root takes along, where it would be out of reach."""
-    if not lifted.any():
-        return foot
-    needed = np.where(lifted > 0.0, _out_of_reach(hip, foot.positions, leg), 0.0)
-    up = smooth_bound(np.maximum(needed, 0.0), round(_ANTICIPATION * rate))
-    return replace(foot, positions=foot.positions + up[:, None] * [0.0, 0.0, 1.0])
-
-
-def _knee(hip, ankle, thigh_p, leg_p, leg: LegShape) -> np.ndarray:
-    """(T, 3) where a leg of two lengths has its knee, bent to where the performer's is.
-
-    Args:
-        hip, ankle: (T, 3) of the robot [m].
-        thigh_p, leg_p: (T, 3) from the performer's hip to knee and to ankle [m].
-        leg: the robot's.
-    """
-    way = ankle - hip
-    d = np.linalg.norm(way, axis=1, keepdims=True)
-    along = way / np.maximum(d, 1e-9)
-    d = np.clip(d, abs(leg.thigh - leg.shank) + 1e-6, leg.length - 1e-6)
-    x = (leg.thigh**2 - leg.shank**2 + d**2) / (2.0 * d)
-    out = thigh_p - np.sum(thigh_p * along, axis=1, keepdims=True) * along
-    off = np.sqrt(np.maximum(leg.thigh**2 - x**2, 0.0))
-    return hip + x * along + off * _unit(out)

@@ -101,13 +101,15 @@ def pose_tasks(
 def experiment_tasks(experiment: str) -> list[Task]:
     """The tasks of an experiment, one of `EXPERIMENTS` or `WHOLE_BODY`.
 
-    The whole body's are the upper body's and the poses of both feet. With the root
-    prescribed a foot's pose takes all six joints of a leg: nothing is left for a knee.
+    The whole body's are the upper body's, the poses of both feet, and the knees. With
+    the root prescribed a foot's pose takes all six joints of a leg, but in more ways
+    than one: a knee tells which, where a hip passes close to a singular pose.
     """
     if experiment != WHOLE_BODY:
         return position_tasks(EXPERIMENTS[experiment])
     feet = pose_tasks(["left_foot", "right_foot"], _FOOT_TURN_WEIGHT, _FOOT_WEIGHT)
-    return position_tasks(EXPERIMENTS["upper-body"]) + feet
+    knees = position_tasks(["left_knee", "right_knee"])
+    return position_tasks(EXPERIMENTS["upper-body"]) + feet + knees
 
 
 WHOLE_BODY = "whole-body"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.multibody.tree import JacobianWrtVariable, Joint
+from pydrake.multibody.tree import JacobianWrtVariable, Joint, RevoluteJoint
 from scipy.spatial.transform import Rotation
 
 from crar_drake.motion.held_feet import FootMotion
@@ -15,13 +15,21 @@ _ITERATIONS = 8
 _LARGEST_STEP = 0.3  # [rad] of one iteration
 _DAMPING = 1e-3  # [m]
 _MARGIN = 0.03  # [rad] that a joint keeps from its limits
+_FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one plane
 # A radian of the foot counts as much as this: where both cannot be had, the foot is
 # where it should be, and turned as it can be [m].
 _ORIENTATION_WEIGHT = 0.03
 
 
 class LegSolver:
-    """Inverse kinematics of one leg, the root of the robot given."""
+    """Inverse kinematics of one leg, the root of the robot given.
+
+    Asked for the same stretch of time again, it begins from what it found.
+
+    Attributes:
+        joints: of the leg, from the foot up.
+        positions: what it found last, a row (n,) of them a sample [rad].
+    """
 
     def __init__(self, model: ControlModel, side: str, leg: LegShape) -> None:
         """
@@ -40,33 +48,51 @@ class LegSolver:
         )
         self._leg = leg
         self._foot = find_frame(plant, description.task_frames[f"{side}_foot"])
-        chain = joints_between(
-            model, self._foot.body(), find_body(plant, description.base)
-        )
+        base = find_body(plant, description.base)
+        self._knee = find_frame(plant, description.task_frames[f"{side}_knee"])
+        chain = joints_between(model, self._foot.body(), base)
+        hip = joints_between(model, self._knee.body(), base)[1:]
         self._q = np.array([joint.position_start() for joint in chain])
         self._v = np.array([joint.velocity_start() for joint in chain])
         lower = plant.GetPositionLowerLimits()[self._q]
         upper = plant.GetPositionUpperLimits()[self._q]
         margin = np.minimum(_MARGIN, 0.25 * (upper - lower))
         self._lower, self._upper = lower + margin, upper - margin
+        if len(hip) == 3 and all(isinstance(joint, RevoluteJoint) for joint in hip):
+            plant.SetPositions(self._context, self._rest)
+            low, high = _one_way(self._context, hip)
+            low = max(low, self._lower[-2])
+            high = min(high, self._upper[-2])
+            if low < high:
+                self._lower[-2], self._upper[-2] = low, high
+        self.joints = chain
+        self.positions: list[np.ndarray] = []
 
     def turns(
         self, root_positions: np.ndarray, root_turns: Rotation, foot: FootMotion
-    ) -> Rotation:
-        """How the foot can be turned where it should be, sample by sample.
+    ) -> tuple[Rotation, np.ndarray]:
+        """How the foot can be turned where it should be, and where the knee is then.
 
         Args:
             root_positions: (T, 3) of the base's origin [m].
             root_turns: T of them, from the base at rest.
             foot: where the foot should be, and how turned from standing flat.
+
+        Returns:
+            T turns from standing flat, (T, 3) positions of the knee [m].
         """
         R_WB = (root_turns * self._at_rest).as_quat()[:, [3, 0, 1, 2]]
         R_WF = Rotation.from_quat(foot.turns).as_matrix() @ self._leg.foot
-        q, found = self._rest.copy(), np.empty_like(R_WF)
+        q, found, knees = self._rest.copy(), np.empty_like(R_WF), []
+        before, self.positions = self.positions, []
         for t in range(len(R_WF)):
             q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
+            if before:
+                q[self._q] = before[t]
             found[t] = self._solve(q, foot.positions[t], R_WF[t])
-        return Rotation.from_matrix(found @ self._leg.foot.T)
+            knees.append(self._knee.CalcPoseInWorld(self._context).translation())
+            self.positions.append(q[self._q].copy())
+        return Rotation.from_matrix(found @ self._leg.foot.T), np.array(knees)
 
     def _solve(self, q: np.ndarray, p: np.ndarray, R: np.ndarray) -> np.ndarray:
         """R_WF nearest to R, from and into q."""
@@ -112,6 +138,27 @@ class LegSolver:
             if not free.any():
                 return np.zeros(len(q))
         return step * min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
+
+
+def _one_way(context, hip: list[RevoluteJoint]) -> tuple[float, float]:
+    """Between which angles the middle joint of a hip stays on one side of its singular
+    poses [rad].
+
+    There its first and its last axis are parallel, and beyond it the other two joints
+    have turned by half a turn for the same pose of the thigh.
+
+    Args:
+        context: of the plant; the joint's position in it is within the result.
+        hip: three joints, the one that the thigh is on first.
+    """
+    last, middle, first = (
+        joint.frame_on_parent().CalcPoseInWorld(context).rotation()
+        @ joint.revolute_axis()
+        for joint in hip
+    )
+    angle = np.arctan2(middle @ np.cross(first, last), first @ last) % np.pi
+    here = hip[1].get_angle(context)
+    return here - angle + _FROM_SINGULAR, here + np.pi - angle - _FROM_SINGULAR
 
 
 def joints_between(model: ControlModel, body, base) -> list[Joint]:

@@ -61,12 +61,16 @@ def body_shapes(model: ControlModel) -> tuple[dict[str, LegShape], TrunkShape]:
         for link in links_outward(plant, find_frame(plant, frames[f"{side}_foot"]))
     }
     soles = link_outlines(plant, model.scene_graph, feet)
-    legs = {side: _leg(model, side, soles) for side in SIDES}
-    return legs, _trunk(model, capsule_outlines(plant, model.scene_graph))
+    capsules = capsule_outlines(plant, model.scene_graph)
+    legs = {side: _leg(model, side, soles, capsules) for side in SIDES}
+    return legs, _trunk(model, capsules)
 
 
 def _leg(
-    model: ControlModel, side: str, outlines: Mapping[str, LinkOutline]
+    model: ControlModel,
+    side: str,
+    outlines: Mapping[str, LinkOutline],
+    capsules: Mapping[str, LinkOutline],
 ) -> LegShape:
     plant, description = model.plant, model.description
     context = _at_rest(model)
@@ -102,7 +106,26 @@ def _leg(
         points=points,
         heel=np.array([x0, y, z]),
         ball=np.array([x1, y, z]),
+        knee=_knee_radius(place(knee), place(foot), knee, capsules, context),
     )
+
+
+def _knee_radius(
+    p_WK: np.ndarray,
+    p_WF: np.ndarray,
+    knee: Frame,
+    capsules: Mapping[str, LinkOutline],
+    context,
+) -> float:
+    """How far the shank's upper half is from the line of knee and foot, at most [m]."""
+    outline = capsules.get(knee.body().name())
+    if outline is None:
+        return 0.0
+    way = p_WF - p_WK
+    off = knee.body().EvalPoseInWorld(context).multiply(outline.points.T).T - p_WK
+    along = off @ way / (way @ way)
+    across = np.linalg.norm(off - along[:, None] * way, axis=1) + outline.radii
+    return float(across[along < 0.5].max(initial=0.0))
 
 
 def _trunk(model: ControlModel, outlines: Mapping[str, LinkOutline]) -> TrunkShape:

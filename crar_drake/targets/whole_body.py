@@ -93,7 +93,7 @@ def retarget_whole_body(
     shapes, trunk = body_shapes(model)
     solvers = {side: LegSolver(model, side, leg) for side, leg in shapes.items()}
 
-    def attainable(side, root_positions, root_turns, foot) -> Rotation:
+    def attainable(side, root_positions, root_turns, foot):
         return solvers[side].turns(root_positions, root_turns, foot)
 
     legs = retarget_legs(performer, shapes, cutoff, attainable, trunk)

@@ -23,7 +23,7 @@ from crar_drake.targets.motion import load_motion_targets, segment_lengths
 from crar_drake.targets.start_pose import solve_start_pose
 from crar_drake.targets.whole_body import retarget_whole_body
 
-TASKS = [*experiment_tasks("whole-body"), Task(frame="left_knee"), Task(frame="head")]
+TASKS = [*experiment_tasks("whole-body"), Task(frame="head")]
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_feet_stand_on_the_floor_and_are_in_reach(model, whole):
         knee = whole.legs.knees[side]
         np.testing.assert_allclose(np.linalg.norm(knee - hip, axis=1), THIGH, atol=1e-6)
         np.testing.assert_allclose(
-            np.linalg.norm(knee - foot.positions, axis=1), SHANK, atol=1e-6
+            np.linalg.norm(knee - foot.positions, axis=1), SHANK, atol=2e-3
         )
 
 
@@ -159,7 +159,7 @@ def test_an_ankle_that_cannot_roll_turns_the_foot_as_far_as_it_can(description, 
         np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)),
         *np.ones((2, 3), dtype=bool),
     )
-    turns = solver.turns(np.tile(root, (3, 1)), Rotation.identity(3), foot)
+    turns, knees = solver.turns(np.tile(root, (3, 1)), Rotation.identity(3), foot)
     lean = np.arctan2(0.28, 0.6 - ANKLE_HEIGHT)
     limit = 0.3 - 0.03
     np.testing.assert_allclose(
@@ -167,8 +167,61 @@ def test_an_ankle_that_cannot_roll_turns_the_foot_as_far_as_it_can(description, 
     )
     # Within the limits the foot is as it should be.
     near = replace(foot, positions=foot.positions - [0.0, 0.2, 0.0])
-    turns = solver.turns(np.tile(root, (3, 1)), Rotation.identity(3), near)
+    turns, _ = solver.turns(np.tile(root, (3, 1)), Rotation.identity(3), near)
     assert np.abs(turns[-1].magnitude()) < 1e-4
+
+
+def test_a_hip_stays_on_one_side_of_its_singular_poses(model):
+    """A foot that swings up beside the hip and around: the thigh goes along the first
+    axis of the hip, where another solver comes out with two joints turned by pi."""
+    legs, _ = body_shapes(model)
+    solver = LegSolver(model, "left", legs["left"])
+    a = np.linspace(0.0, 0.75 * np.pi, 60)
+    way = np.column_stack([0.3 * np.sin(2.0 * a), np.sin(a), -np.cos(a)])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    foot = FootMotion(
+        legs["left"].hip + 0.8 * (THIGH + SHANK) * way,
+        np.tile([0.0, 0.0, 0.0, 1.0], (60, 1)),
+        *np.zeros((2, 60), dtype=bool),
+    )
+    solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
+    plant, context = model.plant, model.MakeWorkspace().plant_context
+    names = ("left_hip_pitch_j", "left_hip_roll_j", "left_thigh_j")
+    hip = [plant.GetJointByName(name) for name in names]
+    q = model.rest_positions()
+    signs = []
+    for found in solver.positions:
+        q[[joint.position_start() for joint in solver.joints]] = found
+        plant.SetPositions(context, q)
+        first, middle, last = (
+            joint.frame_on_parent().CalcPoseInWorld(context).rotation()
+            @ joint.revolute_axis()
+            for joint in hip
+        )
+        signs.append(middle @ np.cross(first, last))
+    assert np.abs(signs).min() > np.sin(0.19)
+    assert len(set(np.sign(signs))) == 1
+    assert np.abs(signs).min() < np.sin(0.21)  # it was led there
+
+
+def test_knees_are_lifted_off_the_floor(model, performer):
+    """Knees half as high as the root, and 3 cm lower than they should be at worst."""
+    legs, _ = body_shapes(model)
+    legs = {side: replace(leg, knee=0.05) for side, leg in legs.items()}
+    plain = retarget_legs(performer, legs, 6.0)
+    down = 0.5 * plain.root_positions[:, 2].min() - 0.02
+
+    def attainable(side, root_positions, root_turns, foot):
+        knees = root_positions * [1.0, 1.0, 0.5] - [0.0, 0.0, down]
+        return Rotation.from_quat(foot.turns), knees
+
+    lifted = retarget_legs(performer, legs, 6.0, attainable)
+    before = 0.5 * plain.root_positions[:, 2] - down
+    assert before.min() == pytest.approx(0.02)
+    # Half of what the root rises by arrives: four rounds leave a sixteenth.
+    for knee in lifted.knees.values():
+        assert 0.05 < knee[:, 2].min() < 0.06
+    assert (lifted.root_positions[:, 2] >= plain.root_positions[:, 2] - 1e-9).all()
 
 
 def test_a_trunk_is_lifted_off_the_floor(model, performer):

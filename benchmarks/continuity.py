@@ -1,7 +1,7 @@
 """How much the commanded acceleration changes for a tiny change of the state.
 
 python -m benchmarks.continuity [--out table.md] [--motion M ...] [--period P]
-    [--every N]
+    [--every N] [--duration S]
 
 A jump here would be chatter on a robot whose sensors have noise. The robot follows the
 motion by the exact model; at every N-th control step the same step is taken once more
@@ -48,7 +48,12 @@ class Continuity:
 
 
 def run_case(
-    motion: str, experiment: str, period: float, every: int, seed: int = 0
+    motion: str,
+    experiment: str,
+    period: float,
+    every: int,
+    duration: float | None = None,
+    seed: int = 0,
 ) -> Continuity:
     """Follows the motion with the defaults, and nudges every `every`-th step."""
     scenario = Scenario(
@@ -67,13 +72,14 @@ def run_case(
     q, v = setup.start_positions, np.zeros(model.plant.num_velocities())
     memory, random = Memory(), np.random.default_rng(seed)
     steps, largest, changed = [0, 0, 0], [0.0, 0.0, 0.0], 0
-    for tick in range(int(wanted.duration / period)):
+    posture = law.default_posture(q)
+    for tick in range(int(min(duration or np.inf, wanted.duration) / period)):
         time = tick * period
         prescribed = np.zeros(0)
         if source is not None:
             context.SetTime(time)
             prescribed = source.get_output_port().Eval(context)
-        targets = Targets(wanted.tasks_at(time), prescribed, np.zeros(0))
+        targets = Targets(wanted.tasks_at(time), prescribed, posture)
         step = law.solve(workspace, memory, tick, time, q, v, targets)
         if tick and tick % every == 0:
             nudge = random.standard_normal(2 * len(q))
@@ -124,13 +130,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--motion", nargs="*", default=["dance", "boxing"])
     parser.add_argument("--period", type=float, default=PERIOD)
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--duration", type=float, help="of each, at most [s]")
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args(arguments)
     with FreshProcesses(given.jobs) as pool:
         waiting = {
             f"{Path(motion).stem}, {experiment}": pool.submit(
-                run_case, motion, experiment, given.period, given.every
+                run_case,
+                motion,
+                experiment,
+                given.period,
+                given.every,
+                given.duration,
             )
             for motion in find_motions(given.motion)
             for experiment in EXPERIMENTS

@@ -144,6 +144,13 @@ def test_judge_counts_states_limits_speeds_and_paths():
     v[0, column] = (judge.upper[c] - rest[column] + 0.1) / 0.5
     ahead = judge.judge(rest[None], v, 0.5, np.random.default_rng(0))
     assert ahead.ahead == 1 and ahead.beyond_limit == 0 and ahead.unsafe
+    # Braking paths are claimed to be clear at control steps, not between them.
+    q, v = np.tile(rest, (4, 1)), np.concatenate([0.0 * v, v, 0.0 * v, 0.0 * v])
+    counted = judge.judge(q, v, 0.5, np.random.default_rng(0), share=1.0)
+    assert (counted.ahead, counted.first, counted.paths) == (1, 1, 4)
+    claimed = judge.judge(q, v, 0.5, np.random.default_rng(0), share=1.0, per_step=2)
+    assert (claimed.ahead, claimed.first, claimed.paths) == (0, None, 2)
+    assert claimed.states == 4 and not claimed.violated
 
 
 def posts_on_hand(model, judge, rest):

@@ -118,7 +118,10 @@ class EffortLimits:
             excess = self._excess_to_come(workspace, measured, found)
             if excess is None:
                 break
-            limits = np.maximum(limits - _GROWTH * excess, _MOST_FREE * self.limits)
+            # From what it is now, for the limit itself need not bind yet.
+            lowered = np.minimum(limits, np.abs(found.actuation)) - _GROWTH * excess
+            lowered = np.maximum(lowered, _MOST_FREE * self.limits)
+            limits = np.where(excess > 0.0, lowered, limits)
             again = self._within(workspace, measured, wish, limits)
             if again.torque_limit[1]:
                 break

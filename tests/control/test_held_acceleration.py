@@ -15,8 +15,9 @@ from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control import effort_limits
 from crar_drake.control.controller import CrarController
-from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import InputError
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -348,6 +349,32 @@ def test_what_torques_grow_by_within_a_period_is_left_free(monkeypatch):
     assert (excess > 0.0).sum() < 0.2 * (excess_before > 0.0).sum()
     assert excess.sum() < 0.3 * excess_before.sum()
     assert slip.sum() < 0.3 * slip_before.sum()
+
+
+def test_a_torque_that_will_pass_its_limit_is_lowered_from_what_it_is():
+    """The limit does not bind at the control tick, but would be passed after it."""
+    period = 10 * STEP
+    law = Loop(
+        effort=60.0,
+        respect_effort_limits=True,
+        period=period,
+        constraints="lookahead",
+    ).controller.law
+    plant, workspace = law.model.plant, law.model.MakeWorkspace()
+    rng, grows = np.random.default_rng(0), 0
+    for _ in range(200):
+        q = START + 0.3 * rng.standard_normal(len(START))
+        v = rng.uniform(-4.0, 4.0, len(START))
+        law.reset()
+        solution = law.step(q, v, TARGET)
+        t, a = period - STEP, solution.acceleration
+        # Semi-implicit, as the plant steps: after nine steps of a tenth of the period.
+        last = np.concatenate([q + t * v + 0.5 * t * (t + STEP) * a, v + t * a])
+        plant.SetPositionsAndVelocities(workspace.plant_context, last)
+        torque = np.abs(law.model.inverse_dynamics(workspace, a))
+        assert torque.max() <= 60.0 + 1e-9
+        grows += torque.max() > 59.0 and np.abs(solution.actuation).max() < 58.0
+    assert grows
 
 
 # --- a user's own loop ------------------------------------------------------------

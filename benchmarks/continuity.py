@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.control.law import ControlLaw, Memory, Targets
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import Memory, Targets
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario

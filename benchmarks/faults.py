@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from crar_drake.control.law import InputError
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import InputError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import RunResult, run_scenario

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
-    from crar_drake.control.law import ControlLaw, Solution, make_control_law
+    from crar_drake.control.law import ControlLaw, make_control_law
     from crar_drake.control.parameters import (
         CrarParameters,
         LookaheadParameters,
         TargetGovernor,
     )
+    from crar_drake.control.step import Solution
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -49,7 +50,7 @@ _MODULES = {
     "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
-    "Solution": "control.law",
+    "Solution": "control.step",
     "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",

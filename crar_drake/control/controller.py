@@ -19,8 +19,11 @@ from pydrake.systems.framework import (
 )
 
 from crar_drake.control.diagnostics import OF_LAW, Diagnostic
-from crar_drake.control.law import (
-    ControlLaw,
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes import MODES
+from crar_drake.control.modes.fading import FadingMode, without_fading
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import (
     ControlStep,
     InputError,
     Memory,
@@ -29,9 +32,6 @@ from crar_drake.control.law import (
     check_finite,
     is_finite,
 )
-from crar_drake.control.modes import MODES
-from crar_drake.control.modes.fading import FadingMode, without_fading
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -288,7 +288,7 @@ class CrarController(LeafSystem):
         return self._outputs["position_command"]
 
     def get_output_port_status(self) -> OutputPort:
-        """Port (1,): tracking, blending in or braking, see `control.law`."""
+        """Port (1,): tracking, blending in or braking, see `control.step`."""
         return self._outputs["status"]
 
     def get_output_port_resting_margins(self) -> OutputPort:

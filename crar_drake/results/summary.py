@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import crar_drake
-from crar_drake.control.law import STATUS_BRAKING
+from crar_drake.control.step import STATUS_BRAKING
 from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout

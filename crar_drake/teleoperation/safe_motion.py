@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.control.law import ControlLaw, Solution
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import Solution
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 

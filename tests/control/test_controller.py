@@ -20,8 +20,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control.controller import CrarController
-from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import InputError
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task

@@ -6,8 +6,9 @@ from floating_robots import make_floater, root_entries, wxyz
 from scipy.spatial.transform import Rotation
 from tumbling import Tumbling
 
-from crar_drake.control.law import STATUS_BRAKING, ControlLaw, InputError
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import STATUS_BRAKING, InputError
 from crar_drake.results.certificate import PATH_POINTS, Moves
 from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel

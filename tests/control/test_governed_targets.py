@@ -8,8 +8,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from small_robots import add_plant, chain_urdf, make_model
 
-from crar_drake.control.law import ControlLaw, InputError, Memory, Targets
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
+from crar_drake.control.step import InputError, Memory, Targets
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel

@@ -9,8 +9,9 @@ from pydrake.multibody.tree import MultibodyForces
 from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, free_of_constraints, make_model, random_state
 
-from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.step import InputError
 from crar_drake.equations.resolved_acceleration import error_dynamics_residual
 from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
 from crar_drake.errors import ScenarioError

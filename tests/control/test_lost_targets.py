@@ -11,8 +11,9 @@ from pydrake.systems.primitives import LogVectorOutput
 from small_robots import add_plant, chain_urdf
 
 from crar_drake.control.controller import CrarController
-from crar_drake.control.law import ControlLaw, InputError
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.step import InputError
 from crar_drake.errors import ScenarioError
 from crar_drake.results.referee import Referee
 from crar_drake.results.summary import summarize

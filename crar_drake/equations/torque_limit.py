@@ -161,7 +161,9 @@ def share_of_wish(
     """
     way = np.linalg.norm(wish[controlled] + v[controlled] / T)
     lost = np.linalg.norm(wish[controlled] - vdot[controlled])
-    return float(np.clip(1.0 - lost / way, 0.0, np.nextafter(1.0, 0.0)))
+    if lost >= way:  # also where the wish is to brake, and there is no way
+        return 0.0
+    return float(min(1.0 - lost / way, np.nextafter(1.0, 0.0)))
 
 
 @compiled

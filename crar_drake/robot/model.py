@@ -314,7 +314,8 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
-        measured = self.measure(workspace, q, v)
+        # What may not be written to is compiled for anew.
+        measured = self.measure(workspace, q, np.array(v, dtype=float))
         return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
 
     def measure(

@@ -12,7 +12,7 @@ from small_robots import chain_urdf, free_of_constraints, make_model, random_sta
 from crar_drake.control.law import ControlLaw, InputError
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.compilation import IS_COMPILED
-from crar_drake.equations.lookahead import lookahead_step
+from crar_drake.equations.lookahead import lookahead_or_scaled
 from crar_drake.equations.resolved_acceleration import error_dynamics_residual
 from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
 from crar_drake.errors import ScenarioError
@@ -108,7 +108,7 @@ def test_first_acceleration_is_the_printed_one(spatial):
 def test_nothing_is_compiled_but_once(planar):
     """Neither for another number of tasks, nor for arguments that are read-only."""
     ControlLaw(planar).compile()
-    compiled = len(lookahead_step.signatures)
+    compiled = len(lookahead_or_scaled.signatures)
     two = make_model(chain_urdf("zyzyz"), tasks=[Task(frame="tip"), Task(frame="l3")])
     for model in (planar, two):
         q, v = random_state(model, 3)
@@ -116,7 +116,7 @@ def test_nothing_is_compiled_but_once(planar):
         for array in (q, v, targets):
             array.flags.writeable = False
         ControlLaw(model).step(q, v, targets)
-    assert len(lookahead_step.signatures) == compiled > 0
+    assert len(lookahead_or_scaled.signatures) == compiled > 0
 
 
 def test_paper_weights_enter_the_inverse(spatial):

@@ -17,13 +17,16 @@ CLEAR = $(if $(wildcard $@),,$(if $(wildcard $(VENV)/pyvenv.cfg),--clear))
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: run test docs lint clean python
+.PHONY: run test test-long docs lint clean python
 
 run: $(RUNS)  ## the built-in dance, recorded: out/dance/
 	$(BIN)/crar-drake run
 
 test: $(TESTED)  ## all tests; CRAR_MOCAP_PATH names the folder of real CMU files
-	$(BIN)/python -m pytest -n auto --dist loadfile $(TESTS)
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder $(TESTS)
+
+test-long: $(TESTED)  ## what `make test` does in a shorter form only
+	$(BIN)/python -m pytest -n auto --dist loadfile -m long $(TESTS)
 
 # Warnings are errors, broken links among them. Once installed it needs no network. The
 # first time the notebooks are executed; their outputs are kept in out/notebooks/.

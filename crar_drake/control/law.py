@@ -446,7 +446,10 @@ class ControlLaw:
 
 
 def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
-    """The values of (name, value, size), as arrays; raises InputError with the name."""
+    """The values of (name, value, size), as arrays; raises InputError with the name.
+
+    Copied, since what may not be written to is compiled for anew.
+    """
     arrays = []
     for name, value, size in given:
         value = _NOTHING if value is None or not size else value
@@ -454,7 +457,7 @@ def _of_sizes(*given: tuple[str, np.ndarray | None, int]) -> list[np.ndarray]:
             raise InputError(
                 f"{name} has shape {np.shape(value)}; it must be ({size},)"
             )
-        arrays.append(np.ascontiguousarray(value, dtype=float))
+        arrays.append(np.array(value, dtype=float, order="C"))
     return arrays
 
 

@@ -24,6 +24,7 @@ from crar_drake.equations.vectors import (
     dot,
     identity,
     product,
+    put,
     times,
     transposed_times,
 )
@@ -136,9 +137,12 @@ def blend_joints(
         return blend_vectors(start, q, v, a, step)
     plain = len(v) - VELOCITIES * free
     x, v, a = q.copy(), v.copy(), a.copy()
-    x[:plain], v[:plain], a[:plain] = blend_vectors(
+    p, p_dot, p_ddot = blend_vectors(
         start[:plain], q[:plain], v[:plain], a[:plain], step
     )
+    put(x, 0, p)
+    put(v, 0, p_dot)
+    put(a, 0, p_ddot)
     for k in range(free):
         at, by = plain + POSITIONS * k, plain + VELOCITIES * k
         R_start = rotation_from_quaternion(start[at : at + 4].copy().reshape(1, 4))[0]
@@ -146,9 +150,8 @@ def blend_joints(
         R, omega, omega_dot = blend_rotations(
             R_start, R_d, v[by : by + 3].copy(), a[by : by + 3].copy(), step
         )
-        x[at : at + 4] = turned(
-            start[at : at + 4], rotation_vector(product(R, R_start.T))
-        )
+        turn = rotation_vector(product(R, R_start.T))
+        put(x, at, turned(start[at : at + 4], turn))
         p, p_dot, p_ddot = blend_vectors(
             start[at + 4 : at + 7],
             q[at + 4 : at + 7],
@@ -156,9 +159,11 @@ def blend_joints(
             a[by + 3 : by + 6],
             step,
         )
-        x[at + 4 : at + 7] = p
-        v[by : by + 3], v[by + 3 : by + 6] = omega, p_dot
-        a[by : by + 3], a[by + 3 : by + 6] = omega_dot, p_ddot
+        put(x, at + 4, p)
+        put(v, by, omega)
+        put(v, by + 3, p_dot)
+        put(a, by, omega_dot)
+        put(a, by + 3, p_ddot)
     return x, v, a
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.vectors import cross, dot
+from crar_drake.equations.vectors import cross, dot, put
 
 POSITIONS, VELOCITIES = 7, 6  # of a free joint
 
@@ -33,7 +33,7 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a b of two quaternions (4,), w x y z, of any length: first b, then a."""
     c = np.empty(4)
     c[0] = a[0] * b[0] - dot(a[1:], b[1:])
-    c[1:] = a[0] * b[1:] + b[0] * a[1:] + cross(a[1:], b[1:])
+    put(c, 1, a[0] * b[1:] + b[0] * a[1:] + cross(a[1:], b[1:]))
     return c
 
 
@@ -48,7 +48,7 @@ def turned(quaternion: np.ndarray, phi: np.ndarray) -> np.ndarray:
     half = 0.5 * np.sqrt(dot(phi, phi))
     turn = np.empty(4)
     turn[0] = np.cos(half)
-    turn[1:] = (0.5 * np.sin(half) / half if half > _SMALL else 0.5) * phi
+    put(turn, 1, (0.5 * np.sin(half) / half if half > _SMALL else 0.5) * phi)
     product = quaternion_product(turn, quaternion)
     return product / np.sqrt((product**2).sum())
 
@@ -80,11 +80,11 @@ def displaced(q: np.ndarray, x: np.ndarray) -> np.ndarray:
         return q + x
     plain = len(x) - VELOCITIES * free
     moved = np.empty(len(q))
-    moved[:plain] = q[:plain] + x[:plain]
+    put(moved, 0, q[:plain] + x[:plain])
     for k in range(free):
         at, by = plain + POSITIONS * k, plain + VELOCITIES * k
-        moved[at : at + 4] = turned(q[at : at + 4], x[by : by + 3])
-        moved[at + 4 : at + 7] = q[at + 4 : at + 7] + x[by + 3 : by + 6]
+        put(moved, at, turned(q[at : at + 4], x[by : by + 3]))
+        put(moved, at + 4, q[at + 4 : at + 7] + x[by + 3 : by + 6])
     return moved
 
 
@@ -99,11 +99,11 @@ def displacement(start: np.ndarray, end: np.ndarray, nv: int) -> np.ndarray:
         return end - start
     plain = nv - VELOCITIES * free
     x = np.empty(nv)
-    x[:plain] = end[:plain] - start[:plain]
+    put(x, 0, end[:plain] - start[:plain])
     for k in range(free):
         at, by = plain + POSITIONS * k, plain + VELOCITIES * k
-        x[by : by + 3] = turn_between(start[at : at + 4], end[at : at + 4])
-        x[by + 3 : by + 6] = end[at + 4 : at + 7] - start[at + 4 : at + 7]
+        put(x, by, turn_between(start[at : at + 4], end[at : at + 4]))
+        put(x, by + 3, end[at + 4 : at + 7] - start[at + 4 : at + 7])
     return x
 
 
@@ -140,7 +140,7 @@ def turned_by_plant(
     step = period / steps
     turn, result = np.ones(4), quaternion
     for k in range(1, steps + 1):
-        turn[1:] = 0.5 * step * (omega + (k * step) * alpha)
+        put(turn, 1, 0.5 * step * (omega + (k * step) * alpha))
         result = quaternion_product(turn, result)
     return result / np.sqrt((result**2).sum())
 

@@ -51,6 +51,7 @@ from crar_drake.equations.kinematics import (
 from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.references import (
     Answer,
+    BlendStart,
     TaskGains,
     Wanted,
     find_references,
@@ -759,3 +760,42 @@ def scale_acceleration(
         vdot = join_joints(qddot[: r.n], qddot[r.n :], r.order)
     clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
     return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])
+
+
+_NOTHING = np.zeros(0)
+# What `lookahead_or_scaled` takes of a step where accelerations are given.
+NOT_WANTED = Wanted(
+    _NOTHING,
+    _NOTHING,
+    _NOTHING,
+    BlendStart(np.zeros((0, 3, 3)), np.zeros((0, 3)), _NOTHING),
+    (0.0, 0.0, 0.0),
+)
+NOTHING_BEFORE = LookaheadMemory(_NOTHING, _NOTHING, _NOTHING)
+
+
+@compiled
+def lookahead_or_scaled(
+    measured: Measured,
+    wanted: Wanted,
+    robot: Held,
+    mode: Held,
+    before: LookaheadMemory,
+    given: np.ndarray,
+) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray]:
+    """`lookahead_step`; or `scale_acceleration` of what is given, which is next to
+    nothing to compile beside it and would else be half as much again.
+
+    Args:
+        measured, wanted, robot, mode, before: of `lookahead_step`.
+        given: (nv,) accelerations in the place of a step; (0,) for a step.
+
+    Returns:
+        As `lookahead_step`; of what is given the accelerations and (4,) of `admit`.
+    """
+    if len(given):
+        vdot, told = scale_acceleration(measured, given, robot, mode)
+        nothing = np.zeros(0)
+        answer = Answer(vdot, nothing, nothing, nothing, nothing)
+        return answer, nothing, nothing, told
+    return lookahead_step(measured, wanted, robot, mode, before)

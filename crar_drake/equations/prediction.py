@@ -11,6 +11,7 @@ from crar_drake.equations.free_joints import (
     displaced,
     turned_by_plant,
 )
+from crar_drake.equations.vectors import put
 
 
 @compiled
@@ -51,7 +52,8 @@ def next_state(
     free = len(q) - len(v)
     for k in range(free):
         at, by = len(q) - POSITIONS * (free - k), len(v) - VELOCITIES * (free - k)
-        q_next[at : at + 4] = turned_by_plant(
+        turned = turned_by_plant(
             q[at : at + 4], v[by : by + 3], vdot[by : by + 3], period, plant_step
         )
+        put(q_next, at, turned)
     return q_next, v_next

@@ -223,6 +223,21 @@ def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     return dpotrs(L, B, lower=1)[0]
 
 
+def _put_loops(x, at, values):
+    for i in range(len(values)):
+        x[at + i] = values[i]
+
+
+@compiled(loops=_put_loops)
+def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
+    """x[at:] begins with the values (k,) then, in place; x (n,), n >= at + k.
+
+    Compiled where it is written, each such assignment takes as long as a function: it
+    brings an error message with it.
+    """
+    x[at : at + len(values)] = values
+
+
 def _add_to_diagonal_loops(A, x):
     for i in range(len(x)):
         A[i, i] += x[i]

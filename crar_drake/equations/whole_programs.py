@@ -14,13 +14,20 @@ The means are Numba's own: a compiler class with another library for the code
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
+from pathlib import Path
 
 from llvmlite import binding, ir
-from numba.core import cgutils, types
+from numba.core import caching, cgutils, config, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
+
+from crar_drake.files import turn_to_write
 
 # Of the variables by which functions find what surrounds them in Python.
 _ENVIRONMENT = "_ZN08NumbaEnv"
@@ -109,9 +116,63 @@ class ProgramCompiler(Compiler):
             del codegen._library_class
 
 
+@contextmanager
+def _seldom_collecting() -> Iterator[None]:
+    """Lets Python look for garbage less often.
+
+    Compiling makes millions of objects that stay for long, and to go through all of
+    them again and again takes longer than all the rest.
+    """
+    usual = gc.get_threshold()
+    gc.set_threshold(100_000, 50, 1000)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
+
+
+class Place(caching.UserProvidedCacheLocator):
+    """Where a function is kept: one of this package in a folder of its own.
+
+    Numba's own place depends on where the source lies. Here the cache's folder stands
+    for the sources already, so that all copies of them find what one has compiled.
+    """
+
+    def __init__(self, function, file) -> None:
+        super().__init__(function, file)
+        place = Path(file)
+        if place.parent == Path(__file__).parent:
+            name = f"{place.stem}.{function.__qualname__}"
+            self._cache_path = str(Path(config.CACHE_DIR) / name)
+
+
+class KeptResults(caching.CompileResultCacheImpl):
+    """What is kept, at its `Place`."""
+
+    _locator_classes = [Place]
+
+
+class Cache(caching.FunctionCache):
+    """What was compiled of one function."""
+
+    _impl_class = KeptResults
+
+
 class Program(CPUDispatcher):
     """What stands for a function: compiled where it is called from Python, its part
     where it is called by another one."""
+
+    def enable_caching(self) -> None:
+        self._cache = Cache(self.py_func)
+
+    def compile(self, sig):
+        """As Numba does, but processes that need the same compile it once: the others
+        wait, and find it."""
+        with global_compiler_lock, _seldom_collecting():
+            if self._cache.cache_path is None:
+                return super().compile(sig)
+            with turn_to_write(self._cache.cache_path):
+                return super().compile(sig)
 
     @cached_property
     def part(self) -> CPUDispatcher:

@@ -314,7 +314,8 @@ class ControlModel:
             q: (nq,) positions of the whole plant.
             v: (nv,) velocities of the whole plant.
         """
-        measured = self.measure(workspace, q, v)
+        # What may not be written to is compiled for anew.
+        measured = self.measure(workspace, q, np.array(v, dtype=float))
         return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
 
     def measure(
@@ -696,9 +697,12 @@ class ControlModel:
         placed += [coordinates(body, axis.p_B1 - axis.p_B0, 0.0) for body, axis in axes]
 
         def moved(bodies: Sequence[RigidBody]) -> np.ndarray:
-            """(B, nv) 1 where a velocity, in the order of `order`, moves a body."""
+            """(B, nv) 1 where a velocity, in the order of `order`, moves a body.
+
+            By rows, as one row is by itself: all that differs is compiled for anew.
+            """
             links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
-            return joints.moved_by[links][:, order].astype(float)
+            return joints.moved_by[links][:, order].astype(float, order="C")
 
         fixed, by_point = task_wrenches(self.layout)
         carries = moved(tasks)
@@ -708,7 +712,7 @@ class ControlModel:
             by_point=by_point,
             carried=carries[task_of_rows(self.layout)],
             carries=carries,
-            above=joints.moved_by[frames][:, order].astype(float),
+            above=joints.moved_by[frames][:, order].astype(float, order="C"),
             of_joints=self._joint_rows(),
         )
         task_points = hold(task_points)

@@ -2,11 +2,8 @@
 
 import json
 import os
-import subprocess
-import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -505,23 +502,6 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert written["arithmetic"] == compilation.arithmetic()
     assert (tmp_path / "b/bench.png").is_file()
     assert (tmp_path / "page.md").is_file()
-
-
-@pytest.mark.slow
-def test_the_command_takes_one_thread(tmp_path):
-    """Whatever the environment says: it starts itself again."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.step", "--only", "step", "--quick"]
-        + ["--duration", "0.01", "--out", str(tmp_path)],
-        cwd=Path(__file__).parents[2],
-        env=os.environ | dict.fromkeys(names, "2"),
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    written = json.loads((tmp_path / "bench.json").read_text())
-    assert written["machine"]["threads"] == "1"
 
 
 def test_a_mistyped_measurement_or_motion(tmp_path, capsys):

@@ -44,7 +44,7 @@ MODES = {
     "lookahead, posture": {"nominal_posture_gain": 20.0},
 }
 STATES = 50
-DENSELY = 4  # of these are sampled, for the admission
+DENSELY = 2  # of these are sampled, for the admission: a calm one and a fast one
 
 
 RAIL = "on a rail"  # a prescribed joint that moves the robot past an obstacle

@@ -12,6 +12,8 @@ from small_robots import chain_urdf, free_of_constraints, make_model, random_sta
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import InputError
+from crar_drake.equations.compilation import IS_COMPILED
+from crar_drake.equations.lookahead import lookahead_or_scaled
 from crar_drake.equations.resolved_acceleration import error_dynamics_residual
 from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
 from crar_drake.errors import ScenarioError
@@ -101,6 +103,21 @@ def test_first_acceleration_is_the_printed_one(spatial):
     np.testing.assert_allclose(solution.constrained_velocity, qdot_c, rtol=1e-6)
     np.testing.assert_allclose(solution.task_error, e, atol=1e-14)
     np.testing.assert_array_equal(solution.constraint_weights, np.ones(5))
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+def test_nothing_is_compiled_but_once(planar):
+    """Neither for another number of tasks, nor for arguments that are read-only."""
+    ControlLaw(planar).compile()
+    compiled = len(lookahead_or_scaled.signatures)
+    two = make_model(chain_urdf("zyzyz"), tasks=[Task(frame="tip"), Task(frame="l3")])
+    for model in (planar, two):
+        q, v = random_state(model, 3)
+        targets = model.tasks_at(q)
+        for array in (q, v, targets):
+            array.flags.writeable = False
+        ControlLaw(model).step(q, v, targets)
+    assert len(lookahead_or_scaled.signatures) == compiled > 0
 
 
 def test_paper_weights_enter_the_inverse(spatial):

@@ -1,12 +1,15 @@
-"""What one process compiles, the next one finds."""
+"""What one process compiles, the others find."""
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+import crar_drake
 from crar_drake.equations.compilation import IS_COMPILED
 
 # A function that calls others.
@@ -14,11 +17,13 @@ _CALL = """
 import json
 import numba
 import numpy as np
+import crar_drake
 from crar_drake.equations.free_joints import quaternion_product
 from crar_drake.equations.vectors import cross, dot
 
 turned = quaternion_product(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1, 0]))
 told = {
+    "package": crar_drake.__file__,
     "turned": turned.tolist(),
     "hits": sum(quaternion_product.stats.cache_hits.values()),
     "misses": sum(quaternion_product.stats.cache_misses.values()),
@@ -36,20 +41,37 @@ print(json.dumps(told | {"twice": twice(turned).tolist()}))
 
 
 @pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
-def test_a_later_process_compiles_nothing(tmp_path):
-    """Neither what it calls, nor what that calls: these are parts of it."""
+def test_one_process_compiles_for_all(tmp_path):
+    """Those that want the same at once wait for it, from whatever copy of the package.
 
-    def call() -> dict:
-        done = subprocess.run(
+    Neither what they call is compiled again, nor what that calls: these are parts.
+    """
+    copy = tmp_path / "copy"
+    package = Path(crar_drake.__file__).parent
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(package, copy / "crar_drake", ignore=ignored)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    at_once = [
+        subprocess.Popen(
             [sys.executable, "-c", _CALL],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True,
+            env=environment | {"PYTHONPATH": str(folder)},
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             text=True,
         )
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
-
-    first, later = call(), call()
+        for folder in (package.parent, copy)
+    ]
+    told = []
+    for process in at_once:
+        out, err = process.communicate()
+        assert process.returncode == 0, err
+        told.append(json.loads(out))
+    assert {Path(each["package"]).parent for each in told} == {
+        package,
+        copy / package.name,
+    }
+    first, later = sorted(told, key=lambda each: each["hits"])
     assert (first["hits"], first["misses"]) == (0, 1)
     assert (later["hits"], later["misses"]) == (1, 0)
     # Nothing is made machine code of that Python has not called.

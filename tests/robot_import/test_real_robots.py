@@ -1,4 +1,4 @@
-"""Real robots of example-robot-data: close fits, and a second of a real motion."""
+"""Real robots of example-robot-data: close fits, and some of a real motion."""
 
 from pathlib import Path
 
@@ -73,13 +73,17 @@ def imported(robot_data, tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "robot, name",
-    [("g1", "g1_dance"), ("g1", "g1_dance_hands"), ("talos", "talos_boxing")],
+    "robot, name, duration",
+    [
+        pytest.param("g1", "g1_dance", 1.0, marks=pytest.mark.long),
+        ("g1", "g1_dance_hands", 0.4),
+        pytest.param("talos", "talos_boxing", 1.0, marks=pytest.mark.long),
+    ],
 )
-def test_a_second_of_a_real_motion(imported, cmu, robot, name):
+def test_some_of_a_real_motion(imported, cmu, robot, name, duration):
     """Untouched by referee and real meshes, within limits, and efforts if asked for."""
     scenario: Scenario = load_scenario(name)
-    scenario.robot, scenario.duration = str(imported(robot)), 1.0
+    scenario.robot, scenario.duration = str(imported(robot)), duration
     result = run_scenario(scenario, record=False)
     model, q = result.setup.model, result.log.q
     judged = Referee(model.plant, model.scene_graph, model.description.pairs)

@@ -16,13 +16,14 @@ from crar_drake.equations.compilation import hold
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import (
     LONGEST_MOVE,
+    NOT_WANTED,
+    NOTHING_BEFORE,
     LookaheadGains,
     LookaheadMemory,
     LookaheadNumbers,
     acceleration_bounds,
     find_limits,
-    lookahead_step,
-    scale_acceleration,
+    lookahead_or_scaled,
 )
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 LOST_TARGET = ("brake", "error")
 GUARD_NORMS = ("joints", "tasks")
+
+_NOT_GIVEN = np.zeros(0)
 
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
@@ -216,8 +219,8 @@ class LookaheadMode(Mode):
             last = LookaheadMemory(qdot, self._nothing, self._nothing)
         else:
             last = LookaheadMemory(before.qdot, before.qddot, before.kept)
-        answer, slip, margins, admission = lookahead_step(
-            measured, wanted, model.robot_ahead, self._numbers, last
+        answer, slip, margins, admission = lookahead_or_scaled(
+            measured, wanted, model.robot_ahead, self._numbers, last, _NOT_GIVEN
         )
         told = {"resting_margins": margins, "admission": admission}
         return Resolved(answer, slip, told)
@@ -228,7 +231,8 @@ class LookaheadMode(Mode):
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        vdot, told = scale_acceleration(
-            measured, vdot, self._model.robot_ahead, self._numbers
+        robot, numbers = self._model.robot_ahead, self._numbers
+        answer, _, _, told = lookahead_or_scaled(
+            measured, NOT_WANTED, robot, numbers, NOTHING_BEFORE, vdot
         )
-        return vdot, {"admission": told}
+        return answer.vdot, {"admission": told}

@@ -25,7 +25,7 @@ from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.studies.section_iv.plan import LABELS, SERIES, VARIANTS, make_plan
 from crar_drake.studies.section_iv.reproduce import reproduce
 
-DURATION = 0.4  # [s]
+DURATION = 0.2  # [s]
 
 
 @pytest.fixture(scope="module")

@@ -150,6 +150,65 @@ def run(
     }
 
 
+class Filter(Controller):
+    """Follows a reference of all joints, frame by frame; `solve` answers velocities.
+
+    A case is the file of a reference: time (T,) [s] and q (T, n) [rad]. `solve` is
+    given what the next step is to reach, (n,), in place of `Targets`. Settings of all:
+    steps in a frame, between which the reference goes straight.
+    """
+
+    def __init__(self, problem: Problem, period: float, settings: dict) -> None:
+        """
+        Args:
+            problem: of the robot; its links are the feet.
+            period: of a frame [s].
+            settings: of this filter.
+        """
+        self.problem, self.steps = problem, settings["steps"]
+        self.period = period / self.steps
+        self.set_up(settings)
+
+    def set_up(self, settings: dict) -> None:
+        """Makes what `solve` needs."""
+        raise NotImplementedError
+
+    def record(
+        self, case: Path, period: float, seconds: float | None
+    ) -> dict[str, np.ndarray]:
+        """Runs a reference; what `run` returns, of its frames, without targets.
+
+        Step times and failures are those of whole frames.
+        """
+        data = np.load(case)
+        clock, wanted = data["time"], data["q"]
+        steps = len(clock) - 1
+        q, v = np.empty_like(wanted), np.zeros_like(wanted)
+        q[0] = np.clip(wanted[0], self.problem.lower, self.problem.upper)
+        step_time, no_answer = np.zeros(steps), np.zeros(steps, dtype=bool)
+        here, speed = q[0], v[0]
+        for k in range(steps):
+            for part in range(1, self.steps + 1):
+                goal = wanted[k] + part / self.steps * (wanted[k + 1] - wanted[k])
+                start = time.process_time()
+                try:
+                    speed = self.solve(here, speed, goal)
+                except NoAnswer:
+                    speed, no_answer[k] = np.zeros_like(here), True
+                step_time[k] += time.process_time() - start
+                if not np.isfinite(speed).all():
+                    speed, no_answer[k] = np.zeros_like(here), True
+                here = here + self.period * speed
+            q[k + 1], v[k + 1] = here, speed
+        return {
+            "time": clock,
+            "q": q,
+            "v": v,
+            "step_time": step_time,
+            "no_answer": no_answer,
+        }
+
+
 def main(make: type[Controller]) -> None:
     """Command line of a driver: runs a list of jobs, one after the other."""
     parser = argparse.ArgumentParser()

@@ -12,13 +12,9 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
+from crar_drake.references.change import find_change
 from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.following import (
-    FEET,
-    HANDS,
-    Cleaned,
-    CleaningParameters,
-)
+from crar_drake.references.following import Cleaned, CleaningParameters
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
 from crar_drake.references.motion_certificate import (
@@ -34,11 +30,7 @@ from crar_drake.references.robot_motion import (
     write_motions,
 )
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import (
-    LIMIT_TOLERANCE,
-    find_frame,
-    load_robot_description,
-)
+from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
 
 # A frame counts as changed if a joint is farther from the reference [rad or m].
 _CHANGED = 1e-6
@@ -226,22 +218,6 @@ def _row(
     robot: WholeBody,
 ) -> CleanedClip:
     change = after.joint_positions - before.joint_positions
-    task_frames = robot.description.task_frames
-    moved = {}
-    for what, frames in (("feet", FEET), ("hands", HANDS)):
-        links = tuple(
-            find_frame(robot.plant, task_frames[f]).body().name()
-            for f in frames
-            if f in task_frames
-        )
-        off = np.full(1, np.nan)
-        if links:
-            places = [
-                robot.poses_in_root(motion.joint_positions, links)[0]
-                for motion in (before, after)
-            ]
-            off = np.linalg.norm(places[1] - places[0], axis=2)
-        moved[what] = _rms(off), float(off.max())
     was, now = margins
     return CleanedClip(
         clip=after.clip,
@@ -257,29 +233,13 @@ def _row(
         nearest=float(now.distance.min()),
         between=float(now.between.min()),
         changed=_count(np.abs(change).max(axis=1) > _CHANGED),
-        joints_rms=_rms(change),
-        joints_worst=float(np.abs(change).max()),
-        feet_rms=moved["feet"][0],
-        feet_worst=moved["feet"][1],
-        hands_rms=moved["hands"][0],
-        hands_worst=moved["hands"][1],
-        jerk_before=_jerk(before),
-        jerk=_jerk(after),
+        **asdict(find_change(before, after, robot)),
         corrected=_count(found.admitted == 1.0),
         scaled=_count(found.admitted == 2.0),
         moved_start=found.moved_start,
         num_watched=found.num_watched,
         seconds=seconds,
     )
-
-
-def _jerk(motion: RobotMotion) -> float:
-    """Root mean square of the joints' third differences [rad/s^3]."""
-    return _rms(np.diff(motion.joint_positions, n=3, axis=0) * motion.rate**3)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
 def _count(frames: np.ndarray) -> int:

@@ -153,9 +153,10 @@ def run(
 class Filter(Controller):
     """Follows a reference of all joints, frame by frame; `solve` answers velocities.
 
-    A case is the file of a reference: time (T,) [s] and q (T, n) [rad]. `solve` is
-    given what the next step is to reach, (n,), in place of `Targets`. Settings of all:
-    steps in a frame, between which the reference goes straight.
+    A case is the file of a reference: time (T,) [s], q (T, n) and, from where it is to
+    begin, q_start (n,) [rad]. `solve` is given what the next step is to reach, (n,), in
+    place of `Targets`. Settings of all: steps in a frame, between which the reference
+    goes straight.
     """
 
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
@@ -184,7 +185,7 @@ class Filter(Controller):
         clock, wanted = data["time"], data["q"]
         steps = len(clock) - 1
         q, v = np.empty_like(wanted), np.zeros_like(wanted)
-        q[0] = np.clip(wanted[0], self.problem.lower, self.problem.upper)
+        q[0] = data["q_start"]
         step_time, no_answer = np.zeros(steps), np.zeros(steps, dtype=bool)
         here, speed = q[0], v[0]
         for k in range(steps):

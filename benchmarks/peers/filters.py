@@ -5,9 +5,11 @@
 Each peer gets the same robot with the same capsules and watched pairs, its root fixed,
 and frame by frame the reference: all joints as a posture task, the feet's poses with
 the weights that `crar-drake clean` has, and its own limits and avoidance of collisions.
-Every setting of its grid is tried on every motion; of each motion that one is shown
-which leaves the fewest frames with capsules in penetration, and of several the one that
-changes the joints the least. All are judged as `crar-drake judge` does.
+They begin where ours does: in the first frame or, where that is not clear, in a clear
+configuration beside it; from a start in penetration Pink goes farther in, and mink
+stays. Every setting of a peer's grid is tried on every motion; of each motion that one
+is shown which leaves the fewest frames with capsules in penetration, and of several the
+one that changes the joints the least. All are judged as `crar-drake judge` does.
 """
 
 from __future__ import annotations
@@ -54,16 +56,16 @@ FILTERS = (
         "placo",
         every(
             steps=_STEPS,
-            margin=(MARGIN, 2.0 * MARGIN),
-            trigger=(0.1,),
+            margin=(MARGIN,),
+            trigger=(0.02, 0.1),
             priority=("hard",),
             weight=(1.0,),
             **_FEET,
         )
         + every(
             steps=_STEPS,
-            margin=(MARGIN, 2.0 * MARGIN),
-            trigger=(0.1,),
+            margin=(MARGIN,),
+            trigger=(0.02, 0.1),
             priority=("soft",),
             weight=(1e3, 1e5),
             **_FEET,
@@ -77,11 +79,10 @@ FILTERS = (
         every(
             steps=_STEPS,
             # Up to 1 by its documentation; up to the period it is a displacement.
-            collision_gain=(0.004, 0.015, 0.85),
-            collision_distance=(MARGIN, 2.0 * MARGIN),
-            detection_distance=(0.1,),
-            # A negative one asks for a retreat from inside the margin [m/s].
-            relaxation=(0.0, -0.1),
+            collision_gain=(0.004, 0.008, 0.015, 0.03, 0.3, 0.85),
+            collision_distance=(MARGIN,),
+            detection_distance=(0.02, 0.1),
+            relaxation=(0.0,),
             **_FEET,
         ),
         python=True,
@@ -92,9 +93,9 @@ FILTERS = (
         "pink",
         every(
             steps=_STEPS,
-            barrier_gain=(10.0, 30.0, 100.0),
+            barrier_gain=(5.0, 10.0, 20.0, 40.0, 100.0),
             safe_displacement=(0.0, 1.0),
-            collision_distance=(MARGIN, 2.0 * MARGIN),
+            collision_distance=(MARGIN,),
             pairs=(50,),
             **_FEET,
         ),
@@ -147,14 +148,18 @@ class Row:
 
 
 def write_references(
-    folder: Path, description: RobotDescription, motions: dict[str, RobotMotion]
+    folder: Path,
+    description: RobotDescription,
+    motions: dict[str, RobotMotion],
+    starts: dict[str, np.ndarray],
 ) -> dict[str, float]:
-    """Writes the robot and a case for every motion, as the drivers of filters read them.
+    """Writes the robot and a case for every motion, for the drivers of filters.
 
     Args:
         folder: is made.
         description: of the robot.
         motions: by the names of their cases, joints in the robot's order.
+        starts: (n,) where each is to begin.
 
     Returns:
         Their periods [s].
@@ -183,7 +188,8 @@ def write_references(
     for name, motion in motions.items():
         with whole_file(folder / f"{name}.npz") as temporary:
             clock = np.arange(motion.num_frames) / motion.rate
-            np.savez(temporary, time=clock, q=motion.joint_positions)
+            q = motion.joint_positions
+            np.savez(temporary, time=clock, q=q, q_start=starts[name])
     return {name: 1.0 / motion.rate for name, motion in motions.items()}
 
 
@@ -273,8 +279,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     description = load_robot_description(arguments.robot).without_ground()
     by_capsules = ReferenceJudge(description, meshes=False)
     references = read_references(arguments.motions, by_capsules.robot)
+    controlled = Cleaner(description, 50.0).model.joint_names
+    columns = [by_capsules.robot.joint_names.index(joint) for joint in controlled]
+    ours = {}
+    for name, reference in references.items():
+        cleaned(description, _first_frames(reference), columns)  # compiles
+        ours[name] = cleaned(description, reference, columns)
     out = arguments.out.resolve()
-    periods = write_references(out / "problem", description, references)
+    starts = {name: motion.joint_positions[0] for name, (motion, _) in ours.items()}
+    periods = write_references(out / "problem", description, references, starts)
     tried: dict[str, dict[str, list[tuple[Row, dict]]]] = {}
     versions: dict[str, str] = {}
     rows = [
@@ -299,12 +312,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             )
             of_peer[name].append((judged, after))
     judge = ReferenceJudge(description)
-    controlled = Cleaner(description, 50.0).model.joint_names
-    columns = [judge.robot.joint_names.index(joint) for joint in controlled]
     made: dict[str, list[Row]] = {}
     for name, reference in references.items():
-        cleaned(description, _first_frames(reference), columns)  # compiles
-        after, seconds = cleaned(description, reference, columns)
+        after, seconds = ours[name]
         made[name] = [
             row(reference, reference, judge),
             row(reference, after, judge, OURS, seconds=seconds),
@@ -370,7 +380,9 @@ def cells(motion: str, row: Row) -> list[str]:
         str(row.capsule_frames),
         str(row.beyond),
         str(row.no_answer),
-        f"{np.degrees(change.joints_rms):.2f}° / {np.degrees(change.joints_worst):.1f}°",
+        "{:.2f}° / {:.1f}°".format(
+            *np.degrees([change.joints_rms, change.joints_worst])
+        ),
         _millimetres(change.feet_rms, change.feet_worst),
         _millimetres(change.hands_rms, change.hands_worst),
         f"{change.jerk:.0f} rad/s³",

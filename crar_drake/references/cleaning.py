@@ -1,8 +1,7 @@
-"""Cleans a reference motion: the law on the pairs that matter, then all are examined.
+"""Cleans a reference motion: in long steps or, if these are too long, shorter ones.
 
-Most of a whole robot's pairs of links are never near each other in one motion. So the
-law watches those that the reference brings within `near`, and all are measured in what
-comes out. A pair that came below the floor there is added, and the law runs again.
+Where a step of the law has to be scaled towards braking, which holds up all joints, the
+motion is followed again with steps half as long.
 """
 
 from __future__ import annotations
@@ -18,11 +17,8 @@ from crar_drake.references.following import (
     CleaningParameters,
     Follower,
 )
-from crar_drake.references.margins import Margins, find_margins, pair_distances
+from crar_drake.references.margins import Margins, find_margins
 from crar_drake.robot.description import RobotDescription
-
-# So often pairs are added before all are watched.
-_ROUNDS = 3
 
 
 class Cleaner:
@@ -43,9 +39,9 @@ class Cleaner:
         """Args and errors are those of `Follower`."""
         self.description = description
         self._rate, self._parameters = rate, parameters or CleaningParameters()
-        self._all = Follower(description, rate, self._parameters)
-        self._followers: dict[tuple[tuple[int, ...], float], Follower] = {}
-        self.model, self.feet = self._all.model, self._all.feet
+        follower = Follower(description, rate, self._parameters)
+        self._followers = {self._parameters.longest_period: follower}
+        self.model, self.feet = follower.model, follower.feet
 
     def margins(self, q: np.ndarray) -> Margins:
         """What a motion (T, n) of the controlled joints keeps, by all pairs.
@@ -54,7 +50,8 @@ class Cleaner:
         """
         model = self.model
         fastest = model.velocity_limits[model.controlled]
-        return find_margins(model, self._all.law.mode, fastest, q, self._rate)
+        mode = self._follower(self._parameters.longest_period).law.mode
+        return find_margins(model, mode, fastest, q, self._rate)
 
     def clean(
         self, reference: np.ndarray, progress: Callable[[int], None] | None = None
@@ -71,47 +68,23 @@ class Cleaner:
         Raises:
             MotionError: no clear configuration was found near the first frame.
         """
-        floor = self._parameters.floor
-        least = pair_distances(self.model, reference).min(axis=0)
-        watched = least < self._parameters.near
-        for _ in range(_ROUNDS):
-            cleaned = self._follow(watched, reference, progress)
-            now = pair_distances(self.model, cleaned.q).min(axis=0)
-            missed = (now < floor) & ~watched
-            if not missed.any():
-                return replace(cleaned, num_watched=int(watched.sum()))
-            watched |= missed | (now < self._parameters.near)
-        watched[:] = True
-        cleaned = self._follow(watched, reference, progress)
-        return replace(cleaned, num_watched=len(watched))
-
-    def _follow(self, watched, reference, progress) -> Cleaned:
-        """With the longest steps of which none has to be scaled, or with the shortest:
-        scaling holds up all joints, which shorter steps need less."""
         period, best = self._parameters.longest_period, None
         while best is None or (
             (best.admitted == SCALED).any()
             and period >= self._parameters.shortest_period
         ):
-            found = self._follower(watched, period).follow(reference, progress)
+            found = self._follower(period).follow(reference, progress)
             if best is None or _num_scaled(found) < _num_scaled(best):
                 best = found
             period *= 0.5
         return best
 
-    def _follower(self, watched: np.ndarray, period: float) -> Follower:
-        """On some of the pairs; at least one."""
-        first = period == self._parameters.longest_period
-        if watched.all() and first:
-            return self._all
-        chosen = tuple(np.flatnonzero(watched).tolist()) or (0,)
-        if (chosen, period) not in self._followers:
-            pairs = [self.description.pairs[i] for i in chosen]
-            description = replace(self.description, pairs=pairs)
+    def _follower(self, period: float) -> Follower:
+        if period not in self._followers:
             parameters = replace(self._parameters, longest_period=period)
-            follower = Follower(description, self._rate, parameters)
-            self._followers = {(chosen, period): follower}  # one is kept: it is large
-        return self._followers[chosen, period]
+            follower = Follower(self.description, self._rate, parameters)
+            self._followers[period] = follower
+        return self._followers[period]
 
 
 def _num_scaled(cleaned: Cleaned) -> int:

@@ -62,7 +62,7 @@ def find_margins(
         rate: frames per second [Hz].
     """
     frames = len(q)
-    robot, reaches = model.robot_ahead.value, mode.reaches.value
+    robot, reaches = mode.robot.value, mode.reaches.value
     whole = _configurations(model, q)
     still = np.zeros(model.plant.num_velocities())
     pair_of_row = _pair_of_row(model)
@@ -79,23 +79,6 @@ def find_margins(
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / speed_limits).max(axis=1)
     limit = np.minimum(q - model.lower, model.upper - q).min(axis=1)
     return Margins(distance, pair, between, limit, speed)
-
-
-def pair_distances(model: ControlModel, q: np.ndarray) -> np.ndarray:
-    """Signed distances of all watched pairs at each frame, (T, Nc) [m].
-
-    Args:
-        model: of the robot.
-        q: (T, n) positions of the controlled joints [rad or m].
-    """
-    whole, robot = _configurations(model, q), model.robot_ahead.value
-    still = np.zeros(model.plant.num_velocities())
-    found = np.empty((len(q), len(model.pairs.shape_pairs)))
-    for k in range(0, len(q), 2):  # the equations take two configurations at a time
-        two = whole[[k, min(k + 1, len(q) - 1)]]
-        d = row_distances(Measured(two, still, _NOTHING_ASKED), robot)
-        found[k : k + 2] = d[:, model.pairs.shape_pairs].min(axis=2)[: len(q) - k]
-    return found
 
 
 def _configurations(model: ControlModel, q: np.ndarray) -> np.ndarray:

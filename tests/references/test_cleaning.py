@@ -42,7 +42,7 @@ def test_a_clean_reference_comes_back_as_it_was(cleaner):
 
 def test_the_law_itself_leaves_a_clean_reference_as_it_was(cleaner, monkeypatch):
     """Where it is asked in every step, not only where the reference cannot be taken."""
-    monkeypatch.setattr(Follower, "_along", lambda *arguments: None)
+    monkeypatch.setattr(Follower, "_is_on", lambda *arguments: False)
     q = reaching(30, RATE, 0.3)
     cleaned = cleaner.clean(q)
     np.testing.assert_allclose(cleaned.q, q, rtol=0.0, atol=1e-9)
@@ -70,7 +70,7 @@ def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(
     change = np.abs(cleaned.q - q).max(axis=1)
     back = int(np.flatnonzero(~same)[-1]) + 1
     assert change[back - 1] < 5e-3 and back < 110
-    assert 0 < len(asked) < cleaner._all.steps * len(q)
+    assert 0 < len(asked) < CleaningParameters().steps_per_frame(RATE) * len(q)
 
 
 def test_one_frame_is_a_motion(cleaner):

@@ -2,6 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ from crar_drake.equations.lookahead import (
 )
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
+from crar_drake.robot.collision_pairs import some_shape_pairs
 from crar_drake.robot.model import ControlModel, Workspace
 from crar_drake.robot.reach import find_reaches
 
@@ -106,8 +108,11 @@ class LookaheadMode(Mode):
     """(L1)-(L9) of `equations.lookahead`.
 
     Attributes:
+        robot: holds the `Robot` with a row for each pair of shapes, in two
+            configurations.
         reaches: holds the `Reaches` of the watched pairs, for other paths than braking
             ones.
+        admission: its numbers.
     """
 
     diagnostics = (
@@ -164,23 +169,53 @@ class LookaheadMode(Mode):
             plant.GetPositionLowerLimits(),
             plant.GetPositionUpperLimits(),
         )
-        admission = AdmissionGains(
+        self.admission = AdmissionGains(
             T=float(self.horizon),
             period=float(parameters.period),
             step=min(float(plant.time_step()), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
-        self.reaches = hold(reaches)
+        self.robot, self.reaches = model.robot_ahead, hold(reaches)
         self._numbers = hold(
             LookaheadNumbers(
                 gains,
                 hold(limits),
                 numbers,
-                admission,
+                self.admission,
                 self.reaches,
                 model.pairs.shape_pairs,
             )
         )
+
+    def of_some(self, rows: np.ndarray) -> "LookaheadMode":
+        """The mode on some pairs of shapes alone, which all have a closed form.
+
+        What it tells of distances is told of these, a row for each.
+
+        Args:
+            rows: (N,) which of the robot's.
+        """
+        robot, reaches = self.robot.value, self.reaches.value
+        some = copy(self)
+        some.robot = hold(
+            robot._replace(pairs=hold(some_shape_pairs(robot.pairs.value, rows, 2)))
+        )
+        some.reaches = hold(
+            reaches._replace(
+                a_alone=reaches.a_alone[rows],
+                b_alone=reaches.b_alone[rows],
+                a=reaches.a[rows],
+                b=reaches.b[rows],
+                farthest=reaches.farthest[rows],
+                rows=np.arange(len(rows)),
+            )
+        )
+        some._numbers = hold(
+            self._numbers.value._replace(
+                reaches=some.reaches, members=np.arange(len(rows))[:, np.newaxis]
+            )
+        )
+        return some
 
     @staticmethod
     def check(parameters: "CrarParameters") -> None:
@@ -217,18 +252,16 @@ class LookaheadMode(Mode):
         else:
             last = LookaheadMemory(before.qdot, before.qddot, before.kept)
         answer, slip, margins, admission = lookahead_step(
-            measured, wanted, model.robot_ahead, self._numbers, last
+            measured, wanted, self.robot, self._numbers, last
         )
         told = {"resting_margins": margins, "admission": admission}
         return Resolved(answer, slip, told)
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-        return acceleration_bounds(measured, self._model.robot_ahead, self._numbers)
+        return acceleration_bounds(measured, self.robot, self._numbers)
 
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        vdot, told = scale_acceleration(
-            measured, vdot, self._model.robot_ahead, self._numbers
-        )
+        vdot, told = scale_acceleration(measured, vdot, self.robot, self._numbers)
         return vdot, {"admission": told}

@@ -1,4 +1,4 @@
-"""Which shapes can be near in a motion: balls first, distances where these do not say.
+"""Which shapes can be near in a motion, and the equations on these alone.
 
 Most pairs of a whole robot are far apart at any time. The balls about two shapes bound
 their distance from below, for a tenth of the effort.
@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.admission import sizes_of
-from crar_drake.equations.capsule_distances import nearest_points
-from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import link_poses, place_points
+from crar_drake.equations.admission import Bounds, Reaches, path_bounds, sizes_of
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
+from crar_drake.equations.compilation import Held, compiled, hold
+from crar_drake.equations.kinematics import Robot, link_poses, place_points
+from crar_drake.equations.lookahead import LookaheadNumbers
 
 
 @compiled
@@ -61,3 +62,88 @@ def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarr
         for j in range(len(rows)):
             found[k, rows[j]] = d[j]
     return found
+
+
+@compiled
+def some_shapes(robot: Held, rows: np.ndarray) -> Held:
+    """The robot with some pairs of shapes alone, whose rows are then 0, 1, ...
+
+    Args:
+        robot: holds a `Robot` in two configurations, with a row for each pair of
+            capsules and spheres.
+        rows: (N,) which.
+    """
+    r = robot.value
+    pairs = r.pairs.value
+    count = len(rows)
+    both = np.concatenate((rows, rows + len(pairs.moves)))
+    every = np.arange(2 * count)
+    some = ShapePairs(
+        pairs.start_a[both],
+        pairs.start_b[both],
+        pairs.vector_a[both],
+        pairs.vector_b[both],
+        sizes_of(pairs.sizes, both),
+        every,
+        every.reshape(-1, 1),
+        pairs.moves[rows],
+    )
+    return hold(
+        Robot(
+            r.order,
+            r.positions,
+            r.n,
+            r.selection,
+            r.first,
+            r.tree,
+            r.tasks,
+            r.rows,
+            hold(some),
+        )
+    )
+
+
+@compiled
+def some_reaches(reaches: Held, rows: np.ndarray) -> Held:
+    """`Reaches` of these pairs."""
+    of = reaches.value
+    return hold(
+        Reaches(
+            of.a_alone[rows],
+            of.b_alone[rows],
+            of.a[rows],
+            of.b[rows],
+            of.farthest[rows],
+            of.above,
+            np.arange(len(rows)),
+        )
+    )
+
+
+@compiled
+def with_reaches(numbers: Held, reaches: Held) -> Held:
+    """`LookaheadNumbers` of these pairs, each of which has one row."""
+    n, count = numbers.value, len(reaches.value.rows)
+    return hold(
+        LookaheadNumbers(
+            n.tasks,
+            n.limits,
+            n.gains,
+            n.admission,
+            reaches,
+            np.arange(count).reshape(-1, 1),
+        )
+    )
+
+
+@compiled
+def held_path_bounds(
+    start: np.ndarray,
+    x: np.ndarray,
+    level: np.ndarray,
+    asked: np.ndarray,
+    robot: Held,
+    reaches: Held,
+) -> Bounds:
+    """`path_bounds`, of a held `Robot`."""
+    return path_bounds(start, x, level, asked, robot.value, reaches)

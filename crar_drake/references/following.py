@@ -60,6 +60,9 @@ _SETTLED = 1e-6
 # Nearer to the reference than this is on it [rad or m, and per second].
 _ON_IT, _ALONG_IT = 3e-4, 2e-2
 
+# A step is expected to be at most so many times faster than the robot.
+_EXPECTED = 1.3
+
 _NOTHING_ASKED = np.zeros((0, 7))
 _NOTHING = np.zeros(0)
 _NO_BLEND = (1.0, 0.0, 0.0)
@@ -105,7 +108,7 @@ class CleaningParameters:
     rho: float = 1e-6
     alpha: float = 400.0  # [1/m]
     beta: float = 2.0
-    influence_distance: float = 0.05  # [m]
+    influence_distance: float = 0.03  # [m]
     velocity_scale: float = 1.0
 
     @property
@@ -366,18 +369,19 @@ class Follower:
         wanted = Wanted(targets, self._prescribed, _NOTHING, self._start, _NO_BLEND)
         q_s = run.q + self._T * run.v
         measured = Measured(np.array([run.q, q_s]), run.v, _NOTHING_ASKED)
-        spare = self._nearby.spare
+        fastest = _EXPECTED * np.abs(run.v)
         while True:
-            mode = self._nearby.watching(run.q, run.v, spare)
+            mode = self._nearby.watching(run.q, run.v, fastest)
             resolved: Resolved = mode.resolve(
                 self._workspace, measured, wanted, run.before
             )
             vdot = resolved.answer.vdot
             if not np.isfinite(vdot).all():
                 raise MotionError("its joints move beyond all sense: an overflow")
-            if self._nearby.all_clear(run.v + self._T * vdot):
+            s = run.v + self._T * vdot
+            if self._nearby.all_clear(s):
                 break
-            spare *= 2.0
+            fastest = np.maximum(fastest, 2.0 * np.abs(s))
         controlled = self.model.controlled
         run.before = Before(True, run.v[controlled], vdot[controlled], resolved.kept)
         run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)

@@ -316,28 +316,6 @@ class WatchedPairs:
         ]
 
 
-def some_shape_pairs(pairs: ShapePairs, rows: np.ndarray, K: int) -> ShapePairs:
-    """Of some rows alone.
-
-    Args:
-        pairs: in K configurations, with a row for each pair of shapes, all of which
-            have a closed form.
-        rows: (N,) which.
-        K: configurations.
-    """
-    every = np.concatenate([rows + k * len(pairs.moves) for k in range(K)])
-    return ShapePairs(
-        pairs.start_a[every],
-        pairs.start_b[every],
-        pairs.vector_a[every],
-        pairs.vector_b[every],
-        type(pairs.sizes)(*(x[every] for x in pairs.sizes)),
-        np.arange(len(every)),
-        np.arange(len(every))[:, np.newaxis],
-        pairs.moves[rows],
-    )
-
-
 def _ask(
     query: QueryObject, geometry_a: GeometryId, geometry_b: GeometryId
 ) -> np.ndarray:

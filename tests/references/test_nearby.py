@@ -5,6 +5,7 @@ import pytest
 from small_reference_robots import reaching, write_robot
 
 from crar_drake.equations.nearby import nearby_distances
+from crar_drake.references import following
 from crar_drake.references.following import CleaningParameters, Follower
 from crar_drake.references.nearby import Nearby
 from crar_drake.results.referee import Referee
@@ -47,7 +48,7 @@ def test_the_law_on_some_pairs_is_the_law_on_all(follower, monkeypatch):
     some = follower.follow(q)
     assert 0 < some.num_watched < len(follower.model.pairs)
     with monkeypatch.context() as patched:
-        patched.setattr(Nearby, "spare", 100.0)
+        patched.setattr(following, "_EXPECTED", 1e4)
         every = follower.follow(q)
     assert every.num_watched == len(follower.model.pairs)
     np.testing.assert_array_equal(some.q, every.q)
@@ -63,7 +64,7 @@ def test_a_pair_that_a_step_could_reach_is_looked_at_in_the_end(follower, monkey
         asked.append(all_clear(self, s))
         return asked[-1]
 
-    monkeypatch.setattr(Nearby, "spare", 1e-3)
+    monkeypatch.setattr(following, "_EXPECTED", 0.0)
     monkeypatch.setattr(Nearby, "all_clear", told)
     monkeypatch.setattr(follower._nearby, "_influence", 0.006)
     found = follower.follow(q)

@@ -25,9 +25,9 @@ from crar_drake.equations.lookahead import (
     lookahead_step,
     scale_acceleration,
 )
+from crar_drake.equations.nearby import some_reaches, some_shapes, with_reaches
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
-from crar_drake.robot.collision_pairs import some_shape_pairs
 from crar_drake.robot.model import ControlModel, Workspace
 from crar_drake.robot.reach import find_reaches
 
@@ -195,26 +195,10 @@ class LookaheadMode(Mode):
         Args:
             rows: (N,) which of the robot's.
         """
-        robot, reaches = self.robot.value, self.reaches.value
         some = copy(self)
-        some.robot = hold(
-            robot._replace(pairs=hold(some_shape_pairs(robot.pairs.value, rows, 2)))
-        )
-        some.reaches = hold(
-            reaches._replace(
-                a_alone=reaches.a_alone[rows],
-                b_alone=reaches.b_alone[rows],
-                a=reaches.a[rows],
-                b=reaches.b[rows],
-                farthest=reaches.farthest[rows],
-                rows=np.arange(len(rows)),
-            )
-        )
-        some._numbers = hold(
-            self._numbers.value._replace(
-                reaches=some.reaches, members=np.arange(len(rows))[:, np.newaxis]
-            )
-        )
+        some.robot = some_shapes(self.robot, rows)
+        some.reaches = some_reaches(self.reaches, rows)
+        some._numbers = with_reaches(self._numbers, some.reaches)
         return some
 
     @staticmethod

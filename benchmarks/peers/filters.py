@@ -29,8 +29,7 @@ from benchmarks.peers.report import machine
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.references.change import Change, find_change
-from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.following import FEET, CleaningParameters
+from crar_drake.references.following import FEET, CleaningParameters, Follower
 from crar_drake.references.judged_files import motions_below
 from crar_drake.references.reference_judge import ReferenceJudge, ReferenceVerdict
 from crar_drake.references.robot_motion import RobotMotion, read_motions
@@ -47,7 +46,7 @@ _FEET = {
     "foot": (CleaningParameters.foot_weight,),
     "foot_turn": (CleaningParameters.foot_turn_weight,),
 }
-_STEPS = (1, 4)  # of 33 ms and of 8 ms, as ours, at 30 Hz
+_STEPS = (1, 4)  # of 33 ms and of 8 ms at 30 Hz
 
 FILTERS = (
     Peer(
@@ -57,7 +56,7 @@ FILTERS = (
         every(
             steps=_STEPS,
             margin=(MARGIN,),
-            trigger=(0.02, 0.1),
+            trigger=(0.1,),
             priority=("hard",),
             weight=(1.0,),
             **_FEET,
@@ -65,7 +64,7 @@ FILTERS = (
         + every(
             steps=_STEPS,
             margin=(MARGIN,),
-            trigger=(0.02, 0.1),
+            trigger=(0.1,),
             priority=("soft",),
             weight=(1e3, 1e5),
             **_FEET,
@@ -79,9 +78,9 @@ FILTERS = (
         every(
             steps=_STEPS,
             # Up to 1 by its documentation; up to the period it is a displacement.
-            collision_gain=(0.004, 0.008, 0.015, 0.03, 0.3, 0.85),
+            collision_gain=(0.004, 0.008, 0.015, 0.03, 0.85),
             collision_distance=(MARGIN,),
-            detection_distance=(0.02, 0.1),
+            detection_distance=(0.1,),
             relaxation=(0.0,),
             **_FEET,
         ),
@@ -93,8 +92,16 @@ FILTERS = (
         "pink",
         every(
             steps=_STEPS,
-            barrier_gain=(5.0, 10.0, 20.0, 40.0, 100.0),
-            safe_displacement=(0.0, 1.0),
+            barrier_gain=(5.0, 10.0, 20.0, 40.0),
+            safe_displacement=(0.0,),
+            collision_distance=(MARGIN,),
+            pairs=(50,),
+            **_FEET,
+        )
+        + every(
+            steps=_STEPS,
+            barrier_gain=(10.0,),
+            safe_displacement=(1.0,),
             collision_distance=(MARGIN,),
             pairs=(50,),
             **_FEET,
@@ -220,10 +227,10 @@ def cleaned(
         columns: of the joints that the robot controls, in a motion's.
     """
     reference = np.ascontiguousarray(motion.joint_positions[:, columns])
-    cleaner = Cleaner(description, motion.rate)
+    follower = Follower(description, motion.rate)
     start = time.process_time()
     q = motion.joint_positions.copy()
-    q[:, columns] = cleaner.clean(reference).q
+    q[:, columns] = follower.follow(reference).q
     took = time.process_time() - start
     return replace(motion, joint_positions=q), took
 
@@ -279,7 +286,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     description = load_robot_description(arguments.robot).without_ground()
     by_capsules = ReferenceJudge(description, meshes=False)
     references = read_references(arguments.motions, by_capsules.robot)
-    controlled = Cleaner(description, 50.0).model.joint_names
+    controlled = Follower(description, 50.0).model.joint_names
     columns = [by_capsules.robot.joint_names.index(joint) for joint in controlled]
     ours = {}
     for name, reference in references.items():

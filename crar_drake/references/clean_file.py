@@ -13,8 +13,7 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
 from crar_drake.references.change import find_change
-from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.following import Cleaned, CleaningParameters
+from crar_drake.references.following import Cleaned, CleaningParameters, Follower
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
 from crar_drake.references.motion_certificate import (
@@ -138,16 +137,16 @@ def clean_file(
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
     motions = read_motions(reference, layout, rate, robot=whole_body)
-    cleaners: dict[float, Cleaner] = {}
+    followers: dict[float, Follower] = {}
     written, cleaned = [], []
     for motion in motions:
-        if motion.rate not in cleaners:
-            cleaners[motion.rate] = Cleaner(description, motion.rate, parameters)
-        cleaner = cleaners[motion.rate]
-        columns = _columns(motion, cleaner)
+        if motion.rate not in followers:
+            followers[motion.rate] = Follower(description, motion.rate, parameters)
+        follower = followers[motion.rate]
+        columns = _columns(motion, follower)
         began = time.perf_counter()
         try:
-            found = cleaner.clean(
+            found = follower.follow(
                 np.ascontiguousarray(motion.joint_positions[:, columns]),
                 None
                 if progress is None
@@ -169,12 +168,12 @@ def clean_file(
         again = read_motions(folder / out.name, to.name, told, robot=whole_body)
         clips, rows = [], []
         for before, after, (found, took) in zip(motions, again, cleaned, strict=True):
-            cleaner = cleaners[after.rate]
-            margins = [_margins(motion, cleaner) for motion in (before, after)]
+            follower = followers[after.rate]
+            margins = [_margins(motion, follower) for motion in (before, after)]
             clips.append(
                 CertifiedClip(after.clip, after.rate, margins[1], found.admitted)
             )
-            rows.append(_row(before, after, margins, found, took, cleaner, whole_body))
+            rows.append(_row(before, after, margins, found, took, follower, whole_body))
         p = parameters or CleaningParameters()
         certificate = make_certificate(
             folder / out.name, reference, description, clips, p.floor
@@ -186,26 +185,26 @@ def clean_file(
     return rows
 
 
-def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
+def _columns(motion: RobotMotion, follower: Follower) -> list[int]:
     """Where the joints that are controlled stand in a motion's.
 
     Raises:
         MotionError: the motion moves joints that the robot does not control, so that
             distances would not be those of the motion.
     """
-    others = sorted(set(motion.joint_names) - set(cleaner.model.joint_names))
+    others = sorted(set(motion.joint_names) - set(follower.model.joint_names))
     if others:
         raise MotionError(
-            f"{motion.source}: robot {cleaner.description.name} does not control "
+            f"{motion.source}: robot {follower.description.name} does not control "
             f"{', '.join(others[:5])}: import it with --whole-body, or take these out "
             "of its prescribed_joints"
         )
-    return [motion.joint_names.index(name) for name in cleaner.model.joint_names]
+    return [motion.joint_names.index(name) for name in follower.model.joint_names]
 
 
-def _margins(motion: RobotMotion, cleaner: Cleaner) -> Margins:
-    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, cleaner)])
-    return cleaner.margins(q)
+def _margins(motion: RobotMotion, follower: Follower) -> Margins:
+    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, follower)])
+    return follower.margins(q)
 
 
 def _row(
@@ -214,7 +213,7 @@ def _row(
     margins: list[Margins],
     found: Cleaned,
     seconds: float,
-    cleaner: Cleaner,
+    follower: Follower,
     robot: WholeBody,
 ) -> CleanedClip:
     change = after.joint_positions - before.joint_positions

@@ -43,6 +43,7 @@ from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
 from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.references.margins import Margins, find_margins
 from crar_drake.references.nearby import Nearby
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -75,8 +76,6 @@ class CleaningParameters:
     Attributes:
         longest_period: a step of the law is at most so long; whole steps make up a
             period of the motion [s].
-        shortest_period: where steps had to be scaled towards braking, a motion is
-            followed again with steps half as long, and so on, down to this [s].
         horizon: the braking horizon T, in steps of the law.
         catch_up: time constant of the way back onto the reference [s].
         damping: lambda [m].
@@ -92,10 +91,9 @@ class CleaningParameters:
         velocity_scale: share of the robot's velocity limits that may be used.
     """
 
-    longest_period: float = 0.0101  # [s]
-    shortest_period: float = 0.005  # [s]
+    longest_period: float = 0.00505  # [s]
     horizon: float = 2.0
-    catch_up: float = 0.03  # [s]
+    catch_up: float = 0.02  # [s]
     damping: float = 0.1  # [m]
     joint_weight: float = 1.0  # [m/rad]
     foot_weight: float = 30.0
@@ -207,6 +205,7 @@ class Follower:
     """Follows references of one robot at one rate, under the constraints of its pairs.
 
     Attributes:
+        description: of the robot.
         model: the robot with its root fixed, and the tasks.
         law: on it.
         steps: of the law in a period of the motion.
@@ -233,7 +232,7 @@ class Follower:
         """
         self.parameters = parameters or CleaningParameters()
         self.parameters.validate()
-        self.rate = rate
+        self.description, self.rate = description, rate
         self.steps = self.parameters.steps_per_frame(rate)
         period = 1.0 / (rate * self.steps)
         description = replace(description, root="fixed")
@@ -267,6 +266,14 @@ class Follower:
             rest[self.model.prescribed_positions],
             np.zeros(self.model.n),
         )
+
+    def margins(self, q: np.ndarray) -> Margins:
+        """What a motion (T, n) of the controlled joints keeps.
+
+        Speeds are shares of the robot's own limits, whatever share the law may use.
+        """
+        fastest = self.model.velocity_limits[self.model.controlled]
+        return find_margins(self.model, self.law.mode, fastest, q, self.rate)
 
     def follow(
         self, reference: np.ndarray, progress: Callable[[int], None] | None = None
@@ -309,7 +316,9 @@ class Follower:
                 admitted[frame] = max(admitted[frame], told[0])
                 share[frame] = min(share[frame], told[1])
                 clear[frame] &= told[3] == 1.0
-            q[frame] = run.q[self.model.controlled_positions]
+            # At a limit, rounding may lead beyond it.
+            here = run.q[self.model.controlled_positions]
+            q[frame] = np.clip(here, self.model.lower, self.model.upper)
             if progress is not None:
                 progress(frame)
         moved = float(np.abs(start - reference[0]).max())

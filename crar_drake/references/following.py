@@ -39,12 +39,12 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.kinematics import Measured, evaluate_state
+from crar_drake.equations.kinematics import Measured, task_motion
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
 from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.margins import Margins, find_margins
-from crar_drake.references.nearby import Nearby
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, joint_tasks
@@ -198,6 +198,7 @@ class _Run:
 
     q: np.ndarray  # (nq,)
     v: np.ndarray  # (nv,)
+    watched: np.ndarray  # (Nr,) which pairs of shapes the law has looked at
     before: Before | None = None
 
 
@@ -255,7 +256,6 @@ class Follower:
         self._kinematics = ControlModel.FromDescription(bare, tasks, time_step=period)
         self.law = ControlLaw(self.model, self.parameters.of_law(period))
         self._period, self._T = period, self.law.parameters.braking_horizon
-        self._nearby = Nearby(self.law)
         self._workspace = self.model.MakeWorkspace()
         rest = self.model.rest_positions()
         self._rest = rest
@@ -295,7 +295,7 @@ class Follower:
         q_d = self._sampled(reference)
         v_d = np.diff(q_d, axis=0, prepend=q_d[:1]) / h
         a_d = np.diff(v_d, axis=0, append=v_d[-1:]) / h
-        self._nearby.begin(self._whole(reference), self.rate)
+        ways = ClearWays(self.law, self._whole(reference), self.rate)
         start, run = self._settle(q_d[0])
         q = np.empty_like(reference)
         q[0] = start
@@ -305,7 +305,7 @@ class Follower:
             first, last = (frame - 1) * steps, frame * steps
             targets = None
             for k in range(first, last):
-                if self._is_on(run, q_d[k], v_d[k]) and self._nearby.clear(frame - 1):
+                if self._is_on(run, q_d[k], v_d[k]) and ways.clear(frame - 1):
                     run.q, run.v = self._whole(q_d[last]), self._moving(v_d[last])
                     run.before = None
                     break
@@ -322,8 +322,8 @@ class Follower:
             if progress is not None:
                 progress(frame)
         moved = float(np.abs(start - reference[0]).max())
-        watched = self._nearby.num_watched
-        return Cleaned(q, admitted, share, clear, moved, watched)
+        watched = np.unique(self.model.pairs.pair_of_shapes[run.watched])
+        return Cleaned(q, admitted, share, clear, moved, len(watched))
 
     def _sampled(self, reference: np.ndarray) -> np.ndarray:
         """(K, n) of the law's steps: on straight lines between the frames."""
@@ -337,22 +337,9 @@ class Follower:
         """(K, layout.size) [x_d; v_d; a_d] of the tasks that a motion of the joints is,
         at K samples of it, each (K, n)."""
         model, layout = self._kinematics, self._kinematics.layout
-        states = [
-            evaluate_state(
-                Measured(self._whole(q[k : k + 1]), self._moving(v[k]), _NOTHING_ASKED),
-                model.robot_by_pair,
-            )
-            for k in range(len(q))
-        ]
-        J = np.array([state.J[:, : model.n] for state in states])
-        bias = np.array([state.Jdot_qdot for state in states])
-        return layout.pack(
-            np.array([state.R for state in states]),
-            np.array([state.p for state in states]),
-            (J @ v[:, :, None])[:, :, 0],
-            (J @ a[:, :, None])[:, :, 0] + bias,
-            q[:, layout.rows.joints],
-        )
+        moving = (self._moving(x) for x in (v, a))
+        R, p, v_d, a_d = task_motion(self._whole(q), *moving, model.robot_by_pair)
+        return layout.pack(R, p, v_d, a_d, q[:, layout.rows.joints])
 
     def _whole(self, q: np.ndarray) -> np.ndarray:
         """(..., nq) of the plant, the prescribed joints at rest, from (..., n)."""
@@ -362,8 +349,10 @@ class Follower:
         return whole
 
     def _moving(self, v: np.ndarray) -> np.ndarray:
-        """(nv,) of the plant, the prescribed joints at rest."""
-        return self.model.join(v, np.zeros(self.model.n_p))
+        """(..., nv) of the plant, the prescribed joints at rest, from (..., n)."""
+        whole = np.zeros((*v.shape[:-1], self.model.n + self.model.n_p))
+        whole[..., self.model.controlled] = v
+        return whole
 
     def _is_on(self, run: _Run, q: np.ndarray, v: np.ndarray) -> bool:
         """Whether it is where and as fast as a sample of the reference."""
@@ -380,7 +369,7 @@ class Follower:
         measured = Measured(np.array([run.q, q_s]), run.v, _NOTHING_ASKED)
         fastest = _EXPECTED * np.abs(run.v)
         while True:
-            mode = self._nearby.watching(run.q, run.v, fastest)
+            mode, rows, room = self.law.mode.watching(run.q, run.v, fastest)
             resolved: Resolved = mode.resolve(
                 self._workspace, measured, wanted, run.before
             )
@@ -388,9 +377,10 @@ class Follower:
             if not np.isfinite(vdot).all():
                 raise MotionError("its joints move beyond all sense: an overflow")
             s = run.v + self._T * vdot
-            if self._nearby.all_clear(s):
+            if self.law.mode.leaves_clear(s, room):
                 break
             fastest = np.maximum(fastest, 2.0 * np.abs(s))
+        run.watched[rows] = True
         controlled = self.model.controlled
         run.before = Before(True, run.v[controlled], vdot[controlled], resolved.kept)
         run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)
@@ -403,14 +393,14 @@ class Follower:
         inside = np.clip(q_0, model.lower, model.upper)
         still = np.zeros_like(q_0)
         targets = self._targets(inside[None], still[None], still[None])[0]
-        run = _Run(self._whole(inside), np.zeros(model.n + model.n_p))
+        watched = np.zeros(len(model.pairs.pair_of_shapes), dtype=bool)
+        run = _Run(self._whole(inside), np.zeros(model.n + model.n_p), watched)
         for step in range(_SETTLING):
             here = run.q
             told = self._step(run, targets)
             if told[3] == 1.0:  # the braking path from here is clear, and so is here
-                return here[model.controlled_positions], _Run(
-                    here, np.zeros_like(run.v)
-                )
+                still = np.zeros_like(run.v)
+                return here[model.controlled_positions], _Run(here, still, watched)
             if step > _STUCK and np.abs(run.q - here).max() < _SETTLED:
                 break  # nothing leads out
         raise MotionError(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.control.modes.lookahead import LookaheadMode
-from crar_drake.equations.nearby import held_path_bounds, nearby_distances
+from crar_drake.equations.nearby import bounds_of_some, nearby_distances
 from crar_drake.robot.model import ControlModel
 
 # A way's bound is sought so far below what its ends keep, then four times farther
@@ -97,9 +97,8 @@ def _on_way(start, x, d, mode: LookaheadMode) -> float:
         rows = np.flatnonzero(low < nearest - slack)
         if not len(rows):
             break
-        some, every = mode.of_some(rows), np.ones(len(rows), dtype=bool)
-        level = np.full(len(rows), nearest - slack)
-        found = held_path_bounds(start, x, level, every, some.robot, some.reaches)
+        level = nearest - slack
+        found = bounds_of_some(start, x, level, rows, mode.robot, mode.reaches)
         shown = found.at < 0.0
         low[rows[shown]] = np.maximum(low[rows[shown]], found.low[shown])
         slack *= 4.0

@@ -25,7 +25,7 @@ from crar_drake.equations.lookahead import (
     lookahead_step,
     scale_acceleration,
 )
-from crar_drake.equations.nearby import some_reaches, some_shapes, with_reaches
+from crar_drake.equations.nearby import still_clear, watched_nearby
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
@@ -187,19 +187,33 @@ class LookaheadMode(Mode):
             )
         )
 
-    def of_some(self, rows: np.ndarray) -> "LookaheadMode":
-        """The mode on some pairs of shapes alone, which all have a closed form.
-
-        What it tells of distances is told of these, a row for each.
+    def watching(
+        self, q: np.ndarray, v: np.ndarray, fastest: np.ndarray
+    ) -> "tuple[LookaheadMode, np.ndarray, np.ndarray]":
+        """The mode on the pairs of shapes that can influence a step, which is the same.
 
         Args:
-            rows: (N,) which of the robot's.
+            q, v: (nq,), (nv,) state.
+            fastest: (nv,) what is expected of the step's |s|.
+
+        Returns:
+            The mode; (N,) its rows; (Nr,) for `leaves_clear`.
         """
         some = copy(self)
-        some.robot = some_shapes(self.robot, rows)
-        some.reaches = some_reaches(self.reaches, rows)
-        some._numbers = with_reaches(self._numbers, some.reaches)
-        return some
+        rows, room, some.robot, some._numbers = watched_nearby(
+            q, v, fastest, self.robot, self._numbers
+        )
+        return some, rows, room
+
+    def leaves_clear(self, s: np.ndarray, room: np.ndarray) -> bool:
+        """Whether a step leaves all pairs clear that `watching` left out.
+
+        Args:
+            s: (nv,) velocity of where the robot would come to rest, in the plant's
+                order.
+            room: of `watching`.
+        """
+        return still_clear(s[self._model.order], room, self._numbers)
 
     @staticmethod
     def check(parameters: "CrarParameters") -> None:

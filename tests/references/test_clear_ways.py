@@ -1,13 +1,14 @@
-"""Pairs that are left out of a step can change nothing in it."""
+"""What is left out of a step can change nothing in it, and what is taken is clear."""
 
 import numpy as np
 import pytest
 from small_reference_robots import reaching, write_robot
 
+from crar_drake.control.modes.lookahead import LookaheadMode
 from crar_drake.equations.nearby import nearby_distances
 from crar_drake.references import following
+from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.following import CleaningParameters, Follower
-from crar_drake.references.nearby import Nearby
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 
@@ -57,17 +58,18 @@ def test_the_law_on_some_pairs_is_the_law_on_all(follower, monkeypatch):
 
 def test_a_pair_that_a_step_could_reach_is_looked_at_in_the_end(follower, monkeypatch):
     """However few are looked at first, the floor is shown for all of them."""
+    parameters = CleaningParameters(influence_distance=0.006)
+    short_sighted = Follower(follower.description, RATE, parameters)
     q, asked = reaching(60, RATE, 1.0), []
-    all_clear = Nearby.all_clear
+    leaves_clear = LookaheadMode.leaves_clear
 
-    def told(self, s):
-        asked.append(all_clear(self, s))
+    def told(self, *arguments):
+        asked.append(leaves_clear(self, *arguments))
         return asked[-1]
 
     monkeypatch.setattr(following, "_EXPECTED", 0.0)
-    monkeypatch.setattr(Nearby, "all_clear", told)
-    monkeypatch.setattr(follower._nearby, "_influence", 0.006)
-    found = follower.follow(q)
+    monkeypatch.setattr(LookaheadMode, "leaves_clear", told)
+    found = short_sighted.follow(q)
     assert not all(asked) and any(asked)
     model = follower.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
@@ -77,14 +79,14 @@ def test_a_pair_that_a_step_could_reach_is_looked_at_in_the_end(follower, monkey
 
 def test_a_way_is_clear_if_all_of_it_and_of_braking_is(follower):
     """Against distances and limits sampled finely, of both kinds."""
-    model, nearby = follower.model, Nearby(follower.law)
+    model = follower.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     rng = np.random.default_rng(1)
     q = np.cumsum(rng.normal(scale=0.06, size=(150, 3)), axis=0)
     q = np.clip(q + [0.6, 0.3, 0.1], -2.49, 2.49)
-    nearby.begin(follower._whole(q), RATE)
+    ways = ClearWays(follower.law, follower._whole(q), RATE)
     overshoot = follower.law.parameters.braking_horizon * RATE
-    told = np.array([nearby.clear(k) for k in range(len(q) - 1)])
+    told = np.array([ways.clear(k) for k in range(len(q) - 1)])
     margin = CleaningParameters().distance_margin
     for k in range(len(q) - 1):
         share = np.linspace(0.0, 1.0 + overshoot, 40)[:, None]

@@ -272,6 +272,7 @@ def recorded(
     cases: Mapping[str, float],
     arguments: argparse.Namespace,
     folder: Path,
+    keep: bool = False,
 ) -> Iterator[tuple[Entry, dict[str, dict[str, np.ndarray]]]]:
     """Drives controllers through cases; yields what each recorded, by its cases.
 
@@ -280,6 +281,7 @@ def recorded(
         cases: to their periods of control [s].
         arguments: of `parser_of`.
         folder: of the problem.
+        keep: whether what was recorded of the same is not recorded again.
 
     Raises:
         PeerError: an environment could not be made, or a driver ended with an error.
@@ -295,6 +297,7 @@ def recorded(
             case: job(
                 case, entry.settings[case], runs / f"{entry.name} {case}.npz", period
             )
+            | {"keep": keep}
             for case, period in cases.items()
         }
         drive(entry.peer, {entry.peer.environment: python}, folder, list(jobs.values()))

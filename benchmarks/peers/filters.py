@@ -92,16 +92,8 @@ FILTERS = (
         "pink",
         every(
             steps=_STEPS,
-            barrier_gain=(5.0, 10.0, 20.0, 40.0),
+            barrier_gain=(10.0, 20.0, 40.0),
             safe_displacement=(0.0,),
-            collision_distance=(MARGIN,),
-            pairs=(50,),
-            **_FEET,
-        )
-        + every(
-            steps=_STEPS,
-            barrier_gain=(10.0,),
-            safe_displacement=(1.0,),
             collision_distance=(MARGIN,),
             pairs=(50,),
             **_FEET,
@@ -134,6 +126,7 @@ class Row:
         settings: of the filter.
         frames: of the motion.
         mesh_frames, capsule_frames: in penetration.
+        judged: frames whose meshes were judged.
         deepest: penetration of meshes [m].
         beyond: frames with a joint beyond its limit or its speed limit.
         no_answer: frames in which the filter had no answer, and stood still.
@@ -145,6 +138,7 @@ class Row:
     name: str
     settings: dict
     frames: int
+    judged: int
     mesh_frames: int
     capsule_frames: int
     deepest: float
@@ -243,6 +237,7 @@ def row(
     settings: dict | None = None,
     no_answer: int = 0,
     seconds: float = np.inf,
+    every: float | None = None,
 ) -> Row:
     """Judges what a filter made of a reference.
 
@@ -251,14 +246,16 @@ def row(
         judge: with or without meshes.
         name, settings, no_answer: see `Row`.
         seconds: that the filter took [s].
+        every: time between frames whose meshes are judged [s]; by default all are.
     """
-    verdict: ReferenceVerdict = judge.judge(motion)
+    verdict: ReferenceVerdict = judge.judge(motion, every)
     beyond = {k for joint in verdict.limits + verdict.speeds for k in joint.frames}
     return Row(
         motion="",
         name=name,
         settings=settings or {},
         frames=motion.num_frames,
+        judged=len(verdict.mesh_frames),
         mesh_frames=len(verdict.penetrating_frames),
         capsule_frames=len(verdict.capsule_frames),
         deepest=max((pair.depth for pair in verdict.mesh_pairs), default=0.0),
@@ -279,6 +276,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("robot", help="name or folder, imported as a whole body")
     parser.add_argument(
         "motions", type=Path, help="a robot motion, or a folder of such"
+    )
+    parser.add_argument(
+        "--every",
+        type=float,
+        help="judge meshes every so many seconds, not in all frames",
     )
     parser.add_argument("--only", default="", help="filters whose names contain this")
     parser.add_argument("--table", type=Path, help="write the table to this file")
@@ -303,7 +305,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if arguments.only in peer.name
         for i, settings in enumerate(peer.grid)
     ]
-    for entry, found in recorded(rows, periods, arguments, out / "problem"):
+    for entry, found in recorded(rows, periods, arguments, out / "problem", keep=True):
         of_peer = tried.setdefault(entry.peer.name, {name: [] for name in references})
         for name, result in found.items():
             versions |= json.loads(str(result["versions"]))
@@ -323,15 +325,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name, reference in references.items():
         after, seconds = ours[name]
         made[name] = [
-            row(reference, reference, judge),
-            row(reference, after, judge, OURS, seconds=seconds),
+            row(reference, reference, judge, every=arguments.every),
+            row(reference, after, judge, OURS, seconds=seconds, every=arguments.every),
         ]
         for of_peer in tried.values():
             taken = best(one for one, _ in of_peer[name])
             (after,) = (motion for one, motion in of_peer[name] if one is taken)
-            full = row(reference, after, judge)
+            full = row(reference, after, judge, every=arguments.every)
             made[name].append(
-                replace(taken, mesh_frames=full.mesh_frames, deepest=full.deepest)
+                replace(
+                    taken,
+                    judged=full.judged,
+                    mesh_frames=full.mesh_frames,
+                    deepest=full.deepest,
+                )
             )
     with whole_file(out / "filters.json") as temporary:
         told = {
@@ -372,7 +379,7 @@ def cells(motion: str, row: Row) -> list[str]:
     if not row.name:
         return [
             f"**{motion}**, {row.frames} frames",
-            str(row.mesh_frames),
+            f"{row.mesh_frames} of {row.judged}",
             _depth(row.deepest),
             str(row.capsule_frames),
             str(row.beyond),

@@ -57,7 +57,8 @@ class CleanedClip:
         corrected, scaled: frames with a step that was.
         moved_start: of the first frame, its farthest joint [rad].
         num_watched: pairs that the law watched.
-        seconds: that cleaning took, without reading, writing and measuring [s].
+        seconds: of a processor that cleaning took, without reading, writing and
+            measuring [s].
     """
 
     clip: str
@@ -89,7 +90,7 @@ class CleanedClip:
 
     @property
     def times_real_time(self) -> float:
-        """How much faster than the motion itself the law was."""
+        """How much faster than the motion itself the law was, on one core."""
         return (self.frames - 1) / self.rate / self.seconds if self.seconds else 0.0
 
     @property
@@ -144,7 +145,7 @@ def clean_file(
             followers[motion.rate] = Follower(description, motion.rate, parameters)
         follower = followers[motion.rate]
         columns = _columns(motion, follower)
-        began = time.perf_counter()
+        began = time.process_time()
         try:
             found = follower.follow(
                 np.ascontiguousarray(motion.joint_positions[:, columns]),
@@ -154,7 +155,7 @@ def clean_file(
             )
         except MotionError as error:
             raise MotionError(f"{reference}: {error}") from error
-        cleaned.append((found, time.perf_counter() - began))
+        cleaned.append((found, time.process_time() - began))
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
         written.append(replace(motion, joint_positions=joints))

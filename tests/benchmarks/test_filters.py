@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,13 @@ from pydrake.systems.framework import DiagramBuilder
 from small_reference_robots import reaching, write_csv, write_robot
 
 from benchmarks.peers import filters
-from benchmarks.peers.driver import Filter, NoAnswer, Problem
+from benchmarks.peers.driver import (
+    Filter,
+    NoAnswer,
+    Problem,
+    is_recorded,
+    made_of,
+)
 from crar_drake.errors import MotionError
 from crar_drake.references.reference_judge import ReferenceJudge
 from crar_drake.robot.description import load_robot_description
@@ -114,6 +121,24 @@ def test_the_loop_goes_where_the_filter_says(robot) -> None:
     others = [1, 2, *range(4, 20)]
     np.testing.assert_allclose(result["q"][others], q[others], atol=1e-12)
     np.testing.assert_allclose(follower.asked[0], 0.5 * (q[0] + q[1]), atol=1e-12)
+
+
+def test_a_run_is_kept_until_anything_changes(robot, tmp_path) -> None:
+    out = tmp_path / "one.npz"
+    job = {"case": "swing", "period": 0.1, "settings": {"steps": 1}, "out": str(out)}
+    job["keep"] = True
+    assert not is_recorded(job, robot.folder)
+    np.savez(out, made_of=made_of(job, robot.folder))
+    assert is_recorded(job, robot.folder)
+    assert not is_recorded(job | {"keep": False}, robot.folder)
+    assert not is_recorded(job | {"settings": {"steps": 2}}, robot.folder)
+    assert not is_recorded(job | {"period": 0.2}, robot.folder)
+    other = tmp_path / "problem"
+    shutil.copytree(robot.folder, other)
+    assert is_recorded(job, other)
+    case = dict(np.load(other / "swing.npz"))
+    np.savez(other / "swing.npz", **(case | {"q_start": case["q_start"] + 1e-9}))
+    assert not is_recorded(job, other)
 
 
 def test_rows_tell_what_the_judge_finds(robot) -> None:

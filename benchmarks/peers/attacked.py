@@ -10,7 +10,6 @@ the settings that `compare --tune` chose for hands swung through each other.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -18,13 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import track
 
 from benchmarks.adversary.attacks import make_episode
 from benchmarks.adversary.judge import Judge, Verdict
-from benchmarks.peers.compare import PERIOD, drive, environment, job, run_command
+from benchmarks.peers.compare import PERIOD, parser_of, recorded, run_command
 from benchmarks.peers.crossings import entries
-from benchmarks.peers.peers import ENVIRONMENTS, MARGIN
+from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
 from crar_drake import (
     EXPERIMENTS,
@@ -169,14 +167,7 @@ def write_attacks(
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/attacked"))
-    parser.add_argument(
-        "--environments",
-        type=Path,
-        default=Path("out/peers/environments"),
-        help="of the peers; made where they are not there",
-    )
+    parser = parser_of(__doc__.splitlines()[0], "out/attacked")
     parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
     parser.add_argument("--table", type=Path, help="write the tables to this file")
@@ -192,25 +183,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     cases = write_attacks(folder, witness, ATTACKS, range(arguments.seeds))
     found: dict[str, dict[str, Harm]] = {}
     every = [name for names in cases.values() for name in names]
-    for entry in track(entries(every), "controllers"):
-        python = environment(
-            arguments.environments.resolve(),
-            entry.peer.environment,
-            ENVIRONMENTS[entry.peer.environment],
-        )
-        jobs = {
-            case: job(
-                case, entry.settings[case], out / "runs" / f"{entry.name} {case}.npz"
-            )
-            | {"period": arguments.period}
-            for case in every
-        }
-        drive(entry.peer, {entry.peer.environment: python}, folder, list(jobs.values()))
+    each = dict.fromkeys(every, arguments.period)
+    for entry, results in recorded(entries(every), each, arguments, folder):
         found[entry.name] = {attack: Harm() for attack in cases}
         for attack, names in cases.items():
             for name in names:
-                recorded = dict(np.load(jobs[name]["out"]))
-                found[entry.name][attack].add(witness.harm(recorded))
+                found[entry.name][attack].add(witness.harm(results[name]))
     with whole_file(out / "attacked.json") as temporary:
         temporary.write_text(
             json.dumps(

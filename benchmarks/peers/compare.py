@@ -16,7 +16,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -249,11 +249,66 @@ def run_all(
     return made
 
 
-def job(case: str, settings: dict, out: Path) -> dict:
+def parser_of(what: str, out: str) -> argparse.ArgumentParser:
+    """Of a benchmark that drives peers, in environments that may be there already.
+
+    Args:
+        what: the benchmark, in a line.
+        out: its folder.
+    """
+    parser = argparse.ArgumentParser(description=what)
+    parser.add_argument("--out", type=Path, default=Path(out))
+    parser.add_argument(
+        "--environments",
+        type=Path,
+        default=Path("out/peers/environments"),
+        help="of the peers; made where they are not there",
+    )
+    return parser
+
+
+def recorded(
+    rows: Sequence[Entry],
+    cases: Mapping[str, float],
+    arguments: argparse.Namespace,
+    folder: Path,
+    keep: bool = False,
+) -> Iterator[tuple[Entry, dict[str, dict[str, np.ndarray]]]]:
+    """Drives controllers through cases; yields what each recorded, by its cases.
+
+    Args:
+        rows: the controllers.
+        cases: to their periods of control [s].
+        arguments: of `parser_of`.
+        folder: of the problem.
+        keep: whether what was recorded of the same is not recorded again.
+
+    Raises:
+        PeerError: an environment could not be made, or a driver ended with an error.
+    """
+    runs = arguments.out.resolve() / "runs"
+    for entry in track(rows, "controllers"):
+        python = environment(
+            arguments.environments.resolve(),
+            entry.peer.environment,
+            ENVIRONMENTS[entry.peer.environment],
+        )
+        jobs = {
+            case: job(
+                case, entry.settings[case], runs / f"{entry.name} {case}.npz", period
+            )
+            | {"keep": keep}
+            for case, period in cases.items()
+        }
+        drive(entry.peer, {entry.peer.environment: python}, folder, list(jobs.values()))
+        yield entry, {case: dict(np.load(one["out"])) for case, one in jobs.items()}
+
+
+def job(case: str, settings: dict, out: Path, period: float = PERIOD) -> dict:
     """One run for `driver.main`."""
     return {
         "case": case,
-        "period": PERIOD,
+        "period": period,
         "settings": settings,
         "out": str(out.absolute()),
     }

@@ -10,26 +10,23 @@ the settings of the comparison.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import track
 
 from benchmarks.peers.compare import (
     COMPILED,
+    PERIOD,
     Entry,
-    drive,
-    environment,
-    job,
+    parser_of,
+    recorded,
     run_command,
 )
 from benchmarks.peers.judge import Figures, Judge
-from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS
+from benchmarks.peers.peers import OURS, PEERS
 from benchmarks.peers.problem import write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
 from crar_drake.files import whole_file
@@ -48,14 +45,7 @@ HEADER = (
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/crossings"))
-    parser.add_argument(
-        "--environments",
-        type=Path,
-        default=Path("out/peers/environments"),
-        help="of the peers; made where they are not there",
-    )
+    parser = parser_of(__doc__.splitlines()[0], "out/crossings")
     parser.add_argument("--seeds", type=int, default=12, help="how many motions")
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
@@ -67,21 +57,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     data = json.loads((folder / "problem.json").read_text())
     judge = Judge(data["robot"], data["joints"], data["tasks"])
     figures = {}
-    for entry in track(entries(cases), "controllers"):
-        python = environment(
-            arguments.environments.resolve(),
-            entry.peer.environment,
-            ENVIRONMENTS[entry.peer.environment],
-        )
-        jobs = [
-            job(case, entry.settings[case], out / "runs" / f"{entry.name} {case}.npz")
-            for case in cases
-        ]
-        drive(entry.peer, {entry.peer.environment: python}, folder, jobs)
-        figures[entry.name] = [judge.figures(dict(np.load(j["out"]))) for j in jobs]
+    each = dict.fromkeys(cases, PERIOD)
+    for entry, found in recorded(entries(cases), each, arguments, folder):
+        figures[entry.name] = [judge.figures(found[case]) for case in cases]
     with whole_file(out / "crossings.json") as temporary:
-        found = {name: [asdict(f) for f in each] for name, each in figures.items()}
-        temporary.write_text(json.dumps(found, indent=1))
+        told = {name: [asdict(f) for f in each] for name, each in figures.items()}
+        temporary.write_text(json.dumps(told, indent=1))
     Console().print(markdown_table(HEADER, rows(figures)), markup=False, soft_wrap=True)
 
 

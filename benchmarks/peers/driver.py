@@ -18,6 +18,7 @@ the state to having the answer, with everything that the controller needs to upd
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import platform
 import time
@@ -150,6 +151,83 @@ def run(
     }
 
 
+class Filter(Controller):
+    """Follows a reference of all joints, frame by frame; `solve` answers velocities.
+
+    A case is the file of a reference: time (T,) [s], q (T, n) and, from where it is to
+    begin, q_start (n,) [rad]. `solve` is given what the next step is to reach, (n,), in
+    place of `Targets`. Settings of all: steps in a frame, between which the reference
+    goes straight.
+    """
+
+    def __init__(self, problem: Problem, period: float, settings: dict) -> None:
+        """
+        Args:
+            problem: of the robot; its links are the feet.
+            period: of a frame [s].
+            settings: of this filter.
+        """
+        self.problem, self.steps = problem, settings["steps"]
+        self.period = period / self.steps
+        self.set_up(settings)
+
+    def set_up(self, settings: dict) -> None:
+        """Makes what `solve` needs."""
+        raise NotImplementedError
+
+    def record(
+        self, case: Path, period: float, seconds: float | None
+    ) -> dict[str, np.ndarray]:
+        """Runs a reference; what `run` returns, of its frames, without targets.
+
+        Step times and failures are those of whole frames.
+        """
+        data = np.load(case)
+        clock, wanted = data["time"], data["q"]
+        steps = len(clock) - 1
+        q, v = np.empty_like(wanted), np.zeros_like(wanted)
+        q[0] = data["q_start"]
+        step_time, no_answer = np.zeros(steps), np.zeros(steps, dtype=bool)
+        here, speed = q[0], v[0]
+        for k in range(steps):
+            for part in range(1, self.steps + 1):
+                goal = wanted[k] + part / self.steps * (wanted[k + 1] - wanted[k])
+                start = time.process_time()
+                try:
+                    speed = self.solve(here, speed, goal)
+                except NoAnswer:
+                    speed, no_answer[k] = np.zeros_like(here), True
+                step_time[k] += time.process_time() - start
+                if not np.isfinite(speed).all():
+                    speed, no_answer[k] = np.zeros_like(here), True
+                here = here + self.period * speed
+            q[k + 1], v[k + 1] = here, speed
+        return {
+            "time": clock,
+            "q": q,
+            "v": v,
+            "step_time": step_time,
+            "no_answer": no_answer,
+        }
+
+
+def made_of(job: dict, problem: Path) -> str:
+    """What a job's result depends on: its settings, the robot's pairs and its case."""
+    digest = hashlib.sha256(json.dumps(job | {"out": ""}, sort_keys=True).encode())
+    digest.update((problem / "problem.json").read_bytes())
+    for _, array in sorted(dict(np.load(problem / f"{job['case']}.npz")).items()):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def is_recorded(job: dict, problem: Path) -> bool:
+    """Whether the job may keep what it made, and that is still what it would make."""
+    if not job.get("keep") or not Path(job["out"]).is_file():
+        return False
+    with np.load(job["out"]) as held:
+        return str(held["made_of"]) == made_of(job, problem)
+
+
 def main(make: type[Controller]) -> None:
     """Command line of a driver: runs a list of jobs, one after the other."""
     parser = argparse.ArgumentParser()
@@ -158,12 +236,15 @@ def main(make: type[Controller]) -> None:
     arguments = parser.parse_args()
     problem = Problem(arguments.problem)
     for job in json.loads(arguments.jobs):
+        if is_recorded(job, arguments.problem):
+            continue
         controller = make(problem, job["period"], job["settings"])
         result = controller.record(
             arguments.problem / f"{job['case']}.npz", job["period"], job.get("seconds")
         )
         np.savez(
             job["out"],
+            made_of=made_of(job, arguments.problem),
             versions=json.dumps(
                 {"python": platform.python_version()}
                 | {name: version(name) for name in make.packages}

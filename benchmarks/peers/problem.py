@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,25 +47,15 @@ def write_problem(folder: Path) -> None:
     shipped = load_robot_description(ROBOT)
     tasks = EXPERIMENTS["upper-body"]
     links = [shipped.task_frames[task] for task in tasks]
-    robot = robot_files.simplified_urdf(
-        Path(shipped.folder) / shipped.model,
-        {
-            joint: shipped.rest_posture.get(joint, 0.0)
-            for joint in shipped.prescribed_joints
-        },
-    )
-    _write(folder / "robot.urdf", robot_files.drake_urdf(robot))
-    _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(robot))
-    _write(folder / "robot_mujoco.xml", robot_files.mjcf(robot, links))
-    _write(folder / "collisions.json", json.dumps(shipped.pairs, indent=1))
+    write_robot(folder, shipped, links)
     description = describe(folder, shipped)
     model = ControlModel.FromDescription(description, position_tasks(tasks))
     problem = {
         "robot": ROBOT,
         "base": shipped.base,
         "joints": list(model.joint_names),
-        "lower": _finite_or_none(model.lower),
-        "upper": _finite_or_none(model.upper),
+        "lower": finite_or_none(model.lower),
+        "upper": finite_or_none(model.upper),
         "velocity_limits": model.plant.GetVelocityUpperLimits().tolist(),
         "tasks": tasks,
         "task_links": links,
@@ -76,6 +66,27 @@ def write_problem(folder: Path) -> None:
     _write(folder / "problem.json", json.dumps(problem, indent=1))
     for name, motion in joint_motions(model).items():
         _write_case(folder / f"{name}.npz", model, motion)
+
+
+def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> None:
+    """Writes the robot for every peer, its prescribed joints welded at rest.
+
+    Args:
+        folder: is there.
+        robot: whose shapes are capsules and spheres.
+        links: whose origins are tasks.
+    """
+    urdf = robot_files.simplified_urdf(
+        Path(robot.folder) / robot.model,
+        {
+            joint: robot.rest_posture.get(joint, 0.0)
+            for joint in robot.prescribed_joints
+        },
+    )
+    _write(folder / "robot.urdf", robot_files.drake_urdf(urdf))
+    _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(urdf))
+    _write(folder / "robot_mujoco.xml", robot_files.mjcf(urdf, links))
+    _write(folder / "collisions.json", json.dumps(robot.pairs, indent=1))
 
 
 def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
@@ -191,7 +202,7 @@ def task_targets(
     }
 
 
-def _finite_or_none(values: np.ndarray) -> list[float | None]:
+def finite_or_none(values: np.ndarray) -> list[float | None]:
     """JSON has no infinity."""
     return [float(x) if np.isfinite(x) else None for x in values]
 

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 DRAKE = "http://drake.mit.edu"
 CAPSULE = f"{{{DRAKE}}}capsule"
@@ -94,24 +95,14 @@ def mjcf(robot: ET.Element, task_links: Sequence[str]) -> str:
     def add(parent: ET.Element, name: str, joint: ET.Element | None) -> None:
         attributes = {"name": name}
         if joint is not None:
-            attributes["pos"] = _origin(joint).get("xyz", "0 0 0")
+            attributes |= _mjcf_pose(joint)
         body = ET.SubElement(parent, "body", attributes)
         if joint is not None and joint.get("type") != "fixed":
             body.append(_mjcf_joint(joint))
         link = links[name]
         inertial = link.find("inertial")
         if inertial is not None:
-            inertia = inertial.find("inertia")
-            order = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-            ET.SubElement(
-                body,
-                "inertial",
-                {
-                    "pos": _origin(inertial).get("xyz", "0 0 0"),
-                    "mass": inertial.find("mass").get("value"),
-                    "fullinertia": " ".join(inertia.get(key) for key in order),
-                },
-            )
+            body.append(_mjcf_inertial(inertial))
         for collision in link.findall("collision"):
             body.append(_mjcf_geom(collision))
         if name in task_links:
@@ -129,7 +120,9 @@ def _weld(joint: ET.Element, position: float) -> None:
     origin = _origin(joint)
     axis = np.array(joint.find("axis").get("xyz").split(), dtype=float)
     start = np.array(origin.get("xyz", "0 0 0").split(), dtype=float)
-    at = start + position * axis  # no rotation: `_origin` checks it
+    if _rotation(joint).any():
+        raise ValueError(f"{joint.get('name')}: origin is rotated")
+    at = start + position * axis
     for tag in ("axis", "limit", "origin", "dynamics"):
         for part in joint.findall(tag):
             joint.remove(part)
@@ -138,13 +131,44 @@ def _weld(joint: ET.Element, position: float) -> None:
 
 
 def _origin(element: ET.Element) -> ET.Element:
-    """The <origin>; joints and inertias of this robot have translations only."""
+    """The <origin>, empty where there is none."""
     origin = element.find("origin")
-    if origin is None:
-        return ET.Element("origin")
-    if any(float(angle) for angle in origin.get("rpy", "0 0 0").split()):
-        raise ValueError(f"{element.get('name') or element.tag}: origin is rotated")
-    return origin
+    return ET.Element("origin") if origin is None else origin
+
+
+def _rotation(element: ET.Element) -> np.ndarray:
+    """(3,) roll, pitch and yaw of its origin [rad]."""
+    return np.array(_origin(element).get("rpy", "0 0 0").split(), dtype=float)
+
+
+def _mjcf_pose(element: ET.Element) -> dict[str, str]:
+    """Where its origin is, as MuJoCo writes it."""
+    pose = {"pos": _origin(element).get("xyz", "0 0 0")}
+    rotation = Rotation.from_euler("xyz", _rotation(element))
+    if rotation.magnitude():
+        x, y, z, w = rotation.as_quat()
+        pose["quat"] = _numbers((w, x, y, z))
+    return pose
+
+
+def _mjcf_inertial(inertial: ET.Element) -> ET.Element:
+    """In the link's axes: MuJoCo turns none that has products of inertia."""
+    inertia = inertial.find("inertia")
+    xx, yy, zz, xy, xz, yz = (
+        float(inertia.get(key)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    )
+    R = Rotation.from_euler("xyz", _rotation(inertial)).as_matrix()
+    I_B = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+    return ET.Element(
+        "inertial",
+        {
+            "pos": _origin(inertial).get("xyz", "0 0 0"),
+            "mass": inertial.find("mass").get("value"),
+            "fullinertia": _numbers(
+                [I_B[0, 0], I_B[1, 1], I_B[2, 2], I_B[0, 1], I_B[0, 2], I_B[1, 2]]
+            ),
+        },
+    )
 
 
 def _mjcf_joint(joint: ET.Element) -> ET.Element:
@@ -165,9 +189,8 @@ def _mjcf_joint(joint: ET.Element) -> ET.Element:
 
 def _mjcf_geom(collision: ET.Element) -> ET.Element:
     (shape,) = collision.find("geometry")
-    origin = collision.find("origin")
     geom = ET.Element("geom", {"name": collision.get("name")})
-    geom.set("pos", origin.get("xyz", "0 0 0"))
+    geom.set("pos", _origin(collision).get("xyz", "0 0 0"))
     radius = shape.get("radius")
     if shape.tag == "sphere":
         geom.set("type", "sphere")
@@ -176,16 +199,15 @@ def _mjcf_geom(collision: ET.Element) -> ET.Element:
     if shape.tag != CAPSULE:
         raise ValueError(f"{collision.get('name')}: neither a capsule nor a sphere")
     # Both formats lay a capsule along z; MuJoCo wants half the length.
-    roll, pitch, yaw = (float(x) for x in origin.get("rpy", "0 0 0").split())
-    axis = (
-        np.cos(yaw) * np.sin(pitch) * np.cos(roll) + np.sin(yaw) * np.sin(roll),
-        np.sin(yaw) * np.sin(pitch) * np.cos(roll) - np.cos(yaw) * np.sin(roll),
-        np.cos(pitch) * np.cos(roll),
-    )
+    axis = Rotation.from_euler("xyz", _rotation(collision)).apply([0.0, 0.0, 1.0])
     geom.set("type", "capsule")
     geom.set("size", f"{radius} {0.5 * float(shape.get('length')):.9g}")
-    geom.set("zaxis", " ".join(f"{x:.12g}" for x in axis))
+    geom.set("zaxis", _numbers(axis))
     return geom
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(f"{x:.12g}" for x in values)
 
 
 def _text(root: ET.Element) -> str:

@@ -20,26 +20,8 @@ class Pink(Controller):
 
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
         self.period, self.gain = period, settings["gain"]
-        urdf = str(problem.folder / "robot_pinocchio.urdf")
-        model = pinocchio.buildModelFromUrdf(urdf)
-        assert list(model.names)[1:] == problem.joints
-        geometry = pinocchio.buildGeomFromUrdf(
-            model, urdf, pinocchio.GeometryType.COLLISION
-        )
-        shapes: dict[str, list[int]] = {}
-        for i, shape in enumerate(geometry.geometryObjects):
-            shapes.setdefault(model.frames[shape.parentFrame].name, []).append(i)
-        for a, b in problem.pairs:
-            for i in shapes[a]:
-                for j in shapes[b]:
-                    geometry.addCollisionPair(pinocchio.CollisionPair(i, j))
-        self.configuration = pink.Configuration(
-            model,
-            model.createData(),
-            problem.rest,
-            collision_model=geometry,
-            collision_data=pinocchio.GeometryData(geometry),
-        )
+        self.configuration = robot_with_shapes(problem)
+        model = self.configuration.model
         self.frames = [
             FrameTask(
                 link,
@@ -62,7 +44,9 @@ class Pink(Controller):
             self.limits.append(self.acceleration_limit)
         self.barriers = [
             SelfCollisionBarrier(
-                n_collision_pairs=len(geometry.collisionPairs),
+                n_collision_pairs=len(
+                    self.configuration.collision_model.collisionPairs
+                ),
                 gain=settings["barrier_gain"],
                 safe_displacement_gain=settings["safe_displacement"],
                 d_min=settings["collision_distance"],
@@ -92,6 +76,30 @@ class Pink(Controller):
             )
         except pink.exceptions.NoSolutionFound as error:
             raise NoAnswer from error
+
+
+def robot_with_shapes(problem: Problem) -> pink.Configuration:
+    """The robot at rest, with its capsules and the watched pairs of them."""
+    urdf = str(problem.folder / "robot_pinocchio.urdf")
+    model = pinocchio.buildModelFromUrdf(urdf)
+    assert list(model.names)[1:] == problem.joints
+    geometry = pinocchio.buildGeomFromUrdf(
+        model, urdf, pinocchio.GeometryType.COLLISION
+    )
+    shapes: dict[str, list[int]] = {}
+    for i, shape in enumerate(geometry.geometryObjects):
+        shapes.setdefault(model.frames[shape.parentFrame].name, []).append(i)
+    for a, b in problem.pairs:
+        for i in shapes[a]:
+            for j in shapes[b]:
+                geometry.addCollisionPair(pinocchio.CollisionPair(i, j))
+    return pink.Configuration(
+        model,
+        model.createData(),
+        problem.rest,
+        collision_model=geometry,
+        collision_data=pinocchio.GeometryData(geometry),
+    )
 
 
 if __name__ == "__main__":

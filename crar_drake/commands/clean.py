@@ -137,7 +137,7 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"{_millimetres(clip.hands_rms, clip.hands_worst)}; jerk of the joints "
         f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
         f"steps: {clip.corrected} frames corrected, {clip.scaled} scaled; "
-        f"{clip.seconds:.1f} s, {clip.times_real_time:.1f} x real time",
+        f"{clip.seconds:.1f} s of a processor, {clip.times_real_time:.1f} x real time",
     ]
     if clip.between < 0.0:
         lines.append("a way between frames is not shown to be clear")

@@ -179,18 +179,19 @@ class TaskLayout:
         a: np.ndarray | None = None,
         q: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Builds [x_d; v_d; a_d] (size,) from rotations (Na, 3, 3), positions
-        (Nl, 3), velocities (m,), accelerations (m,) and positions of the joints
-        (Nj,); those left out are 0."""
-        desired = np.zeros(self.size)
+        """Builds [x_d; v_d; a_d] (..., size) from rotations (..., Na, 3, 3), positions
+        (..., Nl, 3), velocities (..., m), accelerations (..., m) and positions of the
+        joints (..., Nj); those left out are 0."""
+        R = np.asarray(R)
+        desired = np.zeros((*R.shape[:-3], self.size))
         if q is not None:
-            desired[self.joint_entries] = q
-        desired[self.quaternion_entries] = quaternion_from_rotation(np.asarray(R))
-        desired[self.position_entries] = p
+            desired[..., self.joint_entries] = q
+        desired[..., self.quaternion_entries] = quaternion_from_rotation(R)
+        desired[..., self.position_entries] = p
         if v is not None:
-            desired[self.size_x : self.size_x + self.m] = v
+            desired[..., self.size_x : self.size_x + self.m] = v
         if a is not None:
-            desired[self.size_x + self.m :] = a
+            desired[..., self.size_x + self.m :] = a
         return desired
 
 

@@ -12,13 +12,8 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
-from crar_drake.references.cleaning import Cleaner
-from crar_drake.references.following import (
-    FEET,
-    HANDS,
-    Cleaned,
-    CleaningParameters,
-)
+from crar_drake.references.change import find_change
+from crar_drake.references.following import Cleaned, CleaningParameters, Follower
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
 from crar_drake.references.motion_certificate import (
@@ -34,11 +29,7 @@ from crar_drake.references.robot_motion import (
     write_motions,
 )
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import (
-    LIMIT_TOLERANCE,
-    find_frame,
-    load_robot_description,
-)
+from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
 
 # A frame counts as changed if a joint is farther from the reference [rad or m].
 _CHANGED = 1e-6
@@ -66,7 +57,8 @@ class CleanedClip:
         corrected, scaled: frames with a step that was.
         moved_start: of the first frame, its farthest joint [rad].
         num_watched: pairs that the law watched.
-        seconds: that cleaning took, without reading, writing and measuring [s].
+        seconds: of a processor that cleaning took, without reading, writing and
+            measuring [s].
     """
 
     clip: str
@@ -98,7 +90,7 @@ class CleanedClip:
 
     @property
     def times_real_time(self) -> float:
-        """How much faster than the motion itself the law was."""
+        """How much faster than the motion itself the law was, on one core."""
         return (self.frames - 1) / self.rate / self.seconds if self.seconds else 0.0
 
     @property
@@ -146,16 +138,16 @@ def clean_file(
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
     motions = read_motions(reference, layout, rate, robot=whole_body)
-    cleaners: dict[float, Cleaner] = {}
+    followers: dict[float, Follower] = {}
     written, cleaned = [], []
     for motion in motions:
-        if motion.rate not in cleaners:
-            cleaners[motion.rate] = Cleaner(description, motion.rate, parameters)
-        cleaner = cleaners[motion.rate]
-        columns = _columns(motion, cleaner)
-        began = time.perf_counter()
+        if motion.rate not in followers:
+            followers[motion.rate] = Follower(description, motion.rate, parameters)
+        follower = followers[motion.rate]
+        columns = _columns(motion, follower)
+        began = time.process_time()
         try:
-            found = cleaner.clean(
+            found = follower.follow(
                 np.ascontiguousarray(motion.joint_positions[:, columns]),
                 None
                 if progress is None
@@ -163,7 +155,7 @@ def clean_file(
             )
         except MotionError as error:
             raise MotionError(f"{reference}: {error}") from error
-        cleaned.append((found, time.perf_counter() - began))
+        cleaned.append((found, time.process_time() - began))
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
         written.append(replace(motion, joint_positions=joints))
@@ -177,12 +169,12 @@ def clean_file(
         again = read_motions(folder / out.name, to.name, told, robot=whole_body)
         clips, rows = [], []
         for before, after, (found, took) in zip(motions, again, cleaned, strict=True):
-            cleaner = cleaners[after.rate]
-            margins = [_margins(motion, cleaner) for motion in (before, after)]
+            follower = followers[after.rate]
+            margins = [_margins(motion, follower) for motion in (before, after)]
             clips.append(
                 CertifiedClip(after.clip, after.rate, margins[1], found.admitted)
             )
-            rows.append(_row(before, after, margins, found, took, cleaner, whole_body))
+            rows.append(_row(before, after, margins, found, took, follower, whole_body))
         p = parameters or CleaningParameters()
         certificate = make_certificate(
             folder / out.name, reference, description, clips, p.floor
@@ -194,26 +186,26 @@ def clean_file(
     return rows
 
 
-def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
+def _columns(motion: RobotMotion, follower: Follower) -> list[int]:
     """Where the joints that are controlled stand in a motion's.
 
     Raises:
         MotionError: the motion moves joints that the robot does not control, so that
             distances would not be those of the motion.
     """
-    others = sorted(set(motion.joint_names) - set(cleaner.model.joint_names))
+    others = sorted(set(motion.joint_names) - set(follower.model.joint_names))
     if others:
         raise MotionError(
-            f"{motion.source}: robot {cleaner.description.name} does not control "
+            f"{motion.source}: robot {follower.description.name} does not control "
             f"{', '.join(others[:5])}: import it with --whole-body, or take these out "
             "of its prescribed_joints"
         )
-    return [motion.joint_names.index(name) for name in cleaner.model.joint_names]
+    return [motion.joint_names.index(name) for name in follower.model.joint_names]
 
 
-def _margins(motion: RobotMotion, cleaner: Cleaner) -> Margins:
-    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, cleaner)])
-    return cleaner.margins(q)
+def _margins(motion: RobotMotion, follower: Follower) -> Margins:
+    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, follower)])
+    return follower.margins(q)
 
 
 def _row(
@@ -222,26 +214,10 @@ def _row(
     margins: list[Margins],
     found: Cleaned,
     seconds: float,
-    cleaner: Cleaner,
+    follower: Follower,
     robot: WholeBody,
 ) -> CleanedClip:
     change = after.joint_positions - before.joint_positions
-    task_frames = robot.description.task_frames
-    moved = {}
-    for what, frames in (("feet", FEET), ("hands", HANDS)):
-        links = tuple(
-            find_frame(robot.plant, task_frames[f]).body().name()
-            for f in frames
-            if f in task_frames
-        )
-        off = np.full(1, np.nan)
-        if links:
-            places = [
-                robot.poses_in_root(motion.joint_positions, links)[0]
-                for motion in (before, after)
-            ]
-            off = np.linalg.norm(places[1] - places[0], axis=2)
-        moved[what] = _rms(off), float(off.max())
     was, now = margins
     return CleanedClip(
         clip=after.clip,
@@ -257,29 +233,13 @@ def _row(
         nearest=float(now.distance.min()),
         between=float(now.between.min()),
         changed=_count(np.abs(change).max(axis=1) > _CHANGED),
-        joints_rms=_rms(change),
-        joints_worst=float(np.abs(change).max()),
-        feet_rms=moved["feet"][0],
-        feet_worst=moved["feet"][1],
-        hands_rms=moved["hands"][0],
-        hands_worst=moved["hands"][1],
-        jerk_before=_jerk(before),
-        jerk=_jerk(after),
+        **asdict(find_change(before, after, robot)),
         corrected=_count(found.admitted == 1.0),
         scaled=_count(found.admitted == 2.0),
         moved_start=found.moved_start,
         num_watched=found.num_watched,
         seconds=seconds,
     )
-
-
-def _jerk(motion: RobotMotion) -> float:
-    """Root mean square of the joints' third differences [rad/s^3]."""
-    return _rms(np.diff(motion.joint_positions, n=3, axis=0) * motion.rate**3)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
 def _count(frames: np.ndarray) -> int:

@@ -39,10 +39,12 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.kinematics import Measured, evaluate_state
+from crar_drake.equations.kinematics import Measured, task_motion
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
 from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.references.clear_ways import ClearWays
+from crar_drake.references.margins import Margins, find_margins
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, joint_tasks
@@ -59,6 +61,9 @@ _SETTLED = 1e-6
 # Nearer to the reference than this is on it [rad or m, and per second].
 _ON_IT, _ALONG_IT = 3e-4, 2e-2
 
+# A step is expected to be at most so many times faster than the robot.
+_EXPECTED = 1.3
+
 _NOTHING_ASKED = np.zeros((0, 7))
 _NOTHING = np.zeros(0)
 _NO_BLEND = (1.0, 0.0, 0.0)
@@ -71,8 +76,6 @@ class CleaningParameters:
     Attributes:
         longest_period: a step of the law is at most so long; whole steps make up a
             period of the motion [s].
-        shortest_period: where steps had to be scaled towards braking, a motion is
-            followed again with steps half as long, and so on, down to this [s].
         horizon: the braking horizon T, in steps of the law.
         catch_up: time constant of the way back onto the reference [s].
         damping: lambda [m].
@@ -86,13 +89,11 @@ class CleaningParameters:
         rho, alpha, beta: of the collision weight (L5).
         influence_distance: pairs farther apart than this do not count [m].
         velocity_scale: share of the robot's velocity limits that may be used.
-        near: the law watches pairs that come nearer than this in the reference [m].
     """
 
-    longest_period: float = 0.0101  # [s]
-    shortest_period: float = 0.005  # [s]
+    longest_period: float = 0.00505  # [s]
     horizon: float = 2.0
-    catch_up: float = 0.06  # [s]
+    catch_up: float = 0.02  # [s]
     damping: float = 0.1  # [m]
     joint_weight: float = 1.0  # [m/rad]
     foot_weight: float = 30.0
@@ -105,9 +106,8 @@ class CleaningParameters:
     rho: float = 1e-6
     alpha: float = 400.0  # [1/m]
     beta: float = 2.0
-    influence_distance: float = 0.05  # [m]
+    influence_distance: float = 0.03  # [m]
     velocity_scale: float = 1.0
-    near: float = 0.1  # [m]
 
     @property
     def floor(self) -> float:
@@ -198,6 +198,7 @@ class _Run:
 
     q: np.ndarray  # (nq,)
     v: np.ndarray  # (nv,)
+    watched: np.ndarray  # (Nr,) which pairs of shapes the law has looked at
     before: Before | None = None
 
 
@@ -205,6 +206,7 @@ class Follower:
     """Follows references of one robot at one rate, under the constraints of its pairs.
 
     Attributes:
+        description: of the robot.
         model: the robot with its root fixed, and the tasks.
         law: on it.
         steps: of the law in a period of the motion.
@@ -231,7 +233,7 @@ class Follower:
         """
         self.parameters = parameters or CleaningParameters()
         self.parameters.validate()
-        self.rate = rate
+        self.description, self.rate = description, rate
         self.steps = self.parameters.steps_per_frame(rate)
         period = 1.0 / (rate * self.steps)
         description = replace(description, root="fixed")
@@ -265,6 +267,14 @@ class Follower:
             np.zeros(self.model.n),
         )
 
+    def margins(self, q: np.ndarray) -> Margins:
+        """What a motion (T, n) of the controlled joints keeps.
+
+        Speeds are shares of the robot's own limits, whatever share the law may use.
+        """
+        fastest = self.model.velocity_limits[self.model.controlled]
+        return find_margins(self.model, self.law.mode, fastest, q, self.rate)
+
     def follow(
         self, reference: np.ndarray, progress: Callable[[int], None] | None = None
     ) -> Cleaned:
@@ -281,28 +291,39 @@ class Follower:
             MotionError: no clear configuration was found near the first frame, or
                 numbers overflow.
         """
-        frames, h = len(reference), self._period
+        frames, h, steps = len(reference), self._period, self.steps
         q_d = self._sampled(reference)
         v_d = np.diff(q_d, axis=0, prepend=q_d[:1]) / h
         a_d = np.diff(v_d, axis=0, append=v_d[-1:]) / h
+        ways = ClearWays(self.law, self._whole(reference), self.rate)
         start, run = self._settle(q_d[0])
         q = np.empty_like(reference)
         q[0] = start
         admitted, share = np.zeros(frames), np.ones(frames)
         clear = np.ones(frames, dtype=bool)
         for frame in range(1, frames):
-            for k in range((frame - 1) * self.steps, frame * self.steps):
-                told = self._along(run, q_d, v_d, a_d, k)
-                if told is None:
-                    told = self._step(run, self._targets(q_d[k], v_d[k], a_d[k]))
+            first, last = (frame - 1) * steps, frame * steps
+            targets = None
+            for k in range(first, last):
+                if self._is_on(run, q_d[k], v_d[k]) and ways.clear(frame - 1):
+                    run.q, run.v = self._whole(q_d[last]), self._moving(v_d[last])
+                    run.before = None
+                    break
+                if targets is None:
+                    samples = slice(first, last)
+                    targets = self._targets(q_d[samples], v_d[samples], a_d[samples])
+                told = self._step(run, targets[k - first])
                 admitted[frame] = max(admitted[frame], told[0])
                 share[frame] = min(share[frame], told[1])
                 clear[frame] &= told[3] == 1.0
-            q[frame] = run.q[self.model.controlled_positions]
+            # At a limit, rounding may lead beyond it.
+            here = run.q[self.model.controlled_positions]
+            q[frame] = np.clip(here, self.model.lower, self.model.upper)
             if progress is not None:
                 progress(frame)
         moved = float(np.abs(start - reference[0]).max())
-        return Cleaned(q, admitted, share, clear, moved)
+        watched = np.unique(self.model.pairs.pair_of_shapes[run.watched])
+        return Cleaned(q, admitted, share, clear, moved, len(watched))
 
     def _sampled(self, reference: np.ndarray) -> np.ndarray:
         """(K, n) of the law's steps: on straight lines between the frames."""
@@ -313,58 +334,53 @@ class Follower:
         return np.vstack([between.reshape(-1, reference.shape[1]), reference[-1:]])
 
     def _targets(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(layout.size,) [x_d; v_d; a_d] of the tasks that a motion of the joints is,
-        each (n,)."""
-        model = self._kinematics
-        plant_v = model.join(v, np.zeros(model.n_p))
-        measured = Measured(self._whole(q)[np.newaxis], plant_v, _NOTHING_ASKED)
-        state = evaluate_state(measured, model.robot_by_pair)
-        J = state.J[:, : model.n]
-        joints = q[model.layout.rows.joints]
-        return model.layout.pack(
-            state.R, state.p, J @ v, J @ a + state.Jdot_qdot, joints
-        )
+        """(K, layout.size) [x_d; v_d; a_d] of the tasks that a motion of the joints is,
+        at K samples of it, each (K, n)."""
+        model, layout = self._kinematics, self._kinematics.layout
+        moving = (self._moving(x) for x in (v, a))
+        R, p, v_d, a_d = task_motion(self._whole(q), *moving, model.robot_by_pair)
+        return layout.pack(R, p, v_d, a_d, q[:, layout.rows.joints])
 
     def _whole(self, q: np.ndarray) -> np.ndarray:
-        """(nq,) of the plant, the prescribed joints at rest."""
-        whole = self._rest.copy()
-        whole[self.model.controlled_positions] = q
+        """(..., nq) of the plant, the prescribed joints at rest, from (..., n)."""
+        whole = np.empty((*q.shape[:-1], len(self._rest)))
+        whole[...] = self._rest
+        whole[..., self.model.controlled_positions] = q
         return whole
 
-    def _along(
-        self, run: _Run, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray, k: int
-    ) -> np.ndarray | None:
-        """Moves `run` to the next sample of the reference, if it is on it and the step
-        is admitted with the margin kept; returns how it was, (4,), else None."""
-        controlled = self.model.controlled
-        off = np.abs(run.q[self.model.controlled_positions] - q_d[k]).max()
-        if off > _ON_IT or np.abs(run.v[controlled] - v_d[k]).max() > _ALONG_IT:
-            return None
-        n_p = self.model.n_p
-        q, v = self._whole(q_d[k]), self.model.join(v_d[k], np.zeros(n_p))
-        vdot = self.model.join(a_d[k], np.zeros(n_p))
-        measured = Measured(np.array([q, q + self._T * v]), v, _NOTHING_ASKED)
-        admitted, told = self.law.mode.admit_again(measured, vdot)
-        told = told["admission"]
-        kept = told[3] == 1.0 and told[2] >= self.parameters.distance_margin
-        if not kept or not np.array_equal(admitted, vdot):
-            return None
-        run.before = None
-        run.q = self._whole(q_d[k + 1])
-        run.v = self.model.join(v_d[k + 1], np.zeros(n_p))
-        return told
+    def _moving(self, v: np.ndarray) -> np.ndarray:
+        """(..., nv) of the plant, the prescribed joints at rest, from (..., n)."""
+        whole = np.zeros((*v.shape[:-1], self.model.n + self.model.n_p))
+        whole[..., self.model.controlled] = v
+        return whole
+
+    def _is_on(self, run: _Run, q: np.ndarray, v: np.ndarray) -> bool:
+        """Whether it is where and as fast as a sample of the reference."""
+        off = np.abs(run.q[self.model.controlled_positions] - q).max()
+        return (
+            off <= _ON_IT
+            and np.abs(run.v[self.model.controlled] - v).max() <= _ALONG_IT
+        )
 
     def _step(self, run: _Run, targets: np.ndarray) -> np.ndarray:
         """Moves `run` a step on; returns how it was admitted, (4,)."""
         wanted = Wanted(targets, self._prescribed, _NOTHING, self._start, _NO_BLEND)
         q_s = run.q + self._T * run.v
         measured = Measured(np.array([run.q, q_s]), run.v, _NOTHING_ASKED)
-        resolved: Resolved = self.law.mode.resolve(
-            self._workspace, measured, wanted, run.before
-        )
-        vdot = resolved.answer.vdot
-        if not np.isfinite(vdot).all():
-            raise MotionError("its joints move beyond all sense: an overflow")
+        fastest = _EXPECTED * np.abs(run.v)
+        while True:
+            mode, rows, room = self.law.mode.watching(run.q, run.v, fastest)
+            resolved: Resolved = mode.resolve(
+                self._workspace, measured, wanted, run.before
+            )
+            vdot = resolved.answer.vdot
+            if not np.isfinite(vdot).all():
+                raise MotionError("its joints move beyond all sense: an overflow")
+            s = run.v + self._T * vdot
+            if self.law.mode.leaves_clear(s, room):
+                break
+            fastest = np.maximum(fastest, 2.0 * np.abs(s))
+        run.watched[rows] = True
         controlled = self.model.controlled
         run.before = Before(True, run.v[controlled], vdot[controlled], resolved.kept)
         run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)
@@ -376,15 +392,15 @@ class Follower:
         model = self.model
         inside = np.clip(q_0, model.lower, model.upper)
         still = np.zeros_like(q_0)
-        targets = self._targets(inside, still, still)
-        run = _Run(self._whole(inside), np.zeros(model.n + model.n_p))
+        targets = self._targets(inside[None], still[None], still[None])[0]
+        watched = np.zeros(len(model.pairs.pair_of_shapes), dtype=bool)
+        run = _Run(self._whole(inside), np.zeros(model.n + model.n_p), watched)
         for step in range(_SETTLING):
             here = run.q
             told = self._step(run, targets)
             if told[3] == 1.0:  # the braking path from here is clear, and so is here
-                return here[model.controlled_positions], _Run(
-                    here, np.zeros_like(run.v)
-                )
+                still = np.zeros_like(run.v)
+                return here[model.controlled_positions], _Run(here, still, watched)
             if step > _STUCK and np.abs(run.q - here).max() < _SETTLED:
                 break  # nothing leads out
         raise MotionError(

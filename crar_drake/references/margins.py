@@ -12,16 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.control.modes.lookahead import LookaheadMode
-from crar_drake.equations.admission import path_bounds, travel
-from crar_drake.equations.kinematics import Measured, row_distances
+from crar_drake.equations.nearby import bounds_of_some, nearby_distances
 from crar_drake.robot.model import ControlModel
 
 # A way's bound is sought so far below what its ends keep, then four times farther
 # and so on [m].
 _FIRST_SLACK = 2e-4
 _LARGEST_SLACK = 0.05
-
-_NOTHING_ASKED = np.zeros((0, 7))
 
 
 @dataclass(frozen=True)
@@ -62,40 +59,20 @@ def find_margins(
         rate: frames per second [Hz].
     """
     frames = len(q)
-    robot, reaches = model.robot_ahead.value, mode.reaches.value
     whole = _configurations(model, q)
-    still = np.zeros(model.plant.num_velocities())
-    pair_of_row = _pair_of_row(model)
-    distance, between = np.empty(frames), np.empty(frames)
-    pair = np.empty(frames, dtype=int)
-    for k in range(frames):
-        ends = whole[[k, min(k + 1, frames - 1)]]
-        d = row_distances(Measured(ends, still, _NOTHING_ASKED), robot)[:, reaches.rows]
-        nearest = int(d[0].argmin())
-        distance[k], pair[k] = d[0, nearest], pair_of_row[reaches.rows[nearest]]
-        start = ends[0][model.positions]
-        between[k] = _on_way(start, ends[1][model.positions] - start, d, robot, mode)
+    everything = np.full((frames, len(mode.reaches.value.rows)), np.inf)
+    d = nearby_distances(whole, everything, mode.robot)
+    nearest = d.argmin(axis=1)
+    distance = d[np.arange(frames), nearest]
+    pair = model.pairs.pair_of_shapes[nearest]
+    between = distance.copy()
+    for k in range(frames - 1):
+        start, end = whole[k][model.positions], whole[k + 1][model.positions]
+        between[k] = _on_way(start, end - start, d[k : k + 2], mode)
     speed = np.zeros(frames)
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / speed_limits).max(axis=1)
     limit = np.minimum(q - model.lower, model.upper - q).min(axis=1)
     return Margins(distance, pair, between, limit, speed)
-
-
-def pair_distances(model: ControlModel, q: np.ndarray) -> np.ndarray:
-    """Signed distances of all watched pairs at each frame, (T, Nc) [m].
-
-    Args:
-        model: of the robot.
-        q: (T, n) positions of the controlled joints [rad or m].
-    """
-    whole, robot = _configurations(model, q), model.robot_ahead.value
-    still = np.zeros(model.plant.num_velocities())
-    found = np.empty((len(q), len(model.pairs.shape_pairs)))
-    for k in range(0, len(q), 2):  # the equations take two configurations at a time
-        two = whole[[k, min(k + 1, len(q) - 1)]]
-        d = row_distances(Measured(two, still, _NOTHING_ASKED), robot)
-        found[k : k + 2] = d[:, model.pairs.shape_pairs].min(axis=2)[: len(q) - k]
-    return found
 
 
 def _configurations(model: ControlModel, q: np.ndarray) -> np.ndarray:
@@ -105,32 +82,24 @@ def _configurations(model: ControlModel, q: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _on_way(start, x, d, robot, mode: LookaheadMode) -> float:
+def _on_way(start, x, d, mode: LookaheadMode) -> float:
     """A bound for all distances on the way from `start` to `start` + x [m].
 
     Args:
         start, x: (nv,) in the equations' order.
-        d: (2, Np) the distances at its ends [m].
-        robot, mode: of the pairs.
+        d: (2, Nr) the distances at its ends [m].
+        mode: of the pairs.
     """
-    ends = d.min(axis=0)
-    low = 0.5 * (d[0] + d[1] - travel(x, mode.reaches))
+    nearest = d.min()
+    low = 0.5 * (d[0] + d[1] - mode.reaches.value.farthest @ np.abs(x))
     slack = _FIRST_SLACK
     while slack < _LARGEST_SLACK:
-        level = np.full(len(low), ends.min() - slack)
-        asked = low < level
-        if not asked.any():
-            return float(low.min())
-        found = path_bounds(start, x, level, asked, robot, mode.reaches)
-        shown = asked & (found.at < 0.0)
-        low[shown] = np.maximum(low[shown], found.low[shown])
+        rows = np.flatnonzero(low < nearest - slack)
+        if not len(rows):
+            break
+        level = nearest - slack
+        found = bounds_of_some(start, x, level, rows, mode.robot, mode.reaches)
+        shown = found.at < 0.0
+        low[rows[shown]] = np.maximum(low[rows[shown]], found.low[shown])
         slack *= 4.0
     return float(low.min())
-
-
-def _pair_of_row(model: ControlModel) -> np.ndarray:
-    """The watched pair of each row of a pair of shapes."""
-    pair_of_row = np.empty(int(model.pairs.shape_pairs.max()) + 1, dtype=int)
-    for pair, rows in enumerate(model.pairs.shape_pairs):
-        pair_of_row[rows] = pair
-    return pair_of_row

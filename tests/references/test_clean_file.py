@@ -19,6 +19,8 @@ from crar_drake.references.motion_certificate import (
     check_certificate,
     read_certificate,
 )
+from crar_drake.references.robot_motion import read_motions, write_motions
+from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
 
@@ -47,6 +49,67 @@ def test_the_root_stays_and_the_layout_too(cleaned):
     change = after[:, 7:] - before[:, 7:]
     assert row.joints_worst == pytest.approx(np.abs(change).max(), abs=1e-9)
     assert row.joints_rms == pytest.approx(np.sqrt((change**2).mean()), abs=1e-9)
+
+
+def csv_parts(path, first, last):
+    """Root positions, quaternions from w and joints; columns `first` to `last` are x
+    y z, and w is the other one of the four."""
+    table = np.loadtxt(path, delimiter=",")
+    w = 6 if first == 3 else 3
+    return table[:, :3], table[:, [w, *range(first, last)]], table[:, 7:]
+
+
+def npz_parts(path):
+    held = np.load(path)
+    return held["body_pos_w"][:, 0], held["body_quat_w"][:, 0], held["joint_pos"]
+
+
+def holosoma_parts(path):
+    joints = np.load(path)["joint_pos"]
+    return joints[:, :3], joints[:, 3:7], joints[:, 7:]
+
+
+def gmr_parts(path):
+    held = pickle.loads(path.read_bytes())
+    return held["root_pos"], held["root_rot"][:, [3, 0, 1, 2]], held["dof_pos"]
+
+
+def motion_lib_parts(path):
+    (held,) = pickle.loads(path.read_bytes()).values()
+    rotations = held["root_rot"][:, [3, 0, 1, 2]]
+    return held["root_trans_offset"], rotations, held["dof"]
+
+
+# As docs/references.md describes the layouts, without what reads them here.
+READERS = {
+    "xyzw-csv": (".csv", lambda path: csv_parts(path, 3, 6)),
+    "wxyz-csv": (".csv", lambda path: csv_parts(path, 4, 7)),
+    "beyondmimic-npz": (".npz", npz_parts),
+    "mjlab-npz": (".npz", npz_parts),
+    "holosoma-npz": (".npz", holosoma_parts),
+    "gmr-pkl": (".pkl", gmr_parts),
+    "motion-lib-pkl": (".pkl", motion_lib_parts),
+}
+
+
+@pytest.mark.parametrize("layout", READERS)
+def test_a_cleaned_file_is_what_others_read(cleaned, tmp_path, layout):
+    folder, _, wanted, _ = cleaned
+    ending, parts = READERS[layout]
+    robot = WholeBody(load_robot_description(folder))
+    (motion,) = read_motions(folder / "reach.csv", robot=robot)
+    reference, out = tmp_path / f"in{ending}", tmp_path / f"out{ending}"
+    write_motions(reference, [motion], layout, robot)
+    (row,) = clean_file(reference, out, str(folder), layout=layout)
+    assert row.penetrating_before > 0 and not row.violated
+    p, Q, joints = parts(out)
+    expected = np.loadtxt(wanted, delimiter=",")
+    # Layouts of 32 bits give the law a reference that is a little off.
+    np.testing.assert_allclose(p, expected[:, :3], atol=1e-6)
+    turned = np.sign(Q[:, :1]) * Q
+    np.testing.assert_allclose(turned, expected[:, 3:7], atol=1e-6)
+    np.testing.assert_allclose(joints, expected[:, 7:], atol=1e-4)
+    assert check(folder, out).holds
 
 
 def test_the_certificate_holds(cleaned):

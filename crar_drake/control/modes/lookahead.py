@@ -2,6 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from crar_drake.equations.lookahead import (
     find_limits,
     lookahead_or_scaled,
 )
+from crar_drake.equations.nearby import still_clear, watched_nearby
 from crar_drake.equations.references import TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
@@ -109,8 +111,11 @@ class LookaheadMode(Mode):
     """(L1)-(L9) of `equations.lookahead`.
 
     Attributes:
+        robot: holds the `Robot` with a row for each pair of shapes, in two
+            configurations.
         reaches: holds the `Reaches` of the watched pairs, for other paths than braking
             ones.
+        admission: its numbers.
     """
 
     diagnostics = (
@@ -167,23 +172,51 @@ class LookaheadMode(Mode):
             plant.GetPositionLowerLimits(),
             plant.GetPositionUpperLimits(),
         )
-        admission = AdmissionGains(
+        self.admission = AdmissionGains(
             T=float(self.horizon),
             period=float(parameters.period),
             step=min(float(plant.time_step()), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
-        self.reaches = hold(reaches)
+        self.robot, self.reaches = model.robot_ahead, hold(reaches)
         self._numbers = hold(
             LookaheadNumbers(
                 gains,
                 hold(limits),
                 numbers,
-                admission,
+                self.admission,
                 self.reaches,
                 model.pairs.shape_pairs,
             )
         )
+
+    def watching(
+        self, q: np.ndarray, v: np.ndarray, fastest: np.ndarray
+    ) -> "tuple[LookaheadMode, np.ndarray, np.ndarray]":
+        """The mode on the pairs of shapes that can influence a step, which is the same.
+
+        Args:
+            q, v: (nq,), (nv,) state.
+            fastest: (nv,) what is expected of the step's |s|.
+
+        Returns:
+            The mode; (N,) its rows; (Nr,) for `leaves_clear`.
+        """
+        some = copy(self)
+        rows, room, some.robot, some._numbers = watched_nearby(
+            q, v, fastest, self.robot, self._numbers
+        )
+        return some, rows, room
+
+    def leaves_clear(self, s: np.ndarray, room: np.ndarray) -> bool:
+        """Whether a step leaves all pairs clear that `watching` left out.
+
+        Args:
+            s: (nv,) velocity of where the robot would come to rest, in the plant's
+                order.
+            room: of `watching`.
+        """
+        return still_clear(s[self._model.order], room, self._numbers)
 
     @staticmethod
     def check(parameters: "CrarParameters") -> None:
@@ -220,18 +253,18 @@ class LookaheadMode(Mode):
         else:
             last = LookaheadMemory(before.qdot, before.qddot, before.kept)
         answer, slip, margins, admission = lookahead_or_scaled(
-            measured, wanted, model.robot_ahead, self._numbers, last, _NOT_GIVEN
+            measured, wanted, self.robot, self._numbers, last, _NOT_GIVEN
         )
         told = {"resting_margins": margins, "admission": admission}
         return Resolved(answer, slip, told)
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-        return acceleration_bounds(measured, self._model.robot_ahead, self._numbers)
+        return acceleration_bounds(measured, self.robot, self._numbers)
 
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        robot, numbers = self._model.robot_ahead, self._numbers
+        robot, numbers = self.robot, self._numbers
         answer, _, _, told = lookahead_or_scaled(
             measured, NOT_WANTED, robot, numbers, NOTHING_BEFORE, vdot
         )

@@ -1,0 +1,69 @@
+"""Pink as a filter: reference joints and feet in, configurations out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pink
+from pink.barriers import SelfCollisionBarrier
+from pink.limits import ConfigurationLimit, VelocityLimit
+from pink.tasks import FrameTask, PostureTask
+
+from benchmarks.peers.driver import Filter, NoAnswer, main
+from benchmarks.peers.run_pink import robot_with_shapes
+
+
+class PinkFilter(Filter):
+    """Settings: steps, barrier_gain, safe_displacement, collision_distance [m] and how
+    many of the nearest pairs count; foot and foot_turn costs, a joint's is 1."""
+
+    packages = ("pin-pink", "pin", "coal", "daqp", "qpsolvers", "numpy")
+
+    def set_up(self, settings: dict) -> None:
+        problem = self.problem
+        self.configuration = configuration = robot_with_shapes(problem)
+        model = configuration.model
+        self.feet = [
+            FrameTask(
+                link,
+                position_cost=settings["foot"],
+                orientation_cost=settings["foot_turn"],
+            )
+            for link in problem.links
+        ]
+        self.posture = PostureTask(cost=1.0)
+        self.limits = [
+            ConfigurationLimit(model),
+            VelocityLimit(model, problem.velocity_limits),
+        ]
+        self.barriers = [
+            SelfCollisionBarrier(
+                n_collision_pairs=settings["pairs"],
+                gain=settings["barrier_gain"],
+                safe_displacement_gain=settings["safe_displacement"],
+                d_min=settings["collision_distance"],
+            )
+        ]
+
+    def solve(self, q: np.ndarray, v: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        configuration = self.configuration
+        configuration.update(targets)
+        self.posture.set_target(targets)
+        for task in self.feet:
+            task.set_target_from_configuration(configuration)
+        configuration.update(q)
+        try:
+            return pink.solve_ik(
+                configuration,
+                [self.posture, *self.feet],
+                self.period,
+                "daqp",
+                limits=self.limits,
+                barriers=self.barriers,
+                safety_break=False,
+            )
+        except pink.exceptions.NoSolutionFound as error:
+            raise NoAnswer from error
+
+
+if __name__ == "__main__":
+    main(PinkFilter)

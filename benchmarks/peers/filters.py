@@ -1,0 +1,422 @@
+"""Reference motions cleaned by crar_drake, and filtered by PlaCo, mink and Pink.
+
+    python -m benchmarks.peers.filters g1_whole $CRAR_ROBOT_MOTIONS --table filters.md
+
+Each peer gets the same robot with the same capsules and watched pairs, its root fixed,
+and frame by frame the reference: all joints as a posture task, the feet's poses with
+the weights that `crar-drake clean` has, and its own limits and avoidance of collisions.
+They begin where ours does: in the first frame or, where that is not clear, in a clear
+configuration beside it; from a start in penetration Pink goes farther in, and mink
+stays. Every setting of a peer's grid is tried on every motion; of each motion that one
+is shown which leaves the fewest frames with capsules in penetration, and of several the
+one that changes the joints the least. All are judged as `crar-drake judge` does.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.peers.compare import Entry, parser_of, recorded, run_command
+from benchmarks.peers.peers import MARGIN, Peer, every
+from benchmarks.peers.problem import finite_or_none, write_robot
+from benchmarks.peers.report import machine
+from crar_drake.errors import MotionError
+from crar_drake.files import whole_file
+from crar_drake.references.change import Change, find_change
+from crar_drake.references.following import FEET, CleaningParameters, Follower
+from crar_drake.references.judged_files import motions_below
+from crar_drake.references.reference_judge import ReferenceJudge, ReferenceVerdict
+from crar_drake.references.robot_motion import RobotMotion, read_motions
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import (
+    RobotDescription,
+    find_frame,
+    load_robot_description,
+)
+from crar_drake.studies.tables import markdown_table, write_report
+
+OURS = "crar-drake clean"
+_FEET = {
+    "foot": (CleaningParameters.foot_weight,),
+    "foot_turn": (CleaningParameters.foot_turn_weight,),
+}
+_STEPS = (1, 4)  # of 33 ms and of 8 ms at 30 Hz
+
+FILTERS = (
+    Peer(
+        "PlaCo",
+        "filter_placo",
+        "placo",
+        every(
+            steps=_STEPS,
+            margin=(MARGIN,),
+            trigger=(0.1,),
+            priority=("hard",),
+            weight=(1.0,),
+            **_FEET,
+        )
+        + every(
+            steps=_STEPS,
+            margin=(MARGIN,),
+            trigger=(0.1,),
+            priority=("soft",),
+            weight=(1e3, 1e5),
+            **_FEET,
+        ),
+        python=False,
+    ),
+    Peer(
+        "mink",
+        "filter_mink",
+        "mink",
+        every(
+            steps=_STEPS,
+            # Up to 1 by its documentation; up to the period it is a displacement.
+            collision_gain=(0.004, 0.008, 0.015, 0.03, 0.85),
+            collision_distance=(MARGIN,),
+            detection_distance=(0.1,),
+            relaxation=(0.0,),
+            **_FEET,
+        ),
+        python=True,
+    ),
+    Peer(
+        "Pink",
+        "filter_pink",
+        "pink",
+        every(
+            steps=_STEPS,
+            barrier_gain=(10.0, 20.0, 40.0),
+            safe_displacement=(0.0,),
+            collision_distance=(MARGIN,),
+            pairs=(50,),
+            **_FEET,
+        ),
+        python=True,
+    ),
+)
+
+HEADER = (
+    "motion, filter",
+    "frames in penetration, meshes",
+    "deepest",
+    "frames, capsules",
+    "beyond a limit",
+    "without an answer",
+    "joints, rms / worst",
+    "feet, rms / worst",
+    "hands, rms / worst",
+    "rms jerk",
+    "times real time",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a filter made of a motion, or the motion itself.
+
+    Attributes:
+        motion, name: of the motion, and of the filter; "" for the reference.
+        settings: of the filter.
+        frames: of the motion.
+        mesh_frames, capsule_frames: in penetration.
+        judged: frames whose meshes were judged.
+        deepest: penetration of meshes [m].
+        beyond: frames with a joint beyond its limit or its speed limit.
+        no_answer: frames in which the filter had no answer, and stood still.
+        change: from the reference.
+        times_real_time: by the processor's time.
+    """
+
+    motion: str
+    name: str
+    settings: dict
+    frames: int
+    judged: int
+    mesh_frames: int
+    capsule_frames: int
+    deepest: float
+    beyond: int
+    no_answer: int
+    change: Change
+    times_real_time: float
+
+
+def write_references(
+    folder: Path,
+    description: RobotDescription,
+    motions: dict[str, RobotMotion],
+    starts: dict[str, np.ndarray],
+) -> dict[str, float]:
+    """Writes the robot and a case for every motion, for the drivers of filters.
+
+    Args:
+        folder: is made.
+        description: of the robot.
+        motions: by the names of their cases, joints in the robot's order.
+        starts: (n,) where each is to begin.
+
+    Returns:
+        Their periods [s].
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    robot = WholeBody(description)
+    feet = [
+        find_frame(robot.plant, description.task_frames[foot]).body().name()
+        for foot in FEET
+        if foot in description.task_frames
+    ]
+    write_robot(folder, description, feet)
+    rest = dict.fromkeys(robot.joint_names, 0.0) | description.rest_posture
+    problem = {
+        "robot": description.name,
+        "joints": list(robot.joint_names),
+        "lower": finite_or_none(robot.lower),
+        "upper": finite_or_none(robot.upper),
+        "velocity_limits": robot.speed_limits.tolist(),
+        "task_links": feet,
+        "pairs": description.pairs,
+        "rest": [rest[joint] for joint in robot.joint_names],
+    }
+    with whole_file(folder / "problem.json") as temporary:
+        temporary.write_text(json.dumps(problem, indent=1))
+    for name, motion in motions.items():
+        with whole_file(folder / f"{name}.npz") as temporary:
+            clock = np.arange(motion.num_frames) / motion.rate
+            q = motion.joint_positions
+            np.savez(temporary, time=clock, q=q, q_start=starts[name])
+    return {name: 1.0 / motion.rate for name, motion in motions.items()}
+
+
+def read_references(path: Path, robot: WholeBody) -> dict[str, RobotMotion]:
+    """The motions of a file or of a folder, by name, joints in the robot's order.
+
+    Raises:
+        MotionError: there is none, or one cannot be read.
+    """
+    files = motions_below(path) if path.is_dir() else [path]
+    found = {}
+    for file in files:
+        for motion in read_motions(file, robot=robot):
+            found[f"{file.stem}{f' {motion.clip}' if motion.clip else ''}"] = motion
+    if not found:
+        raise MotionError(f"{path}: has no motions (.csv, .npz, .pkl)")
+    return found
+
+
+def cleaned(
+    description: RobotDescription, motion: RobotMotion, columns: Sequence[int]
+) -> tuple[RobotMotion, float]:
+    """By crar_drake, and the processor's time that it took [s], compiled before.
+
+    Args:
+        description: of the robot.
+        motion: the reference.
+        columns: of the joints that the robot controls, in a motion's.
+    """
+    reference = np.ascontiguousarray(motion.joint_positions[:, columns])
+    follower = Follower(description, motion.rate)
+    start = time.process_time()
+    q = motion.joint_positions.copy()
+    q[:, columns] = follower.follow(reference).q
+    took = time.process_time() - start
+    return replace(motion, joint_positions=q), took
+
+
+def row(
+    reference: RobotMotion,
+    motion: RobotMotion,
+    judge: ReferenceJudge,
+    name: str = "",
+    settings: dict | None = None,
+    no_answer: int = 0,
+    seconds: float = np.inf,
+    every: float | None = None,
+) -> Row:
+    """Judges what a filter made of a reference.
+
+    Args:
+        reference, motion: before and after.
+        judge: with or without meshes.
+        name, settings, no_answer: see `Row`.
+        seconds: that the filter took [s].
+        every: time between frames whose meshes are judged [s]; by default all are.
+    """
+    verdict: ReferenceVerdict = judge.judge(motion, every)
+    beyond = {k for joint in verdict.limits + verdict.speeds for k in joint.frames}
+    return Row(
+        motion="",
+        name=name,
+        settings=settings or {},
+        frames=motion.num_frames,
+        judged=len(verdict.mesh_frames),
+        mesh_frames=len(verdict.penetrating_frames),
+        capsule_frames=len(verdict.capsule_frames),
+        deepest=max((pair.depth for pair in verdict.mesh_pairs), default=0.0),
+        beyond=len(beyond),
+        no_answer=no_answer,
+        change=find_change(reference, motion, judge.robot),
+        times_real_time=(motion.num_frames - 1) / motion.rate / seconds,
+    )
+
+
+def best(rows: Iterable[Row]) -> Row:
+    """The fewest frames with capsules in penetration, then the least change."""
+    return min(rows, key=lambda row: (row.capsule_frames, row.change.joints_rms))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = parser_of(__doc__.splitlines()[0], "out/filters")
+    parser.add_argument("robot", help="name or folder, imported as a whole body")
+    parser.add_argument(
+        "motions", type=Path, help="a robot motion, or a folder of such"
+    )
+    parser.add_argument(
+        "--every",
+        type=float,
+        help="judge meshes every so many seconds, not in all frames",
+    )
+    parser.add_argument("--only", default="", help="filters whose names contain this")
+    parser.add_argument("--table", type=Path, help="write the table to this file")
+    arguments = parser.parse_args(argv)
+    description = load_robot_description(arguments.robot).without_ground()
+    by_capsules = ReferenceJudge(description, meshes=False)
+    references = read_references(arguments.motions, by_capsules.robot)
+    controlled = Follower(description, 50.0).model.joint_names
+    columns = [by_capsules.robot.joint_names.index(joint) for joint in controlled]
+    ours = {}
+    for name, reference in references.items():
+        cleaned(description, _first_frames(reference), columns)  # compiles
+        ours[name] = cleaned(description, reference, columns)
+    out = arguments.out.resolve()
+    starts = {name: motion.joint_positions[0] for name, (motion, _) in ours.items()}
+    periods = write_references(out / "problem", description, references, starts)
+    tried: dict[str, dict[str, list[tuple[Row, dict]]]] = {}
+    versions: dict[str, str] = {}
+    rows = [
+        Entry(f"{peer.name} {i}", peer, dict.fromkeys(references, settings))
+        for peer in FILTERS
+        if arguments.only in peer.name
+        for i, settings in enumerate(peer.grid)
+    ]
+    for entry, found in recorded(rows, periods, arguments, out / "problem", keep=True):
+        of_peer = tried.setdefault(entry.peer.name, {name: [] for name in references})
+        for name, result in found.items():
+            versions |= json.loads(str(result["versions"]))
+            after = replace(references[name], joint_positions=result["q"])
+            judged = row(
+                references[name],
+                after,
+                by_capsules,
+                entry.peer.name,
+                entry.settings[name],
+                int(result["no_answer"].sum()),
+                float(result["step_time"].sum()),
+            )
+            of_peer[name].append((judged, after))
+    judge = ReferenceJudge(description)
+    made: dict[str, list[Row]] = {}
+    for name, reference in references.items():
+        after, seconds = ours[name]
+        made[name] = [
+            row(reference, reference, judge, every=arguments.every),
+            row(reference, after, judge, OURS, seconds=seconds, every=arguments.every),
+        ]
+        for of_peer in tried.values():
+            taken = best(one for one, _ in of_peer[name])
+            (after,) = (motion for one, motion in of_peer[name] if one is taken)
+            full = row(reference, after, judge, every=arguments.every)
+            made[name].append(
+                replace(
+                    taken,
+                    judged=full.judged,
+                    mesh_frames=full.mesh_frames,
+                    deepest=full.deepest,
+                )
+            )
+    with whole_file(out / "filters.json") as temporary:
+        told = {
+            "shown": {name: [asdict(r) for r in each] for name, each in made.items()},
+            "tried": {
+                peer: {name: [asdict(r) for r, _ in of] for name, of in each.items()}
+                for peer, each in tried.items()
+            },
+        }
+        temporary.write_text(json.dumps(told, indent=1))
+    write_report(report(made, versions), arguments.table)
+
+
+def report(made: dict[str, list[Row]], versions: dict[str, str]) -> str:
+    """The table, and with which settings and versions it was made."""
+    table = markdown_table(
+        HEADER, [cells(name, r) for name, each in made.items() for r in each]
+    )
+    chosen = "".join(
+        f"* {r.name}, {name}: `{json.dumps(r.settings)}`\n"
+        for name, each in made.items()
+        for r in each
+        if r.settings
+    )
+    sizes = ", ".join(f"{len(peer.grid)} of {peer.name}" for peer in FILTERS)
+    packages = ", ".join(
+        f"{name} {number}" for name, number in sorted(versions.items())
+    )
+    return (
+        f"{table}\nSettings taken ({sizes} tried):\n\n{chosen}\n"
+        f"{machine()}; {packages}.\n"
+    )
+
+
+def cells(motion: str, row: Row) -> list[str]:
+    """A row as text, in the order of HEADER."""
+    change = row.change
+    if not row.name:
+        return [
+            f"**{motion}**, {row.frames} frames",
+            f"{row.mesh_frames} of {row.judged}",
+            _depth(row.deepest),
+            str(row.capsule_frames),
+            str(row.beyond),
+            *["–"] * 4,
+            f"{change.jerk:.0f} rad/s³",
+            "–",
+        ]
+    return [
+        row.name,
+        str(row.mesh_frames),
+        _depth(row.deepest),
+        str(row.capsule_frames),
+        str(row.beyond),
+        str(row.no_answer),
+        "{:.2f}° / {:.1f}°".format(
+            *np.degrees([change.joints_rms, change.joints_worst])
+        ),
+        _millimetres(change.feet_rms, change.feet_worst),
+        _millimetres(change.hands_rms, change.hands_worst),
+        f"{change.jerk:.0f} rad/s³",
+        f"{row.times_real_time:.1f}",
+    ]
+
+
+def _first_frames(motion: RobotMotion) -> RobotMotion:
+    """A few of them, twice: standing still, so that they can be cleaned."""
+    first = np.tile(motion.joint_positions[:1], (motion.num_frames, 1))
+    return replace(motion, joint_positions=first)
+
+
+def _depth(depth: float) -> str:
+    return f"{1e3 * depth:.1f} mm" if depth else "none"
+
+
+def _millimetres(rms: float, worst: float) -> str:
+    return f"{1e3 * rms:.1f} / {1e3 * worst:.1f} mm"
+
+
+if __name__ == "__main__":
+    run_command(main)

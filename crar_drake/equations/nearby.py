@@ -1,0 +1,238 @@
+"""Which shapes can be near in a motion, and the equations on these alone.
+
+Most pairs of a whole robot are far apart at any time. The balls about two shapes bound
+their distance from below, for a tenth of the effort.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.admission import (
+    Bounds,
+    Reaches,
+    farther,
+    path_bounds,
+    sizes_of,
+    travel,
+)
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
+from crar_drake.equations.compilation import Held, compiled, hold
+from crar_drake.equations.kinematics import Robot, link_poses, place_points
+from crar_drake.equations.lookahead import LookaheadNumbers
+
+
+@compiled
+def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarray:
+    """Bounds from below for the distances of pairs of shapes, exact where it matters.
+
+    Args:
+        q: (T, nq) positions in the plant's order.
+        enough: (T, Nr) [m]: a pair is examined only if the balls about its shapes are
+            not so far apart.
+        robot: holds a `Robot` with a row for each pair of capsules and spheres.
+
+    Returns:
+        (T, Nr) the signed distances where they were examined, else those of the balls,
+        at least `enough` [m].
+    """
+    r = robot.value
+    pairs = r.pairs.value
+    count = enough.shape[1]
+    radius = np.empty(count)
+    for i in range(count):
+        radius[i] = (
+            0.5 * (np.sqrt(pairs.sizes.uu[i]) + np.sqrt(pairs.sizes.vv[i]))
+            + pairs.sizes.radii[i]
+        )
+    found = np.empty((len(q), count))
+    for k in range(len(q)):
+        X = link_poses(q[k : k + 1], r.tree.value)
+        points = place_points(X, r.selection, r.first)[0]
+        some = np.zeros(count, dtype=np.bool_)
+        for i in range(count):
+            a, u = points[pairs.start_a[i]], points[pairs.vector_a[i]]
+            b, v = points[pairs.start_b[i]], points[pairs.vector_b[i]]
+            apart = 0.0
+            for c in range(3):
+                apart += (a[c] - b[c] + 0.5 * (u[c] - v[c])) ** 2
+            found[k, i] = np.sqrt(apart) - radius[i]
+            some[i] = not found[k, i] >= enough[k, i]
+        rows = np.flatnonzero(some)
+        d, _, _, _ = nearest_points(
+            points[pairs.start_a[rows]],
+            points[pairs.vector_a[rows]],
+            points[pairs.start_b[rows]],
+            points[pairs.vector_b[rows]],
+            sizes_of(pairs.sizes, rows),
+        )
+        for j in range(len(rows)):
+            found[k, rows[j]] = d[j]
+    return found
+
+
+@compiled
+def some_shapes(robot: Held, rows: np.ndarray) -> Held:
+    """The robot with some pairs of shapes alone, whose rows are then 0, 1, ...
+
+    Args:
+        robot: holds a `Robot` in two configurations, with a row for each pair of
+            capsules and spheres.
+        rows: (N,) which.
+    """
+    r = robot.value
+    pairs = r.pairs.value
+    count = len(rows)
+    both = np.concatenate((rows, rows + len(pairs.moves)))
+    every = np.arange(2 * count)
+    some = ShapePairs(
+        pairs.start_a[both],
+        pairs.start_b[both],
+        pairs.vector_a[both],
+        pairs.vector_b[both],
+        sizes_of(pairs.sizes, both),
+        every,
+        every.reshape(-1, 1),
+        pairs.moves[rows],
+    )
+    return hold(
+        Robot(
+            r.order,
+            r.positions,
+            r.n,
+            r.selection,
+            r.first,
+            r.tree,
+            r.tasks,
+            r.rows,
+            hold(some),
+        )
+    )
+
+
+@compiled
+def some_reaches(reaches: Held, rows: np.ndarray) -> Held:
+    """`Reaches` of these pairs."""
+    of = reaches.value
+    return hold(
+        Reaches(
+            of.a_alone[rows],
+            of.b_alone[rows],
+            of.a[rows],
+            of.b[rows],
+            of.farthest[rows],
+            of.above,
+            np.arange(len(rows)),
+        )
+    )
+
+
+@compiled
+def with_reaches(numbers: Held, reaches: Held) -> Held:
+    """`LookaheadNumbers` of these pairs, each of which has one row."""
+    n, count = numbers.value, len(reaches.value.rows)
+    return hold(
+        LookaheadNumbers(
+            n.tasks,
+            n.limits,
+            n.gains,
+            n.admission,
+            reaches,
+            np.arange(count).reshape(-1, 1),
+        )
+    )
+
+
+@compiled
+def watched_nearby(
+    q: np.ndarray, v: np.ndarray, fastest: np.ndarray, robot: Held, numbers: Held
+) -> tuple[np.ndarray, np.ndarray, Held, Held]:
+    """The law on the pairs of shapes that a step can be influenced by.
+
+    A distance changes by at most (A6) on the braking path, and by as much again on the
+    way to the next one. So a pair has no row in the law if it is farther apart than the
+    first and the influence distance; and it keeps the floor, whatever the law does, if
+    it is farther than both and the floor. Of a step that is faster than `fastest`, the
+    second is to be asked again: `still_clear`.
+
+    Args:
+        q, v: (nq,), (nv,) state, in the plant's order.
+        fastest: (nv,) what is expected of |s|, likewise.
+        robot, numbers: hold a `Robot` and `LookaheadNumbers`.
+
+    Returns:
+        (N,) rows of the pairs that are watched; (Nr,) what no distance on the present
+        braking path is smaller than [m], infinite for these; the robot and the numbers
+        of these alone.
+    """
+    n, r = numbers.value, robot.value
+    of, gains = n.reaches, n.admission
+    here = travel(gains.T * v[r.order], of)
+    beyond = travel(farther(v, gains) * fastest[r.order], of)
+    enough = here + np.maximum(n.gains.influence_distance, gains.floor + beyond)
+    d = nearby_distances(q.reshape(1, -1), enough.reshape(1, -1), robot)[0]
+    rows = np.flatnonzero(d < enough)
+    if not len(rows):
+        rows = np.array([np.argmin(d)])
+    room = d - here
+    room[rows] = np.inf
+    some = some_reaches(of, rows)
+    return rows, room, some_shapes(robot, rows), with_reaches(numbers, some)
+
+
+@compiled
+def still_clear(s: np.ndarray, room: np.ndarray, numbers: Held) -> bool:
+    """Whether a step leaves clear what `watched_nearby` left out.
+
+    Args:
+        s: (nv,) velocity of where the robot would come to rest, in the order of the
+            equations.
+        room: (Nr,) of `watched_nearby`.
+        numbers: of all pairs.
+    """
+    n = numbers.value
+    moved = travel(farther(s, n.admission) * s, n.reaches)
+    return bool((room - moved >= n.admission.floor).all())
+
+
+@compiled
+def bounds_of_some(
+    start: np.ndarray,
+    x: np.ndarray,
+    level: float,
+    rows: np.ndarray,
+    robot: Held,
+    reaches: Held,
+) -> Bounds:
+    """`path_bounds` of some pairs, which are all to keep one level.
+
+    Args:
+        start, x: (nq,), (nv,) where the path begins, and where it leads from there, in
+            the order of the equations.
+        level: distance to be kept [m].
+        rows: (N,) which pairs.
+        robot: holds a `Robot`, as in `some_shapes`.
+        reaches: holds `Reaches` of all pairs.
+    """
+    levels, asked = np.full(len(rows), level), np.ones(len(rows), dtype=np.bool_)
+    some = some_reaches(reaches, rows)
+    return path_bounds(start, x, levels, asked, some_shapes(robot, rows).value, some)
+
+
+@compiled
+def keeps_level(
+    start: np.ndarray, x: np.ndarray, level: float, robot: Held, reaches: Held
+) -> bool:
+    """Whether all pairs keep a level on a path; arguments as in `bounds_of_some`."""
+    r = robot.value
+    enough = level + 0.5 * travel(x, reaches)
+    middle = start + 0.5 * x
+    in_plant = np.empty((1, len(start)))
+    for i in range(len(start)):
+        in_plant[0, r.positions[i]] = middle[i]
+    rows = np.flatnonzero(
+        nearby_distances(in_plant, enough.reshape(1, -1), robot)[0] < enough
+    )
+    if not len(rows):
+        return True
+    return not (bounds_of_some(start, x, level, rows, robot, reaches).at >= 0.0).any()

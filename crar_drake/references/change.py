@@ -1,0 +1,78 @@
+"""How far one motion of a robot is from another, and how smooth both are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.references.following import FEET, HANDS
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.smoothness import joint_jerks
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import find_frame
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became of a motion.
+
+    Attributes:
+        joints_rms, joints_worst: of the joints [rad].
+        feet_rms, feet_worst, hands_rms, hands_worst: of the positions of the feet's and
+            the hands' links in the root's frame [m]; NaN without.
+        jerk_before, jerk: root mean square of the joints' [rad/s^3].
+    """
+
+    joints_rms: float
+    joints_worst: float
+    feet_rms: float
+    feet_worst: float
+    hands_rms: float
+    hands_worst: float
+    jerk_before: float
+    jerk: float
+
+
+def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Change:
+    """From one motion to another of as many frames.
+
+    Args:
+        before, after: with their joints in the robot's order.
+        robot: that moves.
+    """
+    joints = after.joint_positions - before.joint_positions
+    feet, hands = (_moved(before, after, robot, frames) for frames in (FEET, HANDS))
+    return Change(
+        joints_rms=_rms(joints),
+        joints_worst=float(np.abs(joints).max()),
+        feet_rms=_rms(feet),
+        feet_worst=float(feet.max()),
+        hands_rms=_rms(hands),
+        hands_worst=float(hands.max()),
+        jerk_before=_rms(joint_jerks(before)),
+        jerk=_rms(joint_jerks(after)),
+    )
+
+
+def _moved(
+    before: RobotMotion, after: RobotMotion, robot: WholeBody, frames: tuple[str, ...]
+) -> np.ndarray:
+    """(T, L) how far the links of task frames are apart [m]; NaN without any."""
+    task_frames = robot.description.task_frames
+    links = tuple(
+        find_frame(robot.plant, task_frames[f]).body().name()
+        for f in frames
+        if f in task_frames
+    )
+    if not links:
+        return np.full((1, 1), np.nan)
+    was, now = (
+        robot.poses_in_root(motion.joint_positions, links)[0]
+        for motion in (before, after)
+    )
+    return np.linalg.norm(now - was, axis=2)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -27,7 +28,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, position_tasks
 from crar_drake.robot_import import import_robot
 from crar_drake.run import run_scenario
-from crar_drake.simulation.scenario import Scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.targets.keyframes import Keyframe
 
 RESULT, ROBOT = "result.json", "robot"
@@ -36,6 +37,8 @@ SEVEN = "upper-body"
 TOOL = "tool"
 
 _PERIOD = 0.005  # [s] of control
+# Whose settings let feet stand, see docs/whole-body.md.
+_WHOLE_BODY_SCENARIO = "g1_whole_body_dance"
 _MESH_PERIOD = 0.05  # [s]
 
 # An arm's tool visits places that its joints reach from the rest posture by turning
@@ -137,6 +140,8 @@ def try_robot(
 
 
 def _try(outcome: Outcome, subject, path, folder: Path, motion, duration) -> None:
+    # What an earlier import guessed would be kept.
+    shutil.rmtree(folder / ROBOT, ignore_errors=True)
     start = time.process_time()
     report = import_robot(path, folder / ROBOT, lock=LOCK)
     outcome.import_time = time.process_time() - start
@@ -168,17 +173,15 @@ def _scenario(
     scenario = Scenario(
         robot=str(robot),
         controller=CrarParameters(
-            # What carries a root is no ground: the torques of legs are not those of a
-            # robot that stands. As in the scenarios of G1's whole body.
-            period=_PERIOD,
-            damping=0.02,
-            respect_effort_limits=False,
+            period=_PERIOD, damping=0.02, respect_effort_limits=False
         ),
     )
     if set(EXPERIMENTS[SEVEN]) <= set(frames):
         stands = description.root == "prescribed" and "left_foot" in frames
         scenario.experiment = WHOLE_BODY if stands else SEVEN
         scenario.motion, scenario.duration = motion, duration
+        if stands:
+            scenario.controller = load_scenario(_WHOLE_BODY_SCENARIO).controller
     elif TOOL in frames:
         scenario.tasks = [Task(frame=TOOL)]
         scenario.keyframes = {TOOL: _visits(description)}

@@ -28,7 +28,7 @@ from crar_drake.motion.leg_shape import LegShape, TrunkShape
 from crar_drake.motion.parted_feet import part_feet
 from crar_drake.motion.performer import LEG, SIDES, Performer
 from crar_drake.motion.smooth_steps import smooth_bound
-from crar_drake.motion.turns import hip_turns, smooth_turns
+from crar_drake.motion.turns import between, hip_turns, smooth_turns
 
 # A straight leg is singular: its knee would turn infinitely fast [1].
 _STRETCH = 0.99
@@ -47,7 +47,8 @@ class LegsMotion:
 
     Attributes:
         root_positions: (T, 3) of the base's origin [m].
-        root_turns: (T, 4) quaternions (x y z w) of how it is turned from its rest.
+        root_turns: (T, 4) quaternions (x y z w) of how it is turned from its rest: as
+            the hips, and as far as the trunk cannot lean from them.
         knees: side to (T, 3) [m].
         feet: side to the foot's poses.
     """
@@ -78,7 +79,8 @@ def retarget_legs(
         cutoff: of the zero-phase low-pass [Hz].
         attainable: how a foot can be turned, within the limits of its leg's joints; it
             is then turned so, and stands on what of it is lowest.
-        trunk: what of the robot must stay above the floor by the root's height.
+        trunk: what of the robot must stay above the floor by the root's height, and
+            how far it can lean from the root.
 
     Raises:
         MotionError: the performer lacks joints of the legs, or does not tell how the
@@ -86,7 +88,7 @@ def retarget_legs(
     """
     p = _smooth_legs(performer, cutoff)
     rate = performer.frame_rate
-    root_turns = hip_turns(performer, cutoff)
+    root_turns = hip_turns(performer, cutoff, trunk)
     R_W = Rotation.from_quat(root_turns)
     scales = {side: legs[side].length / _length(performer, side) for side in SIDES}
     middle = 0.5 * (p["left_hip"] + p["right_hip"]) * np.mean(list(scales.values()))
@@ -279,7 +281,7 @@ def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
     along the pelvis: a robot's waist is somewhere in between.
     """
     way = R_W.inv().apply(p["neck"] - p["pelvis"])
-    bend = _between(trunk.neck, _unit(way)).as_matrix()
+    bend = between(trunk.neck, _unit(way)).as_matrix()
     R = R_W.as_matrix()
     lowest = np.min(R[:, 2] @ trunk.pelvis.T, axis=1, initial=np.inf)
     waist = R[:, 2] @ trunk.waist
@@ -288,14 +290,6 @@ def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
         lowest = np.minimum(lowest, waist + upper)
     needed = np.maximum(_ABOVE_FLOOR - (root[:, 2] + lowest), 0.0)
     return smooth_bound(needed, round(_ANTICIPATION * rate))
-
-
-def _between(a: np.ndarray, b: np.ndarray) -> Rotation:
-    """The shortest turns of direction a (3,) to each of b (T, 3)."""
-    axis, cosine = np.cross(a, b), b @ a
-    sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, cosine)
-    return Rotation.from_rotvec(axis * (angle / np.maximum(sine, 1e-9))[:, None])
 
 
 def _pulled_up(

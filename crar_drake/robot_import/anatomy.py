@@ -116,6 +116,18 @@ def find_leg_chains(
     return legs
 
 
+def mirrored_links(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, str]:
+    """Link of an arm or a leg to the same one of the other side."""
+    chains = [] if anatomy is None else [(anatomy.left, anatomy.right)]
+    if (legs := find_leg_chains(robot, anatomy)) is not None:
+        chains.append(legs)
+    twins: dict[str, str] = {}
+    for left, right in chains:
+        links = [[*(j.child for j in arm.joints), arm.hand] for arm in (left, right)]
+        twins |= dict(zip(*links, strict=True)) | dict(zip(*links[::-1], strict=True))
+    return twins
+
+
 def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     """Pairs of chains that mirror each other, that at +y first.
 

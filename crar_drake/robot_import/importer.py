@@ -30,6 +30,7 @@ from crar_drake.robot_import.anatomy import (
     elbow_index,
     find_anatomy,
     guess_rest,
+    mirrored_links,
 )
 from crar_drake.robot_import.capsule_fitting import Fit, coverage
 from crar_drake.robot_import.choices import (
@@ -43,6 +44,7 @@ from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
 from crar_drake.robot_import.leg_and_head_frames import (
+    bent_knees,
     guess_leg_and_head_frames,
     has_feet,
 )
@@ -752,8 +754,11 @@ def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
         return
     anatomy = find_anatomy(robot)
     rest = guess_rest(robot, anatomy, locked)
+    knees = bent_knees(robot, anatomy, locked) if anatomy else {}
+    rest |= knees
     how = (
-        "arms a little out, elbows bent, standing on the ground"
+        f"arms a little out, elbows {'and knees ' if knees else ''}bent, standing on "
+        "the ground"
         if anatomy
         else "a keyframe of the file"
         if robot.posture
@@ -795,7 +800,9 @@ def _pairs(
                 )
     if choices.pairs is not None:
         return []
-    found = sample_pairs(plant, capsules, rest, _adjacent(robot, locked, capsules))
+    twins = mirrored_links(robot, find_anatomy(robot))
+    adjacent = _adjacent(robot, locked, capsules)
+    found = sample_pairs(plant, capsules, rest, adjacent, twins=twins)
     choices.pairs = found.watched
     report.guessed["pairs"] = (
         f"all that came within 2 cm in sampled configurations; {found.never} never did"

@@ -25,7 +25,8 @@ class SampledPairs:
     Attributes:
         watched: pairs that can meet.
         least: smallest distance that each of them was sampled at [m].
-        overlapping: pairs that are in contact (or nearly) in the rest posture.
+        overlapping: pairs that are in contact (or nearly) in the rest posture, or
+            are near while those of the other side are in contact.
         always: pairs in contact in nearly every configuration.
         never: number of pairs that met in no configuration.
     """
@@ -43,6 +44,7 @@ def sample_pairs(
     rest: np.ndarray,
     adjacent: set[frozenset[str]],
     samples: int = SAMPLES,
+    twins: Mapping[str, str] | None = None,
 ) -> SampledPairs:
     """Samples joint positions uniformly within their limits.
 
@@ -52,6 +54,8 @@ def sample_pairs(
         rest: (nq,) the rest posture.
         adjacent: pairs that a joint connects, which always touch.
         samples: number of configurations.
+        twins: link to the same one of the robot's other side, which is treated alike
+            although its capsules are fitted a little otherwise.
     """
     links = [name for name in capsules if capsules[name]]
     bodies = {name: plant.GetBodyByName(name) for name in links}
@@ -104,9 +108,15 @@ def sample_pairs(
         d = distances(q)
         least = np.minimum(least, d)
         contacts += d < 0.0
+    touching = {
+        frozenset((twins or {}).get(link, link) for link in pair)
+        for pair, d in zip(candidates, at_rest, strict=True)
+        if d < _CLEAR
+    }
     watched, smallest, overlapping, always, never = [], [], [], [], 0
     for index, pair in enumerate(candidates):
-        if at_rest[index] < _CLEAR:
+        alike = frozenset(pair) in touching and at_rest[index] < _NEAR
+        if at_rest[index] < _CLEAR or alike:
             overlapping.append(list(pair))
         elif contacts[index] > _ALWAYS * samples:
             always.append(list(pair))

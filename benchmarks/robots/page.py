@@ -27,6 +27,8 @@ _HEADER = (
     "warnings",
 )
 
+_PAIRS = 2  # whose meshes penetrate, that are named
+
 
 def write_page(
     tried: Sequence[tuple[Subject, Outcome]], motion: str, path: Path | None
@@ -137,6 +139,10 @@ def _violations(o: Outcome) -> str:
         "speeds": (o.beyond_speed, o.samples),
     }
     told = [f"{what} {n} of {total}" for what, (n, total) in counts.items() if n]
+    if o.mesh_pairs:
+        told.append("; ".join(" and ".join(pair) for pair in o.mesh_pairs[:_PAIRS]))
+    if len(o.mesh_pairs) > _PAIRS:
+        told.append(f"{len(o.mesh_pairs) - _PAIRS} more pairs")
     return ", ".join(told) or "0"
 
 

@@ -69,6 +69,7 @@ class Outcome:
         capsules, meshes: smallest distances [m]; infinite where nothing is watched.
         penetrating, meshes_penetrating: samples.
         mesh_samples: that the meshes were asked at.
+        mesh_pairs: links whose meshes penetrate, the deepest first.
         beyond_limit, beyond_speed, samples: control steps.
         contacts, median_slip, worst_slip, lowest: of the feet [m].
     """
@@ -88,6 +89,7 @@ class Outcome:
     penetrating: int = 0
     meshes_penetrating: int = 0
     mesh_samples: int = 0
+    mesh_pairs: list[list[str]] = field(default_factory=list)
     beyond_limit: int = 0
     beyond_speed: int = 0
     samples: int = 0
@@ -255,6 +257,7 @@ def _judge(
         outcome.meshes = float(verdict.nearest.distance)
     outcome.mesh_samples = verdict.num_samples
     outcome.meshes_penetrating = verdict.num_penetrating
+    outcome.mesh_pairs = [list(each.pair) for each in verdict.penetrations]
     outcome.size = _size(model, scenario, log)
     if scenario.experiment == WHOLE_BODY:
         stood = footing(log, WholeBody(description), start)

@@ -19,7 +19,7 @@ from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 FEWEST_JOINTS = 4  # of an arm
 _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
-_AWAY = 0.25  # [rad] of an arm from the trunk, at rest
+AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
 MIRROR_TOLERANCE = 0.03  # [m]
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
@@ -268,11 +268,15 @@ def welded_below(robot: SourceRobot, link: str) -> list[str]:
 
 
 def guess_rest(
-    robot: SourceRobot, anatomy: Anatomy | None, locked: dict[str, float]
+    robot: SourceRobot,
+    anatomy: Anatomy | None,
+    locked: dict[str, float],
+    away: float = AWAY,
 ) -> dict[str, float]:
-    """Arms a little away from the trunk and elbows bent: clear of limits, of the
-    trunk, and of the singular pose of a straight arm. A robot without a pair of arms
-    has its joints as the file's own posture, else in the middle of their ranges."""
+    """Arms a little `away` [rad] from the trunk and elbows bent: clear of limits, of
+    the trunk, and of the singular pose of a straight arm. A robot without a pair of
+    arms has its joints as the file's own posture, else in the middle of their ranges.
+    """
     rest = {}
     for joint in robot.joints.values():
         if not joint.moves or joint.name in locked:
@@ -293,7 +297,7 @@ def guess_rest(
         elbow = elbow_index(X_zero, arm)
         moved = {}
         for joint in arm.joints[:elbow]:
-            for angle in (-_AWAY, _AWAY):
+            for angle in (-away, away):
                 there = rest[joint.name] + angle
                 if joint.lower < there < joint.upper:
                     X = robot.poses({**rest, joint.name: there})

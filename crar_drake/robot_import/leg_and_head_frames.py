@@ -22,7 +22,7 @@ from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 LEG_POINTS = ("hip", "knee", "foot")
 
 _UNEVEN = 2.0  # thigh over shank, or the other way
-_LATERAL = 0.8  # of a knee's axis, along the left
+_LATERAL = 0.8  # of a knee's axis, along the left; of a roll's, ahead
 _BENT = 0.4  # [rad] of a knee, at rest
 _STRAIGHT = 0.2  # [rad] that a knee is bent by at zero, at most, to be bent further
 _ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
@@ -107,7 +107,10 @@ def _knee_index(X, leg: Arm) -> int | None:
 
 
 def bent_knees(
-    robot: SourceRobot, anatomy: Anatomy, locked: Mapping[str, float]
+    robot: SourceRobot,
+    anatomy: Anatomy,
+    locked: Mapping[str, float],
+    spread: float = 0.0,
 ) -> dict[str, float]:
     """Joint to position [rad] of two legs that stand with their knees a little bent.
 
@@ -119,13 +122,15 @@ def bent_knees(
         robot: in a frame whose x axis is its front.
         anatomy: its arms.
         locked: joint to the position at which it is welded [rad or m].
+        spread: by which each hip rolls outwards, and the ankle back [rad].
     """
     rest: dict[str, float] = {}
-    for leg in find_leg_chains(robot, anatomy) or ():
+    legs = find_leg_chains(robot, anatomy) or ()
+    for leg, outwards in zip(legs, (1.0, -1.0), strict=False):
         bent = _bent(robot, leg, locked)
         if bent is None:
             return {}
-        rest |= bent
+        rest |= bent | _rolled(robot, leg, locked, outwards * spread)
     return rest
 
 
@@ -156,6 +161,24 @@ def _bent(robot: SourceRobot, leg: Arm, locked) -> dict[str, float] | None:
     return {
         joint.name: round(_inside(joint, float(sign[joint.name] * by)), 4)
         for joint, by in zip((hip, knee, ankle), turns, strict=True)
+    }
+
+
+def _rolled(robot: SourceRobot, leg: Arm, locked, angle: float) -> dict[str, float]:
+    """Hip and ankle, rolled against each other about the axis ahead."""
+    X = robot.poses(dict(locked))
+    knee = _knee_index(X, leg)
+    axes = [joint_axis(X, joint)[0] for joint in leg.joints]
+    rolls = [
+        i
+        for i, (joint, along) in enumerate(zip(leg.joints, axes, strict=True))
+        if abs(along) > _LATERAL and joint.name not in locked
+    ]
+    if not angle or not rolls or not rolls[0] < knee < rolls[-1]:
+        return {}
+    return {
+        leg.joints[i].name: round(_inside(leg.joints[i], np.sign(axes[i]) * by), 4)
+        for i, by in ((rolls[0], angle), (rolls[-1], -angle))
     }
 
 

@@ -22,6 +22,7 @@ _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
 MIRROR_TOLERANCE = 0.03  # [m]
+_MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
 _HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
 _ASIDE = 0.02  # [m] between the first joints of two arms, at least
@@ -52,14 +53,21 @@ class Anatomy:
 
 
 def find_anatomy(robot: SourceRobot) -> Anatomy | None:
-    """The robot's arms; None where no mirrored pair of chains is one of arms."""
+    """The robot's arms; None where no mirrored pair of chains is one of arms.
+
+    Where none is, two equal arms may be mounted back to back: a half turn about the
+    vertical takes one to the other, with all joints at zero.
+    """
     X = robot.poses()
-    pairs = [
-        pair
-        for pair in mirrored_chains(robot, FEWEST_JOINTS)
-        if not _are_legs(robot, pair)
-    ]
-    if not pairs:
+    for image in (_MIRROR, _HALF_TURN):
+        pairs = [
+            pair
+            for pair in mirrored_chains(robot, FEWEST_JOINTS, image)
+            if not _are_legs(robot, pair)
+        ]
+        if pairs:
+            break
+    else:
         return None
 
     def height(pair: tuple[Arm, Arm]) -> float:
@@ -128,7 +136,9 @@ def mirrored_links(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, str
     return twins
 
 
-def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
+def mirrored_chains(
+    robot: SourceRobot, fewest: int, image: tuple[int, int, int] = _MIRROR
+) -> list[tuple[Arm, Arm]]:
     """Pairs of chains that mirror each other, that at +y first.
 
     What tells is where their last joints are: what is welded beyond them, a camera on
@@ -137,6 +147,7 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     Args:
         robot: in a frame whose x axis is its front.
         fewest: joints that each has at least.
+        image: what a place of one is multiplied by for that of the other.
     """
     X = robot.poses()
     ends = chain_ends(robot)
@@ -147,8 +158,10 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
             if a == b or not ways[a] or not ways[b]:
                 continue
             p_a, p_b = (X[ways[end][-1].child].translation() for end in (a, b))
-            if np.abs(p_a - p_b * [1, -1, 1]).max() > MIRROR_TOLERANCE:
+            if np.abs(p_a - p_b * image).max() > MIRROR_TOLERANCE:
                 continue
+            if image == _HALF_TURN and abs(p_a[0]) > abs(p_a[1]):
+                continue  # one is ahead of the other
             common = 0
             for joint_a, joint_b in zip(ways[a], ways[b], strict=False):
                 if joint_a.name != joint_b.name:

@@ -27,7 +27,6 @@ from crar_drake.robot.description import (
     find_joint,
 )
 from crar_drake.robot_import.alarms import (
-    NEIGHBOURS,
     floor_alarms,
     joints_between,
     limb_alarms,
@@ -99,6 +98,7 @@ _BELOW_SOLES = 0.005
 # until nothing touches [rad].
 _AWAY = (AWAY, 0.4, 0.6)
 _SPREAD = (0.0, 0.1, 0.2)
+_SOCKET = 3  # joints of a hip or a shoulder, which what they join is built around
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -787,13 +787,13 @@ def _clear_rest(
     robot, anatomy: Anatomy, locked, capsules
 ) -> tuple[dict[str, float], bool]:
     """The first of some rest postures, arms ever farther out and legs farther apart, in
-    which the fewest capsules touch that are not neighbours'; and if knees are bent."""
+    which the fewest capsules touch that no hip or shoulder joins; and if knees bend."""
     pairs = [
         pair
         for pair in itertools.combinations((name for name in capsules), 2)
         if capsules[pair[0]]
         and capsules[pair[1]]
-        and joints_between(robot, locked, *pair) > NEIGHBOURS
+        and joints_between(robot, locked, *pair) > _SOCKET
     ]
     gaps = Gaps(capsules, pairs)
     found = []

@@ -71,6 +71,7 @@ class Outcome:
         mesh_samples: that the meshes were asked at.
         mesh_pairs: links whose meshes penetrate, the deepest first.
         beyond_limit, beyond_speed, samples: control steps.
+        at_top_speed: share of these in which a joint is within 1 % of its speed limit.
         contacts, median_slip, worst_slip, lowest: of the feet [m].
     """
 
@@ -93,20 +94,21 @@ class Outcome:
     beyond_limit: int = 0
     beyond_speed: int = 0
     samples: int = 0
+    at_top_speed: float | None = None
     contacts: int | None = None
     median_slip: float | None = None
     worst_slip: float | None = None
     lowest: float | None = None
 
     @property
+    def violations_of_model(self) -> int:
+        """Samples that violate what the controller knows: capsules, limits, speeds."""
+        return self.penetrating + self.beyond_limit + self.beyond_speed
+
+    @property
     def violations(self) -> int:
         """Samples that violate anything, by any judge; some count twice."""
-        return (
-            self.penetrating
-            + self.meshes_penetrating
-            + self.beyond_limit
-            + self.beyond_speed
-        )
+        return self.violations_of_model + self.meshes_penetrating
 
 
 def load_outcome(folder: Path) -> Outcome | None:
@@ -243,6 +245,7 @@ def _judge(
         log.q, log.v
     )
     outcome.samples = len(log.time)
+    outcome.at_top_speed = top_speed_share(log, speeds)
     outcome.capsules = found.smallest_distance if len(pairs) else None
     outcome.penetrating = found.num_penetrating
     outcome.beyond_limit, outcome.beyond_speed = (
@@ -263,6 +266,11 @@ def _judge(
         stood = footing(log, WholeBody(description), start)
         outcome.contacts, outcome.lowest = stood.contacts, stood.lowest
         outcome.median_slip, outcome.worst_slip = stood.median_slip, stood.worst_slip
+
+
+def top_speed_share(log: SimulationLog, speeds: np.ndarray) -> float:
+    """In how many samples a joint is within 1 % of its speed limit [0, 1]."""
+    return float(np.mean((np.abs(log.v) > 0.99 * speeds).any(axis=1)))
 
 
 def _size(model: ControlModel, scenario: Scenario, log: SimulationLog) -> float:

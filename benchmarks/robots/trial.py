@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -27,7 +28,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, position_tasks
 from crar_drake.robot_import import import_robot
 from crar_drake.run import run_scenario
-from crar_drake.simulation.scenario import Scenario
+from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.targets.keyframes import Keyframe
 
 RESULT, ROBOT = "result.json", "robot"
@@ -36,6 +37,8 @@ SEVEN = "upper-body"
 TOOL = "tool"
 
 _PERIOD = 0.005  # [s] of control
+# Whose settings let feet stand, see docs/whole-body.md.
+_WHOLE_BODY_SCENARIO = "g1_whole_body_dance"
 _MESH_PERIOD = 0.05  # [s]
 
 # An arm's tool visits places that its joints reach from the rest posture by turning
@@ -66,7 +69,9 @@ class Outcome:
         capsules, meshes: smallest distances [m]; infinite where nothing is watched.
         penetrating, meshes_penetrating: samples.
         mesh_samples: that the meshes were asked at.
+        mesh_pairs: links whose meshes penetrate, the deepest first.
         beyond_limit, beyond_speed, samples: control steps.
+        at_top_speed: share of these in which a joint is within 1 % of its speed limit.
         contacts, median_slip, worst_slip, lowest: of the feet [m].
     """
 
@@ -85,23 +90,25 @@ class Outcome:
     penetrating: int = 0
     meshes_penetrating: int = 0
     mesh_samples: int = 0
+    mesh_pairs: list[list[str]] = field(default_factory=list)
     beyond_limit: int = 0
     beyond_speed: int = 0
     samples: int = 0
+    at_top_speed: float | None = None
     contacts: int | None = None
     median_slip: float | None = None
     worst_slip: float | None = None
     lowest: float | None = None
 
     @property
+    def violations_of_model(self) -> int:
+        """Samples that violate what the controller knows: capsules, limits, speeds."""
+        return self.penetrating + self.beyond_limit + self.beyond_speed
+
+    @property
     def violations(self) -> int:
         """Samples that violate anything, by any judge; some count twice."""
-        return (
-            self.penetrating
-            + self.meshes_penetrating
-            + self.beyond_limit
-            + self.beyond_speed
-        )
+        return self.violations_of_model + self.meshes_penetrating
 
 
 def load_outcome(folder: Path) -> Outcome | None:
@@ -137,6 +144,8 @@ def try_robot(
 
 
 def _try(outcome: Outcome, subject, path, folder: Path, motion, duration) -> None:
+    # What an earlier import guessed would be kept.
+    shutil.rmtree(folder / ROBOT, ignore_errors=True)
     start = time.process_time()
     report = import_robot(path, folder / ROBOT, lock=LOCK)
     outcome.import_time = time.process_time() - start
@@ -168,17 +177,15 @@ def _scenario(
     scenario = Scenario(
         robot=str(robot),
         controller=CrarParameters(
-            # What carries a root is no ground: the torques of legs are not those of a
-            # robot that stands. As in the scenarios of G1's whole body.
-            period=_PERIOD,
-            damping=0.02,
-            respect_effort_limits=False,
+            period=_PERIOD, damping=0.02, respect_effort_limits=False
         ),
     )
     if set(EXPERIMENTS[SEVEN]) <= set(frames):
         stands = description.root == "prescribed" and "left_foot" in frames
         scenario.experiment = WHOLE_BODY if stands else SEVEN
         scenario.motion, scenario.duration = motion, duration
+        if stands:
+            scenario.controller = load_scenario(_WHOLE_BODY_SCENARIO).controller
     elif TOOL in frames:
         scenario.tasks = [Task(frame=TOOL)]
         scenario.keyframes = {TOOL: _visits(description)}
@@ -238,6 +245,7 @@ def _judge(
         log.q, log.v
     )
     outcome.samples = len(log.time)
+    outcome.at_top_speed = top_speed_share(log, speeds)
     outcome.capsules = found.smallest_distance if len(pairs) else None
     outcome.penetrating = found.num_penetrating
     outcome.beyond_limit, outcome.beyond_speed = (
@@ -252,11 +260,17 @@ def _judge(
         outcome.meshes = float(verdict.nearest.distance)
     outcome.mesh_samples = verdict.num_samples
     outcome.meshes_penetrating = verdict.num_penetrating
+    outcome.mesh_pairs = [list(each.pair) for each in verdict.penetrations]
     outcome.size = _size(model, scenario, log)
     if scenario.experiment == WHOLE_BODY:
         stood = footing(log, WholeBody(description), start)
         outcome.contacts, outcome.lowest = stood.contacts, stood.lowest
         outcome.median_slip, outcome.worst_slip = stood.median_slip, stood.worst_slip
+
+
+def top_speed_share(log: SimulationLog, speeds: np.ndarray) -> float:
+    """In how many samples a joint is within 1 % of its speed limit [0, 1]."""
+    return float(np.mean((np.abs(log.v) > 0.99 * speeds).any(axis=1)))
 
 
 def _size(model: ControlModel, scenario: Scenario, log: SimulationLog) -> float:

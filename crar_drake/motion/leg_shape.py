@@ -52,9 +52,13 @@ class TrunkShape:
         waist: (3,) from there to the waist [m].
         upper: (V, 3) points of what is between waist and arms, from the waist [m].
         neck: (3,) unit vector from the waist to the neck.
+        pitch, roll: how far its joints can lean the way from the waist to the neck,
+            from straight up: ahead (negative: back), and to the right [rad].
     """
 
     pelvis: np.ndarray
     waist: np.ndarray
     upper: np.ndarray
     neck: np.ndarray
+    pitch: tuple[float, float] = (-np.inf, np.inf)
+    roll: tuple[float, float] = (-np.inf, np.inf)

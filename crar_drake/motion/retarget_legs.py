@@ -48,7 +48,8 @@ class LegsMotion:
 
     Attributes:
         root_positions: (T, 3) of the base's origin [m].
-        root_turns: (T, 4) quaternions (x y z w) of how it is turned from its rest.
+        root_turns: (T, 4) quaternions (x y z w) of how it is turned from its rest: as
+            the hips, and as far as the trunk cannot lean from them.
         knees: side to (T, 3) [m].
         feet: side to the foot's poses.
     """
@@ -82,7 +83,8 @@ def retarget_legs(
         attainable: how a foot can be turned, within the limits of its leg's joints; it
             is then turned so, and stands on what of it is lowest. By default any way,
             and a knee is bent as the performer's.
-        trunk: what of the robot must stay above the floor by the root's height.
+        trunk: what of the robot must stay above the floor by the root's height, and
+            how far it can lean from the root.
 
     Raises:
         MotionError: the performer lacks joints of the legs, or does not tell how the
@@ -90,7 +92,7 @@ def retarget_legs(
     """
     p = _smooth_legs(performer, cutoff)
     rate = performer.frame_rate
-    root_turns = hip_turns(performer, cutoff)
+    root_turns = hip_turns(performer, cutoff, trunk)
     R_W = Rotation.from_quat(root_turns)
     scales = {side: legs[side].length / _length(performer, side) for side in SIDES}
     middle = 0.5 * (p["left_hip"] + p["right_hip"]) * np.mean(list(scales.values()))

@@ -13,6 +13,7 @@ from crar_drake.motion.conditioning import unit_vectors
 from crar_drake.motion.held_feet import FootMotion
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
 from crar_drake.motion.smooth_steps import smooth_bound, smooth_flags
+from crar_drake.motion.turns import between
 
 # A straight leg is singular: its knee would turn infinitely fast [1].
 _STRETCH = 0.99
@@ -83,7 +84,7 @@ def _lifting(root, R_W, trunk: TrunkShape, p, rate: float) -> np.ndarray:
     along the pelvis: a robot's waist is somewhere in between.
     """
     way = R_W.inv().apply(p["neck"] - p["pelvis"])
-    bend = _between(trunk.neck, unit_vectors(way)).as_matrix()
+    bend = between(trunk.neck, unit_vectors(way)).as_matrix()
     R = R_W.as_matrix()
     lowest = np.min(R[:, 2] @ trunk.pelvis.T, axis=1, initial=np.inf)
     waist = R[:, 2] @ trunk.waist
@@ -102,14 +103,6 @@ def off_the_floor(knee: np.ndarray, leg: LegShape) -> np.ndarray:
 def anticipated(needed: np.ndarray, rate: float) -> np.ndarray:
     """(T,) smooth, nowhere below what is needed (T,), and before it is."""
     return smooth_bound(needed, round(_ANTICIPATION * rate))
-
-
-def _between(a: np.ndarray, b: np.ndarray) -> Rotation:
-    """The shortest turns of direction a (3,) to each of b (T, 3)."""
-    axis, cosine = np.cross(a, b), b @ a
-    sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, cosine)
-    return Rotation.from_rotvec(axis * (angle / np.maximum(sine, 1e-9))[:, None])
 
 
 def _taken_along(

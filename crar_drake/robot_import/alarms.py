@@ -24,7 +24,7 @@ _APART = 0.02  # [m] that left and right may differ by
 _BELOW = 0.01  # [m] that a foot may be below the floor
 _TOUCH = 0.01  # [m] between points on two surfaces that touch
 _SAMPLES = 3000  # of a part's surface
-_NEIGHBOURS = 2  # joints apart, at most
+NEIGHBOURS = 2  # joints apart, at most
 _REMEDY = "change rest_posture, raise most_capsules, or list the pair"
 
 
@@ -139,11 +139,11 @@ def pair_alarms(
     X = robot.poses({**locked, **rest})
     thick = []
     for a, b in overlapping:
-        count = _joints_between(robot, locked, a, b)
-        if count < _NEIGHBOURS:
+        count = joints_between(robot, locked, a, b)
+        if count < NEIGHBOURS:
             continue
         touch = _gap(X, segments, a, b) < _TOUCH
-        if count == _NEIGHBOURS:
+        if count == NEIGHBOURS:
             thick += [] if touch else [f"{a} - {b}"]
             continue
         why = (
@@ -157,14 +157,14 @@ def pair_alarms(
         )
     if thick:
         found.append(
-            f"pairs: {', '.join(thick)}: NOT watched, {_NEIGHBOURS} joints apart: "
+            f"pairs: {', '.join(thick)}: NOT watched, {NEIGHBOURS} joints apart: "
             "their capsules touch in the rest posture; their real shapes do not: "
             f"{_REMEDY}"
         )
     return found
 
 
-def _joints_between(robot: SourceRobot, locked, a: str, b: str) -> int:
+def joints_between(robot: SourceRobot, locked, a: str, b: str) -> int:
     """Joints that move, on the way from one link to the other."""
     ways = [{joint.name for joint in robot.path_to(link)} for link in (a, b)]
     between = ways[0] ^ ways[1]

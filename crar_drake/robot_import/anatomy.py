@@ -19,9 +19,10 @@ from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 FEWEST_JOINTS = 4  # of an arm
 _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
-_AWAY = 0.25  # [rad] of an arm from the trunk, at rest
+AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
 MIRROR_TOLERANCE = 0.03  # [m]
+_MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
 _HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
 _ASIDE = 0.02  # [m] between the first joints of two arms, at least
@@ -52,14 +53,21 @@ class Anatomy:
 
 
 def find_anatomy(robot: SourceRobot) -> Anatomy | None:
-    """The robot's arms; None where no mirrored pair of chains is one of arms."""
+    """The robot's arms; None where no mirrored pair of chains is one of arms.
+
+    Where none is, two equal arms may be mounted back to back: a half turn about the
+    vertical takes one to the other, with all joints at zero.
+    """
     X = robot.poses()
-    pairs = [
-        pair
-        for pair in mirrored_chains(robot, FEWEST_JOINTS)
-        if not _are_legs(robot, pair)
-    ]
-    if not pairs:
+    for image in (_MIRROR, _HALF_TURN):
+        pairs = [
+            pair
+            for pair in mirrored_chains(robot, FEWEST_JOINTS, image)
+            if not _are_legs(robot, pair)
+        ]
+        if pairs:
+            break
+    else:
         return None
 
     def height(pair: tuple[Arm, Arm]) -> float:
@@ -116,7 +124,21 @@ def find_leg_chains(
     return legs
 
 
-def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
+def mirrored_links(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, str]:
+    """Link of an arm or a leg to the same one of the other side."""
+    chains = [] if anatomy is None else [(anatomy.left, anatomy.right)]
+    if (legs := find_leg_chains(robot, anatomy)) is not None:
+        chains.append(legs)
+    twins: dict[str, str] = {}
+    for left, right in chains:
+        links = [[*(j.child for j in arm.joints), arm.hand] for arm in (left, right)]
+        twins |= dict(zip(*links, strict=True)) | dict(zip(*links[::-1], strict=True))
+    return twins
+
+
+def mirrored_chains(
+    robot: SourceRobot, fewest: int, image: tuple[int, int, int] = _MIRROR
+) -> list[tuple[Arm, Arm]]:
     """Pairs of chains that mirror each other, that at +y first.
 
     What tells is where their last joints are: what is welded beyond them, a camera on
@@ -125,6 +147,7 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
     Args:
         robot: in a frame whose x axis is its front.
         fewest: joints that each has at least.
+        image: what a place of one is multiplied by for that of the other.
     """
     X = robot.poses()
     ends = chain_ends(robot)
@@ -135,8 +158,10 @@ def mirrored_chains(robot: SourceRobot, fewest: int) -> list[tuple[Arm, Arm]]:
             if a == b or not ways[a] or not ways[b]:
                 continue
             p_a, p_b = (X[ways[end][-1].child].translation() for end in (a, b))
-            if np.abs(p_a - p_b * [1, -1, 1]).max() > MIRROR_TOLERANCE:
+            if np.abs(p_a - p_b * image).max() > MIRROR_TOLERANCE:
                 continue
+            if image == _HALF_TURN and abs(p_a[0]) > abs(p_a[1]):
+                continue  # one is ahead of the other
             common = 0
             for joint_a, joint_b in zip(ways[a], ways[b], strict=False):
                 if joint_a.name != joint_b.name:
@@ -256,11 +281,15 @@ def welded_below(robot: SourceRobot, link: str) -> list[str]:
 
 
 def guess_rest(
-    robot: SourceRobot, anatomy: Anatomy | None, locked: dict[str, float]
+    robot: SourceRobot,
+    anatomy: Anatomy | None,
+    locked: dict[str, float],
+    away: float = AWAY,
 ) -> dict[str, float]:
-    """Arms a little away from the trunk and elbows bent: clear of limits, of the
-    trunk, and of the singular pose of a straight arm. A robot without a pair of arms
-    has its joints as the file's own posture, else in the middle of their ranges."""
+    """Arms a little `away` [rad] from the trunk and elbows bent: clear of limits, of
+    the trunk, and of the singular pose of a straight arm. A robot without a pair of
+    arms has its joints as the file's own posture, else in the middle of their ranges.
+    """
     rest = {}
     for joint in robot.joints.values():
         if not joint.moves or joint.name in locked:
@@ -281,7 +310,7 @@ def guess_rest(
         elbow = elbow_index(X_zero, arm)
         moved = {}
         for joint in arm.joints[:elbow]:
-            for angle in (-_AWAY, _AWAY):
+            for angle in (-away, away):
                 there = rest[joint.name] + angle
                 if joint.lower < there < joint.upper:
                     X = robot.poses({**rest, joint.name: there})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Callable
@@ -25,11 +26,19 @@ from crar_drake.robot.description import (
     add_robot,
     find_joint,
 )
-from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
+from crar_drake.robot_import.alarms import (
+    floor_alarms,
+    joints_between,
+    limb_alarms,
+    pair_alarms,
+)
 from crar_drake.robot_import.anatomy import (
+    AWAY,
+    Anatomy,
     elbow_index,
     find_anatomy,
     guess_rest,
+    mirrored_links,
 )
 from crar_drake.robot_import.capsule_fitting import Fit, coverage
 from crar_drake.robot_import.choices import (
@@ -43,6 +52,7 @@ from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
 from crar_drake.robot_import.joint_groups import DEFAULT_LOCK, guess_locked
 from crar_drake.robot_import.leg_and_head_frames import (
+    bent_knees,
     guess_leg_and_head_frames,
     has_feet,
 )
@@ -54,7 +64,7 @@ from crar_drake.robot_import.meshes import (
     write_obj,
 )
 from crar_drake.robot_import.optional_packages import require_packages
-from crar_drake.robot_import.pair_sampling import sample_pairs
+from crar_drake.robot_import.pair_sampling import CLEAR, Gaps, sample_pairs
 from crar_drake.robot_import.picture import draw_robot
 from crar_drake.robot_import.source_file import read_robot
 from crar_drake.robot_import.source_urdf import (
@@ -83,6 +93,12 @@ TRIANGLES = "triangles"
 
 # How far the ground is below the soles: what pairs keep, if nothing else is said [m].
 _BELOW_SOLES = 0.005
+
+# How far arms are from the trunk at rest and how far hips roll outwards, tried in turn
+# until nothing touches [rad].
+_AWAY = (AWAY, 0.4, 0.6)
+_SPREAD = (0.0, 0.1, 0.2)
+_SOCKET = 3  # joints of a hip or a shoulder, which what they join is built around
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -272,7 +288,7 @@ def _make(
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
     visuals, drawn = _write_meshes(folder, parts, choices.faces)
-    _guess_rest(robot, locked, parts, choices, report)
+    _guess_rest(robot, locked, parts, capsules, choices, report)
     prescribed = choices.base == "prescribed"
     floating = choices.base == "floating"
     # A robot with a waist stands on the floor, although its base is fixed.
@@ -746,24 +762,51 @@ def _ground_height(robot, parts, positions) -> float:
     return float(-min(lowest, default=0.0))
 
 
-def _guess_rest(robot, locked, parts, choices: ImportChoices, report) -> None:
+def _guess_rest(robot, locked, parts, capsules, choices, report) -> None:
     """Fills in the rest posture where the import file leaves it out."""
     if choices.rest_posture is not None:
         return
     anatomy = find_anatomy(robot)
-    rest = guess_rest(robot, anatomy, locked)
-    how = (
-        "arms a little out, elbows bent, standing on the ground"
-        if anatomy
-        else "a keyframe of the file"
-        if robot.posture
-        else "the middle of each joint's range"
-    )
+    if anatomy:
+        rest, knees = _clear_rest(robot, anatomy, locked, capsules)
+        also = " and knees" if knees else ""
+        how = f"arms a little out, elbows{also} bent, standing on the ground"
+    else:
+        rest = guess_rest(robot, None, locked)
+        how = "the middle of each joint's range"
+        if robot.posture:
+            how = "a keyframe of the file"
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
         height = _ground_height(robot, parts, {**locked, **rest})
         rest = {"waist_z": round(height, 4)} | rest
     choices.rest_posture = rest
     report.guessed["rest_posture"] = how
+
+
+def _clear_rest(
+    robot, anatomy: Anatomy, locked, capsules
+) -> tuple[dict[str, float], bool]:
+    """The first of some rest postures, arms ever farther out and legs farther apart, in
+    which the fewest capsules touch that no hip or shoulder joins; and if knees bend."""
+    pairs = [
+        pair
+        for pair in itertools.combinations((name for name in capsules), 2)
+        if capsules[pair[0]]
+        and capsules[pair[1]]
+        and joints_between(robot, locked, *pair) > _SOCKET
+    ]
+    gaps = Gaps(capsules, pairs)
+    found = []
+    for away, spread in itertools.product(_AWAY, _SPREAD):
+        arms = guess_rest(robot, anatomy, locked, away)
+        legs = bent_knees(robot, anatomy, locked, spread)
+        rest, touching = arms | legs, 0
+        if pairs:
+            distances = gaps.distances(robot.poses({**locked, **rest}))
+            touching = np.count_nonzero(distances < CLEAR)
+        found.append((touching, rest, bool(legs)))
+    _, rest, knees = min(found, key=lambda each: each[0])
+    return rest, knees
 
 
 def _rest(
@@ -795,7 +838,9 @@ def _pairs(
                 )
     if choices.pairs is not None:
         return []
-    found = sample_pairs(plant, capsules, rest, _adjacent(robot, locked, capsules))
+    twins = mirrored_links(robot, find_anatomy(robot))
+    adjacent = _adjacent(robot, locked, capsules)
+    found = sample_pairs(plant, capsules, rest, adjacent, twins=twins)
     choices.pairs = found.watched
     report.guessed["pairs"] = (
         f"all that came within 2 cm in sampled configurations; {found.never} never did"

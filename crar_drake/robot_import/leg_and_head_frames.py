@@ -1,4 +1,4 @@
-"""A first guess at a motion's points on legs and head."""
+"""A first guess at a motion's points on legs and head, and at knees that are bent."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from crar_drake.robot_import.anatomy import (
 )
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_urdf import SourceRobot
+from crar_drake.robot_import.source_urdf import Joint, SourceRobot
 
 LEG_POINTS = ("hip", "knee", "foot")
 
 _UNEVEN = 2.0  # thigh over shank, or the other way
-_LATERAL = 0.8  # of a knee's axis, along the left
+_LATERAL = 0.8  # of a knee's axis, along the left; of a roll's, ahead
+_BENT = 0.4  # [rad] of a knee, at rest
+_STRAIGHT = 0.2  # [rad] that a knee is bent by at zero, at most, to be bent further
 _ABOVE = 0.03  # [m] above the shoulders that a head reaches, at least
 
 
@@ -102,6 +104,92 @@ def _knee_index(X, leg: Arm) -> int | None:
         return None
     best = min(uneven, key=uneven.get)
     return best if uneven[best] < np.log(_UNEVEN) else None
+
+
+def bent_knees(
+    robot: SourceRobot,
+    anatomy: Anatomy,
+    locked: Mapping[str, float],
+    spread: float = 0.0,
+) -> dict[str, float]:
+    """Joint to position [rad] of two legs that stand with their knees a little bent.
+
+    A straight leg is singular: no step of a foot bends it, and what does may bend it
+    either way. The ankle stays where it is from the hip but for its distance, the sole
+    as it is turned. Empty where legs have no such joints, or are bent at zero already.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms.
+        locked: joint to the position at which it is welded [rad or m].
+        spread: by which each hip rolls outwards, and the ankle back [rad].
+    """
+    rest: dict[str, float] = {}
+    legs = find_leg_chains(robot, anatomy) or ()
+    for leg, outwards in zip(legs, (1.0, -1.0), strict=False):
+        bent = _bent(robot, leg, locked)
+        if bent is None:
+            return {}
+        rest |= bent | _rolled(robot, leg, locked, outwards * spread)
+    return rest
+
+
+def _bent(robot: SourceRobot, leg: Arm, locked) -> dict[str, float] | None:
+    X, joints = robot.poses(dict(locked)), leg.joints
+    index = _knee_index(X, leg)
+    pitching = [
+        i
+        for i, joint in enumerate(joints)
+        if abs(joint_axis(X, joint)[1]) > _LATERAL and joint.name not in locked
+    ]
+    if index not in pitching or pitching[0] == index or pitching[-1] == index:
+        return None
+    place = pitching.index(index)
+    hip, knee, ankle = (joints[i] for i in pitching[place - 1 : place + 2])
+    p_hip, p_knee, p_ankle = (X[j.child].translation() for j in (hip, knee, ankle))
+    thigh, shank = p_knee - p_hip, p_ankle - p_knee
+    straight = _pitch(thigh)
+    if abs(_pitch(shank) - straight) > _STRAIGHT:
+        return None
+    sign = {j.name: np.sign(joint_axis(X, j)[1]) for j in (hip, knee, ankle)}
+    # Knees bend ahead of the leg, so that the shank turns to the back, about +y.
+    turned = sign[knee.name] * np.clip(sign[knee.name] * _BENT, knee.lower, knee.upper)
+    c, s = np.cos(turned), np.sin(turned)
+    bent_shank = [c * shank[0] + s * shank[2], 0.0, c * shank[2] - s * shank[0]]
+    by_hip = _pitch(thigh + shank) - _pitch(thigh + bent_shank)
+    turns = (by_hip, turned, -by_hip - turned)
+    return {
+        joint.name: round(_inside(joint, float(sign[joint.name] * by)), 4)
+        for joint, by in zip((hip, knee, ankle), turns, strict=True)
+    }
+
+
+def _rolled(robot: SourceRobot, leg: Arm, locked, angle: float) -> dict[str, float]:
+    """Hip and ankle, rolled against each other about the axis ahead."""
+    X = robot.poses(dict(locked))
+    knee = _knee_index(X, leg)
+    axes = [joint_axis(X, joint)[0] for joint in leg.joints]
+    rolls = [
+        i
+        for i, (joint, along) in enumerate(zip(leg.joints, axes, strict=True))
+        if abs(along) > _LATERAL and joint.name not in locked
+    ]
+    if not angle or not rolls or not rolls[0] < knee < rolls[-1]:
+        return {}
+    return {
+        leg.joints[i].name: round(_inside(leg.joints[i], np.sign(axes[i]) * by), 4)
+        for i, by in ((rolls[0], angle), (rolls[-1], -angle))
+    }
+
+
+def _pitch(v: np.ndarray) -> float:
+    """The angle about +y from straight down to a vector [rad]."""
+    return float(np.arctan2(-v[0], -v[2]))
+
+
+def _inside(joint: Joint, position: float) -> float:
+    inside = min(0.05, (joint.upper - joint.lower) / 4.0)
+    return float(np.clip(position, joint.lower + inside, joint.upper - inside))
 
 
 def _head(robot: SourceRobot, anatomy: Anatomy, parts) -> FrameChoice | None:

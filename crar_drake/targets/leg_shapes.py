@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.multibody.tree import Frame
+from pydrake.multibody.tree import Frame, RevoluteJoint
 
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
@@ -29,6 +30,12 @@ _SOLE = 0.01
 _SAMPLED_RANGE = 0.8
 _SAMPLES = 60
 _KNEE_STEPS = 9
+
+# How leans of a trunk are sampled: joints whose axes are less upright than that, within
+# this of zero [rad].
+_UPRIGHT = 0.8
+_LEAN = (-1.5, 1.5)
+_LEAN_STEPS = 5
 
 
 def body_shapes(model: ControlModel) -> tuple[dict[str, LegShape], TrunkShape]:
@@ -151,12 +158,43 @@ def _trunk(model: ControlModel, outlines: Mapping[str, LinkOutline]) -> TrunkSha
         find_frame(plant, name).CalcPoseInWorld(_at_rest(model)).translation()
         for name in (description.base, frames["waist"], frames["neck"])
     )
+    pitch, roll = _leans(model)
     return TrunkShape(
         pelvis=_points(model, own, outlines) - p_WB,
         waist=p_WC - p_WB,
         upper=_points(model, upper, outlines) - p_WC,
         neck=(p_WN - p_WC) / np.linalg.norm(p_WN - p_WC),
+        pitch=pitch,
+        roll=roll,
     )
+
+
+def _leans(model: ControlModel) -> tuple[tuple[float, float], tuple[float, float]]:
+    """How far the joints of the trunk can lean the neck: `TrunkShape`'s pitch, roll.
+
+    Joints that turn it about the vertical are left at rest: they face the shoulders.
+    """
+    plant, description = model.plant, model.description
+    context, rest = _at_rest(model), model.rest_positions()
+    frames = [find_frame(plant, description.task_frames[k]) for k in ("waist", "neck")]
+    base = find_body(plant, description.base)
+    steps = []
+    for joint in joints_between(model, frames[1].body(), base):
+        at = joint.position_start()
+        if isinstance(joint, RevoluteJoint) and at in model.controlled_positions:
+            X = joint.frame_on_child().CalcPoseInWorld(context)
+            if abs((X.rotation() @ joint.revolute_axis())[2]) < _UPRIGHT:
+                steps.append((at, _within(joint, *_LEAN, _LEAN_STEPS)))
+    leans = []
+    for positions in itertools.product(*(values for _, values in steps)):
+        q = rest.copy()
+        q[[at for at, _ in steps]] = positions
+        plant.SetPositions(context, q)
+        p_C, p_N = (frame.CalcPoseInWorld(context).translation() for frame in frames)
+        x, y, z = (p_N - p_C) / np.linalg.norm(p_N - p_C)
+        leans.append((np.arctan2(x, z), np.arcsin(-y)))
+    (pitch_low, roll_low), (pitch_high, roll_high) = np.min(leans, 0), np.max(leans, 0)
+    return (float(pitch_low), float(pitch_high)), (float(roll_low), float(roll_high))
 
 
 def _at_rest(model: ControlModel):

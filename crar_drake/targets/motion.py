@@ -127,7 +127,7 @@ def load_motion_targets(
         hold = 0.0
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, whole, cutoff, hold)
     prescribed_at, MakePrescribedSource = _prescribed(
-        model, performer, retargeted, cutoff, hold
+        model, performer, retargeted, whole, cutoff, hold
     )
     return DesiredMotion(
         retargeted.duration,
@@ -257,6 +257,7 @@ def _prescribed(
     model: ControlModel,
     performer: Performer,
     retargeted: RetargetedMotion,
+    whole: WholeBodyMotion | None,
     cutoff: float,
     hold: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem] | None]:
@@ -264,7 +265,8 @@ def _prescribed(
     if not model.n_p:
         return lambda time: np.zeros(0), None
     if model.num_free:
-        at = _prescribed_motion(model, performer, retargeted, cutoff, hold)
+        turns = hip_turns(performer, cutoff) if whole is None else whole.legs.root_turns
+        at = _prescribed_motion(model, turns, retargeted, hold)
         return (
             lambda time: at(time)[: len(model.prescribed_positions)],
             lambda: TimeFunctionSource("desired_prescribed", model.prescribed_size, at),
@@ -278,16 +280,15 @@ def _prescribed(
 
 def _prescribed_motion(
     model: ControlModel,
-    performer: Performer,
+    turns: np.ndarray,
     retargeted: RetargetedMotion,
-    cutoff: float,
     hold: float,
 ) -> Callable[[float], np.ndarray]:
     """`desired_prescribed` of a robot whose root floats, as a function of time [s].
 
     The base is turned from where it is at rest as the performer's hips are from where
-    they face x, upright; and so that the robot's waist is where the scaled one is.
-    Other prescribed joints hold.
+    they face x, upright, (T, 4) `turns`; and so that the robot's waist is where the
+    scaled one is. Other prescribed joints hold.
     """
     plant, description = model.plant, model.description
     q = model.rest_positions()
@@ -297,10 +298,10 @@ def _prescribed_motion(
     base = find_body(plant, description.base).body_frame()
     p_BC = waist.CalcPose(context, base).translation()
     at_rest = Rotation.from_matrix(description.rest_pose().rotation().matrix())
-    turns = Rotation.from_quat(hip_turns(performer, cutoff)) * at_rest
+    R_WB = Rotation.from_quat(turns) * at_rest
     root = CarriedTrajectory(
         PointTrajectory(retargeted.waist),
-        QuaternionSpline(retargeted.time, turns.as_quat()),
+        QuaternionSpline(retargeted.time, R_WB.as_quat()),
         -p_BC,
     )
     root = _held(root, hold)

@@ -6,9 +6,11 @@ from dataclasses import asdict
 import pytest
 
 from benchmarks.robots import __main__ as command
+from benchmarks.robots import verdicts
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
 from benchmarks.robots.page import write_page
 from benchmarks.robots.trial import RESULT, TOOL, WHOLE_BODY, Outcome, load_outcome
+from benchmarks.robots.verdicts import VERDICTS, Verdict
 
 DANCER = Outcome(
     imported=True,
@@ -21,6 +23,8 @@ DANCER = Outcome(
     meshes=-0.002,
     meshes_penetrating=3,
     mesh_samples=80,
+    mesh_pairs=[["hip", "hand"], ["head", "hand"], ["foot", "hand"]],
+    at_top_speed=0.25,
     samples=800,
     contacts=2,
     median_slip=0.001,
@@ -47,19 +51,36 @@ def test_the_page(tmp_path, capsys):
     text = page.read_text()
     assert "3 were tried. 2 of these\nran, 1 the dance and 1 an arm" in text
     assert "1 without any\nviolation" in text
+    assert "pictures of 0 dancers were looked at: 0 dance\nrecognisably, 0" in text
     row = cells(text, dancer.name)
-    assert row[2] == "whole body" and row[4:9] == [
+    assert row[2:4] == ["whole body", "not looked at"] and row[5:10] == [
         "60 mm; feet 12 mm",
         "5 %",
         "5.0 mm",
         "-2.0 mm",
-        "meshes 3 of 80",
+        "meshes 3 of 80, hip and hand; head and hand; 1 more",
     ]
-    assert row[9:] == ["1.0 mm / 2.5 mm", "-0.4 mm", "2"]
-    assert cells(text, arm.name)[4:9] == ["1 mm", "0 %", "–", "–", "0"]
+    assert row[10:] == ["1.0 mm / 2.5 mm", "-0.4 mm", "25 %", "2"]
+    assert cells(text, arm.name)[4:] == ["1 mm", "0 %", "–", "–", "0", "–", "–"]
     assert cells(text, lame.name)[-1] == "it has no arms"
     assert f"Not tried: {SUBJECTS[1].name}" in text
     capsys.readouterr()
+
+
+def test_a_verdict_is_of_the_run_that_was_looked_at(tmp_path, monkeypatch, capsys):
+    seen = {SUBJECTS[0].name: Verdict(0.061), SUBJECTS[1].name: Verdict(0.08)}
+    monkeypatch.setattr(verdicts, "VERDICTS", seen)
+    page = tmp_path / "robots.md"
+    write_page([(SUBJECTS[0], DANCER), (SUBJECTS[1], DANCER)], "cmu:05_02", page)
+    text = page.read_text()
+    assert [cells(text, s.name)[3] for s in SUBJECTS[:2]] == ["yes", "not looked at"]
+    # Meshes penetrate, capsules do not.
+    assert "pictures of 1 dancers were looked at: 1 dance\nrecognisably, 1 of" in text
+    capsys.readouterr()
+
+
+def test_every_verdict_is_of_a_robot():
+    assert set(VERDICTS) <= {subject.name for subject in SUBJECTS}
 
 
 def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
@@ -75,7 +96,7 @@ def test_what_has_a_result_is_not_tried_again(tmp_path, monkeypatch, capsys):
     command.main()
     told = capsys.readouterr().out
     assert "the package no-such-package is not installed" in told
-    assert cells(told, known.name)[4].startswith("60 mm")
+    assert cells(told, known.name)[5].startswith("60 mm")
 
 
 def test_unknown_names_are_refused(monkeypatch, capsys):

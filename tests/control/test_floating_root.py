@@ -118,6 +118,48 @@ def test_nothing_locks_while_the_root_tumbles(floating) -> None:
         assert np.linalg.norm(solution.position_command[:4]) == pytest.approx(1.0)
 
 
+class Turning(Tumbling):
+    """The root's pose over time: evenly about an axis of the world, in place."""
+
+    def __init__(self, rest, axis, turns_per_second: float) -> None:
+        super().__init__(rest)
+        self._omega = 2.0 * np.pi * turns_per_second * np.asarray(axis, dtype=float)
+
+    def pose(self, time):
+        R_WB = Rotation.from_matrix(self._rest.rotation().matrix())
+        return Rotation.from_rotvec(time * self._omega) * R_WB, self._rest.translation()
+
+
+@pytest.mark.parametrize("axis", np.eye(3), ids="xyz")
+def test_nothing_jumps_over_several_full_turns(floating, axis) -> None:
+    """Hands that stay in the body: joints stay, and every step turns the root alike,
+    through every attitude and past every sign of its quaternion."""
+    turns, steps = 3, 300
+    hands = in_body(floating, stay_apart(floating))
+    rate = turns / (steps * PERIOD)
+    root = Turning(floating.description.rest_pose(), axis, rate)
+    found = tumble(floating, root, lambda time: hands, steps + 1)
+    at, by = root_entries(floating)
+    states = np.array([q for q, _, _ in found])
+    w, x, y, z = states[:, at[:4]].T
+    R = Rotation.from_quat(np.column_stack([x, y, z, w]))
+    by_step = (R[1:] * R[:-1].inv()).as_rotvec()
+    whole = 2.0 * np.pi * turns * axis / steps
+    np.testing.assert_allclose(by_step, np.tile(whole, (steps, 1)), atol=1e-3)
+    np.testing.assert_allclose((R[-1] * R[0].inv()).magnitude(), 0.0, atol=0.01)
+    # What is logged goes on as well: no quaternion is followed by its negative.
+    assert (np.sum(states[1:, at[:4]] * states[:-1, at[:4]], axis=1) > 0.99).all()
+    controlled = states[:, floating.controlled_positions]
+    assert np.abs(controlled - controlled[0]).max() < 0.02
+    how, share, *_ = np.array([s.admission for *_, s in found]).T
+    assert (how == 0).all() and (share == 1.0).all(), "every step as it was wished"
+    # The post comes nearer no faster than what is farthest out moves.
+    radius = np.linalg.norm(hands, axis=1).max() + 0.1
+    distances = np.array([s.signed_distances for *_, s in found])
+    most = radius * 2.0 * np.pi * rate * PERIOD
+    assert np.abs(np.diff(distances, axis=0)).max() < most
+
+
 def test_the_root_is_where_it_is_told_to_be(floating) -> None:
     """From a wrong attitude, by the shorter way, while it tumbles: e'' = -Kp e - Kv e'
     of the rotation vector."""

@@ -281,3 +281,29 @@ def test_real_tools(robot_data, name, tool):
     for joint_name, q in rest.items():
         here = read.joints[joint_name]
         assert min(q - here.lower, here.upper - q) > 0.2 * (here.upper - here.lower)
+
+
+def back_to_back(ahead: float) -> str:
+    """Two equal arms, the other one after a half turn of its mount about the vertical,
+    whose elbows are `ahead` of or behind the shoulders [m]."""
+    parts = [link("base", '<box size="0.2 0.2 0.5"/>')]
+    for side, s in (("r0", 1), ("r1", -1)):
+        above = "base"
+        for index, (x, y, z) in enumerate(
+            [(0.0, 0.2, 0.4), (0.0, 0.05, 0.0), (ahead, 0.25, 0.0), (0.0, 0.25, 0.0)]
+        ):
+            name = f"{side}_{index}"
+            axis = "0 0 1" if index % 2 else f"{s} 0 0"
+            parts += [
+                link(name, '<sphere radius="0.03"/>'),
+                joint(f"{name}_joint", above, name, axis, f"{x * s} {y * s} {z}"),
+            ]
+            above = name
+    return robot(parts)
+
+
+def test_arms_that_a_half_turn_takes_to_each_other(tmp_path):
+    found = find_anatomy(read_urdf(write(tmp_path, back_to_back(0.1))))
+    assert (found.left.hand, found.right.hand) == ("r0_3", "r1_3")
+    # One ahead of the other is no pair of arms.
+    assert find_anatomy(read_urdf(write(tmp_path, back_to_back(0.9)))) is None

@@ -9,7 +9,7 @@ from pydrake.geometry import Capsule, Sphere
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
-from small_urdfs import humanoid, joint, link, robot, write
+from small_urdfs import humanoid, humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.errors import ModelError
 from crar_drake.results.referee import Referee
@@ -315,3 +315,27 @@ def test_a_humanoid_on_a_root_named_world_moves(tmp_path):
     assert report.choices.frames["waist"].link == "pelvis"
     assert any("'world' is left out" in note for note in report.notes)
     assert set(load_robot_model(tmp_path).prescribed_names) == set(WAIST)
+
+
+def test_arms_and_legs_are_clear_of_each_other_at_rest(tmp_path):
+    """Thick shanks stand apart by their hips' roll, and then they are watched."""
+    thin = humanoid_with_legs()
+    slender = '<cylinder radius="0.05" length="0.66"/>'
+    assert thin.count(slender) == 2
+    thick = thin.replace(slender, '<sphere radius="0.11"/>').replace(
+        'xyz="0 0 -0.37"', 'xyz="0 0 -0.05"'
+    )
+    rolls = {}
+    for name, text in (("thin", thin), ("thick", thick)):
+        folder = tmp_path / name
+        write(folder, text)
+        (folder / "import.yaml").write_text(
+            "source: small.urdf\nmost_capsules: 1\nlock: [hands]\n"
+        )
+        report = import_robot("", folder)
+        rest, pairs = report.choices.rest_posture, report.choices.pairs
+        assert "knees bent" in report.guessed["rest_posture"]
+        rolls[name] = rest.get("left_roll_joint", 0.0)
+        assert rest.get("right_roll_joint", 0.0) == -rolls[name]
+        assert {"left_leg", "right_leg"} in [set(pair) for pair in pairs]
+    assert rolls["thin"] == 0.0 and rolls["thick"] == pytest.approx(0.1)

@@ -1,11 +1,16 @@
 """Hips, knees, feet and head: where they are found, and what is said where not."""
 
+import re
+
 import numpy as np
 import pytest
 from small_urdfs import humanoid, humanoid_with_legs, write
 
 from crar_drake.robot_import.anatomy import find_anatomy
-from crar_drake.robot_import.leg_and_head_frames import guess_leg_and_head_frames
+from crar_drake.robot_import.leg_and_head_frames import (
+    bent_knees,
+    guess_leg_and_head_frames,
+)
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
 from crar_drake.robot_import.upper_body_frames import guess_frames
@@ -36,6 +41,41 @@ def test_what_is_not_found_is_said(tmp_path):
     """Legs of one joint have no knees."""
     p, lacking = found_in(read_urdf(write(tmp_path, humanoid())))
     assert set(lacking) == POINTS and "head" in p
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_knees_bend_ahead_and_soles_stay_level(tmp_path, reverse):
+    """By the poses of the links, whatever the sign of the axes."""
+    text = humanoid_with_legs()
+    if reverse:
+        for name in ("left_knee", "left_pitch", "right_roll"):
+            old = text[text.index(f'<joint name="{name}_joint"') :]
+            old = old[: old.index("</joint>")]
+            text = text.replace(
+                old, re.sub(r'axis xyz="(.*?)1', r'axis xyz="\g<1>-1', old)
+            )
+    robot = read_urdf(write(tmp_path, text))
+    anatomy, straight = find_anatomy(robot), robot.poses()
+    for spread in (0.0, 0.1):
+        X = robot.poses(bent_knees(robot, anatomy, {}, spread))
+        for side, outwards in (("left", 1.0), ("right", -1.0)):
+            hip, knee, sole = (f"{side}_{n}" for n in ("pitch", "knee", "leg"))
+            p_hip, p_knee, p_sole = (X[n].translation() for n in (hip, knee, sole))
+            way = p_sole - p_hip
+            assert way[0] == pytest.approx(0.0, abs=2e-3)
+            assert way[1] == pytest.approx(outwards * 0.6 * np.sin(spread), abs=0.01)
+            assert 0.55 < -way[2] < 0.595, "the leg is shorter than straight"
+            assert p_knee[0] > p_hip[0] + 0.04
+            tilt = X[sole].rotation().matrix() @ straight[sole].rotation().matrix().T
+            assert tilt[2, 2] > np.cos(0.01) and tilt[0, 0] > np.cos(0.03)
+
+
+def test_legs_that_are_locked_or_have_no_knees_stay(tmp_path):
+    robot = read_urdf(write(tmp_path, humanoid_with_legs()))
+    locked = {"left_knee_joint": 0.0, "right_knee_joint": 0.0}
+    assert not bent_knees(robot, find_anatomy(robot), locked)
+    robot = read_urdf(write(tmp_path, humanoid()))
+    assert not bent_knees(robot, find_anatomy(robot), {})
 
 
 @pytest.mark.parametrize("name", ["g1_29dof_rev_1_0", "talos_full_v2", "romeo"])

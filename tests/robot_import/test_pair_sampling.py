@@ -54,6 +54,26 @@ def test_each_kind(plant):
     assert not any({"ahead", "aside"} <= set(pair) for pair in found.watched)
 
 
+def test_both_sides_are_treated_alike(plant):
+    """A pair that is near at rest is left out if that of the other side touches."""
+    capsules = {
+        "ball": [FittedCapsule(np.zeros(3), np.zeros(3), 0.05)],
+        "ahead": [FittedCapsule(*[np.array([-0.90, 0, 0])] * 2, 0.04)],
+        "aside": [FittedCapsule(*[np.array([0, -0.90, 0])] * 2, 0.06)],
+        "tail": [FittedCapsule(np.zeros(3), np.zeros(3), 0.01)],
+    }
+    touching, near = ["ball", "aside"], ["ball", "ahead"]
+    alone = sample_pairs(plant, capsules, np.zeros(1), set(), 100)
+    assert touching in alone.overlapping and near in alone.watched
+    twins = {"ahead": "aside", "aside": "ahead"}
+    alike = sample_pairs(plant, capsules, np.zeros(1), set(), 100, twins)
+    assert touching in alike.overlapping and near in alike.overlapping
+    # What is farther away is watched all the same.
+    capsules["ahead"] = [FittedCapsule(*[np.array([-0.85, 0, 0])] * 2, 0.04)]
+    far = sample_pairs(plant, capsules, np.zeros(1), set(), 100, twins)
+    assert touching in far.overlapping and near not in far.overlapping
+
+
 def test_always_in_contact(plant):
     capsules = {
         "base": [BALL],

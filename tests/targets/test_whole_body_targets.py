@@ -9,11 +9,13 @@ from small_walker import ANKLE_HEIGHT, HIP, SHANK, THIGH, walker
 
 from crar_drake.errors import MotionError, ScenarioError
 from crar_drake.motion import load_clip
+from crar_drake.motion.conditioning import low_pass
 from crar_drake.motion.held_feet import FootMotion
 from crar_drake.motion.leg_shape import TrunkShape
 from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.retarget_legs import retarget_legs
+from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, experiment_tasks, position_tasks
@@ -101,6 +103,30 @@ def test_the_hips_path_is_scaled_by_the_legs(performer, whole):
     expected = ratio * (middle - middle[0])[:, :2]
     # A low-pass of 6 Hz lies between.
     np.testing.assert_allclose((found - found[0])[:, :2], expected, atol=0.02)
+
+
+def test_the_root_leans_where_the_trunk_cannot(model, performer, whole):
+    """The waist of this robot pitches, but does not roll."""
+    _, trunk = body_shapes(model)
+    # The waist is 5 cm below the joint, the neck 40 cm above, which it pitches by 2.
+    most = np.arctan2(0.4 * np.sin(1.5), 0.05 + 0.4 * np.cos(1.5))
+    np.testing.assert_allclose(trunk.pitch, [-most, most], atol=1e-9)
+    np.testing.assert_allclose(trunk.roll, 0.0, atol=1e-9)
+    way = performer.positions["neck"] - performer.positions["pelvis"]
+    way = low_pass(way / np.linalg.norm(way, axis=1, keepdims=True), 120.0, 6.0)
+    aside = []
+    for turns in (whole.legs.root_turns, hip_turns(performer, 6.0)):
+        aside.append(np.abs(Rotation.from_quat(turns).inv().apply(way)[:, 1]).max())
+    assert aside[0] < 0.01 < 0.1 < aside[1]
+    # It leans no farther than that: the trunk can pitch, so it is not pitched.
+    lean = (
+        Rotation.from_quat(hip_turns(performer, 6.0)).inv()
+        * Rotation.from_quat(whole.legs.root_turns)
+    ).as_rotvec()
+    assert np.abs(lean[:, 1]).max() < 0.1 * np.abs(lean[:, 0]).max()
+    free = replace(trunk, pitch=(-np.inf, np.inf), roll=(-np.inf, np.inf))
+    as_hips = hip_turns(performer, 6.0, free)
+    np.testing.assert_allclose(as_hips, hip_turns(performer, 6.0), atol=1e-12)
 
 
 def test_ways_have_their_derivatives(model, motion):

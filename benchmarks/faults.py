@@ -17,7 +17,7 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import InputError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
-from crar_drake.run import RunResult, run_scenario
+from crar_drake.run import FAILURES, RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push, TargetJump
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.studies.tables import markdown_table, write_report
@@ -289,7 +289,7 @@ def run_fault(
     for remedy in (DEFAULTS, *remedies):
         try:
             run = run_scenario(under(scenario, fault, remedy), record=False)
-        except InputError:
+        except (InputError, *FAILURES):
             # The state is not finite any more: the loop is unstable.
             infinite = float("inf")
             outcome = Outcome(

@@ -51,6 +51,7 @@ VERDICTS = {
     "Booster T1": Verdict(0.0398),
     "H1": Verdict(0.0311),
     "Vega 1": Verdict(0.1778, "its hands stop at its base, and all of it with them"),
+    "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),
     "ARMAR-6": Verdict(0.213, "the arm rises late and half as far"),
     "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),
     "GR-2": Verdict(0.0515),

@@ -27,7 +27,38 @@ class Verdict:
     said: str = "yes"
 
 
-VERDICTS: dict[str, Verdict] = {}
+VERDICTS = {
+    "G1": Verdict(0.0205),
+    "TALOS": Verdict(0.0761),
+    "Romeo": Verdict(
+        0.0851, "partly: the arm rises half as far, its joints are too slow"
+    ),
+    "iCub of 2016": Verdict(0.0497),
+    "simple humanoid": Verdict(0.0913, "its model has no shapes to look at"),
+    "human": Verdict(0.0095),
+    "Alex": Verdict(0.0402),
+    "Centauro": Verdict(0.2289, "partly: the arms do, the trunk is 0.2 m ahead"),
+    "Baxter": Verdict(0.1977, "the arm does not rise: its joints are too slow"),
+    "PR2": Verdict(
+        0.4019, "its arms begin folded, and its base is where they would hang"
+    ),
+    "TIAGo, two arms": Verdict(
+        0.1299, "the arm does not rise: its joints are too slow"
+    ),
+    "TIAGo Pro": Verdict(0.1653, "the arm does not rise: its joints are too slow"),
+    "iCub 2.5": Verdict(0.0395),
+    "JVRC-1": Verdict(0.0427),
+    "Booster T1": Verdict(0.0398),
+    "H1": Verdict(0.0311),
+    "Vega 1": Verdict(0.1778, "its hands stop at its base, and all of it with them"),
+    "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),
+    "ARMAR-6": Verdict(0.213, "the arm rises late and half as far"),
+    "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),
+    "GR-2": Verdict(0.0515),
+    "GR-3": Verdict(0.0283),
+    "OpenArm": Verdict(0.0443),
+    "YuMi": Verdict(0.1432, "partly: the hands do, the elbows stand out"),
+}
 
 
 def verdict(name: str, outcome: Outcome) -> str:

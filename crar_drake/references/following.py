@@ -67,6 +67,9 @@ _ON_IT, _ALONG_IT = 3e-4, 2e-2
 # A step is expected to be at most so many times faster than the robot.
 _EXPECTED = 1.3
 
+# This share of the floor is kept on straight ways between frames.
+_BETWEEN = 0.125
+
 _NOTHING_ASKED = np.zeros((0, 7))
 _NOTHING = np.zeros(0)
 _NO_BLEND = (1.0, 0.0, 0.0)
@@ -394,13 +397,13 @@ class Follower:
         return resolved.diagnostics["admission"]
 
     def _goes_clear(self, start: np.ndarray, end: np.ndarray) -> bool:
-        """Whether the straight way from one frame to the next keeps half the floor: the
-        law goes between them in steps, and so not straight."""
+        """Whether the straight way from one frame to the next keeps clear: the law goes
+        between them in steps, and so not straight."""
         model, mode = self.model, self.law.mode
         return keeps_level(
             start[model.positions],
             (end - start)[model.order],
-            0.5 * self.parameters.floor,
+            _BETWEEN * self.parameters.floor,
             mode.robot,
             mode.reaches,
         )

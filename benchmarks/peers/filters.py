@@ -148,6 +148,26 @@ class Row:
     times_real_time: float
 
 
+@dataclass(frozen=True)
+class Tried:
+    """What a filter made of a motion with some settings.
+
+    Attributes:
+        settings: of the filter.
+        motion: that came out.
+        capsule_frames: frames with capsules in penetration.
+        joints_rms: change of the joints [rad].
+        no_answer, seconds: see `row`.
+    """
+
+    settings: dict
+    motion: RobotMotion
+    capsule_frames: int
+    joints_rms: float
+    no_answer: int
+    seconds: float
+
+
 def write_references(
     folder: Path,
     description: RobotDescription,
@@ -221,7 +241,7 @@ def cleaned(
         columns: of the joints that the robot controls, in a motion's.
     """
     reference = np.ascontiguousarray(motion.joint_positions[:, columns])
-    follower = Follower(description, motion.rate)
+    follower = _follower(description, motion.rate)
     start = time.process_time()
     q = motion.joint_positions.copy()
     q[:, columns] = follower.follow(reference).q
@@ -255,7 +275,7 @@ def row(
         name=name,
         settings=settings or {},
         frames=motion.num_frames,
-        judged=len(verdict.mesh_frames),
+        judged=len(verdict.mesh_frames) if verdict.meshes else 0,
         mesh_frames=len(verdict.penetrating_frames),
         capsule_frames=len(verdict.capsule_frames),
         deepest=max((pair.depth for pair in verdict.mesh_pairs), default=0.0),
@@ -266,9 +286,24 @@ def row(
     )
 
 
-def best(rows: Iterable[Row]) -> Row:
+def penetrating(
+    description: RobotDescription, motion: RobotMotion, columns: Sequence[int]
+) -> int:
+    """Frames in which capsules penetrate.
+
+    Args:
+        description: of the robot.
+        motion: with its joints in the robot's order.
+        columns: of the joints that the robot controls.
+    """
+    q = np.ascontiguousarray(motion.joint_positions[:, columns])
+    follower = _follower(description, motion.rate)
+    return int((follower.margins(q).distance < 0.0).sum())
+
+
+def best(tried: Iterable[Tried]) -> Tried:
     """The fewest frames with capsules in penetration, then the least change."""
-    return min(rows, key=lambda row: (row.capsule_frames, row.change.joints_rms))
+    return min(tried, key=lambda one: (one.capsule_frames, one.joints_rms))
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -282,14 +317,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         type=float,
         help="judge meshes every so many seconds, not in all frames",
     )
+    parser.add_argument("--no-meshes", action="store_true", help="judge capsules alone")
     parser.add_argument("--only", default="", help="filters whose names contain this")
     parser.add_argument("--table", type=Path, help="write the table to this file")
     arguments = parser.parse_args(argv)
     description = load_robot_description(arguments.robot).without_ground()
-    by_capsules = ReferenceJudge(description, meshes=False)
-    references = read_references(arguments.motions, by_capsules.robot)
+    robot = WholeBody(description)
+    references = read_references(arguments.motions, robot)
     controlled = Follower(description, 50.0).model.joint_names
-    columns = [by_capsules.robot.joint_names.index(joint) for joint in controlled]
+    columns = [robot.joint_names.index(joint) for joint in controlled]
     ours = {}
     for name, reference in references.items():
         cleaned(description, _first_frames(reference), columns)  # compiles
@@ -297,7 +333,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     out = arguments.out.resolve()
     starts = {name: motion.joint_positions[0] for name, (motion, _) in ours.items()}
     periods = write_references(out / "problem", description, references, starts)
-    tried: dict[str, dict[str, list[tuple[Row, dict]]]] = {}
+    tried: dict[str, dict[str, list[Tried]]] = {}
     versions: dict[str, str] = {}
     rows = [
         Entry(f"{peer.name} {i}", peer, dict.fromkeys(references, settings))
@@ -310,44 +346,41 @@ def main(argv: Sequence[str] | None = None) -> None:
         for name, result in found.items():
             versions |= json.loads(str(result["versions"]))
             after = replace(references[name], joint_positions=result["q"])
-            judged = row(
-                references[name],
-                after,
-                by_capsules,
-                entry.peer.name,
-                entry.settings[name],
-                int(result["no_answer"].sum()),
-                float(result["step_time"].sum()),
+            of_peer[name].append(
+                Tried(
+                    entry.settings[name],
+                    after,
+                    penetrating(description, after, columns),
+                    find_change(references[name], after, robot).joints_rms,
+                    int(result["no_answer"].sum()),
+                    float(result["step_time"].sum()),
+                )
             )
-            of_peer[name].append((judged, after))
-    judge = ReferenceJudge(description)
+    judge = ReferenceJudge(description, meshes=not arguments.no_meshes)
+    every = arguments.every
     made: dict[str, list[Row]] = {}
     for name, reference in references.items():
         after, seconds = ours[name]
         made[name] = [
-            row(reference, reference, judge, every=arguments.every),
-            row(reference, after, judge, OURS, seconds=seconds, every=arguments.every),
+            row(reference, reference, judge, every=every),
+            row(reference, after, judge, OURS, seconds=seconds, every=every),
         ]
-        for of_peer in tried.values():
-            taken = best(one for one, _ in of_peer[name])
-            (after,) = (motion for one, motion in of_peer[name] if one is taken)
-            full = row(reference, after, judge, every=arguments.every)
+        for peer, of_peer in tried.items():
+            taken = best(of_peer[name])
             made[name].append(
-                replace(
-                    taken,
-                    judged=full.judged,
-                    mesh_frames=full.mesh_frames,
-                    deepest=full.deepest,
+                row(
+                    reference,
+                    taken.motion,
+                    judge,
+                    peer,
+                    taken.settings,
+                    taken.no_answer,
+                    taken.seconds,
+                    every,
                 )
             )
     with whole_file(out / "filters.json") as temporary:
-        told = {
-            "shown": {name: [asdict(r) for r in each] for name, each in made.items()},
-            "tried": {
-                peer: {name: [asdict(r) for r, _ in of] for name, of in each.items()}
-                for peer, each in tried.items()
-            },
-        }
+        told = {name: [asdict(r) for r in each] for name, each in made.items()}
         temporary.write_text(json.dumps(told, indent=1))
     write_report(report(made, versions), arguments.table)
 
@@ -379,7 +412,7 @@ def cells(motion: str, row: Row) -> list[str]:
     if not row.name:
         return [
             f"**{motion}**, {row.frames} frames",
-            f"{row.mesh_frames} of {row.judged}",
+            _meshes(row, f" of {row.judged}"),
             _depth(row.deepest),
             str(row.capsule_frames),
             str(row.beyond),
@@ -389,7 +422,7 @@ def cells(motion: str, row: Row) -> list[str]:
         ]
     return [
         row.name,
-        str(row.mesh_frames),
+        _meshes(row),
         _depth(row.deepest),
         str(row.capsule_frames),
         str(row.beyond),
@@ -404,10 +437,24 @@ def cells(motion: str, row: Row) -> list[str]:
     ]
 
 
+_FOLLOWERS: dict[float, Follower] = {}  # of the one robot, by their rates
+
+
+def _follower(description: RobotDescription, rate: float) -> Follower:
+    if rate not in _FOLLOWERS:
+        _FOLLOWERS[rate] = Follower(description, rate)
+    return _FOLLOWERS[rate]
+
+
 def _first_frames(motion: RobotMotion) -> RobotMotion:
     """A few of them, twice: standing still, so that they can be cleaned."""
     first = np.tile(motion.joint_positions[:1], (motion.num_frames, 1))
     return replace(motion, joint_positions=first)
+
+
+def _meshes(row: Row, more: str = "") -> str:
+    """Frames in penetration; nothing where meshes were not judged."""
+    return f"{row.mesh_frames}{more}" if row.judged else "–"
 
 
 def _depth(depth: float) -> str:

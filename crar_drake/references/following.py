@@ -21,9 +21,10 @@ integrates:
 After it was held off, the robot catches up: its error x follows both poles z =
 exp(-h / catch_up) of x'' = -P x - D x', for which h D = 1 - z^2, h^2 P = (1 - z)^2.
 
-Where the robot is on the reference, and the admission finds the reference's own next
-step clear by the whole margin, that step is taken as it is: nothing changes less, and
-the law, which would weigh pairs that are near, need not be asked.
+Where the robot is on the reference, and the way to the next frame is clear by the whole
+margin, that frame is taken as it is: nothing changes less, and the law, which would
+weigh pairs that are near, need not be asked. Where the straight way between two frames
+of the law's is not clear, the robot brakes for a frame, straight on.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.admission import SCALED
 from crar_drake.equations.kinematics import Measured, task_motion
+from crar_drake.equations.nearby import keeps_level
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
 from crar_drake.errors import ModelError, MotionError, ScenarioError
@@ -63,6 +66,9 @@ _ON_IT, _ALONG_IT = 3e-4, 2e-2
 
 # A step is expected to be at most so many times faster than the robot.
 _EXPECTED = 1.3
+
+# This share of the floor is kept on straight ways between frames.
+_BETWEEN = 0.125
 
 _NOTHING_ASKED = np.zeros((0, 7))
 _NOTHING = np.zeros(0)
@@ -303,7 +309,7 @@ class Follower:
         clear = np.ones(frames, dtype=bool)
         for frame in range(1, frames):
             first, last = (frame - 1) * steps, frame * steps
-            targets = None
+            began, targets = (run.q, run.v), None
             for k in range(first, last):
                 if self._is_on(run, q_d[k], v_d[k]) and ways.clear(frame - 1):
                     run.q, run.v = self._whole(q_d[last]), self._moving(v_d[last])
@@ -316,6 +322,10 @@ class Follower:
                 admitted[frame] = max(admitted[frame], told[0])
                 share[frame] = min(share[frame], told[1])
                 clear[frame] &= told[3] == 1.0
+            if targets is not None and not self._goes_clear(began[0], run.q):
+                run.q, run.v = began
+                self._brake(run)
+                admitted[frame], share[frame] = SCALED, 0.0
             # At a limit, rounding may lead beyond it.
             here = run.q[self.model.controlled_positions]
             q[frame] = np.clip(here, self.model.lower, self.model.upper)
@@ -385,6 +395,25 @@ class Follower:
         run.before = Before(True, run.v[controlled], vdot[controlled], resolved.kept)
         run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)
         return resolved.diagnostics["admission"]
+
+    def _goes_clear(self, start: np.ndarray, end: np.ndarray) -> bool:
+        """Whether the straight way from one frame to the next keeps clear: the law goes
+        between them in steps, and so not straight."""
+        model, mode = self.model, self.law.mode
+        return keeps_level(
+            start[model.positions],
+            (end - start)[model.order],
+            _BETWEEN * self.parameters.floor,
+            mode.robot,
+            mode.reaches,
+        )
+
+    def _brake(self, run: _Run) -> None:
+        """Moves `run` a frame on, straight along its braking path, which is clear."""
+        for _ in range(self.steps):
+            vdot = -run.v / self._T
+            run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)
+        run.before = None
 
     def _settle(self, q_0: np.ndarray) -> tuple[np.ndarray, _Run]:
         """Where to begin, (n,): at the first frame, or where the law that retreats

@@ -16,7 +16,7 @@ from crar_drake.equations.nearby import bounds_of_some, nearby_distances
 from crar_drake.robot.model import ControlModel
 
 # A way's bound is sought so far below what its ends keep, then four times farther
-# and so on [m].
+# and so on, and is found to so much [m].
 _FIRST_SLACK = 2e-4
 _LARGEST_SLACK = 0.05
 
@@ -92,14 +92,20 @@ def _on_way(start, x, d, mode: LookaheadMode) -> float:
     """
     nearest = d.min()
     low = 0.5 * (d[0] + d[1] - mode.reaches.value.farthest @ np.abs(x))
-    slack = _FIRST_SLACK
-    while slack < _LARGEST_SLACK:
+    # A bound is only as close as the level that was asked for: it is sought between one
+    # that is shown and one that is not.
+    slack, failed, shown = _FIRST_SLACK, 0.0, np.inf
+    while slack < _LARGEST_SLACK and shown - failed > _FIRST_SLACK:
         rows = np.flatnonzero(low < nearest - slack)
-        if not len(rows):
-            break
-        level = nearest - slack
-        found = bounds_of_some(start, x, level, rows, mode.robot, mode.reaches)
-        shown = found.at < 0.0
-        low[rows[shown]] = np.maximum(low[rows[shown]], found.low[shown])
-        slack *= 4.0
+        keeps = np.ones(len(rows), dtype=bool)
+        if len(rows):
+            level = nearest - slack
+            found = bounds_of_some(start, x, level, rows, mode.robot, mode.reaches)
+            keeps = found.at < 0.0
+            low[rows[keeps]] = np.maximum(low[rows[keeps]], found.low[keeps])
+        if keeps.all():
+            shown = slack
+        else:
+            failed = slack
+        slack = 4.0 * slack if np.isinf(shown) else 0.5 * (failed + shown)
     return float(low.min())

@@ -153,10 +153,11 @@ def test_rows_tell_what_the_judge_finds(robot) -> None:
     calm = filters.row(clear, clear, robot.judge, "two", {"steps": 4})
     assert (calm.capsule_frames, calm.change.joints_rms) == (0, 0.0)
     # Fewer frames in penetration come first, and the less change.
-    still = replace(calm, change=replace(calm.change, joints_rms=0.2))
-    worse = replace(row, change=replace(row.change, joints_rms=0.0))
-    assert filters.best([worse, still, row]) is still
-    assert filters.best([worse, still, calm]) is calm
+    tried = [
+        filters.Tried({"n": n}, clear, frames, change, 0, 1.0)
+        for n, (frames, change) in enumerate([(2, 0.0), (0, 0.2), (0, 0.1), (5, 0.0)])
+    ]
+    assert filters.best(tried) is tried[2]
     text = filters.report({"swing": [calm, row]}, {"numpy": "2.0"})
-    assert f"| one | 0 | none | {row.capsule_frames} | " in text
+    assert f"| one | – | none | {row.capsule_frames} | " in text
     assert '* one, swing: `{"steps": 1}`' in text

@@ -89,6 +89,20 @@ def test_a_collision_is_taken_out_and_the_rest_stays(cleaner):
     assert change[-1] < 2e-2
 
 
+def test_straight_ways_between_frames_are_clear_where_the_laws_are_not_straight(
+    cleaner, monkeypatch
+):
+    """Of a few frames a second, to and fro: there the robot brakes for a frame."""
+    follower = Follower(cleaner.description, 6.0)
+    q = np.random.default_rng(9).uniform([0.2, -1.0, -1.0], [1.4, 1.2, 1.2], (20, 3))
+    q[0] = 0.0
+    found = follower.follow(q)
+    assert least_distances(cleaner, found.q, 40).min() > 0.125 * FLOOR
+    assert follower.margins(found.q).between.min() > 0.125 * FLOOR - 2e-4
+    monkeypatch.setattr(Follower, "_goes_clear", lambda *arguments: True)
+    assert least_distances(cleaner, follower.follow(q).q, 40).min() < -0.02
+
+
 def test_a_root_that_floats_makes_no_difference(cleaner):
     floating = replace(cleaner.description, root="prescribed")
     q = reaching(16, RATE, 1.0)

@@ -387,9 +387,10 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def report(made: dict[str, list[Row]], versions: dict[str, str]) -> str:
     """The table, and with which settings and versions it was made."""
-    table = markdown_table(
-        HEADER, [cells(name, r) for name, each in made.items() for r in each]
-    )
+    whole = [HEADER, *(cells(name, r) for name, each in made.items() for r in each)]
+    if not any(r.judged for each in made.values() for r in each):
+        whole = [[*line[:1], *line[3:]] for line in whole]  # nothing of meshes
+    table = markdown_table(whole[0], whole[1:])
     chosen = "".join(
         f"* {r.name}, {name}: `{json.dumps(r.settings)}`\n"
         for name, each in made.items()

@@ -159,5 +159,5 @@ def test_rows_tell_what_the_judge_finds(robot) -> None:
     ]
     assert filters.best(tried) is tried[2]
     text = filters.report({"swing": [calm, row]}, {"numpy": "2.0"})
-    assert f"| one | – | none | {row.capsule_frames} | " in text
+    assert f"| one | {row.capsule_frames} | " in text
     assert '* one, swing: `{"steps": 1}`' in text

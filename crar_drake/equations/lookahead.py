@@ -81,6 +81,9 @@ LONGEST_MOVE = 0.15
 _CORRECTIONS = 4
 # and then to be so far above the level that a pair must keep [m].
 _SPARE = 3e-4
+# Shares of the wish for which the guard is asked anew, where not even the first of them
+# would be left: the far end of a long step says little about its beginning.
+_LESS = (0.25, 0.0625, 0.015625, 0.0)
 
 
 class LookaheadGains(NamedTuple):
@@ -575,7 +578,8 @@ def admit(
     """(L8): the velocity of q_s whose step is clear; it always exists.
 
     As the guard wishes it, else corrected by rows for what would not be clear, else
-    scaled towards braking, with the prescribed joints.
+    scaled towards braking, with the prescribed joints; or what the guard makes of a
+    share of the wish, if hardly any of that would be left.
 
     Args:
         s_0: (n,) the wish before the guard.
@@ -591,7 +595,7 @@ def admit(
         admitted (AS_WISHED, CORRECTED, SCALED), the share of s, the clearance of the
         next braking path [m], and 1 if the present one was clear, else 0.
     """
-    n = len(s_0)
+    n, given = len(s_0), constraints
     limits, reaches = numbers.limits.value, numbers.reaches
     admission = numbers.admission
     lowest, highest = step_bounds(q, v, n, limits, admission)
@@ -620,7 +624,18 @@ def admit(
         if not checked.clear:
             how = SCALED
             share, clearance = scale_step(q, v, s, present, r, reaches, admission)
-            s = share * s
+            scaled = share * s
+            if share < _LESS[0]:
+                # What the guard asks for, a way out among it, would be scaled as well.
+                for less in _LESS:
+                    s_1, _ = guard(less * s_0, given, norm)
+                    s_1 = np.minimum(np.maximum(s_1, lowest), highest)
+                    s = np.concatenate((s_1, less * s_p))
+                    checked = check_step(q, v, s, present, r, reaches, admission)
+                    if checked.clear:
+                        share, clearance, scaled = less, checked.clearance, s
+                        break
+            s = scaled
     clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
     told = np.array([how, share, clearance, 1.0 if present.held else 0.0])
     return s[:n], s[n:], told

@@ -789,6 +789,51 @@ def test_a_forgotten_constraint_is_noticed(
         assert_nothing_was_violated(run)
 
 
+@pytest.mark.skipif(IS_COMPILED, reason="compiled functions cannot be replaced")
+def test_a_way_out_is_not_scaled_with_the_wish(monkeypatch) -> None:
+    """At rest and nearer than the margin, with a wish no share of which is clear: what
+    the guard makes of less of the wish is taken, and leads away."""
+
+    def slow_ones_only(q, v, s, *rest):
+        checked = check_step(q, v, s, *rest)
+        return checked._replace(clear=checked.clear and bool(np.abs(s).max() < 0.2))
+
+    model = obstacle_arm()
+    workspace, still = model.MakeWorkspace(), np.zeros(model.plant.num_velocities())
+    rest = model.rest_positions()
+
+    def distance(q) -> float:
+        return float(model.evaluate(workspace, q, still).d.min())
+
+    rng = np.random.default_rng(0)
+    inside = rest
+    while distance(inside) > 0.0:
+        inside = rest + rng.uniform(-1.0, 1.0, len(rest))
+    q, beyond = rest, inside
+    for _ in range(40):  # 4.2 mm: above the floor, below the margin
+        middle = 0.5 * (q + beyond)
+        q, beyond = (middle, beyond) if distance(middle) > 4.2e-3 else (q, middle)
+    monkeypatch.setattr(lookahead, "check_step", slow_ones_only)
+    monkeypatch.setattr(lookahead, "scale_step", lambda *arguments: (0.0, 0.0))
+    parameters = CrarParameters(
+        constraints="lookahead",
+        period=0.005,
+        blend_time=0.0,
+        respect_effort_limits=False,
+    )
+    law = ControlLaw(model, parameters)
+    here = model.layout.unpack(model.tasks_at(q))
+    tasks = model.layout.pack(here.R, here.p + 1.0)
+    prescribed, v, before = model.prescribed_at(q), still, distance(q)
+    law.step(q, v, tasks, prescribed)  # is blended in
+    for _ in range(10):
+        solution = law.step(q, v, tasks, prescribed)
+        how, share, _, held = solution.admission
+        assert (how, share, held) == (SCALED, 0.0, 1.0)
+        q, v = np.split(solution.position_command, [len(q)])
+    assert distance(q) > before + 1e-4
+
+
 @pytest.mark.parametrize("case", ["upper body, 20 ms", "arm, 10 ms", "rail, 10 ms"])
 def test_a_start_in_violation_does_not_get_worse(case: str) -> None:
     """From states anywhere: on each next path every pair of shapes keeps the floor or

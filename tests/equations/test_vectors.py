@@ -176,8 +176,8 @@ CASES = {
         lambda x, members: [min(row, key=lambda i: x[i]) for row in members.tolist()],
     ),
 }
-# These are tested apart: one is no function of equal results, the other has none.
-APART = {"cholesky", "add_to_diagonal"}
+# These are tested apart: one is no function of equal results, the others have none.
+APART = {"cholesky", "add_to_diagonal", "put"}
 
 
 def test_every_function_with_loops_is_tested():
@@ -263,6 +263,14 @@ def test_add_to_diagonal_works_in_place_on_the_diagonal_only(which):
     expected = A + np.diag(x)
     assert form("add_to_diagonal", which)(A, x) is None
     np.testing.assert_array_equal(A, expected)
+
+
+@pytest.mark.parametrize("which", FORMS)
+def test_put_works_in_place_from_a_place_on(which):
+    x, values = normal(7), normal(3)
+    expected = np.concatenate([x[:2], values, x[5:]])
+    assert form("put", which)(x, 2, values) is None
+    np.testing.assert_array_equal(x, expected)
 
 
 def test_vectors_of_one_and_unit_clipping_are_numpys():

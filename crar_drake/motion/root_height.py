@@ -111,10 +111,10 @@ def _taken_along(
     """A foot that a lifted root takes along: in the air, and out of its reach."""
     if not lifted.any():
         return foot
-    margin = round(_ANTICIPATION * rate)
-    up = (1.0 - smooth_flags(foot.planted, margin)) * lifted
+    on_the_floor = smooth_flags(foot.planted, round(_ANTICIPATION * rate))
+    up = (1.0 - on_the_floor) * lifted
     needed = _out_of_reach(hip, foot.positions, leg) - up
-    up = up + smooth_bound(np.where(lifted > 0.0, needed, 0.0).clip(0.0), margin)
+    up = up + anticipated(np.where(lifted > 0.0, needed, 0.0).clip(0.0), rate)
     return replace(foot, positions=foot.positions + up[:, None] * [0.0, 0.0, 1.0])
 
 

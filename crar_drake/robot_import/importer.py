@@ -788,12 +788,11 @@ def _clear_rest(
 ) -> tuple[dict[str, float], bool]:
     """The first of some rest postures, arms ever farther out and legs farther apart, in
     which the fewest capsules touch that no hip or shoulder joins; and if knees bend."""
+    links = [name for name in capsules if capsules[name]]
     pairs = [
         pair
-        for pair in itertools.combinations((name for name in capsules), 2)
-        if capsules[pair[0]]
-        and capsules[pair[1]]
-        and joints_between(robot, locked, *pair) > _SOCKET
+        for pair in itertools.combinations(links, 2)
+        if joints_between(robot, locked, *pair) > _SOCKET
     ]
     gaps = Gaps(capsules, pairs)
     found = []

@@ -73,6 +73,7 @@ from crar_drake.robot_import.source_urdf import (
     SourceRobot,
     find_urdf,
 )
+from crar_drake.robot_import.srdf import read_srdf
 from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 from crar_drake.robot_import.urdf_writer import (
     BASE_JOINTS,
@@ -167,6 +168,8 @@ def import_robot(
     lock: tuple[str, ...] | None = None,
     cover: bool = False,
     base: str | None = None,
+    srdf: str = "",
+    posture: str = "",
     progress: Progress | None = None,
 ) -> ImportReport:
     """Turns a robot's own file into a folder with all that a scenario's `robot` needs.
@@ -183,6 +186,8 @@ def import_robot(
         cover: whether capsules are grown to hold all triangles, on a first import.
         base: what becomes of the root link (`choices.BASES`), on a first import; None
             is guessed: it floats where legs are there and not locked.
+        srdf: path of an SRDF, on a first import (`ImportChoices`).
+        posture: which of its postures the robot rests in.
         progress: is told what is being done.
 
     Nothing of it is written unless all of it can be; only the import file is, where
@@ -209,12 +214,21 @@ def import_robot(
                 f"{file} is there already: write cover: true into it, take out pairs, "
                 "and import again without the option"
             )
+        for key, value in (("srdf", srdf), ("posture", posture)):
+            if value and value != getattr(choices, key):
+                raise ModelError(
+                    f"{file} is there already: write {key}: {value} into it, take out "
+                    "locked, rest_posture and pairs, and import again without the "
+                    "option"
+                )
     if choices is None:
         path, name = find_urdf(source)
         choices = ImportChoices(source=name, package_paths=list(package_paths))
         choices.lock = None if lock is None else list(lock)
         choices.cover = cover
         choices.base = base
+        choices.srdf = str(Path(srdf).resolve()) if srdf else ""
+        choices.posture = posture
     elif base is not None and base != choices.base:
         raise ModelError(
             f"{file} is there already: write base: {base} into it, and import again "
@@ -229,6 +243,8 @@ def import_robot(
     choices = replace(choices, name=choices.name or robot.name)
     robot = _without_world(robot, choices)
     report = ImportReport(out, choices, notes=list(robot.notes))
+    if choices.srdf:
+        robot = _with_semantics(robot, out / choices.srdf, choices, report)
     if choices.up_axis is None and (guess := guess_up_axis(robot)) is not None:
         choices.up_axis, report.guessed["up_axis"] = guess
     up_axis = choices.up_axis or "z"
@@ -399,6 +415,22 @@ def _without_world(robot: SourceRobot, choices: ImportChoices) -> SourceRobot:
     return replace(bare, notes=(*robot.notes, note))
 
 
+def _with_semantics(
+    robot: SourceRobot, path: Path, choices: ImportChoices, report: ImportReport
+) -> SourceRobot:
+    """The robot with a posture and the allowed pairs of an SRDF."""
+    semantics = read_srdf(path, robot)
+    name, posture = semantics.posture(choices.posture)
+    if name:
+        report.notes.append(f"rests in the posture {name!r} of {path.name}")
+    elif semantics.postures:
+        report.notes.append(
+            f"no posture of {path.name} was taken; write one as posture: "
+            + ", ".join(semantics.postures)
+        )
+    return replace(robot, posture=posture or robot.posture, allowed=semantics.allowed)
+
+
 def _face(robot, parts, choices: ImportChoices, report: ImportReport) -> SourceRobot:
     """The robot in a frame whose x axis is its front, its z axis up."""
     if choices.up is None and choices.facing is None:
@@ -454,6 +486,9 @@ def _guess_structure(
     if choices.locked is None:
         lock = DEFAULT_LOCK if choices.lock is None else choices.lock
         choices.locked = guess_locked(robot, anatomy, parts, lock)
+        if choices.srdf:
+            stated = {n for n in choices.locked if not robot.joints[n].mimic}
+            choices.locked |= {n: p for n, p in robot.posture.items() if n in stated}
         report.guessed["locked"] = _how_locked(choices, anatomy is not None)
     if choices.segments is None:
         group = _groups(robot, choices.locked)
@@ -767,7 +802,11 @@ def _guess_rest(robot, locked, parts, capsules, choices, report) -> None:
     if choices.rest_posture is not None:
         return
     anatomy = find_anatomy(robot)
-    if anatomy:
+    if choices.srdf and robot.posture:
+        posture = robot.posture.items()
+        rest = {n: round(p, 4) for n, p in posture if n not in locked and p}
+        how = f"a posture of {Path(choices.srdf).name}"
+    elif anatomy:
         rest, knees = _clear_rest(robot, anatomy, locked, capsules)
         also = " and knees" if knees else ""
         how = f"arms a little out, elbows{also} bent, standing on the ground"
@@ -840,21 +879,29 @@ def _pairs(
     twins = mirrored_links(robot, find_anatomy(robot))
     adjacent = _adjacent(robot, locked, capsules)
     found = sample_pairs(plant, capsules, rest, adjacent, twins=twins)
-    choices.pairs = found.watched
+    allowed = _allowed(robot, capsules, choices.segments)
+    choices.pairs = [p for p in found.watched if frozenset(p) not in allowed]
+    overlapping = [p for p in found.overlapping if frozenset(p) not in allowed]
     report.guessed["pairs"] = (
         f"all that came within 2 cm in sampled configurations; {found.never} never did"
     )
-    if found.overlapping:
+    if left_out := [p for p in found.watched if frozenset(p) in allowed]:
+        report.warnings.append(
+            f"pairs: {', '.join(map(' - '.join, left_out))}: NOT watched, since "
+            f"{Path(choices.srdf).name} lets them touch, although they came within "
+            "2 cm in sampled configurations"
+        )
+    if overlapping:
         report.notes.append(
             "not watched, since they touch in the rest posture: "
-            + ", ".join(" - ".join(pair) for pair in found.overlapping)
+            + ", ".join(map(" - ".join, overlapping))
         )
     if found.always:
         report.notes.append(
             "not watched, since they nearly always touch: "
             + ", ".join(" - ".join(pair) for pair in found.always)
         )
-    return found.overlapping
+    return overlapping
 
 
 def _watch_ground(description, plant, rest, capsules, choices, report, file) -> None:
@@ -899,6 +946,24 @@ def _watch_ground(description, plant, rest, capsules, choices, report, file) -> 
         "against it"
         + (f", but not {', '.join(below)}: capsules too low at rest" if below else "")
     )
+
+
+def _allowed(robot, capsules, segments) -> set[frozenset[str]]:
+    """Pairs of links with capsules, of all whose shapes an SRDF disables collisions."""
+    if not robot.allowed:
+        return set()
+    inside = {
+        name: [n for n in (name, *segments.get(name, ())) if not robot.is_bare(n)]
+        for name in capsules
+    }
+    return {
+        frozenset((a, b))
+        for a, b in itertools.combinations(capsules, 2)
+        if all(
+            frozenset(pair) in robot.allowed
+            for pair in itertools.product(inside[a], inside[b])
+        )
+    }
 
 
 def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:

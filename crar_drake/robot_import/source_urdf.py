@@ -148,7 +148,9 @@ class SourceRobot:
         X_FR: pose of the root link in the frame F that all poses are given in: z
             up, x the robot's front (`facing`).
         loops: chains that the file closes; the tree has them open.
-        posture: joint to position [rad or m] in a rest posture of the file's own.
+        posture: joint to position [rad or m] in a rest posture of the file's own, or of
+            its SRDF.
+        allowed: pairs of links that may touch by its SRDF.
     """
 
     name: str
@@ -161,6 +163,7 @@ class SourceRobot:
     X_FR: RigidTransform = field(default_factory=RigidTransform)
     loops: tuple[Loop, ...] = ()
     posture: dict[str, float] = field(default_factory=dict)
+    allowed: frozenset[frozenset[str]] = frozenset()
 
     def parent_joint(self, link: str) -> Joint | None:
         """The joint that carries a link; None for the root."""

@@ -121,12 +121,13 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
 
         Returns:
-            (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
-            `nominal_posture_gain` is 0.
+            (n,) positions of the controlled joints [rad or m], in whose last six a
+            controlled root has the first of its positions, by which it is not drawn
+            anywhere; (0,) if the parameter `nominal_posture_gain` is 0.
         """
         if not self._with_posture:
             return _NOTHING
-        controlled = self.model.controlled_positions
+        controlled = self.model.controlled_positions[: self.model.n]
         return np.where(self._has_rest, self._rest[controlled], q[controlled])
 
     def reset(self) -> None:
@@ -267,7 +268,7 @@ class ControlLaw:
         posture = targets.nominal_posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
-            here = q[model.controlled_positions]
+            here = q[model.controlled_positions[: model.n]]
             posture = here + blend[0] * (posture - here)
         wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
         before = None

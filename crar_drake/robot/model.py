@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import MultibodyForces, RigidBody
+from pydrake.multibody.tree import Joint, MultibodyForces, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import (
     Measured,
     Robot,
@@ -58,7 +59,8 @@ class ModelState:
     Attributes:
         qdot: (n,) velocities of the controlled joints [rad/s].
         q_p, qdot_p: (nq_p,), (n_p,) positions and velocities of the prescribed joints.
-        q: (n,) positions of the controlled joints [rad].
+        q: (n,) positions of the controlled joints [rad]; a controlled root's seven
+            are not all in it.
         R: (Na, 3, 3) orientations R_WT of the tasks that have one.
         p: (Nl, 3) positions p_WT of the tasks that have one [m].
         v: (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
@@ -88,10 +90,11 @@ class ModelState:
     def of(state: State, n: int) -> ModelState:
         """The equations' state, with the n controlled joints apart."""
         q, v, R, p, J, Jdot_qdot, d, dd_dv = state
+        controls_root = n == len(v) < len(q)
         return ModelState(
             q=q[:n],
             qdot=v[:n],
-            q_p=q[n:],
+            q_p=q[n + controls_root :],
             qdot_p=v[n:],
             R=R,
             p=p,
@@ -154,9 +157,9 @@ class ControlModel:
 
     The joints of the plant are either *prescribed* (their acceleration is known)
     or *controlled* (the paper's q, in the plant's order of velocities). Each must
-    have as many velocities as positions and be actuated. Only a prescribed root may be
-    free (`equations.free_joints`): no actuator moves it, and the force that does is
-    told apart.
+    have as many velocities as positions and be actuated. Only the root may be free
+    (`equations.free_joints`), prescribed or controlled: no actuator moves it, and the
+    force that does is told apart.
 
     Attributes:
         plant, scene_graph, diagram: the model itself.
@@ -173,10 +176,11 @@ class ControlModel:
         robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
             a row for each pair; and at two, a row for each pair of shapes.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
-        controlled, prescribed: their indices in v; of the prescribed ones a free root's
-            come last.
-        controlled_positions, prescribed_positions: (n,), (nq_p,) their indices in q.
-            All are those in v, unless the root is free.
+        controlled, prescribed: their indices in v; a free root's come last.
+        num_joints: number of controlled joints without a free root's six velocities.
+        controlled_positions, prescribed_positions: (nq_c,), (nq_p,) their indices in q.
+            All are those in v, unless the root is free, whose seven come last.
+        root_positions: (7,) the root's indices in q if it is free, else (0,).
         order, positions: (nv,), (nq,) both, one after the other, in v and in q.
         num_free: 1 if the root is free, which has a position more than velocities.
         unactuated: (6,) the root's indices in v if it is free, else (0,).
@@ -184,7 +188,7 @@ class ControlModel:
             velocity of the plant.
         joint_names, prescribed_names: (n,), (n_p,) those of the velocities of
             controlled and prescribed joints.
-        lower, upper: (n,) limits of the controlled joints [rad].
+        lower, upper: (n,) limits of the controlled joints [rad]; a root has none.
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
         velocity_limits: (nv,) largest speed per joint, inf where there is none: the
@@ -503,8 +507,20 @@ class ControlModel:
             q[joint.position_start()] = value
         if self.num_free:
             X_WB = self.description.rest_pose()
-            q[self.prescribed_positions[-7:-3]] = X_WB.rotation().ToQuaternion().wxyz()
-            q[self.prescribed_positions[-3:]] = X_WB.translation()
+            q[self.root_positions[:4]] = X_WB.rotation().ToQuaternion().wxyz()
+            q[self.root_positions[4:]] = X_WB.translation()
+        return q
+
+    def moved(self, q: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Positions after a displacement of the controlled joints.
+
+        Args:
+            q: (nq,) of the whole plant.
+            by: (n,) displacements [rad or m]; of a free root a rotation vector and a
+                translation, in the world.
+        """
+        q, at = q.copy(), self.controlled_positions
+        q[at] = displaced(q[at], by)
         return q
 
     def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
@@ -527,15 +543,24 @@ class ControlModel:
         self._check_described_joints()
         root = find_root(plant, description)
         moved = [find_joint(plant, name) for name in description.prescribed_joints]
-        prescribed, at = [], []
-        for joint in moved if root is None else [*moved, root]:
-            start, count = joint.velocity_start(), joint.num_velocities()
-            prescribed += range(start, start + count)
-            start, count = joint.position_start(), joint.num_positions()
-            at += range(start, start + count)
+        free = [] if root is None else [root]
+        controls_root = bool(free) and description.root == "controlled"
         nq, nv = plant.num_positions(), plant.num_velocities()
-        self.num_free = 0 if root is None else 1
-        self.unactuated = np.array(prescribed[-6:] if self.num_free else [], dtype=int)
+        self.num_free = len(free)
+        self.unactuated, self.root_positions = _entries(free)
+        self.prescribed, self.prescribed_positions = _entries(
+            moved if controls_root else [*moved, *free]
+        )
+        own = _entries(free) if controls_root else _entries([])
+        self.controlled, self.controlled_positions = (
+            # A free root comes last, as the equations have it.
+            np.concatenate(
+                [np.setdiff1d(np.arange(count), [*given, *of_root]), of_root]
+            )
+            for count, given, of_root in zip(
+                (nv, nq), (self.prescribed, self.prescribed_positions), own, strict=True
+            )
+        )
         B = plant.MakeActuationMatrix()
         idle = np.setdiff1d(np.flatnonzero(~B.any(axis=1)), self.unactuated)
         names = names_by_joint(plant)
@@ -554,27 +579,24 @@ class ControlModel:
         self._actuators_from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
         alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
         self._actuated = B.argmax(axis=0) if alone else None
-        self.prescribed = np.array(prescribed, dtype=int)
-        self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
+        self.num_joints = self.n - len(own[0])
         self.order = np.concatenate([self.controlled, self.prescribed])
         self._places = np.argsort(self.order)
-        self.prescribed_positions = np.array(at, dtype=int)
-        self.controlled_positions = np.setdiff1d(
-            np.arange(nq), self.prescribed_positions
-        )
         self.positions = np.concatenate(
             [self.controlled_positions, self.prescribed_positions]
         )
         self._still = np.zeros(nv)
-        if not self.n:
+        if not self.num_joints:
             raise ModelError("the plant has no joint left to control")
         self.velocity_names = names
         self.position_names = names_by_joint(plant, of_positions=True)
         self.joint_names = [names[i] for i in self.controlled]
         self.prescribed_names = [names[i] for i in self.prescribed]
-        self.lower = plant.GetPositionLowerLimits()[self.controlled_positions]
-        self.upper = plant.GetPositionUpperLimits()[self.controlled_positions]
+        # A root's seven positions have no limits, nor have its six velocities.
+        at = self.controlled_positions[: self.n]
+        self.lower = plant.GetPositionLowerLimits()[at]
+        self.upper = plant.GetPositionUpperLimits()[at]
         self.effort_limits = np.zeros(nv)
         self.actuator_limits = np.full(plant.num_actuated_dofs(), np.inf)
         for index in plant.GetJointActuatorIndices():
@@ -656,11 +678,12 @@ class ControlModel:
 
     def _find_task_joint(self, task: Task) -> int:
         """Which of the controlled joints a task of kind joint tracks."""
-        if task.joint in self.joint_names:
+        if task.joint in self.joint_names[: self.num_joints]:
             return self.joint_names.index(task.joint)
         raise ModelError(
             f"task {task.name or task.joint}: joint: {task.joint!r} is no controlled "
-            f"joint with one position{nearest(task.joint, self.joint_names)}"
+            "joint with one position"
+            f"{nearest(task.joint, self.joint_names[: self.num_joints])}"
         )
 
     def _set_points(self) -> None:
@@ -765,6 +788,17 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
+
+
+def _entries(joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray]:
+    """Where joints are in v and in q."""
+    v, q = [], []
+    for joint in joints:
+        start = joint.velocity_start()
+        v += range(start, start + joint.num_velocities())
+        start = joint.position_start()
+        q += range(start, start + joint.num_positions())
+    return np.array(v, dtype=int), np.array(q, dtype=int)
 
 
 def names_by_joint(plant: MultibodyPlant, *, of_positions: bool = False) -> list[str]:

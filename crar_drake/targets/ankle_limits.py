@@ -41,7 +41,7 @@ class LegSolver:
         plant, description = model.plant, model.description
         self._plant = plant
         self._context = model.MakeWorkspace().plant_context
-        self._root = model.prescribed_positions[-7:]
+        self._root = model.root_positions
         self._rest = model.rest_positions()
         self._at_rest = Rotation.from_matrix(
             description.rest_pose().rotation().matrix()

@@ -30,7 +30,9 @@ def test_fits_are_close(robot_data, robot, links):
         assert fit.good and len(fit.capsules) <= 3
 
 
-@pytest.mark.parametrize("robot", ["g1", "talos"])
+@pytest.mark.parametrize(
+    "robot", ["g1", "g1_whole_body", "talos", "talos_whole_body"]
+)
 def test_shipped_choices_fit_the_urdf(robot_data, robot):
     choices = load_choices(import_file(robot))
     read = read_urdf(find_urdf(choices.source)[0])

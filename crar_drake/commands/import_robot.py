@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot.description import IMPORT_FILE, import_file
     from crar_drake.robot_import import check_installed, import_robot, load_choices
-    from crar_drake.robot_import.source_urdf import default_name, find_urdf
+    from crar_drake.robot_import.robot_files import default_name, find_urdf
 
     # What is missing is told before a file is written.
     check_installed()

@@ -14,7 +14,8 @@ import numpy as np
 
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
-from crar_drake.robot_import.source_urdf import SourceRobot, one_number
+from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.xml_numbers import one_number
 from crar_drake.yaml_files import read_text
 
 # What postures that a robot rests in are called, the first first.

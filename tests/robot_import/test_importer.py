@@ -17,7 +17,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot, load_choices
-from crar_drake.robot_import.importer import DESCRIPTION, PICTURE, REPORT, URDF
+from crar_drake.robot_import.robot_folder import DESCRIPTION, PICTURE, REPORT, URDF
 from crar_drake.targets.motion import segment_lengths
 
 TASKS = position_tasks(EXPERIMENTS["upper-body"])

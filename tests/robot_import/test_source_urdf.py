@@ -6,7 +6,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.source_urdf import default_name, find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import default_name, find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 
 MESH = '<mesh filename="{}"/>'
 

@@ -6,7 +6,8 @@ from small_urdfs import humanoid, joint, link, robot, write
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot_import import import_robot, load_choices
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.robot_import.srdf import read_srdf
 
 SITTING = """

@@ -52,8 +52,13 @@ VERDICTS = {
     "G1, MJCF": Verdict(0.0190),
     "JVRC-1": Verdict(0.0427),
     "Booster T1": Verdict(0.0398),
+    "Booster T1, MJCF": Verdict(
+        0.0361, "partly: the arms do, it crouches with its knees apart"
+    ),
     "H1": Verdict(0.0311),
     "Vega 1": Verdict(0.1778, "its hands stop at its base, and all of it with them"),
+    "Vega 1u": Verdict(0.1027, "partly: the arm rises late and half as far"),
+    "Vega 1p, hands": Verdict(0.1005, "partly: the arm rises late and half as far"),
     "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),
     "ARMAR-6": Verdict(0.213, "the arm rises late and half as far"),
     "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),

@@ -15,7 +15,7 @@ _ITERATIONS = 8
 _LARGEST_STEP = 0.3  # [rad] of one iteration
 _DAMPING = 1e-3  # [m]
 _MARGIN = 0.03  # [rad] that a joint keeps from its limits
-# Ankles come to their limits like exp(-t / this), and no faster: a lookahead would brake
+# Ankles come to their limits like exp(-t / this), no faster: a lookahead would brake
 # them before, and the foot would slide. Longer than the scenarios' horizons [s].
 _APPROACH = 0.05
 _FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one plane

@@ -64,6 +64,7 @@ VERDICTS = {
     "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),
     "GR-2": Verdict(0.0515),
     "GR-3": Verdict(0.0283),
+    "Qinglong": Verdict(0.0860, "partly: the arm rises late and half as far"),
     "OpenArm": Verdict(0.0443),
     "YuMi": Verdict(0.1432, "partly: the hands do, the elbows stand out"),
 }

@@ -5,8 +5,9 @@
 Each frame by itself, without a past, a speed limit or a way to the next: the
 configuration that differs the least from the reference among those whose watched pairs
 keep the floor of `crar-drake clean` and whose joints keep their limits. The least of
-what? Three answers: of the joints; of the norm that `clean` uses, with the feet's
-weights; and of the hands' places, whatever the joints have to do for it.
+what? Three answers: of the joints alone, wherever that takes the feet; of the norm that
+`clean` uses, with the feet's weights; and of the hands' and the feet's places, whatever
+the joints have to do for it.
 
 Each is a local minimum, by sequential quadratic programs (Drake's Clarabel) from three
 starts: the reference, the frame that `clean` made, and what was found for the frame
@@ -35,9 +36,17 @@ _REGION, _SMALLEST = 0.3, 1e-4  # how far one of them may move a joint [rad]
 _LOOKED_AT = 0.15  # pairs nearer than this have a row [m]
 _KEPT = 2e-5  # by so much less than the floor a distance may be [m]
 _BROKEN = 1e3  # of the merit, a metre of distances below the floor
-_HANDS_ALONE = 1e-2  # weight of the joints where the hands' places matter [m/rad]
+# Where hands and feet matter: weights of joints and turns of feet [m/rad].
+_JOINTS_LEAST, _FEET_TURN = 1e-2, 0.2
 OURS = "crar-drake clean"
-MEASURES = ("joints", "norm of clean", "hands")
+MEASURES = ("joints alone", "norm of clean", "hands and feet")
+HEADER = (
+    "",
+    "joints, rms / worst",
+    "feet, rms / worst",
+    "hands, rms / worst",
+    "below the floor",
+)
 
 
 @dataclass(frozen=True)
@@ -83,10 +92,14 @@ class LeastChange:
         clear = [each for each in found if each.broken <= _KEPT]
         return min(clear or found, key=lambda each: each.cost)
 
-    def hands(self, q: np.ndarray) -> np.ndarray:
-        """(H, 3) where the hands' links are [m]."""
+    def places(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(2, 3) where the feet's links are, and (2, 3) the hands' [m]."""
         self._set(q)
-        return np.array([self._pose(body).translation() for body in self._hands])
+        feet, hands = (
+            np.array([self._pose(body).translation() for body in bodies])
+            for bodies in (self._feet, self._hands)
+        )
+        return feet, hands
 
     def _descend(self, reference, wanted, start) -> Found:
         q, region = np.clip(start, self._model.lower, self._model.upper), _REGION
@@ -130,18 +143,21 @@ class LeastChange:
     def _residuals(self, q, reference, wanted) -> tuple[np.ndarray, np.ndarray]:
         """A, b: the change in the measure, b + A x after a step x."""
         p = self._parameters
-        weight = _HANDS_ALONE if self._measure == "hands" else p.joint_weight
+        places = self._measure == "hands and feet"
+        weight = _JOINTS_LEAST if places else p.joint_weight
         A, b = [weight * np.eye(len(q))], [weight * (q - reference)]
         self._set(q)
         feet, hands = wanted[: len(self._feet)], wanted[len(self._feet) :]
         tasks: list[tuple[RigidBody, RigidTransform, float, float]] = []
-        if self._measure == "norm of clean":
-            weights = p.foot_weight, p.foot_turn_weight
+        if self._measure != "joints alone":
+            weights = (
+                (1.0, _FEET_TURN) if places else (p.foot_weight, p.foot_turn_weight)
+            )
             pairs = zip(self._feet, feet, strict=True)
-            tasks = [(body, X, *weights) for body, X in pairs]
-        if self._measure == "hands":
+            tasks += [(body, X, *weights) for body, X in pairs]
+        if places:
             pairs = zip(self._hands, hands, strict=True)
-            tasks = [(body, X, 1.0, 0.0) for body, X in pairs]
+            tasks += [(body, X, 1.0, 0.0) for body, X in pairs]
         for body, X, linear, angular in tasks:
             J = self._jacobian(body)
             X_now = self._pose(body)
@@ -216,16 +232,25 @@ def least_changes(
 def row(name: str, least: LeastChange, reference, frames, broken: float) -> list[str]:
     """What a motion's frames differ from the reference by."""
     change = np.degrees(frames - reference)
-    pairs = zip(reference, frames, strict=True)
-    moved = 1e3 * np.array(
-        [np.linalg.norm(least.hands(b) - least.hands(a), axis=1) for a, b in pairs]
+    before, after = ([least.places(q) for q in each] for each in (reference, frames))
+    feet, hands = (
+        1e3
+        * np.linalg.norm(
+            [b[i] - a[i] for a, b in zip(before, after, strict=True)], axis=2
+        )
+        for i in range(2)
     )
     return [
         name,
-        f"{np.sqrt((change**2).mean()):.2f}° / {np.abs(change).max():.1f}°",
-        f"{np.sqrt((moved**2).mean()):.1f} / {moved.max():.1f} mm",
+        f"{_rms(change):.2f}° / {np.abs(change).max():.1f}°",
+        f"{_rms(feet):.1f} / {feet.max():.1f} mm",
+        f"{_rms(hands):.1f} / {hands.max():.1f} mm",
         f"{1e3 * broken:.2f} mm",
     ]
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -256,8 +281,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             row(f"least change of {measure}", measured, q[some], frames, broken)
         )
         print(rows[-1], flush=True)
-    header = ["", "joints, rms / worst", "hands, rms / worst", "below the floor"]
-    print(markdown_table(header, rows))
+    print(markdown_table(HEADER, rows))
 
 
 if __name__ == "__main__":

@@ -166,7 +166,7 @@ def compare_motions(
         texts={
             "distance": ("smallest distance of capsules", "capsules"),
             "error": ("largest change of a joint", "change"),
-            "inside": f"links whose {judged} are inside another's",
+            "inside": f"a link inside another, by its {judged}",
         },
     )
     return verdicts
@@ -206,9 +206,8 @@ def _figures(
         figures.insert(1, figure("by", f"{1e3 * deciding[0].depth:.1f} mm", True))
     figures.append(of_frames("beyond limits in", _beyond(verdict)))
     if motion is not first and motion.num_frames == first.num_frames:
-        change = find_change(first, motion, robot)
-        rms, worst = np.degrees([change.joints_rms, change.joints_worst])
-        figures.append(figure("joints changed", f"{rms:.2f}° rms, {worst:.1f}° most"))
+        rms = np.degrees(find_change(first, motion, robot).joints_rms)
+        figures.append(figure("joints changed by", f"{rms:.2f}° rms"))
     return figures
 
 

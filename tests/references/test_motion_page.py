@@ -140,7 +140,7 @@ def test_the_time_line_and_the_caption_say_the_same(made):
     change = np.abs(joints_of(out) - joints_of(reference))
     np.testing.assert_allclose(after["curve"]["error"], change.max(axis=1), atol=6e-6)
     rms = np.degrees(np.sqrt((change**2).mean()))
-    assert figures[1]["joints changed"].startswith(f"{rms:.2f}° rms")
+    assert figures[1]["joints changed by"] == f"{rms:.2f}° rms"
     assert before["curve"]["error"] == [] and data["title"] == "reach.csv"
     assert "capsules" in data["texts"]["inside"]
 
@@ -229,7 +229,7 @@ def test_the_browser_shows_red_links_and_gives_them_their_colour_back(made):
         assert left > 200 and right == 0
         assert crimson(look(browser, clear / RATE)) == [0, 0]
         legend = browser.evaluate("document.getElementById('crar-legend').textContent")
-        assert "links whose capsules are inside another's" in legend
+        assert "a link inside another, by its capsules" in legend
         assert browser.complaints == []
 
 

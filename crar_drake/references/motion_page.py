@@ -166,7 +166,7 @@ def compare_motions(
         texts={
             "distance": ("smallest distance of capsules", "capsules"),
             "error": ("largest change of a joint", "change"),
-            "inside": f"a link inside another, by its {judged}",
+            "inside": f"a link inside another, by {judged}",
         },
     )
     return verdicts
@@ -204,7 +204,7 @@ def _figures(
     deciding = _deciding(verdict)
     if deciding:
         figures.insert(1, figure("by", f"{1e3 * deciding[0].depth:.1f} mm", True))
-    figures.append(of_frames("beyond limits in", _beyond(verdict)))
+    figures.append(of_frames("beyond limits", _beyond(verdict)))
     if motion is not first and motion.num_frames == first.num_frames:
         rms = np.degrees(find_change(first, motion, robot).joints_rms)
         figures.append(figure("joints changed by", f"{rms:.2f}° rms"))

@@ -229,7 +229,7 @@ def test_the_browser_shows_red_links_and_gives_them_their_colour_back(made):
         assert left > 200 and right == 0
         assert crimson(look(browser, clear / RATE)) == [0, 0]
         legend = browser.evaluate("document.getElementById('crar-legend').textContent")
-        assert "a link inside another, by its capsules" in legend
+        assert "a link inside another, by capsules" in legend
         assert browser.complaints == []
 
 

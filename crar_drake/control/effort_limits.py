@@ -79,6 +79,7 @@ class EffortLimits:
         self.finite = bool(np.isfinite(self.limits).any())
         self._model, self._mode, self._predict = model, mode, predict
         self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
+        self._all = np.arange(model.plant.num_velocities())
         self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         ticks = gains.torque_ticks(float(model.plant.time_step()))
         self._last_torque = self._period * (ticks - 1) / ticks
@@ -178,11 +179,14 @@ class EffortLimits:
         return Limited(vdot, actuation, limit, told)
 
     def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
-        """`limit_torque` at the state."""
-        controlled = self._model.controlled
-        found = limit_torque(
-            *wish, measured.v, controlled, limits, self._horizon, self._period
-        )
+        """`limit_torque` at the state. Where the prescribed joints ask for more than
+        the motors have, whatever the others do, they brake along."""
+        for joints in (self._model.controlled, self._all):
+            found = limit_torque(
+                *wish, measured.v, joints, limits, self._horizon, self._period
+            )
+            if found[2][1] == 0.0:
+                break
         return Limited(*found, {})
 
     def _excess_to_come(

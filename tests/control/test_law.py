@@ -999,3 +999,26 @@ def test_speed_limits_of_robot_and_scenario(fast_on_rail, changes, expected):
 def test_refused_speed_limits(fast_on_rail, constraints, changes, message):
     with pytest.raises(ScenarioError, match=message):
         ControlLaw(fast_on_rail, CrarParameters(constraints=constraints, **changes))
+
+
+def test_prescribed_joints_brake_along_where_the_motors_cannot_carry_them():
+    """A rail starts at 300 m/s^2, and the tip with it: the chain's motors have 25 Nm,
+    and its joints no room to be carried along."""
+    text = chain_urdf("zzz", rail="y", limits=(-0.05, 0.05)).replace(
+        "<limit ", '<limit effort="25" '
+    )
+    text = text.replace('effort="25" lower="-3"', 'effort="1e4" lower="-3"')
+    model = make_model(text, prescribed_joints={"rail": "hold"})
+    q, v = np.zeros(4), np.zeros(4)
+    targets, prescribed = hold(model, at(model, q).p), np.array([0.0, 0.0, 300.0])
+    targets[-2] = 300.0
+    limited, free = (
+        ControlLaw(
+            model, CrarParameters(respect_effort_limits=value, blend_time=0.0)
+        ).step(q, v, targets, prescribed)
+        for value in (True, False)
+    )
+    np.testing.assert_array_equal(free.acceleration[model.prescribed], 300.0)
+    assert 0.0 < limited.acceleration[model.prescribed][0] < 290.0
+    assert np.abs(limited.actuation[model.controlled]).max() <= 25.0
+    assert limited.torque_limit[1] == 0.0  # and nothing was clipped

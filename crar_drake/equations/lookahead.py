@@ -36,6 +36,7 @@ from crar_drake.equations.admission import (
 )
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced
+from crar_drake.equations.handover import take_over
 from crar_drake.equations.joint_limits import (
     LimitPotential,
     limit_gradient,
@@ -51,7 +52,6 @@ from crar_drake.equations.kinematics import (
 from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.references import (
     Answer,
-    BlendStart,
     TaskGains,
     Wanted,
     find_references,
@@ -143,6 +143,7 @@ class Constraints(NamedTuple):
     retreat: np.ndarray
 
 
+@compiled
 def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarray:
     """(L1): q_s = q + T q_dot: where q_ddot = -q_dot/T leads.
 
@@ -151,6 +152,23 @@ def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarr
         T: [s].
     """
     return displaced(q, T * qdot)
+
+
+@compiled
+def with_resting(q: np.ndarray, v: np.ndarray, r: Robot, T: float) -> np.ndarray:
+    """A configuration, and where the robot would come to rest from it: (2, nq).
+
+    Args:
+        q, v: (nq,), (nv,) state in the plant's order.
+        r: of the robot.
+        T: [s].
+    """
+    q_s = resting_configuration(q[r.positions], v[r.order], T)
+    both = np.empty((2, len(q)))
+    for i in range(len(q)):
+        both[0, i] = q[i]
+        both[1, r.positions[i]] = q_s[i]
+    return both
 
 
 @compiled
@@ -777,40 +795,50 @@ def scale_acceleration(
     return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])
 
 
-_NOTHING = np.zeros(0)
-# What `lookahead_or_scaled` takes of a step where accelerations are given.
-NOT_WANTED = Wanted(
-    _NOTHING,
-    _NOTHING,
-    _NOTHING,
-    BlendStart(np.zeros((0, 3, 3)), np.zeros((0, 3)), _NOTHING),
-    (0.0, 0.0, 0.0),
-)
-NOTHING_BEFORE = LookaheadMemory(_NOTHING, _NOTHING, _NOTHING)
-
-
 @compiled
 def lookahead_or_scaled(
-    measured: Measured,
-    wanted: Wanted,
+    given: np.ndarray,
+    asked: np.ndarray,
+    accelerations: np.ndarray,
     robot: Held,
     mode: Held,
-    before: LookaheadMemory,
-    given: np.ndarray,
-) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray]:
-    """`lookahead_step`; or `scale_acceleration` of what is given, which is next to
-    nothing to compile beside it and would else be half as much again.
+) -> np.ndarray:
+    """`lookahead_step`, from one vector to one; or `scale_acceleration`, which is next
+    to nothing to compile beside it and would else be half as much again.
 
     Args:
-        measured, wanted, robot, mode, before: of `lookahead_step`.
-        given: (nv,) accelerations in the place of a step; (0,) for a step.
+        given: of `handover.hand_over`, with (3 n,) of `LookaheadMemory`; of the
+            present state alone where there are accelerations.
+        asked: of `Measured`, in both configurations.
+        accelerations: (nv,) that are to be scaled; (0,) for a step.
+        robot, mode: of `lookahead_step`.
 
     Returns:
-        As `lookahead_step`; of what is given the accelerations and (4,) of `admit`.
+        One after the other: of a step (nv,) accelerations, (m,) errors, (n,) W, (n,)
+        q_dot_c, (n,) slip, (2,) margins, (4,) how it was admitted, and the distances;
+        else (nv,) accelerations and (4,) of `admit`.
     """
-    if len(given):
-        vdot, told = scale_acceleration(measured, given, robot, mode)
-        nothing = np.zeros(0)
-        answer = Answer(vdot, nothing, nothing, nothing, nothing)
-        return answer, nothing, nothing, told
-    return lookahead_step(measured, wanted, robot, mode, before)
+    r = robot.value
+    nq, nv, n = len(r.positions), len(r.order), r.n
+    q, v = given[:nq], given[nq : nq + nv]
+    both = with_resting(q, v, r, mode.value.gains.T)
+    measured = Measured(both, v, asked)
+    if len(accelerations):
+        return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
+    wanted, kept = take_over(given, r, 3 * n)
+    before = LookaheadMemory(kept[:n], kept[n : 2 * n], kept[2 * n :])
+    answer, slip, margins, admission = lookahead_step(
+        measured, wanted, robot, mode, before
+    )
+    return np.concatenate(
+        (
+            answer.vdot,
+            answer.error,
+            answer.W,
+            answer.qdot_c,
+            slip,
+            margins,
+            admission,
+            answer.d,
+        )
+    )

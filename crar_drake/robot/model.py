@@ -315,7 +315,7 @@ class ControlModel:
             v: (nv,) velocities of the whole plant.
         """
         # What may not be written to is compiled for anew.
-        measured = self.measure(workspace, q, np.array(v, dtype=float))
+        measured = self.measure(workspace, *(np.array(x, dtype=float) for x in (q, v)))
         return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
 
     def measure(
@@ -358,7 +358,7 @@ class ControlModel:
         context = workspace.plant_context_ahead
         if self.pairs.needs_query:
             self.plant.SetPositions(context, q)
-        measured = self._measured(workspace, context, q, self._still)
+        measured = self._measured(workspace, context, np.array(q), self._still)
         state = evaluate_state(measured, self.robot_by_pair)
         d, dd_dv = state.d[0], state.dd_dv[0]
         return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
@@ -372,7 +372,7 @@ class ControlModel:
         q_ahead: np.ndarray | None = None,
     ) -> Measured:
         """With SceneGraph's answers, where shapes have no closed form."""
-        configurations = np.array([q] if q_ahead is None else [q, q_ahead])
+        configurations = q[np.newaxis] if q_ahead is None else np.array([q, q_ahead])
         asked = _NOTHING_ASKED
         if self.pairs.needs_query:
             contexts = [context]
@@ -485,14 +485,14 @@ class ControlModel:
         """
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         if self._is_damped:
-            H = H + np.diag(self._implicit_damping)
+            H = H + self._implicit_damping_matrix
         return np.ascontiguousarray(self._by_actuator(H))
 
     def _by_actuator(self, efforts: np.ndarray) -> np.ndarray:
         """(nu, ...) in the order of the actuators, from (nv, ...) by joint."""
         if self._actuated is None:
             return self._actuators_from_efforts @ efforts
-        return efforts[self._actuated]
+        return efforts if self._in_order else efforts[self._actuated]
 
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
@@ -554,6 +554,7 @@ class ControlModel:
         self._actuators_from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
         alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
         self._actuated = B.argmax(axis=0) if alone else None
+        self._in_order = np.array_equal(self._actuated, np.arange(nv))
         self.prescribed = np.array(prescribed, dtype=int)
         self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
@@ -596,6 +597,7 @@ class ControlModel:
                 self._implicit_damping[start : start + joint.num_velocities()] = (
                     plant.time_step() * joint.default_damping_vector()
                 )
+        self._implicit_damping_matrix = np.diag(self._implicit_damping)
         self._is_damped = bool(self._implicit_damping.any())
 
     def _check_described_joints(self) -> None:

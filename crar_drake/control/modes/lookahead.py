@@ -143,7 +143,9 @@ class LookaheadMode(Mode):
         self._nothing = np.zeros(model.n)
         # Of what `lookahead_or_scaled` returns, but for the distances at its end.
         n, nv = model.n, model.n + model.n_p
-        self._ends = np.cumsum([0, nv, model.m, n, n, n, 2, 4]).tolist()
+        ends = np.cumsum([0, nv, model.m, n, n, n, 2, 4]).tolist()
+        self._parts = [slice(start, end) for start, end in pairwise(ends)]
+        self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
         numbers = LookaheadGains(
             T=float(self.horizon),
@@ -261,10 +263,10 @@ class LookaheadMode(Mode):
             self._numbers,
         )
         vdot, error, W, qdot_c, slip, margins, admission = (
-            found[start:end] for start, end in pairwise(self._ends)
+            found[part] for part in self._parts
         )
         told = {"resting_margins": margins, "admission": admission}
-        answer = Answer(vdot, error, found[self._ends[-1] :], W, qdot_c)
+        answer = Answer(vdot, error, found[self._distances], W, qdot_c)
         return Resolved(answer, slip, told)
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:

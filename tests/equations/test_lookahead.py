@@ -362,7 +362,7 @@ problems = st.builds(
 
 @pytest.mark.parametrize("seed", range(30))
 def test_the_lowest_on_the_way_is_that_of_a_search(seed: int) -> None:
-    """Rows begin and end to be violated on it; some hold exactly, one does not change."""
+    """Rows begin and end to be violated on it; one holds alike all the way."""
     rng = np.random.default_rng(seed)
     n, C = rng.integers(1, 6), rng.integers(1, 12)
     root = rng.normal(size=(n, n))

@@ -4,8 +4,8 @@
 
 The motions are `motions.random_crossings` of the shipped upper body, that nobody was
 tuned for. The peers keep the settings that `compare --tune` chose for hands swung
-through each other; of ours there are the defaults, the defaults with higher gains, and
-the settings of the comparison.
+through each other; of ours there are the defaults, the defaults with higher gains, the
+settings of the comparison, and the defaults with a shorter horizon.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ from crar_drake.studies.tables import markdown_table
 
 TUNED_FOR = "crossing"
 HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0}
+# Braking in half the time, with weights that grow nearer to a contact.
+CLOSER = {"lookahead": {"horizon": 0.04, "rho": 1e-6}}
 HEADER = (
     "controller",
     "held",
@@ -58,7 +60,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     judge = Judge(data["robot"], data["joints"], data["tasks"])
     figures = {}
     each = dict.fromkeys(cases, PERIOD)
-    for entry, found in recorded(entries(cases), each, arguments, folder):
+    compared = [
+        *entries(cases),
+        Entry("lookahead, closer", OURS, dict.fromkeys(cases, CLOSER | COMPILED)),
+    ]
+    for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
     with whole_file(out / "crossings.json") as temporary:
         told = {name: [asdict(f) for f in each] for name, each in figures.items()}

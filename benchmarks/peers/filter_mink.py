@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import mink
-import mujoco
 import numpy as np
 
-from benchmarks.peers.driver import Filter, NoAnswer, main
+from benchmarks.peers.driver import Filter, main
+from benchmarks.peers.run_mink import collision_limit, load_model, solved
 
 
 class MinkFilter(Filter):
@@ -17,8 +17,7 @@ class MinkFilter(Filter):
 
     def set_up(self, settings: dict) -> None:
         problem = self.problem
-        model = mujoco.MjModel.from_xml_path(str(problem.folder / "robot_mujoco.xml"))
-        assert [model.joint(i).name for i in range(model.nq)] == problem.joints
+        model = load_model(problem)
         self.configuration = mink.Configuration(model)
         self.feet = [
             mink.FrameTask(
@@ -30,22 +29,11 @@ class MinkFilter(Filter):
             for link in problem.links
         ]
         self.posture = mink.PostureTask(model, cost=1.0)
-        geoms: dict[str, list[str]] = {}
-        for i in range(model.ngeom):
-            body = model.body(model.geom_bodyid[i]).name
-            geoms.setdefault(body, []).append(model.geom(i).name)
         limits = dict(zip(problem.joints, problem.velocity_limits, strict=True))
         self.limits = [
             mink.ConfigurationLimit(model),
             mink.VelocityLimit(model, limits),
-            mink.CollisionAvoidanceLimit(
-                model,
-                [(geoms[a], geoms[b]) for a, b in problem.pairs],
-                gain=settings["collision_gain"],
-                minimum_distance_from_collisions=settings["collision_distance"],
-                collision_detection_distance=settings["detection_distance"],
-                bound_relaxation=settings["relaxation"],
-            ),
+            collision_limit(model, problem, settings),
         ]
 
     def solve(self, q: np.ndarray, v: np.ndarray, targets: np.ndarray) -> np.ndarray:
@@ -55,16 +43,8 @@ class MinkFilter(Filter):
         for task in self.feet:
             task.set_target_from_configuration(configuration)
         configuration.update(q)
-        try:
-            return mink.solve_ik(
-                configuration,
-                [self.posture, *self.feet],
-                self.period,
-                "daqp",
-                limits=self.limits,
-            )
-        except mink.NoSolutionFound as error:
-            raise NoAnswer from error
+        tasks = [self.posture, *self.feet]
+        return solved(configuration, tasks, self.period, self.limits)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pink
-from pink.barriers import SelfCollisionBarrier
 from pink.limits import ConfigurationLimit, VelocityLimit
 from pink.tasks import FrameTask, PostureTask
 
-from benchmarks.peers.driver import Filter, NoAnswer, main
-from benchmarks.peers.run_pink import robot_with_shapes
+from benchmarks.peers.driver import Filter, main
+from benchmarks.peers.run_pink import collision_barrier, robot_with_shapes, solved
 
 
 class PinkFilter(Filter):
@@ -35,14 +33,7 @@ class PinkFilter(Filter):
             ConfigurationLimit(model),
             VelocityLimit(model, problem.velocity_limits),
         ]
-        self.barriers = [
-            SelfCollisionBarrier(
-                n_collision_pairs=settings["pairs"],
-                gain=settings["barrier_gain"],
-                safe_displacement_gain=settings["safe_displacement"],
-                d_min=settings["collision_distance"],
-            )
-        ]
+        self.barriers = [collision_barrier(settings["pairs"], settings)]
 
     def solve(self, q: np.ndarray, v: np.ndarray, targets: np.ndarray) -> np.ndarray:
         configuration = self.configuration
@@ -51,18 +42,8 @@ class PinkFilter(Filter):
         for task in self.feet:
             task.set_target_from_configuration(configuration)
         configuration.update(q)
-        try:
-            return pink.solve_ik(
-                configuration,
-                [self.posture, *self.feet],
-                self.period,
-                "daqp",
-                limits=self.limits,
-                barriers=self.barriers,
-                safety_break=False,
-            )
-        except pink.exceptions.NoSolutionFound as error:
-            raise NoAnswer from error
+        tasks = [self.posture, *self.feet]
+        return solved(configuration, tasks, self.period, self.limits, self.barriers)
 
 
 if __name__ == "__main__":

@@ -17,8 +17,7 @@ class Mink(Controller):
 
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
         self.period, self.gain = period, settings["gain"]
-        model = mujoco.MjModel.from_xml_path(str(problem.folder / "robot_mujoco.xml"))
-        assert [model.joint(i).name for i in range(model.nq)] == problem.joints
+        model = load_model(problem)
         self.configuration = mink.Configuration(model)
         self.tasks = [
             mink.FrameTask(
@@ -33,20 +32,9 @@ class Mink(Controller):
         self.posture = mink.PostureTask(model, cost=settings["posture"])
         self.posture.set_target(problem.rest)
         self.damping = mink.DampingTask(model, cost=settings["damping"])
-        geoms: dict[str, list[str]] = {}
-        for i in range(model.ngeom):
-            body = model.body(model.geom_bodyid[i]).name
-            geoms.setdefault(body, []).append(model.geom(i).name)
         self.limits = [
             mink.ConfigurationLimit(model),
-            mink.CollisionAvoidanceLimit(
-                model,
-                [(geoms[a], geoms[b]) for a, b in problem.pairs],
-                gain=settings["collision_gain"],
-                minimum_distance_from_collisions=settings["collision_distance"],
-                collision_detection_distance=settings["detection_distance"],
-                bound_relaxation=settings["relaxation"],
-            ),
+            collision_limit(model, problem, settings),
         ]
         if settings["velocity_limits"]:
             limits = zip(problem.joints, problem.velocity_limits, strict=True)
@@ -63,16 +51,43 @@ class Mink(Controller):
             task.set_target(
                 mink.SE3.from_rotation_and_translation(pose.rotation(), goal)
             )
-        try:
-            return mink.solve_ik(
-                configuration,
-                [*self.tasks, self.posture, self.damping],
-                self.period,
-                "daqp",
-                limits=self.limits,
-            )
-        except mink.NoSolutionFound as error:
-            raise NoAnswer from error
+        tasks = [*self.tasks, self.posture, self.damping]
+        return solved(configuration, tasks, self.period, self.limits)
+
+
+def load_model(problem: Problem) -> mujoco.MjModel:
+    """The robot with its capsules."""
+    model = mujoco.MjModel.from_xml_path(str(problem.folder / "robot_mujoco.xml"))
+    assert [model.joint(i).name for i in range(model.nq)] == problem.joints
+    return model
+
+
+def collision_limit(
+    model: mujoco.MjModel, problem: Problem, settings: dict
+) -> mink.CollisionAvoidanceLimit:
+    """Of the watched pairs, by the settings that runs and filters share."""
+    geoms: dict[str, list[str]] = {}
+    for i in range(model.ngeom):
+        body = model.body(model.geom_bodyid[i]).name
+        geoms.setdefault(body, []).append(model.geom(i).name)
+    return mink.CollisionAvoidanceLimit(
+        model,
+        [(geoms[a], geoms[b]) for a, b in problem.pairs],
+        gain=settings["collision_gain"],
+        minimum_distance_from_collisions=settings["collision_distance"],
+        collision_detection_distance=settings["detection_distance"],
+        bound_relaxation=settings["relaxation"],
+    )
+
+
+def solved(
+    configuration: mink.Configuration, tasks: list, period: float, limits: list
+) -> np.ndarray:
+    """(n,) velocities; raises NoAnswer."""
+    try:
+        return mink.solve_ik(configuration, tasks, period, "daqp", limits=limits)
+    except mink.NoSolutionFound as error:
+        raise NoAnswer from error
 
 
 if __name__ == "__main__":

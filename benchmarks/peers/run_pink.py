@@ -42,16 +42,8 @@ class Pink(Controller):
             largest = np.full(model.nv, settings["acceleration_limit"])
             self.acceleration_limit = AccelerationLimit(model, largest)
             self.limits.append(self.acceleration_limit)
-        self.barriers = [
-            SelfCollisionBarrier(
-                n_collision_pairs=len(
-                    self.configuration.collision_model.collisionPairs
-                ),
-                gain=settings["barrier_gain"],
-                safe_displacement_gain=settings["safe_displacement"],
-                d_min=settings["collision_distance"],
-            )
-        ]
+        pairs = len(self.configuration.collision_model.collisionPairs)
+        self.barriers = [collision_barrier(pairs, settings)]
 
     def solve(self, q: np.ndarray, v: np.ndarray, targets: Targets) -> np.ndarray:
         configuration = self.configuration
@@ -64,18 +56,41 @@ class Pink(Controller):
             task.set_target(pinocchio.SE3(pose.rotation, goal))
         if self.acceleration_limit is not None:
             self.acceleration_limit.set_last_integration(v, self.period)
-        try:
-            return pink.solve_ik(
-                configuration,
-                self.tasks,
-                self.period,
-                "daqp",
-                limits=self.limits,
-                barriers=self.barriers,
-                safety_break=False,
-            )
-        except pink.exceptions.NoSolutionFound as error:
-            raise NoAnswer from error
+        return solved(
+            configuration, self.tasks, self.period, self.limits, self.barriers
+        )
+
+
+def collision_barrier(pairs: int, settings: dict) -> SelfCollisionBarrier:
+    """Of so many of the nearest pairs, by the settings that runs and filters share."""
+    return SelfCollisionBarrier(
+        n_collision_pairs=pairs,
+        gain=settings["barrier_gain"],
+        safe_displacement_gain=settings["safe_displacement"],
+        d_min=settings["collision_distance"],
+    )
+
+
+def solved(
+    configuration: pink.Configuration,
+    tasks: list,
+    period: float,
+    limits: list,
+    barriers: list,
+) -> np.ndarray:
+    """(n,) velocities; raises NoAnswer."""
+    try:
+        return pink.solve_ik(
+            configuration,
+            tasks,
+            period,
+            "daqp",
+            limits=limits,
+            barriers=barriers,
+            safety_break=False,
+        )
+    except pink.exceptions.NoSolutionFound as error:
+        raise NoAnswer from error
 
 
 def robot_with_shapes(problem: Problem) -> pink.Configuration:

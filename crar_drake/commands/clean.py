@@ -27,7 +27,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "clean",
         run,
         "Follow a reference motion of a whole robot under all constraints with the "
-        "least change, and write it in its own layout with a certificate beside it. "
+        "least change, and write it in its own layout with a certificate beside it, "
+        "and a page that shows both. "
         "The exit code is 1 if something is still violated or a file failed. The same "
         "command continues a folder that was stopped.",
     )
@@ -72,6 +73,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="SHARE",
         help="share of the robot's speed limits that may be used, at most 1 (default)",
     )
+    parser.add_argument(
+        "--no-page",
+        action="store_true",
+        help="no page of before and after, which takes longer than cleaning does (of "
+        "a folder's files there is none; crar-drake compare makes it)",
+    )
     add_jobs(parser)
 
 
@@ -91,6 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _clean_folder(arguments, parameters)
     if arguments.jobs is not None:
         raise UsageError("--jobs is for folders")
+    from crar_drake.files import check_file
     from crar_drake.references.clean_file import clean_file
     from crar_drake.references.motion_certificate import certificate_path
 
@@ -103,6 +111,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(
             f"--out: {out} must end in {reference.suffix}, as the reference does"
         )
+    page = out.with_suffix(".html")
+    if not arguments.no_page:
+        check_file(page)
     with _frames_bar() as progress:
         clips = clean_file(
             reference,
@@ -117,8 +128,45 @@ def run(arguments: argparse.Namespace) -> int:
         for line in clip_lines(clip):
             print(line)
     print(out)
-    print(certificate_path(out))
+    print(certificate_path(out), flush=True)
+    if not arguments.no_page:
+        _write_page(arguments, out, page, clips)
+        print(page)
     return int(any(clip.violated for clip in clips))
+
+
+def _write_page(
+    arguments: argparse.Namespace, out: Path, page: Path, clips: list[CleanedClip]
+) -> None:
+    """Before and after; of a file with several motions, of that which changed most."""
+    from crar_drake.errors import ModelError
+    from crar_drake.references.motion_page import compare_files
+    from crar_drake.robot_import.link_meshes import check_installed
+
+    shown = max(clips, key=lambda clip: clip.joints_worst).clip or None
+    if shown:
+        print(
+            f"the page is of {shown}, which changed the most; of another: crar-drake "
+            "compare BEFORE AFTER --clip NAME"
+        )
+    meshes = True
+    try:
+        check_installed()
+    except ModelError as error:
+        meshes = False
+        print(f"the page colours links by their capsules: {error}")
+    with _bar() as bar:
+        bar.add_task("judging both for the page", total=None)
+        compare_files(
+            [arguments.reference, out],
+            page,
+            arguments.robot,
+            labels=["before", "after"],
+            layout=arguments.layout,
+            rate=arguments.frame_rate,
+            clip=shown,
+            meshes=meshes,
+        )
 
 
 def clip_lines(clip: CleanedClip) -> list[str]:

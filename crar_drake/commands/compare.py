@@ -1,11 +1,16 @@
-"""`crar-drake compare`: saved logs of several runs in one page, with one time line."""
+"""`crar-drake compare`: several runs or motions in one page, with one time line."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from crar_drake.commands.options import UsageError, add_command, add_robot
+from crar_drake.commands.options import (
+    UsageError,
+    add_command,
+    add_frame_rate,
+    add_robot,
+)
 from crar_drake.commands.output import OUT
 
 
@@ -15,14 +20,16 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "compare",
         run,
-        "Make one page of several runs from their saved logs, without simulating.",
+        "Make one page of several runs from their saved logs, without simulating; or "
+        "of reference motions of one robot, such as before and after cleaning.",
     )
     parser.add_argument(
         "logs",
         type=Path,
         nargs="+",
         metavar="RUN",
-        help="the log.npz of a run, or its folder; two or more",
+        help="the log.npz of a run, or its folder; or a reference motion (.csv, .npz, "
+        ".pkl); two or more",
     )
     parser.add_argument(
         "--overlay",
@@ -43,12 +50,28 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="FILE",
         help=f"page to write (default: {OUT / 'compare.html'})",
     )
-    add_robot(parser)
+    add_robot(parser, "; or that of reference motions")
+    group = parser.add_argument_group("of reference motions")
+    add_frame_rate(group)
+    group.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="of the files (default: what each looks like)",
+    )
+    group.add_argument(
+        "--clip", metavar="NAME", help="which motion of files that hold several"
+    )
+    group.add_argument(
+        "--no-meshes",
+        action="store_true",
+        help="colour links by their capsules alone, which takes less time",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from crar_drake.files import check_file
+    from crar_drake.references.layouts import holds_reference
     from crar_drake.results import LOG
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.marks import RUNS
@@ -68,6 +91,10 @@ def run(arguments: argparse.Namespace) -> None:
         )
     out = arguments.out or OUT / "compare.html"
     check_file(out)
+    references = [path for path in paths if holds_reference(path)]
+    if references:
+        _compare_references(arguments, paths, references, out)
+        return
     logs = [SimulationLog.load(path) for path in paths]
     for model in compare_logs(
         logs,
@@ -82,3 +109,41 @@ def run(arguments: argparse.Namespace) -> None:
             "drawn"
         )
     print(out)
+
+
+def _compare_references(
+    arguments: argparse.Namespace, paths: list[Path], references: list[Path], out: Path
+) -> None:
+    from crar_drake.references.motion_page import compare_files
+
+    others = [path for path in paths if path not in references]
+    if others:
+        raise UsageError(
+            f"{others[0]} is no reference motion, and {references[0]} is one: compare "
+            "runs, or reference motions"
+        )
+    if not arguments.robot:
+        raise UsageError("say which robot the motions are of: --robot ROBOT")
+    compare_files(
+        paths,
+        out,
+        arguments.robot,
+        labels=arguments.label or _file_labels(paths),
+        layout=arguments.layout,
+        rate=arguments.frame_rate,
+        clip=arguments.clip,
+        meshes=not arguments.no_meshes,
+        overlay=arguments.overlay,
+    )
+    print(out)
+
+
+def _file_labels(paths: list[Path]) -> list[str]:
+    """What files are called: by their names, else by their folders, else by number."""
+    for labels in (
+        [path.name for path in paths],
+        [path.absolute().parent.name for path in paths],
+    ):
+        if len(set(labels)) == len(labels):
+            return labels
+    return [f"{path.name} {i + 1}" for i, path in enumerate(paths)]

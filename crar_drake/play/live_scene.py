@@ -45,7 +45,8 @@ class LiveScene:
         self._live = live
         scenario = live.scenario
         set_surroundings(meshcat)
-        self.robot = DrawnRobot(live.model.description, meshcat, PREFIX, scenario)
+        colour = scenario.visualization.default_illustration_color
+        self.robot = DrawnRobot(live.model.description, meshcat, PREFIX, colour)
         self._warning = scenario.warning_distance
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())

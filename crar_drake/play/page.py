@@ -19,7 +19,7 @@ from crar_drake.play.live_scene import NEAR_PAIRS, PREFIX, LiveScene
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import FASTEST, SLOWEST
 from crar_drake.play.requests import STRONGEST
-from crar_drake.results.playback import page_look, page_resource, spoken
+from crar_drake.results.recorded_page import page_look, page_resource, spoken
 from crar_drake.results.summary import motion_name, robot_name
 
 _SCRIPTS = ("live_run.js", "handles.js", "panel.js", "play.js")

@@ -12,7 +12,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
-from crar_drake.references.change import find_change
+from crar_drake.references.change import Change, find_change
 from crar_drake.references.following import Cleaned, CleaningParameters, Follower
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
@@ -36,8 +36,8 @@ _CHANGED = 1e-6
 
 
 @dataclass(frozen=True)
-class CleanedClip:
-    """What cleaning made of one motion.
+class CleanedClip(Change):
+    """What cleaning made of one motion, with how far it changed.
 
     Attributes:
         clip: its name; "" in files with one motion.
@@ -50,10 +50,6 @@ class CleanedClip:
         nearest_before, nearest: the smallest distance of watched capsules [m].
         between: no distance on the straight ways between frames is smaller [m].
         changed: frames with a joint that is not where the reference has it.
-        joints_rms, joints_worst: change of the joints [rad].
-        feet_rms, feet_worst, hands_rms, hands_worst: change of the feet's and the
-            hands' positions [m]; NaN without.
-        jerk_before, jerk: root mean square of the joints' [rad/s^3].
         corrected, scaled: frames with a step that was.
         moved_start: of the first frame, its farthest joint [rad].
         num_watched: pairs that the law watched.
@@ -74,14 +70,6 @@ class CleanedClip:
     nearest: float
     between: float
     changed: int
-    joints_rms: float
-    joints_worst: float
-    feet_rms: float
-    feet_worst: float
-    hands_rms: float
-    hands_worst: float
-    jerk_before: float
-    jerk: float
     corrected: int
     scaled: int
     moved_start: float
@@ -100,7 +88,15 @@ class CleanedClip:
         return bool(left) or not self.between >= 0.0
 
 
-NUMBERS = tuple(field.name for field in fields(CleanedClip) if field.name != "clip")
+# What is a number, those of the change last; and whether it is a whole one.
+_CHANGE = tuple(field.name for field in fields(Change))
+_WHOLE = {field.name: field.type == "int" for field in fields(CleanedClip)}
+NUMBERS = (*(name for name in _WHOLE if name not in ("clip", *_CHANGE)), *_CHANGE)
+
+
+def number_from(name: str, text: str) -> float:
+    """What a table has of one of NUMBERS; ValueError if that is no such number."""
+    return int(text) if _WHOLE[name] else float(text)
 
 
 def clean_file(

@@ -13,7 +13,12 @@ from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
-from crar_drake.references.clean_file import NUMBERS, CleanedClip, clean_file
+from crar_drake.references.clean_file import (
+    NUMBERS,
+    CleanedClip,
+    clean_file,
+    number_from,
+)
 from crar_drake.references.following import CleaningParameters
 from crar_drake.references.layouts import is_reference
 from crar_drake.references.motion_certificate import (
@@ -227,12 +232,8 @@ def _read_table(table: Path, folder: Path) -> dict[Path, CleanedFile]:
         if row["error"]:
             continue
         path = folder / row["file"]
-        kinds = CleanedClip.__annotations__
         try:
-            numbers = {
-                name: int(row[name]) if kinds[name] == "int" else float(row[name])
-                for name in NUMBERS
-            }
+            numbers = {name: number_from(name, row[name]) for name in NUMBERS}
         except (TypeError, ValueError):  # no number, or none there
             damaged.add(path)
             continue

@@ -102,8 +102,8 @@ class CleaningParameters:
     catch_up: float = 0.02  # [s]
     damping: float = 0.1  # [m]
     joint_weight: float = 1.0  # [m/rad]
-    foot_weight: float = 30.0
-    foot_turn_weight: float = 10.0  # [m/rad]
+    foot_weight: float = 25.0
+    foot_turn_weight: float = 4.0  # [m/rad]
     hands: bool = False
     hand_weight: float = 5.0
     hand_turn_weight: float = 1.0  # [m/rad]

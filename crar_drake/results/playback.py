@@ -1,44 +1,31 @@
-"""The recorded page: a run, or several side by side, as one HTML file to play back.
+"""The recorded page of a run, or of several side by side, made from their logs.
 
-`record_log` and `compare_logs` make it from logs, without simulating again. Meshcat's
-own page holds the robots; what `results/page/` holds is put into it: it moves them, and
-draws targets, distances and the time line.
+`record_log` and `compare_logs` make it without simulating again.
 """
 
 from __future__ import annotations
 
-import html
-import json
 import os
-import re
 from collections.abc import Sequence
-from importlib import resources
 
 import numpy as np
 from pydrake.geometry import Meshcat
 
 from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
 from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
-from crar_drake.results.packed_page import packed_array, packed_page
-from crar_drake.results.recorded_run import DrawnRobot, RecordedRun, record_run
-from crar_drake.results.summary import Summary, motion_name, robot_name
+from crar_drake.results.recorded_page import (
+    ShownRun,
+    empty_scene,
+    figure,
+    robot_prefix,
+    write_page,
+)
+from crar_drake.results.recorded_run import DrawnRobot, record_run
+from crar_drake.results.summary import Summary, motion_name, robot_name, summarize
 from crar_drake.robot.description import RobotDescription
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.simulation.visualization import (
-    GRID,
-    VIEW_PITCH,
-    VIEW_YAW,
-    set_surroundings,
-)
-
-_SCRIPTS = ("view.js", "marks.js", "timeline.js", "page.js")
-
-# What the page's numbers are rounded to, far below a pixel: poses and points [m, 1],
-# and where links are near each other [m].
-_STEPS = {"poses": 2**-14, "targets": 2**-14, "reached": 2**-14, "near": 2**-17}
 
 _MODES = {
     "none": "no constraints",
@@ -166,105 +153,33 @@ def _write_page(
     note: str = "",
 ) -> list[str]:
     """Draws each robot once, and lets the page show all runs of it."""
-    meshcat = meshcat or Meshcat()
-    meshcat.Delete()
-    set_surroundings(meshcat)
+    meshcat = empty_scene(meshcat)
     robots: list[DrawnRobot] = []
-    entries, recorded = [], []
-    arrays: list[bytes] = []
+    shown: list[ShownRun] = []
+    summaries: list[Summary] = []
     for (log, scenario, description), label in zip(runs, labels, strict=True):
         if not len(log.time):
             raise CrarError("the log is empty: there is nothing to play back")
         known = [drawn.description for drawn in robots]
         if description not in known:
-            robots.append(
-                DrawnRobot(description, meshcat, _prefix(len(robots)), scenario)
-            )
+            colour = scenario.visualization.default_illustration_color
+            place = robot_prefix(len(robots))
+            robots.append(DrawnRobot(description, meshcat, place, colour))
             known.append(description)
         number = known.index(description)
-        run = record_run(log, robots[number], scenario, frames_per_second)
-        recorded.append(run)
-        colour = marks.RUNS[len(entries)]
-        entries.append(
-            {"label": label, "robot": number, "colour": colour}
-            | _run_entry(run, frames_per_second, arrays)
-        )
-    summaries = [run.summary for run in recorded]
-    data = {
-        "title": _title(summaries),
-        "subtitle": " · ".join(filter(None, (_subtitle(summaries), note))),
-        "overlay": overlay,
-        **page_look(),
-        "spans": marks.SPANS,
-        "robots": [
-            {"prefix": _prefix(i), "paths": robot.paths}
-            for i, robot in enumerate(robots)
-        ],
-        "runs": entries,
-        "outline": _rounded(np.vstack([run.outline for run in recorded]).ravel(), 4),
-    }
-    page = packed_page(_page(meshcat.StaticHtml(), data), arrays)
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        recorded = record_run(log, robots[number], scenario, frames_per_second)
+        summaries.append(summarize(log, scenario=scenario))
+        shown.append(ShownRun(recorded, number, label, _figures(summaries[-1])))
+    write_page(
+        path,
+        meshcat,
+        robots,
+        shown,
+        title=_title(summaries),
+        subtitle=" · ".join(filter(None, (_subtitle(summaries), note))),
+        overlay=overlay,
+    )
     return sorted({name for robot in robots for name in robot.unseen})
-
-
-def page_look() -> dict:
-    """What the scripts of a page read of how it looks: view, grid, colours, scales."""
-    return {
-        "grid": GRID,
-        "view": {
-            "azimuth": float(np.degrees(VIEW_YAW)),
-            "elevation": float(np.degrees(VIEW_PITCH)),
-        },
-        "colours": {
-            "target": marks.TARGET,
-            "violation": marks.VIOLATION,
-            "smallest": marks.SMALLEST,
-        },
-        "nearness": {"colours": marks.NEARNESS, "steps": marks.NEARNESS_STEPS},
-        "scaleUnit": marks.SCALE_UNIT,
-    }
-
-
-def _prefix(robot: int) -> str:
-    return f"/crar/robot{robot}"
-
-
-def _run_entry(run: RecordedRun, frames_per_second: float, arrays: list[bytes]) -> dict:
-    """What the page's scripts read of a run; its arrays are added to the others."""
-    packed = {}
-    for name, step in _STEPS.items():
-        packed[name] = len(arrays)
-        arrays.append(packed_array(getattr(run, name), step))
-    return {
-        **packed,
-        "rate": frames_per_second,
-        "frames": len(run.time),
-        "most": run.near.shape[1],
-        "warning": run.warning_distance,
-        "figures": _figures(run.summary),
-        "pairNames": [spoken(name) for name in run.pair_names],
-        "targetNames": [spoken(name) for name in run.target_names],
-        "curve": {
-            "time": _rounded(run.curve_time, 3),
-            "distance": _rounded(run.distance_curve, 5),
-            "error": _rounded(run.error_curve, 5),
-            "unit": run.error_unit,
-        },
-        "spans": {
-            name: [[round(a, 3), round(b, 3)] for a, b in spans]
-            for name, spans in run.spans.items()
-        },
-    }
-
-
-def _rounded(values: np.ndarray, digits: int) -> list[float | None]:
-    return [round(float(v), digits) if np.isfinite(v) else None for v in values]
-
-
-def spoken(name: str) -> str:
-    return name.replace("_", " ").replace(" - ", " – ")
 
 
 def _title(summaries: Sequence[Summary]) -> str:
@@ -295,58 +210,22 @@ def _subtitle(summaries: Sequence[Summary]) -> str:
 
 
 def _figures(summary: Summary) -> list[dict]:
-    """The figures of a run in the caption; `bad` ones stand out."""
+    """The figures of a run in the caption."""
     figures = []
-
-    def tell(name: str, value: str, bad: bool = False) -> None:
-        figures.append({"name": name, "value": value, "bad": bad})
-
     if summary.smallest_distance is not None:
-        tell(
-            "nearest",
-            f"{1e3 * summary.smallest_distance:.1f} mm".replace("-", "−"),
-            summary.smallest_distance < 0.0,
-        )
+        nearest = f"{1e3 * summary.smallest_distance:.1f} mm".replace("-", "−")
+        figures.append(figure("nearest", nearest, summary.smallest_distance < 0.0))
     if summary.rms_task_error is not None:
-        tell("rms error", f"{1e3 * summary.rms_task_error:.1f} mm")
+        figures.append(figure("rms error", f"{1e3 * summary.rms_task_error:.1f} mm"))
     if summary.rms_orientation_error is not None:
         angle = np.degrees(summary.rms_orientation_error)
-        tell("rms orientation error", f"{angle:.1f}°")
+        figures.append(figure("rms orientation error", f"{angle:.1f}°"))
     share = 100.0 * summary.violated_samples / summary.samples
     if summary.violated_samples:
         few = "< 0.1" if share < 0.05 else f"{share:.1f}"
-        tell("violations", f"{few} % of the time", True)
+        figures.append(figure("violations", f"{few} % of the time", True))
     else:
-        tell("violations", "none")
+        figures.append(figure("violations", "none"))
     if summary.stopped:
-        tell("stopped", summary.stopped, True)
+        figures.append(figure("stopped", summary.stopped, True))
     return figures
-
-
-def _page(meshcat_page: str, data: dict) -> str:
-    """Meshcat's page with ours in it."""
-    # What stands in a script ends at the first "</script", wherever that is.
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    text = text.replace("<", "\\u003c").replace("\u2028", "\\u2028")
-    page = re.sub(
-        r"<title>.*?</title>",
-        lambda _: (
-            f"<title>{html.escape(data['title'])}</title>\n"
-            '  <meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"  <style>\n{page_resource('page.css')}  </style>"
-        ),
-        meshcat_page,
-        count=1,
-    )
-    scripts = "\n".join(page_resource(name) for name in _SCRIPTS)
-    body, end, rest = page.rpartition("</body>")
-    return (
-        f"{body}{page_resource('page.html')}"
-        f'<script type="application/json" id="crar-data">{text}</script>\n'
-        f'<script>\n(() => {{\n"use strict";\n{scripts}}})();\n</script>\n{end}{rest}'
-    )
-
-
-def page_resource(name: str) -> str:
-    folder = resources.files("crar_drake.results") / "page"
-    return (folder / name).read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ the targets and the points that should be there, and where watched pairs are nea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.geometry import (
@@ -26,14 +26,14 @@ from crar_drake.errors import CrarError
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import check_logged_robot
 from crar_drake.results.marks import NEARNESS_STEPS, marked_spans
-from crar_drake.results.summary import Summary, summarize, task_layout
+from crar_drake.results.summary import task_layout
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import RobotDescription, add_robot, find_body
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visuals import draw_collision_shapes, models_without_visuals
 
 # Of the pairs that are near in a frame, this many nearest ones are kept.
-_MOST_NEAR = 8
+MOST_NEAR = 8
 
 # The curves of the time line have at most this many points.
 _CURVE_POINTS = 1500
@@ -50,8 +50,9 @@ class RecordedRun:
     """A run at F frames.
 
     Attributes:
-        summary: its figures.
-        warning_distance: of its scenario [m].
+        warning_distance: at which links count as near each other, of its scenario; 0
+            if only those inside each other do [m].
+        rate: of the frames [Hz].
         time: (F,) from the first sample on [s].
         poses: (F, B, 7) of the links that are drawn and move: p_WB [m] and the
             quaternion (x, y, z, w) of R_WB.
@@ -69,10 +70,12 @@ class RecordedRun:
         spans: see `marks.marked_spans`, from the first sample on.
         pair_names, target_names: of the pairs and targets.
         outline: (P, 3) outermost points of all that was drawn in all frames [m].
+        penetrating: link, as its number among those that are drawn and move, to the
+            first and last of frames in a row in which it is inside another.
     """
 
-    summary: Summary
     warning_distance: float
+    rate: float
     time: np.ndarray
     poses: np.ndarray
     targets: np.ndarray
@@ -86,6 +89,7 @@ class RecordedRun:
     pair_names: list[str]
     target_names: list[str]
     outline: np.ndarray
+    penetrating: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
 
 class DrawnRobot:
@@ -96,6 +100,7 @@ class DrawnRobot:
         plant: with the robot in it and nothing else.
         unseen: the models whose collision shapes are drawn, for want of anything else.
         paths: (B,) in Meshcat of the links that are drawn and move.
+        bodies: (B,) of the plant that these are.
     """
 
     def __init__(
@@ -103,14 +108,14 @@ class DrawnRobot:
         description: RobotDescription,
         meshcat: Meshcat,
         prefix: str,
-        scenario: Scenario,
+        colour: Rgba,
     ) -> None:
         """
         Args:
             description: of the robot.
             meshcat: to draw into.
             prefix: the path in Meshcat under which its links are.
-            scenario: for the colour of what has none.
+            colour: of what has none.
 
         Raises:
             ModelError: the robot's model cannot be loaded.
@@ -136,7 +141,6 @@ class DrawnRobot:
             ],
             "scene_graph",
         )
-        colour = scenario.visualization.default_illustration_color
         self.paths: list[str] = []
         self._moving: list[tuple[RigidBody, np.ndarray]] = []
         fixed = [np.empty((0, 3))]
@@ -154,6 +158,7 @@ class DrawnRobot:
             elif shown:
                 self._moving.append((body, _corners(inspector, shown, np.inf)))
                 self.paths.append(f"{prefix}/{name}")
+        self.bodies = [body.index() for body, _ in self._moving]
         self._fixed = np.vstack(fixed)
 
     def pose_links(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -255,13 +260,13 @@ def record_run(
     distances[:, ~log.between_links] = np.inf
 
     poses, outline = [], [np.empty((0, 3))]
-    most = min(_MOST_NEAR, distances.shape[1])
+    most = min(MOST_NEAR, distances.shape[1])
     near = np.full((len(frames), most, 8), np.nan)
     shown_below = NEARNESS_STEPS[0] * scenario.warning_distance
     for i in range(len(frames)):
         at, points = robot.pose_links(q[i])
         poses.append(at)
-        outline.append(_outermost(points))
+        outline.append(outermost(points))
         order = np.argsort(distances[i], kind="stable")[:most]
         order = order[distances[i, order] < shown_below]
         near[i, : len(order), 0] = order
@@ -271,8 +276,8 @@ def record_run(
 
     curve_time, (distance_curve, error_curve), unit = _curves(log)
     return RecordedRun(
-        summary=summarize(log, scenario=scenario),
         warning_distance=scenario.warning_distance,
+        rate=frames_per_second,
         time=frames,
         poses=np.array(poses),
         targets=targets,
@@ -288,7 +293,7 @@ def record_run(
         },
         pair_names=log.pair_names.tolist(),
         target_names=[layout.names[i] for i in layout.linear_tasks],
-        outline=_outermost(seen[np.isfinite(seen).all(axis=1)]),
+        outline=outermost(seen[np.isfinite(seen).all(axis=1)]),
     )
 
 
@@ -314,7 +319,7 @@ def _corners(
     return np.vstack(corners)
 
 
-def _outermost(points: np.ndarray) -> np.ndarray:
+def outermost(points: np.ndarray) -> np.ndarray:
     """Those of (P, 3) points that are the farthest in some direction."""
     if len(points) <= 8:
         return points

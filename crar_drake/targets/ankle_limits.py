@@ -15,6 +15,9 @@ _ITERATIONS = 8
 _LARGEST_STEP = 0.3  # [rad] of one iteration
 _DAMPING = 1e-3  # [m]
 _MARGIN = 0.03  # [rad] that a joint keeps from its limits
+# Ankles come to their limits like exp(-t / this), no faster: a lookahead would brake
+# them before, and the foot would slide. Longer than the scenarios' horizons [s].
+_APPROACH = 0.05
 _FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one plane
 # A radian of the foot counts as much as this: where both cannot be had, the foot is
 # where it should be, and turned as it can be [m].
@@ -31,12 +34,15 @@ class LegSolver:
         positions: what it found last, a row (n,) of them a sample [rad].
     """
 
-    def __init__(self, model: ControlModel, side: str, leg: LegShape) -> None:
+    def __init__(
+        self, model: ControlModel, side: str, leg: LegShape, rate: float
+    ) -> None:
         """
         Args:
             model: the robot.
             side: "left" or "right".
             leg: the robot's on that side.
+            rate: of the samples that it will be asked for [Hz].
         """
         plant, description = model.plant, model.description
         self._plant = plant
@@ -67,6 +73,10 @@ class LegSolver:
                 self._lower[-2], self._upper[-2] = low, high
         self.joints = chain
         self.positions: list[np.ndarray] = []
+        # Hip and knee are not held back: the foot would not be where it should.
+        self._share = np.ones(len(chain))
+        ankle = len(joints_between(model, self._foot.body(), self._knee.body()))
+        self._share[:ankle] = -np.expm1(-1.0 / (rate * _APPROACH))
 
     def turns(
         self, root_positions: np.ndarray, root_turns: Rotation, foot: FootMotion
@@ -85,17 +95,24 @@ class LegSolver:
         R_WF = Rotation.from_quat(foot.turns).as_matrix() @ self._leg.foot
         q, found, knees = self._rest.copy(), np.empty_like(R_WF), []
         before, self.positions = self.positions, []
+        bounds = self._lower, self._upper
         for t in range(len(R_WF)):
             q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
+            if t > 0:
+                last = self.positions[-1]
+                bounds = tuple(
+                    last + self._share * (limit - last)
+                    for limit in (self._lower, self._upper)
+                )
             if before:
-                q[self._q] = before[t]
-            found[t] = self._solve(q, foot.positions[t], R_WF[t])
+                q[self._q] = np.clip(before[t], *bounds)
+            found[t] = self._solve(q, foot.positions[t], R_WF[t], bounds)
             knees.append(self._knee.CalcPoseInWorld(self._context).translation())
             self.positions.append(q[self._q].copy())
         return Rotation.from_matrix(found @ self._leg.foot.T), np.array(knees)
 
-    def _solve(self, q: np.ndarray, p: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """R_WF nearest to R, from and into q."""
+    def _solve(self, q, p, R, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """R_WF nearest to R within bounds of the leg's joints, from and into q."""
         plant, context = self._plant, self._context
         world = plant.world_frame()
         for _ in range(_ITERATIONS):
@@ -112,15 +129,16 @@ class LegSolver:
                 world,
             )[:, self._v]
             J[:3] *= _ORIENTATION_WEIGHT
-            step = self._step(J, error, q[self._q])
-            q[self._q] = np.clip(q[self._q] + step, self._lower, self._upper)
+            step = self._step(J, error, q[self._q], bounds)
+            q[self._q] = np.clip(q[self._q] + step, *bounds)
             if np.abs(step).max() < 1e-5:
                 break
         plant.SetPositions(context, q)
         return self._foot.CalcPoseInWorld(context).rotation().matrix()
 
-    def _step(self, J: np.ndarray, error: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """A damped step; what a joint at its limit cannot do, the others must."""
+    def _step(self, J, error, q, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """A damped step; what a joint at its bound cannot do, the others must."""
+        lower, upper = bounds
         free = np.ones(len(q), dtype=bool)
         step = np.zeros(len(q))
         for _ in range(len(q)):
@@ -129,8 +147,7 @@ class LegSolver:
             step[:] = 0.0
             step[free] = np.linalg.solve(core, A.T @ error)
             stopped = free & (
-                ((q <= self._lower) & (step < 0.0))
-                | ((q >= self._upper) & (step > 0.0))
+                ((q <= lower) & (step < 0.0)) | ((q >= upper) & (step > 0.0))
             )
             if not stopped.any():
                 break

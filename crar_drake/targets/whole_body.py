@@ -91,7 +91,10 @@ def retarget_whole_body(
         ScenarioError: the robot does.
     """
     shapes, trunk = body_shapes(model)
-    solvers = {side: LegSolver(model, side, leg) for side, leg in shapes.items()}
+    solvers = {
+        side: LegSolver(model, side, leg, performer.frame_rate)
+        for side, leg in shapes.items()
+    }
 
     def attainable(side, root_positions, root_turns, foot):
         return solvers[side].turns(root_positions, root_turns, foot)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from crar_drake.references.ground_contact import foot_slip
+from crar_drake.references.ground_contact import foot_slip, least_way
 
 RATE = 50.0
 SOLE = np.array([[0.1, 0.05, 0], [0.1, -0.05, 0], [-0.1, 0.05, 0], [-0.1, -0.05, 0]])
@@ -62,3 +63,43 @@ def test_a_touch_is_no_contact():
     heights = np.full(20, 0.1)
     heights[8:11] = 0.0
     assert foot_slip("f", sliding(np.zeros(19), heights), 0.0, RATE).num_contacts == 0
+
+
+def test_least_way_is_the_distance_of_the_convex_hull_from_0():
+    """Beside a quadratic program by SciPy over the weights of the vertices."""
+    rng = np.random.default_rng(0)
+    moves = 1e-3 * (rng.normal(size=(40, 7, 2)) + 1.5 * rng.normal(size=(40, 1, 2)))
+    there = rng.random((40, 7)) < 0.7
+    there[:, 0] = True
+    found = least_way(moves, there)
+    inside = 0
+    for move, counts, way in zip(1e3 * moves, there, 1e3 * found, strict=True):
+        d = move[counts]
+        best = minimize(
+            lambda w, d=d: np.sum((w @ d) ** 2),
+            np.full(len(d), 1.0 / len(d)),
+            jac=lambda w, d=d: 2.0 * d @ (w @ d),
+            bounds=[(0.0, 1.0)] * len(d),
+            constraints={"type": "eq", "fun": lambda w: w.sum() - 1.0},
+            options={"ftol": 1e-14, "maxiter": 500},
+        )
+        assert best.success
+        expected = np.linalg.norm(best.x @ d)
+        inside += expected < 1e-4
+        assert way == pytest.approx(expected, abs=0.03)
+    assert 3 < inside < 37
+
+
+def test_a_foot_that_turns_about_a_point_of_its_sole_does_not_slip():
+    angles = np.linspace(0.0, 1.0, 200)
+    corners = np.array([[-0.1, -0.04], [-0.1, 0.04], [0.12, -0.04], [0.12, 0.04]])
+    pivot = np.array([0.06, 0.01])
+    turns = np.stack(
+        [[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]
+    )
+    p = np.einsum("ijt,vj->tvi", turns, corners - pivot)
+    p = np.concatenate([p, np.zeros((200, 4, 1))], axis=2)
+    assert foot_slip("f", p, 0.0, RATE).total < 1e-3
+    shifted = p + np.linspace(0.0, 0.02, 200)[:, None, None] * [1.0, 0.0, 0.0]
+    # The point that rests moves on: by less than the foot, which can walk so.
+    assert foot_slip("f", shifted, 0.0, RATE).total < 1e-3

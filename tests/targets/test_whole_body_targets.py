@@ -25,6 +25,7 @@ from crar_drake.targets.motion import load_motion_targets, segment_lengths
 from crar_drake.targets.start_pose import solve_start_pose
 from crar_drake.targets.whole_body import retarget_whole_body
 
+RATE = 100.0  # [Hz]
 TASKS = [*experiment_tasks("whole-body"), Task(frame="head")]
 
 
@@ -177,7 +178,7 @@ def test_the_robot_can_start_so(model, motion):
 def test_an_ankle_that_cannot_roll_turns_the_foot_as_far_as_it_can(description, model):
     """The foot is flat, 0.25 m to the side of a hip that is upright: the leg leans."""
     legs, _ = body_shapes(model)
-    solver = LegSolver(model, "left", legs["left"])
+    solver = LegSolver(model, "left", legs["left"], RATE)
     p_hip = np.array([0.0, 0.0, 0.6])
     root = p_hip - legs["left"].hip
     foot = FootMotion(
@@ -197,11 +198,36 @@ def test_an_ankle_that_cannot_roll_turns_the_foot_as_far_as_it_can(description, 
     assert np.abs(turns[-1].magnitude()) < 1e-4
 
 
+def test_ankles_come_to_their_limits_as_slowly_as_a_lookahead_lets_them(model):
+    """A foot that is pitched at 4 rad/s to beyond what its ankle can."""
+    legs, _ = body_shapes(model)
+    solver = LegSolver(model, "left", legs["left"], RATE)
+    pitch = np.clip(np.arange(60) * 4.0 / RATE, 0.0, 1.6)
+    foot = FootMotion(
+        np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (60, 1)),
+        Rotation.from_euler("y", pitch[:, None]).as_quat(),
+        *np.zeros((2, 60), dtype=bool),
+    )
+    solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
+    ankle = solver.joints[:2]
+    q = np.array(solver.positions)[:, : len(ankle)]
+    moves = [joint.position_start() for joint in ankle]
+    lower = model.plant.GetPositionLowerLimits()[moves]
+    upper = model.plant.GetPositionUpperLimits()[moves]
+    # Where braking over 40 ms, the scenarios' horizon, would end.
+    rest = q[1:] + 0.04 * np.diff(q, axis=0) * RATE
+    assert (rest > lower + 0.02).all()
+    assert (rest < upper - 0.02).all()
+    nearest = np.minimum(q - lower, upper - q).min(axis=0)
+    assert nearest.min() < 0.031  # a joint was led to its limit
+    assert np.abs(np.diff(q, axis=0)).max() * RATE > 3.0  # and fast
+
+
 def test_a_hip_stays_on_one_side_of_its_singular_poses(model):
     """A foot that swings up beside the hip and around: the thigh goes along the first
     axis of the hip, where another solver comes out with two joints turned by pi."""
     legs, _ = body_shapes(model)
-    solver = LegSolver(model, "left", legs["left"])
+    solver = LegSolver(model, "left", legs["left"], RATE)
     a = np.linspace(0.0, 0.75 * np.pi, 60)
     way = np.column_stack([0.3 * np.sin(2.0 * a), np.sin(a), -np.cos(a)])
     way /= np.linalg.norm(way, axis=1, keepdims=True)

@@ -78,13 +78,15 @@ function writeLegend(data, runs) {
       draw(svg, "circle", { cx: 28, cy: 7, r: 5, fill: target });
     });
   }
-  if (runs.some(run => run.pairNames.length)) {
+  if (warning && runs.some(run => run.pairNames.length)) {
     entry(`links near each other: ${at.join(", ")} mm`, svg => {
       [far, middle, near].forEach((fill, i) => draw(svg, "circle", {
         cx: 5 + 11 * i, cy: 7, r: 4 + i, fill, "fill-opacity": 0.45 + 0.25 * i,
       }));
     });
-    entry("links inside each other", svg => draw(svg, "circle", {
+  }
+  if (runs.some(run => run.pairNames.length)) {
+    entry(data.texts.inside, svg => draw(svg, "circle", {
       cx: 17, cy: 7, r: 6.5, fill: violation,
     }));
   }

@@ -43,7 +43,7 @@ function distanceLane(data, runs) {
   const bottom = height(Math.min(-0.001, 1.2 * values.reduce((a, b) => Math.min(a, b), 0)));
   return {
     name: "distance",
-    titles: ["smallest distance", "nearest"],
+    titles: data.texts.distance,
     share: v => (height(Math.min(Math.max(v, -10), 10)) - bottom) / (top - bottom),
     ticks: DISTANCE_TICKS.map(v => [v, `${Math.round(1000 * v)}`.replace("-", "−")]),
     format: millimetres,
@@ -51,7 +51,7 @@ function distanceLane(data, runs) {
   };
 }
 
-function errorLane(runs) {
+function errorLane(data, runs) {
   const unit = runs.find(run => run.curve.unit).curve.unit;
   const factor = unit === "m" ? 1000 : 180 / Math.PI;
   const sign = unit === "m" ? " mm" : "°";
@@ -59,7 +59,7 @@ function errorLane(runs) {
   const step = niceStep(factor * top, 4);
   return {
     name: "error",
-    titles: ["largest error of a target", "error"],
+    titles: data.texts.error,
     share: v => v / top,
     ticks: [0, 1, 2, 3, 4].map(i => [i * step / factor, `${+(i * step).toPrecision(3)}`]),
     format: v => `${(factor * v).toFixed(factor * v < 10 ? 1 : 0)}${sign}`,
@@ -77,7 +77,7 @@ function makeTimeline(data, runs, element, duration, on) {
   });
   const lanes = [];
   if (runs.some(run => run.curve.distance.length)) lanes.push(distanceLane(data, runs));
-  if (runs.some(run => run.curve.error.length)) lanes.push(errorLane(runs));
+  if (runs.some(run => run.curve.error.length)) lanes.push(errorLane(data, runs));
   const striped = runs.filter(run => Object.values(run.spans).some(s => s.length));
   const single = runs.length === 1;
   let [left, right, time] = [GUTTER, 1, 0];
@@ -106,7 +106,7 @@ function makeTimeline(data, runs, element, duration, on) {
       draw(svg, "text", { x: left - 6, y: y + 4, "text-anchor": "end" }, text);
       last = y;
     }
-    if (lane.name === "distance") {
+    if (lane.name === "distance" && runs[0].warning) {
       const y = lane.y(runs[0].warning);
       draw(svg, "line", {
         x1: left, x2: right, y1: y, y2: y, stroke: data.nearness.colours[1],
@@ -179,7 +179,8 @@ function makeTimeline(data, runs, element, duration, on) {
         lane.dots[k].setAttribute("cy", lane.y(value));
       }
       let text = value === null ? "–" : lane.format(value);
-      if (!single)
+      if (!run.curve[lane.name].length) text = "";
+      else if (!single)
         text = `${narrow() ? "" : `${run.label} `}${text}${k < runs.length - 1 ? "   " : ""}`;
       else if (lane.name === "distance") {
         const [nearest] = nearAt(run, time);

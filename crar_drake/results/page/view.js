@@ -179,6 +179,17 @@ function makeStage(data, runs, element) {
     });
   }
 
+  // The links that are inside others, in the frame that is the nearest in time.
+  function tintPenetrating(run) {
+    const { from, to, share } = between(run, stage.time);
+    const frame = share < 0.5 ? from : to;
+    const { links } = robots[run.robot];
+    const restore = Object.entries(run.penetrating || {})
+      .filter(([, spans]) => spans.some(([a, b]) => a <= frame && frame <= b))
+      .map(([link]) => tint(links[link], data.colours.violation, 1));
+    return () => restore.reverse().forEach(each => each());
+  }
+
   viewer.render = () => {
     const { camera, controls } = viewer;
     const height = element.clientHeight;
@@ -201,7 +212,9 @@ function makeStage(data, runs, element) {
         surroundings.visible = !k;
         const restore = view.runs.length > 1
           ? tint(robots[run.robot].group, run.colour, k ? GHOST : 1) : () => {};
+        const restoreLinks = tintPenetrating(run);
         renderer.render(scene, camera);
+        restoreLinks();
         restore();
       });
       scene.background = background;

@@ -1,0 +1,288 @@
+"""How little any filter could change a reference, frame by frame.
+
+    python -m benchmarks.least_change g1_whole dance.csv
+
+Each frame by itself, without a past, a speed limit or a way to the next: the
+configuration that differs the least from the reference among those whose watched pairs
+keep the floor of `crar-drake clean` and whose joints keep their limits. The least of
+what? Three answers: of the joints alone, wherever that takes the feet; of the norm that
+`clean` uses, with the feet's weights; and of the hands' and the feet's places, whatever
+the joints have to do for it.
+
+Each is a local minimum, by sequential quadratic programs (Drake's Clarabel) from three
+starts: the reference, the frame that `clean` made, and what was found for the frame
+before. That bounds the least change from above, and is no proof of how small it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from crar_drake.references.following import HANDS, CleaningParameters, Follower
+from crar_drake.references.robot_motion import read_motions
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import find_frame, load_robot_description
+from crar_drake.studies.tables import markdown_table
+
+_STEPS = 25  # quadratic programs for a frame
+_REGION, _SMALLEST = 0.3, 1e-4  # how far one of them may move a joint [rad]
+_LOOKED_AT = 0.15  # pairs nearer than this have a row [m]
+_KEPT = 2e-5  # by so much less than the floor a distance may be [m]
+_BROKEN = 1e3  # of the merit, a metre of distances below the floor
+# Where hands and feet matter: weights of joints and turns of feet [m/rad].
+_JOINTS_LEAST, _FEET_TURN = 1e-2, 0.2
+OURS = "crar-drake clean"
+MEASURES = ("joints alone", "norm of clean", "hands and feet")
+HEADER = (
+    "",
+    "joints, rms / worst",
+    "feet, rms / worst",
+    "hands, rms / worst",
+    "below the floor",
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A frame's least change.
+
+    Attributes:
+        q: (n,) of the joints.
+        cost: squared change in the measure.
+        broken: what distances are below the floor by, at most [m].
+    """
+
+    q: np.ndarray
+    cost: float
+    broken: float
+
+
+class LeastChange:
+    """Least changes of one robot's frames in one measure."""
+
+    def __init__(self, follower: Follower, measure: str) -> None:
+        """
+        Args:
+            follower: of the robot, with its feet.
+            measure: one of MEASURES.
+        """
+        self._model = follower.model
+        self._floor = follower.parameters.floor
+        self._workspace = self._model.MakeWorkspace()
+        self._rest = self._model.rest_positions()
+        self._parameters, self._measure = follower.parameters, measure
+        plant, frames = self._model.plant, follower.description.task_frames
+        self._feet = [find_frame(plant, frames[f]).body() for f in follower.feet]
+        self._hands = [
+            find_frame(plant, frames[f]).body() for f in HANDS if f in frames
+        ]
+
+    def find(self, reference: np.ndarray, starts: Sequence[np.ndarray]) -> Found:
+        """The least change of a frame (n,), of several local ones."""
+        self._set(reference)
+        wanted = [self._pose(body) for body in self._feet + self._hands]
+        found = [self._descend(reference, wanted, start) for start in starts]
+        clear = [each for each in found if each.broken <= _KEPT]
+        return min(clear or found, key=lambda each: each.cost)
+
+    def places(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(2, 3) where the feet's links are, and (2, 3) the hands' [m]."""
+        self._set(q)
+        feet, hands = (
+            np.array([self._pose(body).translation() for body in bodies])
+            for bodies in (self._feet, self._hands)
+        )
+        return feet, hands
+
+    def _descend(self, reference, wanted, start) -> Found:
+        q, region = np.clip(start, self._model.lower, self._model.upper), _REGION
+        A, b = self._residuals(q, reference, wanted)
+        d, g = self._distances(q)
+        broken = max(0.0, float((self._floor - d).max(initial=0.0)))
+        for _ in range(_STEPS):
+            step = self._step(q, A, b, d, g, region)
+            if step is None or np.abs(step).max() < _SMALLEST:
+                break
+            A_new, b_new = self._residuals(q + step, reference, wanted)
+            d_new, g_new = self._distances(q + step)
+            broken_new = max(0.0, float((self._floor - d_new).max(initial=0.0)))
+            worse = b_new @ b_new + _BROKEN * broken_new > b @ b + _BROKEN * broken
+            if worse:
+                region = 0.3 * min(region, float(np.abs(step).max()))
+                continue
+            q, A, b, d, g, broken = q + step, A_new, b_new, d_new, g_new, broken_new
+        return Found(q, float(b @ b), broken)
+
+    def _step(self, q, A, b, d, g, region) -> np.ndarray | None:
+        """The step that a quadratic program takes, distances soft where it must."""
+        n = len(q)
+        program = MathematicalProgram()
+        x = program.NewContinuousVariables(n)
+        program.AddQuadraticCost(2.0 * A.T @ A, 2.0 * A.T @ b, x)
+        low = np.maximum(self._model.lower - q, -region)
+        high = np.minimum(self._model.upper - q, region)
+        program.AddBoundingBoxConstraint(low, high, x)
+        if len(d):
+            (missing,) = program.NewContinuousVariables(1)
+            program.AddBoundingBoxConstraint(0.0, np.inf, [missing])
+            program.AddLinearCost(_BROKEN * missing)
+            rows = np.column_stack([g, np.ones(len(d))])
+            program.AddLinearConstraint(
+                rows, self._floor - d, np.full(len(d), np.inf), [*x, missing]
+            )
+        result = ClarabelSolver().Solve(program)
+        return result.GetSolution(x) if result.is_success() else None
+
+    def _residuals(self, q, reference, wanted) -> tuple[np.ndarray, np.ndarray]:
+        """A, b: the change in the measure, b + A x after a step x."""
+        p = self._parameters
+        places = self._measure == "hands and feet"
+        weight = _JOINTS_LEAST if places else p.joint_weight
+        A, b = [weight * np.eye(len(q))], [weight * (q - reference)]
+        self._set(q)
+        feet, hands = wanted[: len(self._feet)], wanted[len(self._feet) :]
+        tasks: list[tuple[RigidBody, RigidTransform, float, float]] = []
+        if self._measure != "joints alone":
+            weights = (
+                (1.0, _FEET_TURN) if places else (p.foot_weight, p.foot_turn_weight)
+            )
+            pairs = zip(self._feet, feet, strict=True)
+            tasks += [(body, X, *weights) for body, X in pairs]
+        if places:
+            pairs = zip(self._hands, hands, strict=True)
+            tasks += [(body, X, 1.0, 0.0) for body, X in pairs]
+        for body, X, linear, angular in tasks:
+            J = self._jacobian(body)
+            X_now = self._pose(body)
+            A.append(linear * J[3:])
+            b.append(linear * (X_now.translation() - X.translation()))
+            turned = X_now.rotation().multiply(X.rotation().inverse()).ToAngleAxis()
+            A.append(angular * J[:3])
+            b.append(angular * turned.angle() * turned.axis())
+        return np.vstack(A), np.concatenate(b)
+
+    def _distances(self, q) -> tuple[np.ndarray, np.ndarray]:
+        found = self._model.evaluate_distances(self._workspace, self._whole(q))
+        near = found.d < _LOOKED_AT
+        return found.d[near], found.dd_dq[near]
+
+    def _whole(self, q: np.ndarray) -> np.ndarray:
+        whole = self._rest.copy()
+        whole[self._model.controlled_positions] = q
+        return whole
+
+    def _set(self, q: np.ndarray) -> None:
+        self._model.plant.SetPositions(self._workspace.plant_context, self._whole(q))
+
+    def _pose(self, body: RigidBody) -> RigidTransform:
+        return self._model.plant.EvalBodyPoseInWorld(
+            self._workspace.plant_context, body
+        )
+
+    def _jacobian(self, body: RigidBody) -> np.ndarray:
+        plant = self._model.plant
+        world = plant.world_frame()
+        J = plant.CalcJacobianSpatialVelocity(
+            self._workspace.plant_context,
+            JacobianWrtVariable.kV,
+            body.body_frame(),
+            np.zeros(3),
+            world,
+            world,
+        )
+        return J[:, self._model.controlled]
+
+
+def least_changes(
+    follower: Follower,
+    reference: np.ndarray,
+    cleaned: np.ndarray,
+    measure: str,
+    told: Callable[[int], None] | None = None,
+) -> tuple[np.ndarray, float]:
+    """The frames of least change, (T, n), and what the worst lacks of the floor [m].
+
+    Args:
+        follower: of the robot.
+        reference, cleaned: (T, n) joints before and after.
+        measure: one of MEASURES.
+        told: is called with the frame that was reached.
+    """
+    least = LeastChange(follower, measure)
+    # Frames that violate nothing stay as they are.
+    margins = follower.margins(reference)
+    clear = (margins.distance >= follower.parameters.floor) & (margins.limit >= 0.0)
+    frames, broken = reference.copy(), 0.0
+    for k in np.flatnonzero(~clear):
+        starts = [reference[k], cleaned[k], frames[max(k - 1, 0)]]
+        found = least.find(reference[k], starts)
+        frames[k], broken = found.q, max(broken, found.broken)
+        if told is not None:
+            told(int(k))
+    return frames, broken
+
+
+def row(name: str, least: LeastChange, reference, frames, broken: float) -> list[str]:
+    """What a motion's frames differ from the reference by."""
+    change = np.degrees(frames - reference)
+    before, after = ([least.places(q) for q in each] for each in (reference, frames))
+    feet, hands = (
+        1e3
+        * np.linalg.norm(
+            [b[i] - a[i] for a, b in zip(before, after, strict=True)], axis=2
+        )
+        for i in range(2)
+    )
+    return [
+        name,
+        f"{_rms(change):.2f}° / {np.abs(change).max():.1f}°",
+        f"{_rms(feet):.1f} / {feet.max():.1f} mm",
+        f"{_rms(hands):.1f} / {hands.max():.1f} mm",
+        f"{1e3 * broken:.2f} mm",
+    ]
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("robot", help="name or folder, imported as a whole body")
+    parser.add_argument("motion", help="a robot motion")
+    parser.add_argument(
+        "--every", type=int, default=1, help="look at each n-th frame alone (default 1)"
+    )
+    arguments = parser.parse_args(argv)
+    description = load_robot_description(arguments.robot).without_ground()
+    (motion,) = read_motions(arguments.motion, robot=WholeBody(description))
+    rows, follower = [], Follower(description, motion.rate)
+    names = follower.model.joint_names
+    columns = [motion.joint_names.index(name) for name in names]
+    q = np.ascontiguousarray(motion.joint_positions[:, columns])
+    some = slice(None, None, arguments.every)
+    measured = LeastChange(follower, "joints")
+    made = {}
+    for name, hands in ((OURS, False), (f"{OURS} --hands", True)):
+        way = Follower(description, motion.rate, CleaningParameters(hands=hands))
+        made[name] = way.follow(q).q
+        rows.append(row(name, measured, q[some], made[name][some], 0.0))
+        print(rows[-1], flush=True)
+    for measure in MEASURES:
+        frames, broken = least_changes(follower, q[some], made[OURS][some], measure)
+        rows.append(
+            row(f"least change of {measure}", measured, q[some], frames, broken)
+        )
+        print(rows[-1], flush=True)
+    print(markdown_table(HEADER, rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from floating_robots import make_floater
+from floating_robots import make_floater, random_state
 from small_robots import chain_urdf, make_model
 
 from crar_drake.equations.handover import hand_over, take_over
 from crar_drake.equations.kinematics import Measured
+from crar_drake.equations.lookahead import resting_configuration, with_resting
 from crar_drake.equations.references import BlendStart, Wanted
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -62,3 +63,13 @@ def test_every_number_comes_out_where_it_went_in(make, posture: bool) -> None:
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
     for name in BlendStart._fields:
         np.testing.assert_array_equal(getattr(found.start, name), getattr(start, name))
+
+
+def test_both_configurations_are_in_the_plants_order() -> None:
+    """The one that was handed over, and where it leads to when braking."""
+    model = make_floater()
+    q, v = random_state(model, 2)
+    here, there = with_resting(q, v, model.robot_by_pair.value, 0.15)
+    np.testing.assert_array_equal(here, q)
+    in_order = resting_configuration(*model.in_order(q, v), 0.15)
+    np.testing.assert_array_equal(there[model.positions], in_order)

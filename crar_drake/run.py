@@ -277,8 +277,12 @@ def make_log(
     nq = plant.num_positions()
     state = samples("state")
     lower, upper = np.full(nq, -np.inf), np.full(nq, np.inf)
-    controlled = model.controlled_positions
-    lower[controlled], upper[controlled] = model.lower, model.upper
+    # A root that is controlled is no joint with a position, a limit and a weight.
+    count = model.num_joints
+    controlled, joints = model.controlled_positions[:count], model.joint_names[:count]
+    lower[controlled], upper[controlled] = model.lower[:count], model.upper[:count]
+    told = {name: diagnostics[:, slices[name]].copy() for name in _LOGGED}
+    told["constraint_weights"] = told["constraint_weights"][:, :count]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())
     return SimulationLog(
@@ -286,14 +290,14 @@ def make_log(
         q=_unit_quaternions(state[:, :nq], model),
         v=state[:, nq:],
         desired_tasks=samples("desired_tasks"),
-        **{name: diagnostics[:, slices[name]].copy() for name in _LOGGED},
+        **told,
         position_names=np.array(model.position_names),
         actuator_names=np.array(
             [model.velocity_names[a.joint().velocity_start()] for a in actuators]
         ),
         velocity_names=np.array(model.velocity_names),
-        controlled_names=np.array(model.joint_names),
-        controlled_units=np.array(joint_units(plant, model.joint_names)),
+        controlled_names=np.array(joints),
+        controlled_units=np.array(joint_units(plant, joints)),
         task_names=np.array(model.layout.names),
         task_kinds=np.array(model.layout.kinds),
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
@@ -308,7 +312,7 @@ def make_log(
 def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:
     """(T, nq) positions; Drake's discrete plants let a quaternion grow."""
     if model.num_free:
-        root = model.prescribed_positions[-7:-3]
+        root = model.root_positions[:4]
         q[:, root] /= np.linalg.norm(q[:, root], axis=1, keepdims=True)
     return q
 

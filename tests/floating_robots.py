@@ -122,7 +122,7 @@ def make_floater(
 
 def root_entries(model: ControlModel) -> tuple[np.ndarray, np.ndarray]:
     """Where the root's positions (7,) are in q, and its velocities (6,) in v."""
-    return model.prescribed_positions[-7:], model.prescribed[-6:]
+    return model.root_positions, model.unactuated
 
 
 def random_state(model: ControlModel, seed: int) -> tuple[np.ndarray, np.ndarray]:

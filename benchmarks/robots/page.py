@@ -68,7 +68,8 @@ the task that its import allows:
 
 * *whole body*: two arms, two legs, a root that floats: seven points of the upper body
   and the poses of both feet follow {motion}, the first {duration:.1f} s, with the
-  settings of the shipped scenario `g1_whole_body_dance`;
+  settings of the shipped scenario `g1_whole_body_dance`; where *knees* stands they are
+  targets, too, as they are now: the other rows are of earlier runs;
 * *seven points*: two arms on a base that drives or is mounted: the same without feet,
   with default settings;
 * *tool*: a single arm's tool visits places that its joints reach.
@@ -138,7 +139,8 @@ def _row(subject: Subject, outcome: Outcome) -> list[str]:
     return [
         subject.name,
         subject.package,
-        o.task.replace("-", " ").replace("upper body", "seven points"),
+        o.task.replace("-", " ").replace("upper body", "seven points")
+        + (", knees" if o.knees else ""),
         verdict(subject.name, o),
         f"{o.import_time:.0f} / {o.run_time:.0f} s",
         error,

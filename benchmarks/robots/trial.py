@@ -30,6 +30,7 @@ from crar_drake.robot_import import import_robot
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.targets.keyframes import Keyframe
+from crar_drake.targets.whole_body import KNEES
 
 RESULT, ROBOT = "result.json", "robot"
 LOCK = ("hands", "head", "other")  # as crar-drake import-robot --lock has it
@@ -60,6 +61,7 @@ class Outcome:
         import_time: CPU time of the import [s].
         warnings: of the import's report.
         task: WHOLE_BODY, SEVEN or TOOL; "" where it was set none.
+        knees: whether knees were among the targets, as they are of a whole body now.
         duration: of the run [s].
         run_time: CPU time of run and log [s].
         size: of what moves: neck's height over the floor, or a tool's way from its
@@ -80,6 +82,7 @@ class Outcome:
     import_time: float = 0.0
     warnings: list[str] = field(default_factory=list)
     task: str = ""
+    knees: bool = False
     duration: float = 0.0
     run_time: float = 0.0
     size: float | None = None
@@ -153,6 +156,7 @@ def _try(outcome: Outcome, subject, path, folder: Path, motion, duration) -> Non
     description = load_robot_description(folder / ROBOT)
     scenario = _scenario(subject, description, folder / ROBOT, motion, duration)
     outcome.task = scenario.experiment or TOOL
+    outcome.knees = any(task.frame in KNEES for task in scenario.task_list())
     start = time.process_time()
     run_scenario(scenario, folder, record=False)
     outcome.run_time = time.process_time() - start

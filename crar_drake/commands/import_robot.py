@@ -66,6 +66,20 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="grow the capsules until they hold all triangles of the meshes, by which "
         "meshes are clear wherever capsules are (on a first import)",
     )
+    parser.add_argument(
+        "--srdf",
+        metavar="FILE",
+        default="",
+        help="SRDF of the robot: a posture of it is the rest posture, and pairs of "
+        "links whose collisions it disables are not watched (on a first import)",
+    )
+    parser.add_argument(
+        "--posture",
+        metavar="NAME",
+        default="",
+        help="group_state of the SRDF (default: half_sitting, standing, home, ready, "
+        "neutral or default, or the only one)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -75,7 +89,7 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot.description import IMPORT_FILE, import_file
     from crar_drake.robot_import import check_installed, import_robot, load_choices
-    from crar_drake.robot_import.source_urdf import default_name, find_urdf
+    from crar_drake.robot_import.robot_files import default_name, find_urdf
 
     # What is missing is told before a file is written.
     check_installed()
@@ -95,6 +109,11 @@ def run(arguments: argparse.Namespace) -> None:
                 f"the robot {given} comes with its base; import its own file with that "
                 f"option: {source.stem}"
             )
+        if arguments.srdf:
+            raise ModelError(
+                f"the robot {given} comes with its rest posture and pairs; import its "
+                f"own file with that option: {source.stem}"
+            )
         out = out or imported_robots_folder() / given
         kept = arguments.out is not None and (out / IMPORT_FILE).is_file()
         if not kept:
@@ -112,6 +131,8 @@ def run(arguments: argparse.Namespace) -> None:
             lock=lock,
             cover=arguments.cover,
             base=arguments.base,
+            srdf=arguments.srdf,
+            posture=arguments.posture,
             progress=progress,
         )
     for line in report.lines():

@@ -51,5 +51,6 @@ def run(arguments: argparse.Namespace) -> None:
         ("Scenarios, for crar-drake run", scenarios),
     ):
         print(title)
+        width = max([20, *(len(name) for name in entries)])
         for name, text in entries.items():
-            print(f"  {name:<22}{text}".rstrip())
+            print(f"  {name:<{width}}  {text}".rstrip())

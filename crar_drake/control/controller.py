@@ -144,9 +144,9 @@ class CrarController(LeafSystem):
         diagnostics_slices: output port to its place in "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated, but for a root
-    that floats by a quaternion and is prescribed; the plant's
-    torque is exact where its model is the control model's, time step included, and the
-    acceleration is exactly held where the torque period is the plant's step.
+    that floats by a quaternion, prescribed or controlled; the plant's torque is exact
+    where its model is the control model's, time step included, and the acceleration is
+    exactly held where the torque period is the plant's step.
     """
 
     def __init__(

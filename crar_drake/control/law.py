@@ -78,7 +78,7 @@ class ControlLaw:
         self._plant_step = float(model.plant.time_step())
         self._rest = model.rest_positions()
         self._has_rest = np.isfinite(model.upper - model.lower)
-        self._rest_posture = self._rest[model.controlled_positions]
+        self._rest_posture = self._rest[model.controlled_positions[: model.n]]
         self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
@@ -122,14 +122,15 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
 
         Returns:
-            (n,) positions of the controlled joints [rad or m]; (0,) if the parameter
-            `nominal_posture_gain` is 0.
+            (n,) positions of the controlled joints [rad or m], in whose last six a
+            controlled root has the first of its positions, by which it is not drawn
+            anywhere; (0,) if the parameter `nominal_posture_gain` is 0.
         """
         if not self._with_posture:
             return _NOTHING
         if self._has_rest.all():
             return self._rest_posture
-        here = q[self.model.controlled_positions]
+        here = q[self.model.controlled_positions[: self.model.n]]
         return np.where(self._has_rest, self._rest_posture, here)
 
     def reset(self) -> None:
@@ -270,7 +271,7 @@ class ControlLaw:
         posture = targets.nominal_posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
-            here = q[model.controlled_positions]
+            here = q[model.controlled_positions[: model.n]]
             posture = here + blend[0] * (posture - here)
         wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
         before = None

@@ -191,10 +191,10 @@ def find_references(
         gains: of the law.
     """
     prescribed, blend, start = wanted.prescribed, wanted.blend, wanted.start
-    free = len(state.q) - len(state.v)
-    n_p = (len(prescribed) - free) // 3
-    n, nq_p = len(state.v) - n_p, n_p + free
+    n_p = len(prescribed) // 3  # a free root has one position more than velocities
+    n, nq_p = len(state.v) - n_p, len(prescribed) - 2 * n_p
     qdot, qdot_p = state.v[:n], state.v[n:]
+    q_p = state.q[len(state.q) - nq_p :]
     q_d, a_d = prescribed[:nq_p], prescribed[nq_p + n_p :]
     v_d = prescribed[nq_p : nq_p + n_p]
     desired = unpack_tasks(wanted.tasks, rows)
@@ -205,7 +205,7 @@ def find_references(
         e = find_error(state.q, state.R, state.p, desired, rows)
     # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
     qddot_p = reference_acceleration(
-        a_d, v_d, qdot_p, displacement(state.q[n:], q_d, n_p), gains.Kp, gains.Kv
+        a_d, v_d, qdot_p, displacement(q_p, q_d, n_p), gains.Kp, gains.Kv
     )
     v_r = reference_velocity(desired.v, e, gains.K)
     v_task = times(state.J, state.v)

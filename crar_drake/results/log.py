@@ -33,7 +33,7 @@ class SimulationLog:
         desired_tasks: (T, layout.size) [x_d; v_d; a_d], see `TaskLayout`.
         task_error: (T, m) Eq. (11) against them [rad, m].
         signed_distances: (T, Nc) per watched pair, from the control model [m].
-        constraint_weights: (T, n) diagonal of W.
+        constraint_weights: (T, n) diagonal of W, of the controlled joints.
         status: (T, 1) tracking, blending or braking, see `control.step`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
@@ -48,7 +48,7 @@ class SimulationLog:
         velocity_names: (nv,) joint of each column of v; the same, unless the root is
             free, and in logs of versions that did not keep them.
         actuator_names: (nu,) joint that each actuator moves.
-        controlled_names: (n,) the controlled joints.
+        controlled_names: (n,) the controlled joints, without a root.
         controlled_units: (n,) "rad" of joints that turn, "m" of those that slide;
             "rad" in logs of versions that did not keep them.
         task_names, task_kinds: (N,) tasks, in the order of the rows.

@@ -35,7 +35,7 @@ PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 GROUND = "ground"
 
 # What becomes of the base.
-ROOTS = ("fixed", "prescribed")
+ROOTS = ("fixed", "prescribed", "controlled")
 
 # Farther beyond its limit than this, a joint violates it [rad or m]. One number for
 # all figures: it says what counts, not how that is computed.
@@ -71,7 +71,8 @@ class RobotDescription:
         base: link that is welded to the world, or that floats; "" where the model welds
             itself.
         root: "fixed": the base is welded to the world; "prescribed": it floats, and
-            its pose is given (by a motion, that of the performer's hips).
+            its pose is given (by a motion, that of the performer's hips); "controlled":
+            it floats, and the tasks move it as they move joints.
         root_pose: where the base is at rest.
         prescribed_joints: joint to what the motion drives it with: "waist.x",
             "waist.y", "waist.z" (the waist's position in the world), "waist.heading"
@@ -152,6 +153,12 @@ class RobotDescription:
                     f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
                     f"none of {', '.join(PRESCRIBED_SOURCES)}"
                 )
+        if self.root == "controlled" and self.prescribed_joints:
+            raise ModelError(
+                f"robot {self.name}: prescribed_joints: "
+                f"{', '.join(self.prescribed_joints)}: beside a root that is "
+                "controlled none can be prescribed; weld them, or say root: prescribed"
+            )
         driven = [j for j, source in self.prescribed_joints.items() if source != "hold"]
         if self.root == "prescribed" and driven:
             raise ModelError(
@@ -379,8 +386,9 @@ def find_root(
             f"robot {description.name}: link {name!r} has a joint with more positions "
             f"than velocities ({joint.type_name()}), and nothing says what moves it: "
             f"write base: {name} and root: prescribed, if it is the robot's base and "
-            "its pose is given, or root: fixed to weld it; loose things and ball "
-            "joints cannot be in the control model"
+            "its pose is given, root: controlled, if tasks are to move it, or root: "
+            "fixed to weld it; loose things and ball joints cannot be in the control "
+            "model"
         )
     if body is not None and root is None:
         raise ModelError(

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
+from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Measured, State, evaluate_state
 from crar_drake.equations.tasks import task_weights
 from crar_drake.errors import ModelError
@@ -42,9 +44,9 @@ class ControlModel:
 
     The joints of the plant are either *prescribed* (their acceleration is known)
     or *controlled* (the paper's q, in the plant's order of velocities). Each must
-    have as many velocities as positions and be actuated. Only a prescribed root may be
-    free (`equations.free_joints`): no actuator moves it, and the force that does is
-    told apart.
+    have as many velocities as positions and be actuated. Only the root may be free
+    (`equations.free_joints`), prescribed or controlled: no actuator moves it, and the
+    force that does is told apart.
 
     Attributes:
         plant, scene_graph, diagram: the model itself.
@@ -61,10 +63,11 @@ class ControlModel:
         robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
             a row for each pair; and at two, a row for each pair of shapes.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
-        controlled, prescribed: their indices in v; of the prescribed ones a free root's
-            come last.
-        controlled_positions, prescribed_positions: (n,), (nq_p,) their indices in q.
-            All are those in v, unless the root is free.
+        controlled, prescribed: their indices in v; a free root's come last.
+        num_joints: number of controlled joints without a free root's six velocities.
+        controlled_positions, prescribed_positions: (nq_c,), (nq_p,) their indices in q.
+            All are those in v, unless the root is free, whose seven come last.
+        root_positions: (7,) the root's indices in q if it is free, else (0,).
         order, positions: (nv,), (nq,) both, one after the other, in v and in q.
         num_free: 1 if the root is free, which has a position more than velocities.
         unactuated: (6,) the root's indices in v if it is free, else (0,).
@@ -72,7 +75,7 @@ class ControlModel:
             velocity of the plant.
         joint_names, prescribed_names: (n,), (n_p,) those of the velocities of
             controlled and prescribed joints.
-        lower, upper: (n,) limits of the controlled joints [rad].
+        lower, upper: (n,) limits of the controlled joints [rad]; a root has none.
         effort_limits: (nv,) largest effort per joint, inf where there is none.
         actuator_limits: (nu,) the same per actuator, in their order.
         velocity_limits: (nv,) largest speed per joint, inf where there is none: the
@@ -391,8 +394,20 @@ class ControlModel:
             q[joint.position_start()] = value
         if self.num_free:
             X_WB = self.description.rest_pose()
-            q[self.prescribed_positions[-7:-3]] = X_WB.rotation().ToQuaternion().wxyz()
-            q[self.prescribed_positions[-3:]] = X_WB.translation()
+            q[self.root_positions[:4]] = X_WB.rotation().ToQuaternion().wxyz()
+            q[self.root_positions[4:]] = X_WB.translation()
+        return q
+
+    def moved(self, q: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Positions after a displacement of the controlled joints.
+
+        Args:
+            q: (nq,) of the whole plant.
+            by: (n,) displacements [rad or m]; of a free root a rotation vector and a
+                translation, in the world.
+        """
+        q, at = q.copy(), self.controlled_positions
+        q[at] = displaced(q[at], by)
         return q
 
     def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
@@ -415,15 +430,24 @@ class ControlModel:
         check_described_joints(plant, description)
         root = find_root(plant, description)
         moved = [find_joint(plant, name) for name in description.prescribed_joints]
-        prescribed, at = [], []
-        for joint in moved if root is None else [*moved, root]:
-            start, count = joint.velocity_start(), joint.num_velocities()
-            prescribed += range(start, start + count)
-            start, count = joint.position_start(), joint.num_positions()
-            at += range(start, start + count)
+        free = [] if root is None else [root]
+        controls_root = bool(free) and description.root == "controlled"
         nq, nv = plant.num_positions(), plant.num_velocities()
-        self.num_free = 0 if root is None else 1
-        self.unactuated = np.array(prescribed[-6:] if self.num_free else [], dtype=int)
+        self.num_free = len(free)
+        self.unactuated, self.root_positions = _entries(free)
+        self.prescribed, self.prescribed_positions = _entries(
+            moved if controls_root else [*moved, *free]
+        )
+        own = _entries(free) if controls_root else _entries([])
+        self.controlled, self.controlled_positions = (
+            # A free root comes last, as the equations have it.
+            np.concatenate(
+                [np.setdiff1d(np.arange(count), [*given, *of_root]), of_root]
+            )
+            for count, given, of_root in zip(
+                (nv, nq), (self.prescribed, self.prescribed_positions), own, strict=True
+            )
+        )
         B = plant.MakeActuationMatrix()
         idle = np.setdiff1d(np.flatnonzero(~B.any(axis=1)), self.unactuated)
         names = names_by_joint(plant)
@@ -443,27 +467,24 @@ class ControlModel:
         alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
         self._actuated = B.argmax(axis=0) if alone else None
         self._in_order = np.array_equal(self._actuated, np.arange(nv))
-        self.prescribed = np.array(prescribed, dtype=int)
-        self.controlled = np.setdiff1d(np.arange(nv), self.prescribed)
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
+        self.num_joints = self.n - len(own[0])
         self.order = np.concatenate([self.controlled, self.prescribed])
         self._places = np.argsort(self.order)
-        self.prescribed_positions = np.array(at, dtype=int)
-        self.controlled_positions = np.setdiff1d(
-            np.arange(nq), self.prescribed_positions
-        )
         self.positions = np.concatenate(
             [self.controlled_positions, self.prescribed_positions]
         )
         self._still = np.zeros(nv)
-        if not self.n:
+        if not self.num_joints:
             raise ModelError("the plant has no joint left to control")
         self.velocity_names = names
         self.position_names = names_by_joint(plant, of_positions=True)
         self.joint_names = [names[i] for i in self.controlled]
         self.prescribed_names = [names[i] for i in self.prescribed]
-        self.lower = plant.GetPositionLowerLimits()[self.controlled_positions]
-        self.upper = plant.GetPositionUpperLimits()[self.controlled_positions]
+        # A root's seven positions have no limits, nor have its six velocities.
+        at = self.controlled_positions[: self.n]
+        self.lower = plant.GetPositionLowerLimits()[at]
+        self.upper = plant.GetPositionUpperLimits()[at]
         self.effort_limits = np.zeros(nv)
         self.actuator_limits = np.full(plant.num_actuated_dofs(), np.inf)
         for index in plant.GetJointActuatorIndices():
@@ -493,7 +514,10 @@ class ControlModel:
             raise ModelError("give at least one task")
         self.tasks = tuple(tasks)
         self.task_targets, self.layout = find_targets(
-            self.plant, self.description, self.tasks, self.joint_names
+            self.plant,
+            self.description,
+            self.tasks,
+            self.joint_names[: self.num_joints],
         )
         self.m = self.layout.m
         self.row_weights = task_weights(
@@ -514,3 +538,14 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
+
+
+def _entries(joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray]:
+    """Where joints are in v and in q."""
+    v, q = [], []
+    for joint in joints:
+        start = joint.velocity_start()
+        v += range(start, start + joint.num_velocities())
+        start = joint.position_start()
+        q += range(start, start + joint.num_positions())
+    return np.array(v, dtype=int), np.array(q, dtype=int)

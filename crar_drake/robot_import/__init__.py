@@ -5,11 +5,8 @@ dependencies of the extra `robots`.
 """
 
 from crar_drake.robot_import.choices import ImportChoices, load_choices
-from crar_drake.robot_import.importer import (
-    ImportReport,
-    check_installed,
-    import_robot,
-)
+from crar_drake.robot_import.import_report import ImportReport
+from crar_drake.robot_import.importer import check_installed, import_robot
 
 __all__ = [
     "ImportChoices",

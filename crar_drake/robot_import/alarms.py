@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from crar_drake.robot_import.anatomy import Anatomy
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_urdf import SourceRobot
+from crar_drake.robot_import.source_robot import SourceRobot
 
 # Ratios of lengths that the limbs of a person, and of the robots that are like one,
 # are far inside of.

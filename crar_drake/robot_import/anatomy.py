@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.source_urdf import Joint, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 FEWEST_JOINTS = 4  # of an arm
 _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")

@@ -28,6 +28,8 @@ _HEADER = """\
 # What is written above each key.
 _COMMENTS = {
     "source": "the robot's own file, URDF or MJCF",
+    "srdf": "its posture is where the robot rests, and its disabled pairs may touch",
+    "posture": "which group_state of the SRDF",
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",
     "up": "axis of the root link that points up: +x, -x, +y, -y, +z or -z",
     "facing": "axis of the root link that points ahead: +x, -x, +y, -y, +z or -z",
@@ -69,6 +71,10 @@ class ImportChoices:
             `example-robot-data:` and its path in that package.
         package_paths: folders in which the URDF's packages are looked for.
         name: of the robot.
+        srdf: path of an SRDF (relative to the file), whose posture is the rest posture
+            and whose disabled pairs are not watched, where these are guessed; "" for
+            none.
+        posture: the SRDF's `group_state`; "" for the one that a robot rests in.
         up_axis: "z" if all meshes have z up, whatever they say, or "file" if DAE
             meshes are to be turned as they say; None where none says anything else.
         up: axis of the root link that points up, one of `AXES`; None is z.
@@ -95,6 +101,8 @@ class ImportChoices:
     source: str = ""
     package_paths: list[str] = field(default_factory=list)
     name: str = ""
+    srdf: str = ""
+    posture: str = ""
     up_axis: str | None = None
     up: str | None = None
     facing: str | None = None
@@ -118,6 +126,8 @@ class ImportChoices:
         """
         if not self.source:
             raise ModelError(f"{where}: source: name the robot's URDF or MJCF")
+        if self.posture and not self.srdf:
+            raise ModelError(f"{where}: posture: there is no srdf that could have it")
         for key in ("up", "facing"):
             axis = getattr(self, key)
             if axis is not None and axis not in AXES:
@@ -192,7 +202,7 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
     text = path.read_text(encoding="utf-8") if path.is_file() else ""
     if not text:
         text = _HEADER
-        given = ("source", "package_paths", "name", "lock", "cover")
+        given = ("source", "package_paths", "name", "srdf", "posture", "lock", "cover")
         for key in (*given, *(() if "base" in guessed else ("base",))):
             value = getattr(choices, key)
             if value or (key == "lock" and value is not None):

@@ -16,7 +16,7 @@ from crar_drake.robot_import.anatomy import (
     welded_below,
 )
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_urdf import SourceRobot
+from crar_drake.robot_import.source_robot import SourceRobot
 
 # Axes of the root link, in its own frame; the usual way up comes first.
 _AXES = {

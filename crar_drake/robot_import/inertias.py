@@ -9,7 +9,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
 from crar_drake.robot_import.meshes import Part, convex_hulls
-from crar_drake.robot_import.source_urdf import Link, one_number, vector_of
+from crar_drake.robot_import.source_robot import Link
+from crar_drake.robot_import.xml_numbers import one_number, vector_of
 
 _DENSITY = 500.0  # [kg/m^3] of a link without a mass: a hollow shell
 _SMALL_MASS = 1e-3  # [kg]

@@ -13,7 +13,7 @@ from crar_drake.robot_import.anatomy import (
     longest_chains,
 )
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_urdf import Joint, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 # What is locked unless the import file says otherwise: all that no arm needs.
 DEFAULT_LOCK = ("legs", "hands", "head", "other")

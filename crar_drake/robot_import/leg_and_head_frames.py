@@ -17,7 +17,7 @@ from crar_drake.robot_import.anatomy import (
 )
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_urdf import Joint, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 LEG_POINTS = ("hip", "knee", "foot")
 

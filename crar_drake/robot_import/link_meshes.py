@@ -24,11 +24,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.importer import TRIANGLES, triangles_file
 from crar_drake.robot_import.meshes import Part, link_parts
 from crar_drake.robot_import.optional_packages import require_packages
-from crar_drake.robot_import.source_urdf import Link, Shape
-from crar_drake.robot_import.source_urdf import Mesh as MeshFile
+from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
+from crar_drake.robot_import.source_robot import Link, Shape
+from crar_drake.robot_import.source_robot import Mesh as MeshFile
 
 # Module to the package that brings it.
 _PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl"}

@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
-from crar_drake.robot_import.source_urdf import Link, Mesh, Shape, SourceRobot
+from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
 
 # A recorded page carries every mesh; this keeps a whole robot below 10 MB.
 DEFAULT_FACES = 2500

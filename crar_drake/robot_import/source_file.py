@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.source_mjcf import read_mjcf
-from crar_drake.robot_import.source_urdf import SourceRobot, read_urdf
+from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.source_urdf import read_urdf
 
 
 def read_robot(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:

@@ -24,14 +24,14 @@ from crar_drake.errors import ModelError
 from crar_drake.robot_import.mjcf_actuators import effort_limits
 from crar_drake.robot_import.mjcf_keyframes import keyframe_posture
 from crar_drake.robot_import.optional_packages import require_packages
-from crar_drake.robot_import.source_urdf import (
+from crar_drake.robot_import.robot_files import default_name
+from crar_drake.robot_import.source_robot import (
     WORLD,
     Joint,
     Link,
     Loop,
     Shape,
     SourceRobot,
-    default_name,
 )
 
 _HIDDEN_GROUP = 3  # MuJoCo's viewer shows the geoms of groups below it

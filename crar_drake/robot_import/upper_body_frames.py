@@ -23,7 +23,7 @@ from crar_drake.robot_import.anatomy import (
 )
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_urdf import Joint, SourceRobot
+from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 _TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
 _ON_FLOOR = 0.2  # [m] that a root link on wheels is above the floor, at most

@@ -14,7 +14,7 @@ from crar_drake.files import whole_file
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.inertias import Inertia
-from crar_drake.robot_import.source_urdf import WORLD, SourceRobot
+from crar_drake.robot_import.source_robot import WORLD, SourceRobot
 
 # Prescribed joint -> (type, axis, what of the motion drives it).
 BASE_JOINTS = {
@@ -167,8 +167,9 @@ def _add_inertia(link, inertia: Inertia) -> None:
     ElementTree.SubElement(element, "mass", value=_text([inertia.mass]))
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.moments
     values = dict(ixx=ixx, ixy=ixy, ixz=ixz, iyy=iyy, iyz=iyz, izz=izz)
+    # All digits, for rounded ones of a flat body are not those of any body.
     ElementTree.SubElement(
-        element, "inertia", **{key: _text([value]) for key, value in values.items()}
+        element, "inertia", **{key: repr(float(v)) for key, v in values.items()}
     )
 
 

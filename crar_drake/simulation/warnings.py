@@ -75,10 +75,10 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
 
 def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
     model = setup.model
-    rest = model.rest_positions()[model.controlled_positions]
-    start = setup.start_positions[model.controlled_positions]
+    joints = model.controlled_positions[: model.num_joints]
+    rest, start = model.rest_positions()[joints], setup.start_positions[joints]
     low, high = model.lower - LIMIT_TOLERANCE, model.upper + LIMIT_TOLERANCE
-    beyond = [i for i in range(model.n) if not low[i] <= rest[i] <= high[i]]
+    beyond = [i for i in range(len(rest)) if not low[i] <= rest[i] <= high[i]]
     if not beyond:
         return
     named = []

@@ -99,5 +99,11 @@ def _call(sender: Connection, fn: Callable, args: tuple, kwargs: dict) -> None:
             answer = (True, fn(*args, **kwargs))
         except Exception as error:  # handed to the caller of submit
             answer = (False, error)
-    sender.send((*answer, warnings))
+    try:
+        sender.send((*answer, warnings))
+    except Exception as error:  # what cannot be pickled is told in words
+        succeeded, value = answer
+        said = error if succeeded else value
+        told = RuntimeError(f"{type(said).__name__}: {said}")
+        sender.send((False, told, warnings))
     sender.close()

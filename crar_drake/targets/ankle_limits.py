@@ -47,7 +47,7 @@ class LegSolver:
         plant, description = model.plant, model.description
         self._plant = plant
         self._context = model.MakeWorkspace().plant_context
-        self._root = model.prescribed_positions[-7:]
+        self._root = model.root_positions
         self._rest = model.rest_positions()
         self._at_rest = Rotation.from_matrix(
             description.rest_pose().rotation().matrix()
@@ -183,16 +183,21 @@ def joints_between(model: ControlModel, body, base) -> list[Joint]:
 
     Args:
         model: the robot.
-        body: that the base carries.
-        base: where the way ends.
+        body: where it begins.
+        base: where the way ends; if it does not carry the body (as a neck that is on a
+            link beside the shoulders), where both ways up meet.
     """
     plant = model.plant
     by_child = {
         plant.get_joint(index).child_body().index(): plant.get_joint(index)
         for index in plant.GetJointIndices()
     }
+    ends, above = {base.index()}, base
+    while above.index() in by_child:
+        above = by_child[above.index()].parent_body()
+        ends.add(above.index())
     chain = []
-    while body.index() != base.index():
+    while body.index() not in ends:
         joint = by_child[body.index()]
         if joint.num_positions() == 1:
             chain.append(joint)

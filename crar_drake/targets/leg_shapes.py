@@ -42,8 +42,8 @@ def body_shapes(model: ControlModel) -> tuple[dict[str, LegShape], TrunkShape]:
     """The legs of a robot whose base floats, by side, and its trunk.
 
     Raises:
-        ScenarioError: the base does not float, a task frame of a leg is missing, or a
-            foot has no shape.
+        ScenarioError: the root is not prescribed, a task frame of a leg is missing, or
+            a foot has no shape.
     """
     description = model.description
     frames = description.task_frames
@@ -55,11 +55,11 @@ def body_shapes(model: ControlModel) -> tuple[dict[str, LegShape], TrunkShape]:
             f"task_frames {', '.join(missing)}; add them to its robot.yaml (frames of "
             "an import.yaml)"
         )
-    if not model.num_free:
+    if description.root != "prescribed":
         raise ScenarioError(
-            f"robot {description.name}: its root does not float, so that its feet "
-            "cannot follow a motion; say root: prescribed in its robot.yaml, or import "
-            "it with --whole-body"
+            f"robot {description.name}: its root is {description.root}, so that its "
+            "feet cannot follow a motion; say root: prescribed in its robot.yaml, or "
+            "import it with --whole-body"
         )
     plant = model.plant
     feet = {

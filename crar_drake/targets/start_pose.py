@@ -73,6 +73,7 @@ def solve_start_pose(
     least_distance = np.minimum(at_rest, _MARGIN_DISTANCE)
     lower = np.minimum(model.lower + _MARGIN_LIMIT, state.q)
     upper = np.maximum(model.upper - _MARGIN_LIMIT, state.q)
+    within = lower[: model.num_joints], upper[: model.num_joints]
     for _ in range(_ITERATIONS):
         W = _weights(model, state)
         for _ in range(2):
@@ -84,10 +85,9 @@ def solve_start_pose(
         step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         step = _kept_apart(step, state, least_distance)
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
-            trial = q.copy()
-            trial[model.controlled_positions] = np.clip(
-                state.q + share * step, lower, upper
-            )
+            trial = model.moved(q, share * step)
+            joints = model.controlled_positions[: model.num_joints]
+            trial[joints] = np.clip(trial[joints], *within)
             trial_state, trial_error = at(trial)
             valid = (trial_state.d >= least_distance).all()
             if valid and trial_error @ trial_error < error @ error:

@@ -24,7 +24,11 @@ def chain() -> ControlModel:
     return make_model(chain_urdf("zyzyz"), tasks=TASKS)
 
 
-@pytest.mark.parametrize("make", [chain, make_floater])
+def controlled_root() -> ControlModel:
+    return make_floater("controlled")
+
+
+@pytest.mark.parametrize("make", [chain, make_floater, controlled_root])
 @pytest.mark.parametrize("posture", [False, True])
 def test_every_number_comes_out_where_it_went_in(make, posture: bool) -> None:
     """All are different, so that none can stand in for another."""
@@ -41,7 +45,7 @@ def test_every_number_comes_out_where_it_went_in(make, posture: bool) -> None:
     start = BlendStart(
         some(len(layout.angular_tasks), 3, 3),
         some(len(layout.linear_tasks), 3),
-        some(nq - model.n),
+        some(len(model.prescribed_positions)),
         some(len(layout.joint_rows)),
     )
     wanted = Wanted(

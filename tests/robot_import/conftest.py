@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from crar_drake.robot_import.source_urdf import robot_data_folder
+from crar_drake.robot_import.robot_files import robot_data_folder
 
 
 @pytest.fixture(scope="session")

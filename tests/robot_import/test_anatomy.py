@@ -11,7 +11,8 @@ from crar_drake.robot_import.anatomy import (
 )
 from crar_drake.robot_import.joint_groups import guess_locked
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.robot_import.upper_body_frames import guess_frames, guess_tool
 
 

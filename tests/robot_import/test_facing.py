@@ -17,7 +17,8 @@ from crar_drake.robot_import.facing import (
     turned,
 )
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.robot_import.upper_body_frames import guess_frames
 
 YAW = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}

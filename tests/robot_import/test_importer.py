@@ -17,7 +17,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks
 from crar_drake.robot_import import import_robot, load_choices
-from crar_drake.robot_import.importer import DESCRIPTION, PICTURE, REPORT, URDF
+from crar_drake.robot_import.robot_folder import DESCRIPTION, PICTURE, REPORT, URDF
 from crar_drake.targets.motion import segment_lengths
 
 TASKS = position_tasks(EXPERIMENTS["upper-body"])
@@ -101,6 +101,30 @@ def test_shapes_are_capsules_and_spheres(model):
     ids = model.plant.GetCollisionGeometriesForBody(body)
     assert ids
     assert all(isinstance(inspector.GetShape(i), Capsule | Sphere) for i in ids)
+
+
+def test_fingers_are_one_with_the_hand(imported):
+    segments = load_choices(imported.folder / "import.yaml").segments
+    for side in ("left", "right"):
+        fingers = [f"{side}_arm_finger", f"{side}_arm_thumb"]
+        assert segments[f"{side}_arm_hand"] == fingers
+        assert not set(fingers) & set(imported.fits)
+
+
+def test_a_forearm_is_fitted_as_a_forearm(tmp_path):
+    """Where no wrist moves (H1), hand and forearm are one body and two segments."""
+    text = humanoid()
+    for side in ("left", "right"):
+        for index in (5, 6):
+            name = f'<joint name="{side}_arm_{index}" type='
+            text = text.replace(f'{name}"revolute"', f'{name}"fixed"')
+    path = write(tmp_path, text)
+    report = import_robot(str(path), tmp_path / "out")
+    assert report.choices.segments == {}
+    for name, length in (("left_arm_fore", 0.16), ("left_arm_hand", 0.12)):
+        points = [(c.p_L0, c.p_L1) for c in report.fits[name].capsules]
+        # Capsules of a link are as long as it is, not as it and the other.
+        assert np.ptp(np.array(points).reshape(-1, 3)[:, 2]) <= length
 
 
 def test_corrections_are_kept(imported, tmp_path):

@@ -7,10 +7,12 @@ import pytest
 from pydrake.geometry import Box
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import CalcSpatialInertia
+from small_urdfs import joint, link, robot, write
 
+from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.inertias import read_inertia, stand_in
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_urdf import Link, Shape
+from crar_drake.robot_import.source_robot import Link, Shape
 
 
 def element(mass="2", **inertia) -> Link:
@@ -57,3 +59,24 @@ def test_a_stand_in_is_that_of_a_solid_hull():
     np.testing.assert_allclose(made.X_LB.translation(), [0.1, 0, 0], atol=1e-12)
     expected = solid.CalcRotationalInertia().CopyToFullMatrix3()
     np.testing.assert_allclose(made.moments, expected, atol=1e-9)
+
+
+def test_a_flat_body_stays_one_that_can_be(tmp_path):
+    """The largest moment is the sum of the others: nine digits of each (as of TIAGo's
+    first arm link) can be beyond it, which Drake then warns of."""
+    numbers = dict(ixx=0.0123456789449, iyy=0.0234567891449)
+    numbers["izz"] = numbers["ixx"] + numbers["iyy"]
+    rounded = {key: float(f"{value:.9g}") for key, value in numbers.items()}
+    assert rounded["ixx"] + rounded["iyy"] < rounded["izz"]
+    values = " ".join(f'{key}="{value!r}"' for key, value in numbers.items())
+    flat = f'<inertia {values} ixy="0" ixz="0" iyz="0"/>'
+    default = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    shape = '<box size="0.1 0.1 0.2"/>'
+    text = robot(
+        [link("a", shape), link("b", shape), joint("j", "a", "b", xyz="1 0 0")]
+    )
+    path = write(tmp_path, text.replace(default, flat))
+    import_robot(str(path), tmp_path / "out")
+    made = ElementTree.parse(tmp_path / "out" / "robot.urdf").getroot()
+    (moments,) = {tuple(e.attrib.items()) for e in made.iter("inertia")}
+    assert {k: float(v) for k, v in moments} == numbers | dict(ixy=0, ixz=0, iyz=0)

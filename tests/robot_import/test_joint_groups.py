@@ -16,7 +16,8 @@ from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.anatomy import find_anatomy
 from crar_drake.robot_import.joint_groups import guess_locked, joint_groups
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 
 SIDES = ("left", "right")
 FINGERS = {f"{side}_arm_finger_{i}" for side in SIDES for i in (1, 2)}

@@ -12,7 +12,8 @@ from crar_drake.robot_import.leg_and_head_frames import (
     guess_leg_and_head_frames,
 )
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.robot_import.upper_body_frames import guess_frames
 
 POINTS = {f"{s}_{n}" for s in ("left", "right") for n in ("hip", "knee", "foot")}

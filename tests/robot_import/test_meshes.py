@@ -16,7 +16,8 @@ from crar_drake.robot_import.meshes import (
     simplified,
     write_obj,
 )
-from crar_drake.robot_import.source_urdf import Link, Mesh, Shape, read_urdf
+from crar_drake.robot_import.source_robot import Link, Mesh, Shape
+from crar_drake.robot_import.source_urdf import read_urdf
 
 
 def one(shape: Shape):

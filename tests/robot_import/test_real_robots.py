@@ -11,7 +11,8 @@ from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.capsule_fitting import fit_link
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_urdf import find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario, load_scenario
 
@@ -30,7 +31,7 @@ def test_fits_are_close(robot_data, robot, links):
         assert fit.good and len(fit.capsules) <= 3
 
 
-@pytest.mark.parametrize("robot", ["g1", "talos"])
+@pytest.mark.parametrize("robot", ["g1", "g1_whole_body", "talos", "talos_whole_body"])
 def test_shipped_choices_fit_the_urdf(robot_data, robot):
     choices = load_choices(import_file(robot))
     read = read_urdf(find_urdf(choices.source)[0])

@@ -16,8 +16,8 @@ from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.anatomy import guess_rest
 from crar_drake.robot_import.inertias import read_inertia, spatial_inertia
 from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.robot_files import default_name
 from crar_drake.robot_import.source_file import read_robot
-from crar_drake.robot_import.source_urdf import default_name
 
 mujoco = pytest.importorskip("mujoco")
 

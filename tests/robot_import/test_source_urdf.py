@@ -6,7 +6,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.source_urdf import default_name, find_urdf, read_urdf
+from crar_drake.robot_import.robot_files import default_name, find_urdf
+from crar_drake.robot_import.source_urdf import read_urdf
 
 MESH = '<mesh filename="{}"/>'
 
@@ -117,9 +118,9 @@ def test_unknown_robots(robot_data, tmp_path):
 
 
 def test_without_the_package_names_are_refused(monkeypatch):
-    from crar_drake.robot_import import source_urdf
+    from crar_drake.robot_import import robot_files
 
-    monkeypatch.setattr(source_urdf, "robot_data_folder", lambda: None)
+    monkeypatch.setattr(robot_files, "robot_data_folder", lambda: None)
     with pytest.raises(ModelError, match=r"pip install 'crar-drake\[robots\]'"):
         find_urdf("panda")
 

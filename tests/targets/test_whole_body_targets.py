@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from floating_robots import make_floater
 from scipy.spatial.transform import Rotation
 from small_walker import ANKLE_HEIGHT, HIP, SHANK, THIGH, walker
 
@@ -19,7 +20,7 @@ from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, experiment_tasks, position_tasks
-from crar_drake.targets.ankle_limits import LegSolver
+from crar_drake.targets.ankle_limits import LegSolver, joints_between
 from crar_drake.targets.leg_shapes import body_shapes
 from crar_drake.targets.motion import load_motion_targets, segment_lengths
 from crar_drake.targets.start_pose import solve_start_pose
@@ -32,6 +33,17 @@ TASKS = [*experiment_tasks("whole-body"), Task(frame="head")]
 @pytest.fixture(scope="module")
 def description(tmp_path_factory):
     return walker(tmp_path_factory.mktemp("walker"))
+
+
+def test_a_way_to_another_branch_ends_where_both_meet():
+    """As from a wrist to a neck that is on a link beside the shoulders."""
+    robot = make_floater()
+    hand = robot.plant.GetBodyByName("left_hand")
+    for end in ("body", "right_l0", "right_hand"):
+        chain = joints_between(robot, hand, robot.plant.GetBodyByName(end))
+        assert [joint.name() for joint in chain] == ["left_j2", "left_j1", "left_j0"]
+    (joint,) = joints_between(robot, hand, robot.plant.GetBodyByName("left_l1"))
+    assert joint.name() == "left_j2"
 
 
 @pytest.fixture(scope="module")

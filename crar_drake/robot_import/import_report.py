@@ -1,0 +1,61 @@
+"""What an import tells of what it made of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from crar_drake.robot.description import IMPORT_FILE
+from crar_drake.robot_import.capsule_fitting import Fit
+from crar_drake.robot_import.choices import ImportChoices
+
+# Takes what is being done, and the share that is done.
+Progress = Callable[[str, float], None]
+
+
+@dataclass
+class ImportReport:
+    """What an import made of a robot.
+
+    Attributes:
+        folder: that it wrote.
+        choices: all that was decided.
+        guessed: key of the import file to how it was guessed, of new ones.
+        fits: link to its capsules.
+        covered: link without capsules to the link whose capsules enclose it.
+        notes: everything else that the user should know, one line each.
+        warnings: what is likely to be wrong, or leaves the robot unprotected.
+    """
+
+    folder: Path
+    choices: ImportChoices
+    guessed: dict[str, str] = field(default_factory=dict)
+    fits: dict[str, Fit] = field(default_factory=dict)
+    covered: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def lines(self) -> list[str]:
+        """The report as text."""
+        lines = [f"robot {self.choices.name}, from {self.choices.source}", ""]
+        lines += ["link: capsules, vertices within 5 mm, volume over the hull's"]
+        for link, fit in self.fits.items():
+            if link in self.covered:
+                lines.append(f"  {link}: none, inside those of {self.covered[link]}")
+                continue
+            bad = "" if fit.good else "  MISSES 95 % or 1.6"
+            lines.append(
+                f"  {link}: {len(fit.capsules)}, {100 * fit.coverage:.1f} %, "
+                f"{fit.volume_ratio:.2f}{bad}"
+            )
+        pairs = self.choices.pairs or []
+        lines += ["", f"watched pairs: {len(pairs)}"]
+        if self.warnings:
+            lines += ["", *(f"WARNING: {warning}" for warning in self.warnings)]
+        if self.notes:
+            lines += ["", *self.notes]
+        if self.guessed:
+            lines += ["", f"guessed; correct it in {IMPORT_FILE} and import again:"]
+            lines += [f"  {key}: {how}" for key, how in self.guessed.items()]
+        return lines

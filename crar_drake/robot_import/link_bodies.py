@@ -1,0 +1,101 @@
+"""What links are made of: capsules that others enclose, inertias that dynamics need."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.robot_import.capsule_fitting import coverage
+from crar_drake.robot_import.covering import covered
+from crar_drake.robot_import.import_report import ImportReport
+from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
+from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.source_robot import WORLD
+from crar_drake.robot_import.structure import welded_groups
+
+
+def find_covered(robot, locked, parts, report: ImportReport) -> None:
+    """Links that lie inside another link's capsules need none of their own."""
+    group = welded_groups(robot, locked)
+    X = robot.poses(locked)
+    by_size = sorted(
+        report.fits, key=lambda name: np.ptp(all_vertices(parts[name]), axis=0).max()
+    )
+    for name in by_size:
+        for other in report.fits:
+            if other == name or other in report.covered or group[other] != group[name]:
+                continue
+            X_OL = X[other].inverse() @ X[name]
+            p_O = all_vertices(parts[name]) @ X_OL.rotation().matrix().T
+            p_O += X_OL.translation()
+            if coverage(report.fits[other].capsules, p_O) >= 0.995:
+                report.covered[name] = other
+                break
+
+
+def cover_triangles(robot, locked, segments, report: ImportReport) -> None:
+    """Grows each link's capsules to hold its triangles, and those of links inside."""
+    X, grown = robot.poses(locked), {}
+    for name in report.fits:
+        if name in report.covered:
+            continue
+        parts = list(segments[name])
+        for other in (o for o, of in report.covered.items() if of == name):
+            X_LO = X[name].inverse() @ X[other]
+            parts += [part.moved(X_LO) for part in segments[other]]
+        report.fits[name], grown[name] = covered(report.fits[name], parts)
+    growth = ", ".join(f"{name} {1e3 * by:.1f}" for name, by in grown.items())
+    report.notes.append(
+        "capsules were grown until they hold all triangles, the radii by at most [mm]: "
+        + growth
+    )
+
+
+def all_vertices(parts: list[Part]) -> np.ndarray:
+    return np.concatenate([part.vertices for part in parts])
+
+
+def find_inertias(robot, locked, parts, report: ImportReport) -> dict[str, Inertia]:
+    """The URDF's inertias, and a stand-in where the dynamics need one."""
+    group = welded_groups(robot, locked)
+    inertias: dict[str, Inertia] = {}
+    wrong: dict[str, str] = {}
+    for name, link in robot.links.items():
+        inertia, complaint = read_inertia(link)
+        if inertia is not None:
+            inertias[name] = inertia
+        elif own_mass(link) > 0.0:
+            inertias[name] = stand_in(parts[name], own_mass(link))
+            report.notes.append(
+                f"inertia: link {name} {complaint}: taken from its convex hull"
+            )
+        else:
+            wrong[name] = complaint
+    massive = {group[name] for name in inertias}
+    left_alone, bare = [], []
+    for name, complaint in wrong.items():
+        if group[name] in massive or group[name] == robot.root:
+            left_alone.append(name)
+            continue
+        inertias[name] = stand_in(parts[name], 0.0)
+        massive.add(group[name])
+        if not parts[name]:
+            bare.append(name)
+            continue
+        report.notes.append(
+            f"inertia: link {name} {complaint} but moves: given "
+            f"{inertias[name].mass:.3g} kg from its convex hull"
+        )
+    if bare:
+        report.notes.append(
+            "inertia: without mass and geometry but moving, given "
+            f"{inertias[bare[0]].mass:g} kg each: {', '.join(bare)}"
+        )
+    if left_alone:
+        report.notes.append(
+            "inertia: without mass, and left so since they are welded to links that "
+            f"have one: {', '.join(left_alone)}"
+        )
+    # Drake's own world, which a link of that name is, takes no mass.
+    if robot.root not in massive and robot.root != WORLD:
+        inertias[robot.root] = stand_in([], 0.0)
+    return inertias

@@ -1,0 +1,75 @@
+"""Where the meshes of a URDF are."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from pathlib import Path
+
+from crar_drake.errors import ModelError
+
+
+class MeshFinder:
+    """Resolves mesh addresses, and tells all that are missing at once."""
+
+    def __init__(self, urdf: Path, package_paths: Sequence[Path]) -> None:
+        self._urdf = urdf
+        variables = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+        entries = [e for v in variables for e in os.environ.get(v, "").split(":") if e]
+        around = [Path(entry) for entry in entries]
+        around += [path / "share" for path in around]
+        self._roots = [*map(Path, package_paths), *around]
+        self._missing: list[str] = []
+        self._packages: set[str] = set()
+
+    def find(self, address: str, link: str) -> Path:
+        scheme, _, rest = address.rpartition("://")
+        if scheme in ("package", "model"):
+            package, _, inner = rest.lstrip("/").partition("/")
+            folder = self._package(package)
+            if folder is None:
+                self._packages.add(package)
+                return Path(inner)
+            path = folder / inner
+        else:
+            path = self._urdf.parent / rest
+        if not path.is_file():
+            self._missing.append(f"{address} (link {link})")
+        return path
+
+    def check(self) -> None:
+        if self._packages:
+            raise ModelError(
+                f"{self._urdf}: its meshes lie in packages that are not found: "
+                f"{', '.join(sorted(self._packages))}; name the folder that contains "
+                "them with --package-path (or in ROS_PACKAGE_PATH)"
+            )
+        if self._missing:
+            shown = "; ".join(self._missing[:5])
+            more = len(self._missing) - 5
+            raise ModelError(
+                f"{self._urdf}: meshes are missing: {shown}"
+                f"{f'; and {more} more' if more > 0 else ''}"
+            )
+
+    def _package(self, name: str) -> Path | None:
+        for root in self._roots:
+            for folder in (root / name, root):
+                if folder.is_dir() and _is_package(folder, name):
+                    return folder
+        for ancestor in self._urdf.parents:
+            for folder in (ancestor, ancestor / name):
+                if folder.is_dir() and _is_package(folder, name):
+                    return folder
+        return None
+
+
+def _is_package(folder: Path, name: str) -> bool:
+    if folder.name == name:
+        return True
+    try:
+        manifest = ElementTree.parse(folder / "package.xml").getroot()
+    except (OSError, ElementTree.ParseError):
+        return False
+    return (manifest.findtext("name") or "").strip() == name

@@ -1,0 +1,231 @@
+"""A robot as its own file has it: a tree of links and joints."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+WORLD = "world"  # the link that Drake takes for its own world
+MOVING = ("revolute", "continuous", "prismatic")  # joints of one axis
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh file and the scale that the URDF gives it."""
+
+    path: Path
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A visual or collision element of a link.
+
+    Attributes:
+        X_LG: pose of the geometry in the link's frame.
+        mesh: the mesh; None for a primitive.
+        kind: "mesh", "triangles", "box", "cylinder", "sphere", "capsule" or
+            "ellipsoid".
+        size: a box's edges, or (radius, length), or (radius,), or an ellipsoid's
+            semi-axes [m].
+        rgba: colour; None if the file has none.
+        triangles: vertices (N, 3) [m] and faces (M, 3) of a mesh that was read
+            already.
+    """
+
+    X_LG: RigidTransform
+    kind: str
+    mesh: Mesh | None = None
+    size: tuple[float, ...] = ()
+    rgba: tuple[float, ...] | None = None
+    triangles: tuple[np.ndarray, np.ndarray] | None = None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link with its shapes and its inertial element, if there is one."""
+
+    name: str
+    visual: tuple[Shape, ...]
+    collision: tuple[Shape, ...]
+    inertial: ElementTree.Element | None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint as the file says it.
+
+    Attributes:
+        kind: as in a URDF, or "ball".
+        X_PC: pose of the child link in the parent at position zero.
+        axis: unit vector in the child's frame.
+        lower, upper: [rad or m]; infinite if continuous.
+        effort: [Nm or N]; None if there is none.
+        mimic: name of the joint that it follows, "" if none, with its
+        multiplier and offset [rad or m].
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    X_PC: RigidTransform
+    axis: np.ndarray
+    lower: float
+    upper: float
+    effort: float | None
+    velocity: float | None
+    damping: float
+    mimic: str = ""
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a single axis to move about or along."""
+        return self.kind in MOVING
+
+    @property
+    def unit(self) -> str:
+        """Of its positions: "m" or "rad"."""
+        return "m" if self.kind == "prismatic" else "rad"
+
+    def transform(self, position: float) -> RigidTransform:
+        """X_PC at a position [rad or m]."""
+        if self.kind == "prismatic":
+            return self.X_PC @ RigidTransform(position * self.axis)
+        if self.moves:
+            return self.X_PC @ RigidTransform(_rotation(self.axis, position))
+        return self.X_PC
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed chain: what ties two links together that joints are between."""
+
+    name: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SourceRobot:
+    """A tree of links and joints, read from a URDF or an MJCF.
+
+    Attributes:
+        name: of the robot.
+        path: of the file.
+        links: by name, in the file's order.
+        joints: by name, in the file's order.
+        root: the link without a parent.
+        notes: what was left out or read otherwise than it stands there.
+        X_FR: pose of the root link in the frame F that all poses are given in: z
+            up, x the robot's front (`facing`).
+        loops: chains that the file closes; the tree has them open.
+        posture: joint to position [rad or m] in a rest posture of the file's own, or of
+            its SRDF.
+        allowed: pairs of links that may touch by its SRDF.
+    """
+
+    name: str
+    path: Path
+    links: dict[str, Link]
+    joints: dict[str, Joint]
+    root: str
+    _parents: dict[str, Joint] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    X_FR: RigidTransform = field(default_factory=RigidTransform)
+    loops: tuple[Loop, ...] = ()
+    posture: dict[str, float] = field(default_factory=dict)
+    allowed: frozenset[frozenset[str]] = frozenset()
+
+    def parent_joint(self, link: str) -> Joint | None:
+        """The joint that carries a link; None for the root."""
+        return self._parents.get(link)
+
+    def children(self, link: str) -> list[Joint]:
+        """The joints that a link carries."""
+        return [joint for joint in self.joints.values() if joint.parent == link]
+
+    def is_bare(self, link: str) -> bool:
+        """Whether a link has no geometry: a mere frame."""
+        return not (self.links[link].visual or self.links[link].collision)
+
+    def path_to(self, link: str) -> list[Joint]:
+        """The joints from the root to a link, all kinds."""
+        way: list[Joint] = []
+        while (joint := self.parent_joint(link)) is not None:
+            way.append(joint)
+            link = joint.parent
+        return way[::-1]
+
+    def poses(self, positions: dict[str, float] | None = None) -> dict:
+        """X_FL of every link L, with joints at zero or where `positions` says."""
+        positions = positions or {}
+        X = {self.root: self.X_FR}
+        for link in self.below(self.root):
+            if link != self.root:
+                joint = self._parents[link]
+                at = positions.get(joint.name, 0.0)
+                X[link] = X[joint.parent] @ joint.transform(at)
+        return X
+
+    def below(self, link: str) -> Iterator[str]:
+        """A link and everything that it carries, parents first."""
+        yield link
+        for joint in self.children(link):
+            yield from self.below(joint.child)
+
+    def without_world(self) -> SourceRobot | None:
+        """The robot without a root link that only says where it stands.
+
+        None where the root is not of that kind: a link named world, without
+        geometry, that carries one link by a joint that is fixed or floating. If it
+        carries several that are fixed to it, it gets another name instead.
+        """
+        joints = self.children(self.root)
+        if self.root != WORLD or not self.is_bare(self.root) or not joints:
+            return None
+        if len(joints) > 1:
+            welded = all(joint.kind == "fixed" for joint in joints)
+            return self._renamed_world() if welded else None
+        (joint,) = joints
+        if joint.kind not in ("fixed", "floating"):
+            return None
+        return replace(
+            self,
+            links={name: v for name, v in self.links.items() if name != self.root},
+            joints={name: v for name, v in self.joints.items() if v is not joint},
+            root=joint.child,
+            _parents={k: v for k, v in self._parents.items() if v is not joint},
+        )
+
+    def _renamed_world(self) -> SourceRobot:
+        """The robot with another name of its root link."""
+        name = "mount"
+        while name in self.links:
+            name += "_"
+        joints = {
+            key: replace(joint, parent=name) if joint.parent == self.root else joint
+            for key, joint in self.joints.items()
+        }
+        others = {k: v for k, v in self.links.items() if k != self.root}
+        links = {name: replace(self.links[self.root], name=name), **others}
+        return replace(
+            self,
+            links=links,
+            joints=joints,
+            root=name,
+            _parents={joint.child: joint for joint in joints.values()},
+        )
+
+
+def _rotation(axis: np.ndarray, angle: float):
+    from pydrake.common.eigen_geometry import AngleAxis
+    from pydrake.math import RotationMatrix
+
+    return RotationMatrix(AngleAxis(angle, axis))

@@ -1,0 +1,133 @@
+"""Which links are watched against each other and against the ground."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+from crar_drake.errors import ModelError
+from crar_drake.nearest import nearest
+from crar_drake.robot.description import GROUND
+from crar_drake.robot_import.anatomy import find_anatomy, mirrored_links
+from crar_drake.robot_import.pair_sampling import sample_pairs
+
+# How far the ground is below the soles: what pairs keep, if nothing else is said [m].
+_BELOW_SOLES = 0.005
+
+
+def choose_pairs(
+    plant, robot, locked, capsules, rest, choices, report, file
+) -> list[list[str]]:
+    """Fills in the watched pairs; returns those left out since they touch at rest."""
+    known = set(capsules)
+    for pair in choices.pairs or []:
+        for link in pair:
+            if link not in known:
+                raise ModelError(
+                    f"{file}: pairs: {link!r} has no collision shape"
+                    f"{nearest(link, known)}"
+                )
+    if choices.pairs is not None:
+        return []
+    twins = mirrored_links(robot, find_anatomy(robot))
+    adjacent = _adjacent(robot, locked, capsules)
+    found = sample_pairs(plant, capsules, rest, adjacent, twins=twins)
+    allowed = _allowed(robot, capsules, choices.segments)
+    choices.pairs = [p for p in found.watched if frozenset(p) not in allowed]
+    overlapping = [p for p in found.overlapping if frozenset(p) not in allowed]
+    report.guessed["pairs"] = (
+        f"all that came within 2 cm in sampled configurations; {found.never} never did"
+    )
+    if left_out := [p for p in found.watched if frozenset(p) in allowed]:
+        report.warnings.append(
+            f"pairs: {', '.join(map(' - '.join, left_out))}: NOT watched, since "
+            f"{Path(choices.srdf).name} lets them touch, although they came within "
+            "2 cm in sampled configurations"
+        )
+    if overlapping:
+        report.notes.append(
+            "not watched, since they touch in the rest posture: "
+            + ", ".join(map(" - ".join, overlapping))
+        )
+    if found.always:
+        report.notes.append(
+            "not watched, since they nearly always touch: "
+            + ", ".join(" - ".join(pair) for pair in found.always)
+        )
+    return overlapping
+
+
+def watch_ground(description, plant, rest, capsules, choices, report, file) -> None:
+    """Links that move are kept above the ground; guessed for a root that floats.
+
+    Not those whose capsules are below at rest, as feet's are if they are thicker than
+    the soles are high: they would be lifted.
+    """
+    if choices.ground is None and description.root == "prescribed":
+        choices.ground = -_BELOW_SOLES
+        if plant.HasBodyNamed(GROUND):
+            choices.ground = -math.inf  # that name is taken
+        report.guessed["ground"] = (
+            "as far below the soles as pairs keep apart, so that feet stand on it"
+        )
+    if choices.ground is None or math.isinf(choices.ground):
+        return
+    if plant.HasBodyNamed(GROUND):
+        raise ModelError(
+            f"{file}: ground: the robot has a link {GROUND!r} of its own; say -.inf"
+        )
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, rest)
+    fixed = {body.name() for body in plant.GetBodiesWeldedTo(plant.world_body())}
+    watched, below = [], []
+    for link in capsules:
+        if link in fixed:
+            continue
+        X_WL = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(link))
+        lowest = min(
+            X_WL.multiply(end)[2] - capsule.radius
+            for capsule in capsules[link]
+            for end in (capsule.p_L0, capsule.p_L1)
+        )
+        (watched if lowest >= choices.ground + _BELOW_SOLES - 1e-6 else below).append(
+            link
+        )
+    description.ground = choices.ground if watched else None
+    description.pairs = [*choices.pairs, *([link, GROUND] for link in watched)]
+    report.notes.append(
+        f"ground at {1e3 * choices.ground:.0f} mm: {len(watched)} links are watched "
+        "against it"
+        + (f", but not {', '.join(below)}: capsules too low at rest" if below else "")
+    )
+
+
+def _allowed(robot, capsules, segments) -> set[frozenset[str]]:
+    """Pairs of links with capsules, of all whose shapes an SRDF disables collisions."""
+    if not robot.allowed:
+        return set()
+    inside = {
+        name: [n for n in (name, *segments.get(name, ())) if not robot.is_bare(n)]
+        for name in capsules
+    }
+    return {
+        frozenset((a, b))
+        for a, b in itertools.combinations(capsules, 2)
+        if all(
+            frozenset(pair) in robot.allowed
+            for pair in itertools.product(inside[a], inside[b])
+        )
+    }
+
+
+def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:
+    """Pairs of links with shapes that are joined, be it through bare links."""
+    pairs = set()
+    for link in capsules:
+        joint = robot.parent_joint(link)
+        while joint is not None:
+            if joint.parent in capsules:
+                pairs.add(frozenset((link, joint.parent)))
+                break
+            joint = robot.parent_joint(joint.parent)
+    return pairs

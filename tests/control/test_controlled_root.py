@@ -1,0 +1,292 @@
+"""The control law of a robot whose root floats, and moves as the tasks need it."""
+
+import numpy as np
+import pytest
+from floating_robots import (
+    TASKS,
+    description,
+    floating_urdf,
+    make_floater,
+    random_state,
+    root_entries,
+)
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
+
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.plots import plot_run
+from crar_drake.results.referee import Referee
+from crar_drake.robot.description import RobotDescription, RootPose
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+from crar_drake.run import run_scenario
+from crar_drake.simulation.scenario import parse_scenario
+from crar_drake.targets.start_pose import solve_start_pose
+
+PERIOD = 5e-3
+HORIZON = CrarParameters().braking_horizon
+FLOOR = 4e-3  # the default distance margin, less the slack
+APART = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]  # of the arms
+
+
+@pytest.fixture(scope="module")
+def flying() -> ControlModel:
+    return make_floater("controlled")
+
+
+def stay_apart(model: ControlModel) -> np.ndarray:
+    q = model.rest_positions()
+    q[model.controlled_positions[: len(APART)]] = APART
+    return q
+
+
+SLIDES = ("base_x", "base_y", "base_z")
+TURNS = ("base_roll", "base_pitch", "base_yaw")  # innermost last
+
+
+def on_six_joints() -> ControlModel:
+    """The same robot on three slides and three hinges, each with a motor: at zero they
+    move it as a root that is not turned moves."""
+    parts, parent = [], "world"
+    for kind, names in (("prismatic", SLIDES), ("continuous", TURNS)):
+        for name, axis in zip(names, ("1 0 0", "0 1 0", "0 0 1"), strict=True):
+            child = "body" if name == TURNS[-1] else f"{name}_link"
+            if child != "body":
+                parts.append(f'<link name="{child}"/>')
+            parts.append(
+                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+                f'<child link="{child}"/><axis xyz="{axis}"/></joint>'
+                "<transmission><type>transmission_interface/SimpleTransmission</type>"
+                f'<joint name="{name}"><hardwareInterface>EffortJointInterface'
+                f'</hardwareInterface></joint><actuator name="{name}"/></transmission>'
+            )
+            parent = child
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    urdf = floating_urdf().replace("</robot>", "".join(parts) + "</robot>")
+    Parser(plant).AddModelsFromString(urdf, "urdf")
+    plant.Finalize()
+    robot = RobotDescription(pairs=description().pairs[:-1])
+    return ControlModel.FromPlant(plant, scene_graph, robot, TASKS)
+
+
+@pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])
+def test_it_is_moved_as_six_joints_would_be(constraints: str) -> None:
+    """From rest and not turned, the tasks ask for the same accelerations."""
+    pairs = description().pairs[:-1]
+    free = make_floater("controlled", pairs=pairs, root_pose=RootPose())
+    jointed = on_six_joints()
+    gains = CrarParameters(period=PERIOD, constraints=constraints, blend_time=0.0)
+    q, found = stay_apart(free), []
+    arms = [name for name in jointed.joint_names if name not in (*SLIDES, *TURNS)]
+    goal = free.tasks_at(q)
+    goal[:6] += [0.02, 0.05, -0.02, -0.03, -0.07, 0.01]
+    for model, names in (
+        (free, [f"body.{v}" for v in ("vx", "vy", "vz", "wx", "wy", "wz")]),
+        (jointed, [*SLIDES, *TURNS]),
+    ):
+        at = np.zeros(model.plant.num_positions())
+        at[root_entries(free)[0][:1]] = 1.0 if model is free else 0.0
+        for name, value in zip(arms, APART, strict=True):
+            joint = model.plant.GetJointByName(name)
+            at[joint.position_start()] = value
+        still = np.zeros(len(model.order))
+        solution = ControlLaw(model, gains).step(at, still, goal)
+        every = dict(zip(model.velocity_names, solution.acceleration, strict=True))
+        found.append([every[name] for name in [*arms, *names]])
+    assert np.abs(found[0][-6:]).max() > 0.01, "the root is not asked for anything"
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-8)
+
+
+def test_a_step_ends_where_it_says_at_any_attitude(flying) -> None:
+    """`position_command` is where Drake's plant goes, the quaternion a unit one; the
+    force on the root, with the motors, is what the accelerations take."""
+    law = ControlLaw(flying, CrarParameters(period=PERIOD))
+    moves, by = Moves(flying.plant), root_entries(flying)[1]
+    for seed in range(3):
+        law.reset()
+        q, v = random_state(flying, seed)
+        goal = flying.tasks_at(q)
+        goal[:6] += 0.1
+        solution = law.step(q, v, goal)
+        there, u = q.copy(), v.copy()
+        for _ in range(5):
+            u = u + 1e-3 * solution.acceleration
+            there = moves.step(there, u, 1e-3)
+        at = root_entries(flying)[0][:4]
+        there[at] /= np.linalg.norm(there[at])
+        np.testing.assert_allclose(
+            solution.position_command, np.concatenate([there, u]), atol=1e-9
+        )
+        assert np.abs(solution.root_force[by]).max() > 1.0
+        assert np.count_nonzero(solution.root_force) <= 6
+
+
+def fly(model: ControlModel, targets, steps: int, q=None):
+    """The law's own predictions as the plant: states and solutions."""
+    law = ControlLaw(model, CrarParameters(period=PERIOD, blend_time=0.0))
+    q = stay_apart(model) if q is None else q
+    v, found = np.zeros(len(model.order)), []
+    for k in range(steps):
+        p, p_dot = targets(k * PERIOD)
+        nothing = np.zeros((0, 3, 3))
+        tasks = model.layout.pack(nothing, p, p_dot.ravel(), np.zeros(p.size))
+        solution = law.step(q, v, tasks)
+        found.append((q, v, solution))
+        q, v = np.split(solution.position_command, [len(q)])
+    return found
+
+
+def test_it_follows_where_arms_do_not_reach_and_through_every_attitude() -> None:
+    """Both hands are carried a metre off, and once over about the robot's y axis."""
+    model = make_floater("controlled", pairs=description().pairs[:-1])
+    start = model.layout.unpack(model.tasks_at(stay_apart(model))).p
+    middle, duration = start.mean(axis=0), 3.0
+    # About an axis across the line of both hands: the body has to turn over.
+    axis = np.cross(start[0] - start[1], [0.0, 0.0, 1.0])
+    omega = 2.0 * np.pi / duration * axis / np.linalg.norm(axis)
+    drift = np.array([1.0, 0.5, -0.4]) / duration
+
+    def targets(time):
+        arm = Rotation.from_rotvec(time * omega).apply(start - middle)
+        return middle + drift * time + arm, drift + np.cross(omega, arm)
+
+    found = fly(model, targets, round(duration / PERIOD))
+    errors = np.array([s.task_error for *_, s in found])
+    assert np.abs(errors[60:]).max() < 0.01
+    at = root_entries(model)[0]
+    R = Rotation.from_quat([q[at[[1, 2, 3, 0]]] for q, *_ in found])
+    turned = (R * R[0].inv()).magnitude()
+    assert turned.max() > 3.0, "it never was upside down"
+    assert np.linalg.norm(found[-1][0][at[4:]] - found[0][0][at[4:]]) > 0.7
+    quaternions = np.array([q[at[:4]] for q, *_ in found[1:]])
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0)
+
+
+def test_what_is_claimed_is_true(flying) -> None:
+    """Hands that swing through each other and through a post, which the whole robot is
+    drawn into: the referee finds no braking path nearer than the certificate says."""
+    start = flying.layout.unpack(flying.tasks_at(stay_apart(flying))).p
+    into = 1.5 * (np.array([0.6, 0.5, 0.2]) - start)
+
+    def targets(time):
+        swing = 0.5 - 0.5 * np.cos(9.0 * time)
+        return start + swing * into, 4.5 * np.sin(9.0 * time) * into
+
+    found = fly(flying, targets, 200)
+    pairs = flying.description.pairs
+    own, every = (
+        Referee(flying.plant, flying.scene_graph, some) for some in (pairs[:-1], pairs)
+    )
+    moves, nearest = Moves(flying.plant), np.inf
+    assert max(s.admission[0] for *_, s in found) > 0.0, "nothing was corrected"
+    for k in range(0, len(found) - 1, 4):
+        (*_, solution), (q, v, _) = found[k], found[k + 1]
+        assert solution.admission[3] == 1.0
+        # Against the world to the third order in a period, see docs/lookahead.md.
+        for judge, slack in ((own, 1e-6), (every, 1e-4)):
+            smallest = min(
+                judge.nearest(moves.along(q, u * HORIZON * v), 1.0)[0]
+                for u in np.linspace(0.0, 1.0, PATH_POINTS)
+            )
+            assert smallest >= FLOOR - slack
+        nearest = min(nearest, smallest)
+    assert nearest < 0.01, "nothing came near"
+
+
+def test_lost_targets_make_it_brake(flying) -> None:
+    law = ControlLaw(flying, CrarParameters(period=PERIOD))
+    q, v = stay_apart(flying), np.ones(len(flying.order))
+    solution = law.step(q, v, flying.tasks_at(q) + np.nan)
+    np.testing.assert_allclose(solution.acceleration, -v / HORIZON)
+
+
+def test_nothing_draws_it_anywhere(flying) -> None:
+    """Without an error it stays: the rest posture has no say about the root."""
+    q, still = stay_apart(flying), np.zeros(len(flying.order))
+    q[root_entries(flying)[0][4:]] += [0.8, -3.0, 2.0]
+    gains = CrarParameters(period=PERIOD, blend_time=0.0, nominal_posture_gain=9.0)
+    law = ControlLaw(flying, gains)
+    q[flying.controlled_positions[:6]] = 0.0  # the arms' rest posture
+    solution = law.step(q, still, flying.tasks_at(q))
+    np.testing.assert_allclose(solution.acceleration, 0.0, atol=1e-8)
+
+
+def test_a_start_is_found_beyond_the_arms_reach(flying) -> None:
+    goal = flying.tasks_at(stay_apart(flying))
+    goal[:6] += [-1.0, 0.2, 0.6, -1.0, 0.2, 0.6]
+    q = solve_start_pose(flying, goal, np.zeros(0))
+    p = flying.layout.unpack(flying.tasks_at(q)).p
+    np.testing.assert_allclose(p.ravel(), goal[:6], atol=0.01)
+
+
+def test_names_and_sizes(flying) -> None:
+    assert flying.n == 12 and flying.num_joints == 6 and flying.n_p == 0
+    assert flying.prescribed_size == 0
+    assert flying.joint_names[6:] == [
+        f"body.{v}" for v in ("wx", "wy", "wz", "vx", "vy", "vz")
+    ]
+    assert len(flying.lower) == 12 and np.isinf(flying.lower[6:]).all()
+    with pytest.raises(ModelError, match="'body.vx' is no controlled joint"):
+        make_floater("controlled", tasks=[Task(kind="joint", joint="body.vx")])
+    with pytest.raises(ModelError, match="left_j0: beside a root that is controlled"):
+        make_floater("controlled", prescribed_joints={"left_j0": "hold"})
+
+
+SCENARIO = """
+robot: ROBOT
+tasks: [{frame: left_hand}, {frame: right_hand}]
+keyframes:
+  left_hand: [{time: 0.0, xyz: LEFT}, {time: 0.8, xyz: LEFT_THEN}]
+  right_hand: [{time: 0.0, xyz: RIGHT}, {time: 0.8, xyz: RIGHT_THEN}]
+controller: {period: 5.0e-3, constraints: lookahead}
+log_period: 5.0e-3
+"""
+
+
+def test_a_run_is_simulated_logged_and_judged(flying, tmp_path) -> None:
+    """In closed loop, with Drake's plant: what pushes the root is connected."""
+    (tmp_path / "robot.urdf").write_text(floating_urdf())
+    (tmp_path / "robot.yaml").write_text(
+        "name: flyer\nmodel: robot.urdf\nbase: body\nroot: controlled\n"
+        "root_pose: {xyz: [0.1, -0.2, 0.3], rpy: [0.3, -0.5, 0.8]}\n"
+        "task_frames: {left_hand: left_hand, right_hand: right_hand}\n"
+        "pairs: [[left_l2, right_l2], [left_l2, body]]\n"
+    )
+    text = SCENARIO.replace("ROBOT", str(tmp_path))
+    left, right = flying.layout.unpack(flying.tasks_at(stay_apart(flying))).p
+    for name, value in (
+        ("LEFT_THEN", left + [0.5, 0.2, 0.3]),
+        ("LEFT", left),
+        ("RIGHT_THEN", right + [0.5, 0.2, 0.3]),
+        ("RIGHT", right),
+    ):
+        text = text.replace(f"xyz: {name}}}", f"xyz: {value.tolist()}}}")
+    result = run_scenario(parse_scenario(text, "t"), tmp_path / "out", record=False)
+    log = SimulationLog.load(result.files[0])
+    assert log.controlled_names.tolist() == flying.joint_names[:6]
+    np.testing.assert_allclose(np.linalg.norm(log.q[:, :4], axis=1), 1.0, atol=1e-12)
+    assert np.linalg.norm(log.q[-1, 4:7] - log.q[0, 4:7]) > 0.3
+    assert np.abs(log.task_error[-1]).max() < 0.02
+    assert result.summary.violated_samples == 0
+    model = result.setup.model
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    verdict = judge_certificate(log, referee, CrarParameters(period=5e-3), 1e-3)
+    assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
+    plot_run(log, tmp_path / "plot.png")
+
+
+def test_feet_need_a_root_that_is_prescribed() -> None:
+    from crar_drake.targets.leg_shapes import SIDES, body_shapes
+
+    parts = ("hip", "knee", "foot")
+    frames = {f"{side}_{part}": "body" for side in SIDES for part in parts}
+    model = make_floater("controlled", task_frames=frames, tasks=[Task(frame="body")])
+    with pytest.raises(ScenarioError, match="root is controlled.*root: prescribed"):
+        body_shapes(model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache
+from operator import attrgetter
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -36,6 +37,9 @@ from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
 
 _NOTHING = np.zeros(0)
+
+# All that every mode tells of a solution, at once.
+_values_of_law = attrgetter(*(diagnostic.name for diagnostic in OF_LAW))
 
 
 @dataclass(slots=True)
@@ -223,6 +227,7 @@ class CrarController(LeafSystem):
             diagnostic.port: np.full(diagnostic.size(model), np.nan)
             for diagnostic in of_modes()
         }
+        self._of_modes = [(d.name, self._absent[d.port]) for d in of_modes()]
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
@@ -353,8 +358,9 @@ class CrarController(LeafSystem):
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        parts = [self._value(solution, diagnostic) for diagnostic in all_diagnostics()]
-        output.SetFromVector(np.concatenate(parts))
+        told = solution.of_mode.get
+        of_mode = [told(name, absent) for name, absent in self._of_modes]
+        output.SetFromVector(np.concatenate((*_values_of_law(solution), *of_mode)))
 
     def _MakeOutputCalc(self, diagnostic: Diagnostic):
         def calc(context: Context, output: BasicVector) -> None:

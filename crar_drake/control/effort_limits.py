@@ -29,8 +29,8 @@ _CALM = 0.5
 # at most to this share of the limit [1].
 _GROWTH, _TRIES, _MOST_FREE = 1.2, 3, 0.5
 
-# The state that held accelerations lead to: (q, v, vdot, time in s) -> (q', v').
-Predict = Callable[[np.ndarray, np.ndarray, np.ndarray, float], tuple[np.ndarray, ...]]
+# The state that held accelerations lead to: (q, v, vdot, time in s) -> [q'; v'].
+Predict = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
 
 
 class Effort(NamedTuple):
@@ -203,7 +203,7 @@ class EffortLimits:
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)
         there = self._predict(measured.q[0], measured.v, found.vdot, self._last_torque)
-        plant.SetPositionsAndVelocities(context, np.concatenate(there))
+        plant.SetPositionsAndVelocities(context, there)
         last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
         plant.SetPositionsAndVelocities(context, here)
         return np.maximum(last - limits, 0.0) if np.any(last > limits) else None

@@ -35,7 +35,7 @@ from crar_drake.equations.free_joints import has_orientations
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import resting_configuration
-from crar_drake.equations.prediction import next_state
+from crar_drake.equations.prediction import state_ahead
 from crar_drake.equations.references import (
     Answer,
     BlendStart,
@@ -78,6 +78,7 @@ class ControlLaw:
         self._plant_step = float(model.plant.time_step())
         self._rest = model.rest_positions()
         self._has_rest = np.isfinite(model.upper - model.lower)
+        self._rest_posture = self._rest[model.controlled_positions[: model.n]]
         self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
@@ -127,8 +128,10 @@ class ControlLaw:
         """
         if not self._with_posture:
             return _NOTHING
-        controlled = self.model.controlled_positions[: self.model.n]
-        return np.where(self._has_rest, self._rest[controlled], q[controlled])
+        if self._has_rest.all():
+            return self._rest_posture
+        here = q[self.model.controlled_positions[: self.model.n]]
+        return np.where(self._has_rest, self._rest_posture, here)
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
@@ -413,7 +416,7 @@ class ControlLaw:
             task_error=answer.error,
             signed_distances=answer.d,
             constraint_weights=answer.W,
-            position_command=np.concatenate(after),
+            position_command=after,
             constrained_velocity=answer.qdot_c,
             status=np.array([status]),
             torque_limit=torque_limit,
@@ -422,23 +425,22 @@ class ControlLaw:
         )
 
     def _measure(self, workspace: Workspace, q: np.ndarray, v: np.ndarray) -> Measured:
-        """The state and, if the mode looks there, the `resting_configuration`."""
+        """The state; and where the robot would come to rest, if the mode looks there
+        and SceneGraph has to be asked for distances."""
         model, T = self.model, self.mode.horizon
-        if T is None:
+        if T is None or not model.pairs.needs_query:
             return model.measure(workspace, q, v)
-        if not model.num_free:
-            return model.measure(workspace, q, v, resting_configuration(q, v, T))
         in_order = resting_configuration(*model.in_order(q, v), T)
         return model.measure(workspace, q, v, *model.in_plant(in_order))
 
     def _predict(
         self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray, time: float
-    ) -> tuple[np.ndarray, ...]:
-        """`next_state` in the plant's order, after `time` [s]."""
-        model, times = self.model, (time, self._plant_step)
-        if not model.num_free:
-            return next_state(q, v, vdot, *times)
-        return model.in_plant(*next_state(*model.in_order(q, v, vdot), *times))
+    ) -> np.ndarray:
+        """`state_ahead`, after `time` [s]."""
+        model = self.model
+        return state_ahead(
+            q, v, vdot, time, self._plant_step, model.positions, model.order
+        )
 
     def _check_orientation(self, what: str, q: np.ndarray, time: float) -> None:
         """Raises InputError if the root's quaternion is of zero length."""

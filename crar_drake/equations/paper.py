@@ -16,6 +16,7 @@ from crar_drake.equations.collisions import (
 )
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.composite_weight import composite_weights, inertia_weight
+from crar_drake.equations.handover import take_over
 from crar_drake.equations.joint_limits import (
     LimitPotential,
     joint_limit_weights,
@@ -236,3 +237,47 @@ def paper_step(
         qdot_c,
     )
     return answer, PaperMemory(weights.limit_proximity, weights.pair_proximity, qdot_c)
+
+
+@compiled
+def paper_control(
+    given: np.ndarray,
+    asked: np.ndarray,
+    inertia: np.ndarray,
+    robot: Held,
+    mode: Held,
+) -> np.ndarray:
+    """`paper_step`, from one vector to one.
+
+    Args:
+        given: of `handover.hand_over`, with `PaperMemory`, whose q_dot_c is NaN before
+            the first step.
+        asked: of `Measured`.
+        inertia, robot, mode: of `paper_step`.
+
+    Returns:
+        One after the other: (nv,) accelerations, (m,) errors, (n,) W, what the next
+        step is to be given, of which (n,) q_dot_c is the last, and (Nc,) distances.
+    """
+    r = robot.value
+    nq, nv, n = len(r.positions), len(r.order), r.n
+    Nc = len(r.pairs.value.moves)
+    pairs, end = n + Nc * n, 2 * n + Nc * n
+    wanted, kept = take_over(given, r, end)
+    qdot_c = kept[pairs:]
+    if np.isnan(qdot_c[0]):
+        qdot_c = qdot_c[:0]
+    before = PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c)
+    measured = Measured(given[:nq].reshape(1, nq), given[nq : nq + nv], asked)
+    answer, kept_now = paper_step(measured, wanted, inertia, robot, mode, before)
+    return np.concatenate(
+        (
+            answer.vdot,
+            answer.error,
+            answer.W,
+            kept_now.limit_proximity,
+            kept_now.pair_proximity.ravel(),
+            kept_now.qdot_c,
+            answer.d,
+        )
+    )

@@ -57,3 +57,30 @@ def next_state(
         )
         put(q_next, at, turned)
     return q_next, v_next
+
+
+@compiled
+def state_ahead(
+    q: np.ndarray,
+    v: np.ndarray,
+    vdot: np.ndarray,
+    period: float,
+    plant_step: float,
+    positions: np.ndarray,
+    order: np.ndarray,
+) -> np.ndarray:
+    """`next_state` in the plant's order, [q'; v'] (nq + nv,).
+
+    Args:
+        q, v, vdot: (nq,), (nv,), (nv,) of the plant.
+        period, plant_step: as above.
+        positions, order: (nq,), (nv,) places in the plant's q and v, free joints last.
+    """
+    nq = len(q)
+    q_next, v_next = next_state(q[positions], v[order], vdot[order], period, plant_step)
+    x = np.empty(nq + len(v))
+    for i in range(nq):
+        x[positions[i]] = q_next[i]
+    for i in range(len(v)):
+        x[nq + order[i]] = v_next[i]
+    return x

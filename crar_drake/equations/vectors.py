@@ -115,7 +115,15 @@ def sum_columns(A: np.ndarray) -> np.ndarray:
 def _gram_loops(A):
     rows, n = A.shape
     M = np.zeros((n, n))
-    for k in range(rows):
+    # Four rows at once, in their order: M is read and written a quarter as often.
+    by_four = rows - rows % 4
+    for k in range(0, by_four, 4):
+        for i in range(n):
+            a, b, c, d = A[k, i], A[k + 1, i], A[k + 2, i], A[k + 3, i]
+            for j in range(i + 1):
+                first = M[i, j] + a * A[k, j] + b * A[k + 1, j]
+                M[i, j] = first + c * A[k + 2, j] + d * A[k + 3, j]
+    for k in range(by_four, rows):
         for i in range(n):
             for j in range(i + 1):
                 M[i, j] += A[k, i] * A[k, j]
@@ -132,10 +140,23 @@ def gram(A: np.ndarray) -> np.ndarray:
 
 
 def _times_loops(A, x):
-    y = np.zeros(A.shape[0])
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            y[i] += A[i, j] * x[j]
+    m, n = A.shape
+    y = np.empty(m)
+    # Four rows at once: each of the sums waits for itself, but not for the others.
+    by_four = m - m % 4
+    for i in range(0, by_four, 4):
+        a, b, c, d = 0.0, 0.0, 0.0, 0.0
+        for j in range(n):
+            a += A[i, j] * x[j]
+            b += A[i + 1, j] * x[j]
+            c += A[i + 2, j] * x[j]
+            d += A[i + 3, j] * x[j]
+        y[i], y[i + 1], y[i + 2], y[i + 3] = a, b, c, d
+    for i in range(by_four, m):
+        a = 0.0
+        for j in range(n):
+            a += A[i, j] * x[j]
+        y[i] = a
     return y
 
 

@@ -23,67 +23,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
+from crar_drake.results.referee_distances import (  # noqa: F401, known from here
+    capsule_distance,
+    distance_of_axes,
+)
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE, find_body
-
-
-def capsule_distance(
-    p_a0: Sequence[float],
-    p_a1: Sequence[float],
-    radius_a: float,
-    p_b0: Sequence[float],
-    p_b1: Sequence[float],
-    radius_b: float,
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Signed distance of two capsules, and where their axes are nearest.
-
-    The signed distance is the distance of the two axis segments minus both radii.
-    Outside it is exactly the distance of the surfaces. Inside it is exactly minus
-    the penetration depth, the shortest translation that parts the capsules: along
-    the line between the nearest axis points, or, where the axes cross, along their
-    common normal.
-
-    The axis distance is the minimum over the unit square of the convex quadratic
-    |a(s) - b(t)|², with a(s) = p_a0 + s (p_a1 - p_a0) and b(t) likewise. Its
-    minimum lies either at a stationary point inside, or on one of the four edges,
-    each a point against a segment. Every candidate is a pair of points of the
-    segments, so that none can be too small, and one of them is the minimum. For
-    parallel and for degenerate segments the edges alone contain a minimum.
-
-    Args:
-        p_a0, p_a1: (3,) ends of the axis of a [m], equal for a sphere.
-        radius_a: radius of a [m].
-        p_b0, p_b1, radius_b: likewise for b, in the same frame.
-
-    Returns:
-        The signed distance [m], and the (3,) witness points on the axes of a and
-        of b, in the frame of the arguments. Where several are equally near
-        (parallel axes), it is one of them.
-    """
-    a0, a1, b0, b1 = (tuple(map(float, p)) for p in (p_a0, p_a1, p_b0, p_b1))
-
-    # The four edges: an end of one segment against the whole other one.
-    candidates = [
-        (a0, _nearest_on_segment(a0, b0, b1)),
-        (a1, _nearest_on_segment(a1, b0, b1)),
-        (_nearest_on_segment(b0, a0, a1), b0),
-        (_nearest_on_segment(b1, a0, a1), b1),
-    ]
-
-    # Inside: w + s u - t v is along the common normal u x v of both lines. Crossed
-    # with v and projected on the normal, t drops out and s remains. Where s is
-    # inaccurate (nearly parallel), the point is still one of the segment, and the
-    # nearest point of b to it makes it a fair candidate.
-    u, v, w = _minus(a1, a0), _minus(b1, b0), _minus(a0, b0)
-    normal = _cross(u, v)
-    normal_squared = _dot(normal, normal)
-    if normal_squared > 0.0:
-        s = -_dot(_cross(w, v), normal) / normal_squared
-        p_a = _point_at(a0, a1, s)
-        candidates.append((p_a, _nearest_on_segment(p_a, b0, b1)))
-
-    p_a, p_b = min(candidates, key=lambda pair: math.dist(*pair))
-    distance = math.dist(p_a, p_b) - radius_a - radius_b
-    return distance, np.array(p_a), np.array(p_b)
 
 
 @dataclass(frozen=True)
@@ -222,7 +166,7 @@ class Referee:
         return np.array(
             [
                 min(
-                    _distance(axis_a, axis_b)
+                    distance_of_axes(axis_a, axis_b)
                     for axis_a in axes_W[a]
                     for axis_b in axes_W[b]
                 )
@@ -439,7 +383,7 @@ class Referee:
                 if name not in axes_W:
                     axes_W[name] = self._axes_in_world(name)
                 axes.append(axes_W[name][k])
-            d = _distance(*axes)
+            d = distance_of_axes(*axes)
             column = int(columns[row])
             near[column] = min(d, near.get(column, math.inf))
         return near
@@ -505,58 +449,3 @@ def _place(table: np.ndarray, flat_index: int) -> tuple[int, int]:
     """(row, column) of a flat index."""
     row, column = np.unravel_index(flat_index, table.shape)
     return int(row), int(column)
-
-
-_WorldAxis = tuple[np.ndarray, np.ndarray, float]
-
-
-def _distance(a: _WorldAxis, b: _WorldAxis) -> float:
-    """The signed distance of two shapes; of which one may be a half space [m]."""
-    if math.isinf(a[2]):
-        a, b = b, a
-    if not math.isinf(b[2]):
-        return capsule_distance(*a, *b)[0]
-    on_surface, above, _ = b
-    # A capsule is lowest at an end.
-    lowest = min(float((above - on_surface) @ (end - on_surface)) for end in a[:2])
-    return lowest - a[2]
-
-
-# Three coordinates as plain floats: as short as NumPy here, and ten times faster.
-_Vector = tuple[float, float, float]
-
-
-def _minus(x: _Vector, y: _Vector) -> _Vector:
-    return (x[0] - y[0], x[1] - y[1], x[2] - y[2])
-
-
-def _dot(x: _Vector, y: _Vector) -> float:
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
-def _cross(x: _Vector, y: _Vector) -> _Vector:
-    return (
-        x[1] * y[2] - x[2] * y[1],
-        x[2] * y[0] - x[0] * y[2],
-        x[0] * y[1] - x[1] * y[0],
-    )
-
-
-def _point_at(start: _Vector, end: _Vector, s: float) -> _Vector:
-    """The point at share s of a segment; s is clamped to [0, 1]."""
-    s = min(max(s, 0.0), 1.0)
-    direction = _minus(end, start)
-    return (
-        start[0] + s * direction[0],
-        start[1] + s * direction[1],
-        start[2] + s * direction[2],
-    )
-
-
-def _nearest_on_segment(point: _Vector, start: _Vector, end: _Vector) -> _Vector:
-    """The point of a segment (perhaps of no length) that is nearest to a point."""
-    direction = _minus(end, start)
-    length_squared = _dot(direction, direction)
-    if length_squared == 0.0:
-        return start
-    return _point_at(start, end, _dot(_minus(point, start), direction) / length_squared)

@@ -8,148 +8,35 @@ about control.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import Joint, MultibodyForces, RigidBody
+from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.free_joints import displaced
-from crar_drake.equations.kinematics import (
-    Measured,
-    Robot,
-    State,
-    TaskPoints,
-    evaluate_state,
-)
-from crar_drake.equations.tasks import (
-    TaskLayout,
-    task_of_rows,
-    task_weights,
-    task_wrenches,
-)
+from crar_drake.equations.kinematics import Measured, State, evaluate_state
+from crar_drake.equations.tasks import task_weights
 from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,
     find_body,
-    find_frame,
     find_joint,
     find_root,
 )
+from crar_drake.robot.joint_names import check_described_joints, names_by_joint
 from crar_drake.robot.kinematics import JointTree
+from crar_drake.robot.points import numbers_of_robot
 from crar_drake.robot.speed_limits import speed_limits
 from crar_drake.robot.task import Task
+from crar_drake.robot.task_targets import find_targets
+from crar_drake.robot.workspace import Distances, ModelState, Workspace
 
 _NOTHING_ASKED = np.zeros((0, 7))
 _NO_FORCE = np.zeros(0)
-
-
-@dataclass(slots=True)
-class ModelState:
-    """What the equations need to know of one state, all in the world frame W.
-
-    n controlled and n_p prescribed joints, m task rows, Nc watched pairs.
-
-    Attributes:
-        qdot: (n,) velocities of the controlled joints [rad/s].
-        q_p, qdot_p: (nq_p,), (n_p,) positions and velocities of the prescribed joints.
-        q: (n,) positions of the controlled joints [rad]; a controlled root's seven
-            are not all in it.
-        R: (Na, 3, 3) orientations R_WT of the tasks that have one.
-        p: (Nl, 3) positions p_WT of the tasks that have one [m].
-        v: (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
-        J: (m, n) task Jacobian with respect to the controlled joints.
-        J_p: (m, n_p) task Jacobian with respect to the prescribed joints.
-        Jdot_qdot: (m,) bias acceleration of Eq. (6), all joints.
-        d: (Nc,) signed distances [m].
-        dd_dq: (Nc, n) Eq. (20), controlled joints.
-        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
-    """
-
-    q: np.ndarray
-    qdot: np.ndarray
-    q_p: np.ndarray
-    qdot_p: np.ndarray
-    R: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    J: np.ndarray
-    J_p: np.ndarray
-    Jdot_qdot: np.ndarray
-    d: np.ndarray
-    dd_dq: np.ndarray
-    dd_dq_p: np.ndarray
-
-    @staticmethod
-    def of(state: State, n: int) -> ModelState:
-        """The equations' state, with the n controlled joints apart."""
-        q, v, R, p, J, Jdot_qdot, d, dd_dv = state
-        controls_root = n == len(v) < len(q)
-        return ModelState(
-            q=q[:n],
-            qdot=v[:n],
-            q_p=q[n + controls_root :],
-            qdot_p=v[n:],
-            R=R,
-            p=p,
-            v=J @ v,
-            J=J[:, :n],
-            J_p=J[:, n:],
-            Jdot_qdot=Jdot_qdot,
-            d=d[0],
-            dd_dq=dd_dv[0][:, :n],
-            dd_dq_p=dd_dv[0][:, n:],
-        )
-
-
-@dataclass(slots=True)
-class Distances:
-    """Signed distances of the watched pairs at one configuration.
-
-    Attributes:
-        d: (Nc,) [m].
-        dd_dq: (Nc, n) Eq. (20), controlled joints.
-        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
-    """
-
-    d: np.ndarray
-    dd_dq: np.ndarray
-    dd_dq_p: np.ndarray
-
-
-class Workspace:
-    """The contexts that a ControlModel computes in. A copy is an independent one."""
-
-    def __init__(self, model: ControlModel) -> None:
-        self._model = model
-        # The roots must be kept alive: the others are parts of them.
-        self._roots = [model.diagram.CreateDefaultContext() for _ in range(2)]
-        here, ahead = self._roots
-        self.plant_context: Context = model.plant.GetMyMutableContextFromRoot(here)
-        self.scene_graph_context: Context = model.scene_graph.GetMyContextFromRoot(here)
-        # For distances elsewhere, so that asking them disturbs nothing.
-        self.plant_context_ahead: Context = model.plant.GetMyMutableContextFromRoot(
-            ahead
-        )
-        self.scene_graph_context_ahead: Context = (
-            model.scene_graph.GetMyContextFromRoot(ahead)
-        )
-        self.forces = MultibodyForces(model.plant)
-
-    def scene_graph_context_of(self, plant_context: Context) -> Context:
-        """SceneGraph's context beside one of the two of the plant."""
-        if plant_context is self.plant_context:
-            return self.scene_graph_context
-        return self.scene_graph_context_ahead
-
-    def __deepcopy__(self, memo: dict) -> Workspace:
-        return Workspace(self._model)
 
 
 class ControlModel:
@@ -234,7 +121,7 @@ class ControlModel:
             [(find_body(plant, a), find_body(plant, b)) for a, b in description.pairs],
             distances,
         )
-        self._set_points()
+        self.pair_moves, self.robot_by_pair, self.robot_ahead = numbers_of_robot(self)
         self._check_distances()
 
     @staticmethod
@@ -319,7 +206,7 @@ class ControlModel:
             v: (nv,) velocities of the whole plant.
         """
         # What may not be written to is compiled for anew.
-        measured = self.measure(workspace, q, np.array(v, dtype=float))
+        measured = self.measure(workspace, *(np.array(x, dtype=float) for x in (q, v)))
         return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
 
     def measure(
@@ -362,7 +249,7 @@ class ControlModel:
         context = workspace.plant_context_ahead
         if self.pairs.needs_query:
             self.plant.SetPositions(context, q)
-        measured = self._measured(workspace, context, q, self._still)
+        measured = self._measured(workspace, context, np.array(q), self._still)
         state = evaluate_state(measured, self.robot_by_pair)
         d, dd_dv = state.d[0], state.dd_dv[0]
         return Distances(d, dd_dv[:, : self.n], dd_dv[:, self.n :])
@@ -376,7 +263,7 @@ class ControlModel:
         q_ahead: np.ndarray | None = None,
     ) -> Measured:
         """With SceneGraph's answers, where shapes have no closed form."""
-        configurations = np.array([q] if q_ahead is None else [q, q_ahead])
+        configurations = q[np.newaxis] if q_ahead is None else np.array([q, q_ahead])
         asked = _NOTHING_ASKED
         if self.pairs.needs_query:
             contexts = [context]
@@ -489,14 +376,14 @@ class ControlModel:
         """
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         if self._is_damped:
-            H = H + np.diag(self._implicit_damping)
+            H = H + self._implicit_damping_matrix
         return np.ascontiguousarray(self._by_actuator(H))
 
     def _by_actuator(self, efforts: np.ndarray) -> np.ndarray:
         """(nu, ...) in the order of the actuators, from (nv, ...) by joint."""
         if self._actuated is None:
             return self._actuators_from_efforts @ efforts
-        return efforts[self._actuated]
+        return efforts if self._in_order else efforts[self._actuated]
 
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
@@ -540,7 +427,7 @@ class ControlModel:
 
     def _set_joints(self) -> None:
         plant, description = self.plant, self.description
-        self._check_described_joints()
+        check_described_joints(plant, description)
         root = find_root(plant, description)
         moved = [find_joint(plant, name) for name in description.prescribed_joints]
         free = [] if root is None else [root]
@@ -579,6 +466,7 @@ class ControlModel:
         self._actuators_from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
         alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
         self._actuated = B.argmax(axis=0) if alone else None
+        self._in_order = np.array_equal(self._actuated, np.arange(nv))
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
         self.num_joints = self.n - len(own[0])
         self.order = np.concatenate([self.controlled, self.prescribed])
@@ -618,56 +506,19 @@ class ControlModel:
                 self._implicit_damping[start : start + joint.num_velocities()] = (
                     plant.time_step() * joint.default_damping_vector()
                 )
+        self._implicit_damping_matrix = np.diag(self._implicit_damping)
         self._is_damped = bool(self._implicit_damping.any())
-
-    def _check_described_joints(self) -> None:
-        """Welds have no position to prescribe or to rest in, others not just one."""
-        description = self.description
-        for name in description.prescribed_joints:
-            if not find_joint(self.plant, name).num_velocities():
-                raise ModelError(
-                    f"robot {description.name}: prescribed_joints: {name!r} is fixed; "
-                    "leave it out"
-                )
-        for name, value in description.rest_posture.items():
-            positions = find_joint(self.plant, name).num_positions()
-            if positions != 1 or not np.isfinite(value):
-                raise ModelError(
-                    f"robot {description.name}: rest_posture: {name}: {value} for a "
-                    f"joint with {positions} positions; give finite values, to joints "
-                    "with one"
-                )
 
     def _set_tasks(self, tasks: Sequence[Task]) -> None:
         if not tasks:
             raise ModelError("give at least one task")
         self.tasks = tuple(tasks)
-        self.task_targets, joints = [], []
-        for task in self.tasks:
-            task.validate()
-            if task.kind == "joint":
-                joints.append(self._find_task_joint(task))
-                nowhere = self.plant.world_frame()
-                self.task_targets.append((nowhere, np.zeros(3)))
-                continue
-            known = self.description.task_frames
-            name = known.get(task.frame, task.frame)
-            try:
-                frame = find_frame(self.plant, name)
-            except ModelError as error:
-                if task.frame in known:
-                    raise
-                raise ModelError(
-                    f"task {task.name or task.frame}: {error}"
-                    f"{nearest(task.frame, known) if known else ''}"
-                ) from error
-            self.task_targets.append((frame, np.asarray(task.point, dtype=float)))
-        names = tuple(task.name or task.of for task in self.tasks)
-        for name in names:
-            if names.count(name) > 1:
-                raise ModelError(f"two tasks are named {name!r}; name them apart")
-        kinds = tuple(task.kind for task in self.tasks)
-        self.layout = TaskLayout(names, kinds, tuple(joints))
+        self.task_targets, self.layout = find_targets(
+            self.plant,
+            self.description,
+            self.tasks,
+            self.joint_names[: self.num_joints],
+        )
         self.m = self.layout.m
         self.row_weights = task_weights(
             self.layout,
@@ -675,107 +526,6 @@ class ControlModel:
             [task.orientation_weight for task in self.tasks],
         )
         self.weighs_rows = bool((self.row_weights != 1.0).any())
-
-    def _find_task_joint(self, task: Task) -> int:
-        """Which of the controlled joints a task of kind joint tracks."""
-        if task.joint in self.joint_names[: self.num_joints]:
-            return self.joint_names.index(task.joint)
-        raise ModelError(
-            f"task {task.name or task.joint}: joint: {task.joint!r} is no controlled "
-            "joint with one position"
-            f"{nearest(task.joint, self.joint_names[: self.num_joints])}"
-        )
-
-    def _set_points(self) -> None:
-        """Collects every point whose position a step needs, and what moves it."""
-        joints, order, pairs = self.joints, self.order, self.pairs
-
-        def coordinates(body: RigidBody, x_B: np.ndarray, one: float):
-            """Of a point (one 1) or vector (one 0) on a body: its frame, and there."""
-            frame, X_FB = joints.place(body)
-            x_F = X_FB.rotation() @ x_B + one * X_FB.translation()
-            return frame, np.append(x_F, one)
-
-        frames = joints.frame_of_velocity[order]
-        placed = [(frame, np.array([0.0, 0.0, 0.0, 1.0])) for frame in frames]
-        for vectors in (joints.turns, joints.slides):
-            placed += [
-                (frame, np.append(vector, 0.0))
-                for frame, vector in zip(frames, vectors[order], strict=True)
-            ]
-        tasks = [frame.body() for frame, _ in self.task_targets]
-        for frame, p_FT in self.task_targets:
-            p_B = frame.GetFixedPoseInBodyFrame().multiply(p_FT)
-            placed.append(coordinates(frame.body(), p_B, 1.0))
-        for frame, _ in (self.task_targets[i] for i in self.layout.angular_tasks):
-            R = frame.GetFixedRotationMatrixInBodyFrame().matrix()
-            placed += [coordinates(frame.body(), column, 0.0) for column in R.T]
-        first_axis = len(placed)
-        axes = [
-            (body, axis)
-            for body, axes in zip(pairs.bodies, pairs.axes, strict=True)
-            for axis in axes
-        ]
-        placed += [coordinates(body, axis.p_B0, 1.0) for body, axis in axes]
-        placed += [coordinates(body, axis.p_B1 - axis.p_B0, 0.0) for body, axis in axes]
-
-        def moved(bodies: Sequence[RigidBody]) -> np.ndarray:
-            """(B, nv) 1 where a velocity, in the order of `order`, moves a body.
-
-            By rows, as one row is by itself: all that differs is compiled for anew.
-            """
-            links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
-            return joints.moved_by[links][:, order].astype(float, order="C")
-
-        fixed, by_point = task_wrenches(self.layout)
-        carries = moved(tasks)
-        tree, rows = hold(joints.tree), hold(self.layout.rows)
-        task_points = TaskPoints(
-            fixed=fixed,
-            by_point=by_point,
-            carried=carries[task_of_rows(self.layout)],
-            carries=carries,
-            above=joints.moved_by[frames][:, order].astype(float, order="C"),
-            of_joints=self._joint_rows(),
-        )
-        task_points = hold(task_points)
-        carried = moved(pairs.bodies)
-        moves = carried[pairs.body_a] - carried[pairs.body_b]
-        self.pair_moves = np.ascontiguousarray(moves)
-        selection = joints.select(placed)
-        first = np.array([4 * frame for frame, _ in placed], dtype=int)
-
-        def numbers(K: int, by_shape: bool) -> Held:
-            """As `equations.kinematics` takes them."""
-            return hold(
-                Robot(
-                    order,
-                    self.positions,
-                    self.n,
-                    selection,
-                    first,
-                    tree,
-                    task_points,
-                    rows,
-                    hold(
-                        pairs.for_equations(
-                            K, len(placed), first_axis, self.pair_moves, by_shape
-                        )
-                    ),
-                )
-            )
-
-        self.robot_by_pair = numbers(1, False)
-        self.robot_ahead = numbers(2, True)
-
-    def _joint_rows(self) -> np.ndarray:
-        """(m, nv) 1 where a row is a joint, in the order of `order`; (0, 0) if none."""
-        layout = self.layout
-        if not len(layout.joint_rows):
-            return np.zeros((0, 0))
-        rows = np.zeros((layout.m, self.n + self.n_p))
-        rows[layout.joint_rows, layout.rows.joints] = 1.0
-        return rows
 
     def _check_distances(self) -> None:
         """Some shapes have no distance; better to say so now than at run time."""
@@ -799,24 +549,3 @@ def _entries(joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray]:
         start = joint.position_start()
         q += range(start, start + joint.num_positions())
     return np.array(v, dtype=int), np.array(q, dtype=int)
-
-
-def names_by_joint(plant: MultibodyPlant, *, of_positions: bool = False) -> list[str]:
-    """Per velocity (or position) the joint's name; scoped where two models share it."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    plain = [joint.name() for joint in joints]
-    names = [""] * (plant.num_positions() if of_positions else plant.num_velocities())
-    for joint in joints:
-        name = joint.name()
-        if plain.count(name) > 1:
-            name = f"{plant.GetModelInstanceName(joint.model_instance())}::{name}"
-        # A joint's positions have names of their own only where they are others.
-        if of_positions and joint.num_positions() != joint.num_velocities():
-            start, suffixes = joint.position_start(), joint.position_suffix
-            count = joint.num_positions()
-        else:
-            start = joint.position_start() if of_positions else joint.velocity_start()
-            count, suffixes = joint.num_velocities(), joint.velocity_suffix
-        for i in range(count):
-            names[start + i] = name + (f".{suffixes(i)}" if count > 1 else "")
-    return names

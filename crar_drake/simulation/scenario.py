@@ -43,7 +43,13 @@ MAX_DURATION = 1e6  # [s]
 
 
 def _plant_config() -> MultibodyPlantConfig:
-    return MultibodyPlantConfig(time_step=1e-3, discrete_contact_approximation="lagged")
+    # What Drake would work out in each step beside the state, the forces in the joints
+    # among it, is worked out where somebody asks for it.
+    return MultibodyPlantConfig(
+        time_step=1e-3,
+        use_sampled_output_ports=False,
+        discrete_contact_approximation="lagged",
+    )
 
 
 def _simulator_config() -> SimulatorConfig:

@@ -9,168 +9,27 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path, PurePath
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from rich.table import Table
 
-from crar_drake.control.parameters import CONSTRAINTS, LEVELS
-from crar_drake.figures import save_figure
-from crar_drake.studies.sweep import Case, Result, read_results
+from crar_drake.studies.sweep import Result, read_results
+from crar_drake.studies.sweep_figures import (
+    Comparison,
+    ModeFigures,
+    clip_label,
+    compare,
+    experiment_order,
+    merge,
+    milliseconds,
+    mode_figures,
+    without_folders,
+)
+from crar_drake.studies.sweep_plot import draw_sweep, plot_sweep  # noqa: F401
 from crar_drake.studies.tables import markdown_table, write_report
 
-_COLOURS = {"none": "0.6", "paper": "tab:orange", "lookahead": "tab:blue"}
-_MARKERS = "oDs^vP"
 _MISSING = "–"
-
-
-@dataclass(frozen=True)
-class ModeFigures:
-    """What one mode did on all clips of an experiment.
-
-    Attributes:
-        experiment, constraints, level, period: as of `Result`; period [s].
-        ran: results of the clips that ran, by clip.
-        failed: results of those that could not be run.
-    """
-
-    experiment: str
-    constraints: str
-    level: str
-    period: float
-    ran: tuple[Result, ...]
-    failed: tuple[Result, ...]
-
-    @property
-    def mode(self) -> str:
-        """Constraint mode, and the level where it is not the usual one."""
-        usual = self.level == "acceleration"
-        return self.constraints + ("" if usual else f", {self.level} level")
-
-    @property
-    def violated_clips(self) -> int:
-        """Clips with a sample in violation."""
-        return sum(r.violated for r in self.ran)
-
-    def total(self, name: str) -> int:
-        """Sum of a count over the clips."""
-        return sum(getattr(r, name) for r in self.ran)
-
-    def mean(self, name: str) -> float:
-        """Mean of a figure over the clips that have it; NaN if none has."""
-        return _reduce(np.mean, self._values(name))
-
-    def median(self, name: str) -> float:
-        """Median, likewise."""
-        return _reduce(np.median, self._values(name))
-
-    def extreme(self, name: str, choose: Callable) -> Result | None:
-        """The result with the smallest or largest (`choose` is min or max)."""
-        known = [r for r in self.ran if math.isfinite(getattr(r, name))]
-        return choose(known, key=lambda r: getattr(r, name), default=None)
-
-    def _values(self, name: str) -> list[float]:
-        values = [getattr(r, name) for r in self.ran]
-        return [value for value in values if math.isfinite(value)]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One clip under the lookahead and under the paper's mode.
-
-    Attributes:
-        lookahead: its result.
-        paper: the paper's, at the same control period if there is such a result,
-            else at the shortest that there is.
-    """
-
-    lookahead: Result
-    paper: Result
-
-    @property
-    def not_better(self) -> list[str]:
-        """Fields of `Result` in which the lookahead does not do better.
-
-        Peak torque and rms acceleration should be below the paper's; the task error
-        should not be above it, where the paper's mode holds its constraints.
-        """
-        worse = [
-            name
-            for name in ("peak_torque", "rms_acceleration")
-            if not getattr(self.lookahead, name) < getattr(self.paper, name)
-        ]
-        if (
-            not self.paper.violated
-            and self.lookahead.rms_task_error > self.paper.rms_task_error
-        ):
-            worse.append("rms_task_error")
-        return worse
-
-
-def merge(results: Iterable[Result]) -> list[Result]:
-    """One result a case, in reading order: by experiment, mode, period and clip.
-
-    Of several the last counts, but one that ran is not replaced by a failed one.
-    """
-    by_case: dict[Case, Result] = {}
-    for result in results:
-        known = by_case.get(result.case)
-        if known is None or known.error or not result.error:
-            by_case[result.case] = result
-    return sorted(by_case.values(), key=_reading_order)
-
-
-def mode_figures(results: Iterable[Result]) -> list[ModeFigures]:
-    """The results by mode, in reading order."""
-    groups: dict[tuple, list[Result]] = {}
-    for r in merge(results):
-        key = (r.experiment, r.constraints, r.level, r.period)
-        groups.setdefault(key, []).append(r)
-    return [
-        ModeFigures(
-            *key,
-            ran=tuple(r for r in group if not r.error),
-            failed=tuple(r for r in group if r.error),
-        )
-        for key, group in groups.items()
-    ]
-
-
-def compare(results: Iterable[Result]) -> list[Comparison]:
-    """Every clip that ran in both modes, for each control period of the lookahead."""
-    ran = [r for r in merge(results) if not r.error]
-    papers: dict[tuple, list[Result]] = {}
-    for r in ran:
-        if r.constraints == "paper":
-            papers.setdefault((r.motion, r.experiment, r.level), []).append(r)
-    comparisons = []
-    for r in ran:
-        found = papers.get((r.motion, r.experiment, r.level))
-        if r.constraints == "lookahead" and found:
-            paper = min(found, key=lambda p: (p.period != r.period, p.period))
-            comparisons.append(Comparison(r, paper))
-    return comparisons
-
-
-def clip_label(motion: str) -> str:
-    """A motion's short name: `05_02` of any path to it, and of `cmu:05_02`."""
-    return PurePath(motion).stem.removeprefix("cmu:")
-
-
-def without_folders(text: str, motion: str = "") -> str:
-    """A message without this machine's folders; files keep their names."""
-    for folder in PurePath(motion).parents:
-        if folder.name:
-            text = text.replace(f"{folder}{os.sep}", "")
-    # Absolute paths that have nothing to do with the motion's.
-    return re.sub(r"""(?<![\w./])~?/(?:[^\s:;,()'"]*/)?""", "", text)
 
 
 # --- the terminal -----------------------------------------------------------------
@@ -183,10 +42,10 @@ def sweep_tables(results: Iterable[Result]) -> list[Table]:
         pages.setdefault((figures.experiment, figures.period), []).append(figures)
     tables = []
     for (experiment, period), modes in sorted(
-        pages.items(), key=lambda page: (_experiment_order(page[0][0]), page[0][1])
+        pages.items(), key=lambda page: (experiment_order(page[0][0]), page[0][1])
     ):
         table = Table(
-            title=f"{experiment}, control period {_milliseconds(period)}",
+            title=f"{experiment}, control period {milliseconds(period)}",
             title_justify="left",
         )
         table.add_column("")
@@ -204,7 +63,7 @@ def headline(result: Result) -> str:
     """One line for one result, as it comes in."""
     place = (
         f"{clip_label(result.motion)} {result.experiment} {result.constraints} "
-        f"{_milliseconds(result.period)}"
+        f"{milliseconds(result.period)}"
     )
     if result.error:
         return f"{place}: failed: {result.error}"
@@ -226,7 +85,7 @@ def failures(results: Iterable[Result]) -> list[str]:
     """A line for every case that could not be run."""
     return [
         f"{clip_label(r.motion)}, {r.experiment}, {r.constraints}, "
-        f"{_milliseconds(r.period)}: {r.error}"
+        f"{milliseconds(r.period)}: {r.error}"
         for r in merge(results)
         if r.error
     ]
@@ -318,7 +177,7 @@ def markdown_report(
     modes = mode_figures(results)
     for experiment in dict.fromkeys(figures.experiment for figures in modes):
         columns = [figures for figures in modes if figures.experiment == experiment]
-        header = ["", *(f"{f.mode}, {_milliseconds(f.period)}" for f in columns)]
+        header = ["", *(f"{f.mode}, {milliseconds(f.period)}" for f in columns)]
         cells = [_rows(figures) for figures in columns]
         rows = [
             [name, *(column[i][1] for column in cells)]
@@ -353,9 +212,9 @@ def _clip_tables(comparisons: Sequence[Comparison]) -> str:
         pages.setdefault(key, []).append(c)
     for (experiment, period, paper_period), page in pages.items():
         against = (
-            f"{_milliseconds(period)} / {_milliseconds(paper_period)}"
+            f"{milliseconds(period)} / {milliseconds(paper_period)}"
             if paper_period != period
-            else _milliseconds(period)
+            else milliseconds(period)
         )
         rows = [
             [
@@ -417,130 +276,13 @@ def _exceptions(comparisons: Sequence[Comparison], reasons: Mapping[str, str]) -
 # --- the plot ---------------------------------------------------------------------
 
 
-def plot_sweep(results: Iterable[Result], path: str | os.PathLike[str]) -> None:
-    """Draws one result or more, see `draw_sweep`; the suffix chooses the format."""
-    save_figure(draw_sweep(results), path, dpi=150)
-
-
-def draw_sweep(results: Iterable[Result]) -> Figure:
-    """A row of axes per experiment, with a lane per clip and a mark per mode.
-
-    From the left: smallest distance [mm], largest excess beyond a joint limit
-    [deg], rms task error [mm], peak torque [Nm]. A failed case is a red cross.
-    """
-    modes = mode_figures(results)
-    experiments = list(dict.fromkeys(figures.experiment for figures in modes))
-    series = list(dict.fromkeys((f.constraints, f.level, f.period) for f in modes))
-    variants = sorted({(level, period) for _, level, period in series})
-    clips = {
-        experiment: sorted(
-            {
-                r.motion
-                for figures in modes
-                if figures.experiment == experiment
-                for r in figures.ran + figures.failed
-            },
-            key=_clip_order,
-        )
-        for experiment in experiments
-    }
-    heights = [0.6 + 0.2 * max(3, len(clips[experiment])) for experiment in experiments]
-    figure = Figure(figsize=(11.0, 0.9 + sum(heights)), layout="constrained")
-    rows = figure.subplots(
-        len(experiments), 4, sharex="col", squeeze=False, height_ratios=heights
-    )
-    quantities = (
-        ("smallest_distance", 1e3, "smallest distance [mm]"),
-        ("largest_excess", 180.0 / math.pi, "largest excess of a joint limit [deg]"),
-        ("rms_task_error", 1e3, "rms task error [mm]"),
-        ("peak_torque", 1.0, "peak torque [Nm]"),
-    )
-    for experiment, axes in zip(experiments, rows, strict=True):
-        lanes = {motion: lane for lane, motion in enumerate(clips[experiment])}
-        for ax, (name, factor, label) in zip(axes, quantities, strict=True):
-            for figures in (f for f in modes if f.experiment == experiment):
-                mode = (figures.constraints, figures.level, figures.period)
-                variant = variants.index((figures.level, figures.period))
-                # Side by side in the lane, so that equal figures stay visible.
-                shift = 0.5 * ((series.index(mode) + 0.5) / len(series) - 0.5)
-                values = [factor * getattr(r, name) for r in figures.ran]
-                ax.plot(
-                    [v if math.isfinite(v) else math.nan for v in values],
-                    [lanes[r.motion] + shift for r in figures.ran],
-                    linestyle="none",
-                    marker=_MARKERS[variant % len(_MARKERS)],
-                    markersize=4.0,
-                    markeredgewidth=0.0,
-                    color=_COLOURS.get(figures.constraints, "tab:green"),
-                    alpha=0.85,
-                    label=f"{figures.mode}, {_milliseconds(figures.period)}",
-                )
-            _dress(ax, list(lanes), label if experiment == experiments[-1] else "")
-        _mark_violations(axes)
-        failed = {
-            r.motion for f in modes if f.experiment == experiment for r in f.failed
-        }
-        axes[0].plot(
-            [0.02] * len(failed),
-            [lanes[motion] for motion in failed],
-            "x",
-            color="tab:red",
-            transform=axes[0].get_yaxis_transform(),
-        )
-        axes[0].set_yticklabels([clip_label(motion) for motion in lanes])
-        axes[0].set_title(experiment, loc="left", fontsize="medium")
-    by_label: dict[str, object] = {}
-    for ax in rows[:, 0]:
-        by_label |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    if by_label:
-        figure.legend(
-            by_label.values(),
-            by_label.keys(),
-            loc="outside upper center",
-            ncols=min(6, len(by_label)),
-            fontsize="small",
-            frameon=False,
-        )
-    return figure
-
-
-def _dress(ax: Axes, motions: Sequence[str], label: str) -> None:
-    ax.set_yticks(range(len(motions)), [""] * len(motions), fontsize="x-small")
-    ax.set_ylim(len(motions) - 0.4, -0.6)
-    ax.tick_params(axis="y", length=0)
-    ax.grid(axis="y", linewidth=0.4, alpha=0.5)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(axis="x", labelsize="x-small")
-    ax.set_xlabel(label, fontsize="small")
-
-
-def _mark_violations(axes: Sequence[Axes]) -> None:
-    """Scales, and red where a constraint is violated."""
-    distance, excess, error, torque = axes
-    low, high = distance.get_xlim()
-    distance.set_xlim(min(low, -2.0), max(high, 2.0))
-    distance.axvspan(-1e4, 0.0, color="tab:red", alpha=0.1, linewidth=0.0)
-    excess.set_xscale("symlog", linthresh=0.1)
-    excess.set_xlim(-0.03, max(1.0, 1.5 * excess.get_xlim()[1]))
-    excess.axvspan(0.0, 1e4, color="tab:red", alpha=0.1, linewidth=0.0)
-    excess.set_xticks([0.0, 0.1, 1.0, 10.0], ["0", "0.1", "1", "10"])
-    excess.xaxis.set_minor_locator(NullLocator())
-    for ax in (error, torque):
-        if not math.isfinite(ax.dataLim.minposx):
-            continue  # nothing ran, so that there is nothing to scale
-        ax.set_xscale("log")
-        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.xaxis.set_minor_locator(NullLocator())
-
-
 # --- small helpers ----------------------------------------------------------------
 
 
 def _place(result: Result) -> str:
     return (
         f"`{clip_label(result.motion)}`, {result.experiment}, "
-        f"{result.constraints}, {_milliseconds(result.period)}"
+        f"{result.constraints}, {milliseconds(result.period)}"
     )
 
 
@@ -569,34 +311,6 @@ def _number(value: float, unit: str, digits: int) -> str:
     if not math.isfinite(value):
         return _MISSING
     return f"{value:.{digits}f}" + (unit if unit == "°" else f" {unit}" if unit else "")
-
-
-def _milliseconds(period: float) -> str:
-    return f"{1e3 * period:g} ms"
-
-
-def _reduce(function: Callable, values: Sequence[float]) -> float:
-    return float(function(values)) if len(values) else math.nan
-
-
-def _clip_order(motion: str) -> tuple:
-    """Trials by number: 05_02 before 13_29 before 127_23."""
-    parts = re.split(r"(\d+)", clip_label(motion))
-    return ([int(part) if part.isdigit() else part for part in parts], motion)
-
-
-def _experiment_order(experiment: str) -> tuple:
-    return (experiment != "wrists", experiment)
-
-
-def _reading_order(r: Result) -> tuple:
-    return (
-        _experiment_order(r.experiment),
-        CONSTRAINTS.index(r.constraints),
-        -LEVELS.index(r.level),
-        r.period,
-        _clip_order(r.motion),
-    )
 
 
 def main(argv: Sequence[str] | None = None) -> None:

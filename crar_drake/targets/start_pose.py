@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from crar_drake.equations.collisions import (
-    collision_gradient,
-    collision_potential_slope,
-    collision_weights,
-    pair_weights,
-)
-from crar_drake.equations.composite_weight import composite_index, composite_weights
-from crar_drake.equations.joint_limits import (
-    joint_limit_weights,
-    limit_gradient,
-    limit_potential,
-)
+from crar_drake.equations.composite_weight import composite_index
+from crar_drake.equations.joint_limits import limit_potential
+from crar_drake.equations.paper import PaperGains, constraint_weights
 from crar_drake.equations.references import find_error
 from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
 from crar_drake.robot.model import ControlModel, ModelState
@@ -27,6 +20,20 @@ _MARGIN_LIMIT = 0.02  # [rad] that the start keeps from a joint limit
 _LARGEST_STEP = 0.1  # [rad] of one iteration
 _ITERATIONS = 300
 _ROUNDS = 10  # in which pairs are found that hold up a step
+
+# Of the weights alone; what they do not take is NaN.
+_GAINS = PaperGains(
+    damping=math.nan,
+    Gv=math.nan,
+    GvN=math.nan,
+    Gv_near=math.nan,
+    rho=1e-3,
+    alpha=50.0,
+    beta=2.0,
+    limit_share=math.nan,
+    period=math.nan,
+    velocity_level=False,
+)
 
 
 def solve_start_pose(
@@ -118,15 +125,15 @@ def _kept_apart(
 
 def _weights(model: ControlModel, state: ModelState) -> np.ndarray:
     """Eq. (27) with every joint counted as approaching, and gentle decay."""
-    W_JL = joint_limit_weights(
-        limit_gradient(state.q, limit_potential(model.lower, model.upper)),
+    dd_dq = np.ascontiguousarray(state.dd_dq)
+    gains = _GAINS._replace(limit_share=composite_index(len(model.pairs)))
+    # Before, nothing was near.
+    return constraint_weights(
+        state.q,
+        state.d,
+        dd_dq,
         np.zeros(model.n),
-        np.zeros(model.n),
-    )
-    gradient = collision_gradient(
-        collision_potential_slope(state.d, 1e-3, 50.0, 2.0),
-        np.ascontiguousarray(state.dd_dq),
-    )
-    never = np.zeros(gradient.shape)
-    W_COL = collision_weights(pair_weights(gradient, np.abs(gradient), never))
-    return composite_weights(W_JL, W_COL, composite_index(len(model.pairs)))
+        np.zeros(dd_dq.shape),
+        limit_potential(model.lower, model.upper),
+        gains,
+    ).W

@@ -107,3 +107,12 @@ def test_joints_whose_velocities_are_no_rates_are_refused(kind: str) -> None:
     plant.Finalize()
     with pytest.raises(ModelError, match="socket.*not the rates of its positions"):
         JointTree(plant)
+
+
+def test_joined_accelerations_are_in_the_plants_order() -> None:
+    """Those of the controlled joints first, wherever these are in the plant."""
+    order = np.array([3, 0, 4, 2, 1])
+    found = kinematics.join_joints(
+        np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), order
+    )
+    np.testing.assert_array_equal(found, [2.0, 5.0, 4.0, 1.0, 3.0])

@@ -11,6 +11,7 @@ from one_sided_least_squares import (
     one_sided_least_squares,
 )
 from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
 
 from crar_drake.equations.joint_limits import limit_gradient, limit_potential
 from crar_drake.equations.lookahead import (
@@ -36,6 +37,7 @@ from crar_drake.equations.lookahead import (
     slip_velocity,
     wish_velocity,
 )
+from crar_drake.equations.one_sided import _lowest_on_way
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 
 T, GV, DAMPING = 1.0 / 30.0, 30.0, 0.1
@@ -356,6 +358,33 @@ problems = st.builds(
     num_rows=st.integers(0, 30),
     speed=st.sampled_from([0.0, 0.1, 3.0, 100.0]),
 )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_lowest_on_the_way_is_that_of_a_search(seed: int) -> None:
+    """Rows begin and end to be violated on it; one holds alike all the way."""
+    rng = np.random.default_rng(seed)
+    n, C = rng.integers(1, 6), rng.integers(1, 12)
+    root = rng.normal(size=(n, n))
+    M, right = root @ root.T + 0.1 * np.eye(n), rng.normal(size=n)
+    rows, x = 3.0 * rng.normal(size=(C, n)), rng.normal(size=n)
+    wish = rows @ x + rng.choice([-1.0, 0.0, 1.0], C) * rng.uniform(0.0, 3.0, C)
+
+    def value(share: float) -> float:
+        y = x + share * way
+        short = np.maximum(wish - rows @ y, 0.0)
+        return y @ M @ y - 2.0 * right @ y + short @ short
+
+    short = np.maximum(wish - rows @ x, 0.0)
+    down = right - M @ x + rows.T @ short
+    way = 2.0 * rng.uniform() * down / (down @ down) ** 0.5
+    rows[0] -= (rows[0] @ way) / (way @ way) * way  # this one does not change
+    wish[0] = rows[0] @ x + 0.5
+    found = _lowest_on_way(M, right, rows, wish, x, way)
+    sought = minimize_scalar(value, (0.0, 1.0), tol=1e-10)
+    assert found > 0.0
+    assert value(found) <= sought.fun + 1e-9 * abs(sought.fun)
+    assert found == pytest.approx(sought.x, rel=1e-4)
 
 
 @given(problems)

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import add_plant, chain_urdf
 
-from crar_drake.equations.prediction import next_state
+from crar_drake.equations.prediction import next_state, state_ahead
 
 Q, V = np.array([0.3, -0.4, 0.8]), np.array([1.0, -2.0, 3.0])
 A = np.array([20.0, -30.0, 50.0])
@@ -70,3 +70,16 @@ def test_a_plant_that_steps_with_the_controller_to_the_last_bit(plant_step):
     q, v = next_state(Q, V, A, 1e-3, plant_step)
     np.testing.assert_array_equal(v, V + 1e-3 * A)
     np.testing.assert_array_equal(q, Q + 1e-3 * v)
+
+
+def test_the_state_ahead_is_in_the_plants_order():
+    """Whatever order the equations have; a free joint has one position more."""
+    rng = np.random.default_rng(5)
+    positions, order = np.array([7, 8, *range(7)]), np.array([6, 7, *range(6)])
+    q, v, a = rng.normal(size=9), rng.normal(size=8), rng.normal(size=8)
+    q_next, v_next = next_state(q[positions], v[order], a[order], 4e-3, 1e-3)
+    found = state_ahead(q, v, a, 4e-3, 1e-3, positions, order)
+    np.testing.assert_array_equal(found[:9][positions], q_next)
+    np.testing.assert_array_equal(found[9:][order], v_next)
+    # Joints as such lead where they do by themselves.
+    np.testing.assert_allclose(found[7:9], q[7:] + 4e-3 * v[6:] + 1e-5 * a[6:])

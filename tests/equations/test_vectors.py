@@ -112,12 +112,13 @@ CASES = {
         lambda A: np.einsum("ij->j", A),
     ),
     "gram": (
-        [(normal(k, n),) for k, n in ((0, 3), (1, 1), (3, 7), (9, 4))],
+        [(normal(k, n),) for k, n in ((0, 3), (1, 1), (3, 7), (9, 4), (11, 2))],
         lambda A: np.einsum("ki,kj->ij", A, A),
     ),
     "times": (
         [
             (normal(5, 3), normal(3)),
+            (normal(11, 2), normal(2)),
             (normal(0, 3), normal(3)),
             (normal(5, 0), normal(0)),
             (normal(3, 5).T, normal(3)),

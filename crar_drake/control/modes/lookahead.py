@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,20 +15,18 @@ from crar_drake.control.modes.mode import Before, Mode, Resolved
 from crar_drake.control.modes.paper import refuse_adaptive_gain
 from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
+from crar_drake.equations.handover import hand_over
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import (
     LONGEST_MOVE,
-    NOT_WANTED,
-    NOTHING_BEFORE,
     LookaheadGains,
-    LookaheadMemory,
     LookaheadNumbers,
     acceleration_bounds,
     find_limits,
     lookahead_or_scaled,
 )
 from crar_drake.equations.nearby import still_clear, watched_nearby
-from crar_drake.equations.references import TaskGains, Wanted
+from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
 from crar_drake.robot.reach import find_reaches
@@ -142,6 +141,11 @@ class LookaheadMode(Mode):
         self.brakes_without_targets = ahead.lost_target == "brake"
         self._model = model
         self._nothing = np.zeros(model.n)
+        # Of what `lookahead_or_scaled` returns, but for the distances at its end.
+        n, nv = model.n, model.n + model.n_p
+        ends = np.cumsum([0, nv, model.m, n, n, n, 2, 4]).tolist()
+        self._parts = [slice(start, end) for start, end in pairwise(ends)]
+        self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
         numbers = LookaheadGains(
             T=float(self.horizon),
@@ -248,14 +252,21 @@ class LookaheadMode(Mode):
     ) -> Resolved:
         model = self._model
         if before is None or not before.follows:
-            qdot = measured.v[model.controlled]
-            last = LookaheadMemory(qdot, self._nothing, self._nothing)
+            last = (measured.v[model.controlled], self._nothing, self._nothing)
         else:
-            last = LookaheadMemory(before.qdot, before.qddot, before.kept)
-        answer, slip, margins, admission = lookahead_or_scaled(
-            measured, wanted, self.robot, self._numbers, last, _NOT_GIVEN
+            last = (before.qdot, before.qddot, before.kept)
+        found = lookahead_or_scaled(
+            hand_over(measured, wanted, *last),
+            measured.asked,
+            _NOT_GIVEN,
+            self.robot,
+            self._numbers,
+        )
+        vdot, error, W, qdot_c, slip, margins, admission = (
+            found[part] for part in self._parts
         )
         told = {"resting_margins": margins, "admission": admission}
+        answer = Answer(vdot, error, found[self._distances], W, qdot_c)
         return Resolved(answer, slip, told)
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
@@ -264,8 +275,8 @@ class LookaheadMode(Mode):
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        robot, numbers = self.robot, self._numbers
-        answer, _, _, told = lookahead_or_scaled(
-            measured, NOT_WANTED, robot, numbers, NOTHING_BEFORE, vdot
+        state = np.concatenate((measured.q[0], measured.v))
+        found = lookahead_or_scaled(
+            state, measured.asked, vdot, self.robot, self._numbers
         )
-        return answer.vdot, {"admission": told}
+        return found[: len(vdot)], {"admission": found[len(vdot) :]}

@@ -10,15 +10,11 @@ import numpy as np
 from crar_drake.control.modes.mode import Before, Mode, Resolved
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.composite_weight import composite_index
+from crar_drake.equations.handover import hand_over
 from crar_drake.equations.joint_limits import limit_potential
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.paper import (
-    PaperGains,
-    PaperMemory,
-    PaperNumbers,
-    paper_step,
-)
-from crar_drake.equations.references import TaskGains, Wanted
+from crar_drake.equations.paper import PaperGains, PaperNumbers, paper_control
+from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel, Workspace
 
@@ -41,9 +37,12 @@ class PaperMode(Mode):
         limits = limit_potential(model.lower, model.upper)
         numbers = paper_gains(parameters, len(model.pairs))
         self._numbers = hold(PaperNumbers(gains, limits, numbers, self._constrained))
-        self._first = PaperMemory(
-            np.zeros(model.n), np.zeros((len(model.pairs), model.n)), np.zeros(0)
-        )
+        # Of what `paper_control` returns, but for the distances at its end.
+        n, nv = model.n, model.n + model.n_p
+        kept = n + len(model.pairs) * n
+        self._ends = np.cumsum([0, nv, model.m, n, kept, n]).tolist()
+        self._none = np.full(n, np.nan)
+        self._first = np.concatenate((np.zeros(kept), self._none))
 
     @staticmethod
     def check(parameters: CrarParameters) -> None:
@@ -60,16 +59,17 @@ class PaperMode(Mode):
         kept = self._first if before is None else before.kept
         if before is not None and not before.follows:
             # Eq. (10) is a difference over one period: here there is none.
-            kept = kept._replace(qdot_c=self._first.qdot_c)
-        answer, kept = paper_step(
-            measured,
-            wanted,
+            kept = np.concatenate((kept[: -model.n], self._none))
+        found = paper_control(
+            hand_over(measured, wanted, kept),
+            measured.asked,
             model.inertia_matrix(workspace) if self._with_inertia else _NO_MATRIX,
             model.robot_by_pair,
             self._numbers,
-            kept,
         )
-        return Resolved(answer, kept)
+        _, a, b, c, d, end = self._ends
+        answer = Answer(found[:a], found[a:b], found[end:], found[b:c], found[d:end])
+        return Resolved(answer, found[c:end])
 
 
 class NoneMode(PaperMode):

@@ -1,0 +1,155 @@
+"""A run's figures as a table for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from crar_drake.motion.report import rate_text
+
+if TYPE_CHECKING:
+    from crar_drake.results.summary import Summary
+
+
+def summary_table(summary: Summary) -> Table:
+    """The figures that a person looks at first, as a table for the terminal."""
+    table = Table(title=summary.title, title_justify="left", show_header=False)
+    table.add_column("quantity", no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("where", overflow="fold")
+
+    if summary.frame_rate is not None:
+        table.add_row(
+            "frame rate",
+            rate_text(summary.frame_rate, summary.frame_rate_source),
+            "of the motion"
+            + ("; --frame-rate" if summary.frame_rate_source == "assumed" else ""),
+        )
+    if summary.rms_task_error is not None:
+        worst = _worst(summary, "rms_error")
+        table.add_row(
+            "rms task error",
+            f"{1e3 * summary.rms_task_error:.1f} mm",
+            f"worst {worst}, {1e3 * summary.tasks[worst].rms_error:.1f} mm",
+        )
+    if summary.rms_orientation_error is not None:
+        worst = _worst(summary, "rms_orientation_error")
+        angle = summary.tasks[worst].rms_orientation_error
+        table.add_row(
+            "rms orientation error",
+            f"{summary.rms_orientation_error:.3f} rad",
+            f"worst {worst}, {angle:.3f} rad",
+        )
+    if summary.smallest_distance is not None:
+        table.add_row(
+            "smallest distance",
+            f"{1e3 * summary.smallest_distance:.1f} mm",
+            f"{summary.smallest_distance_pair}, at "
+            f"{summary.smallest_distance_time:.2f} s",
+            style="bold red" if summary.smallest_distance < 0.0 else "",
+        )
+    table.add_row(
+        "violations",
+        f"{summary.violated_samples}",
+        f"of {summary.samples} samples",
+        style="bold red" if summary.violated_samples else "",
+    )
+    if summary.penetrating_samples:
+        table.add_row(
+            "  penetrating",
+            f"{summary.penetrating_samples}",
+            _most(summary.penetrating_pairs),
+        )
+    if summary.beyond_limit_samples:
+        table.add_row(
+            "  beyond limits",
+            f"{summary.beyond_limit_samples}",
+            f"{_most(summary.joints_beyond_limits)}; farthest "
+            f"{summary.largest_excess_joint}, {summary.largest_excess:.3g} "
+            f"{summary.unit_of(summary.largest_excess_joint)}",
+        )
+    if summary.beyond_speed_samples:
+        # Apart from the violations, as in `Summary`.
+        table.add_row(
+            "beyond speed limits",
+            f"{summary.beyond_speed_samples}",
+            f"{_most(summary.joints_beyond_speed)}; most "
+            f"{summary.largest_speed_excess_joint}, by "
+            f"{summary.largest_speed_excess:.3g} "
+            f"{summary.unit_of(summary.largest_speed_excess_joint)}/s",
+            style="bold red",
+        )
+    if summary.admitted_steps:
+        clearance = summary.path_clearance
+        table.add_row(
+            "braking path",
+            "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm",
+            _admitted(summary),
+            style="bold red" if summary.unclear_steps else "",
+        )
+    table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
+    table.add_row(
+        "peak torque",
+        f"{summary.peak_torque:.1f} {summary.peak_torque_unit}",
+        f"{summary.peak_torque_joint}, at {summary.peak_torque_time:.2f} s",
+    )
+    if summary.torque_limited_samples:
+        share = summary.torque_limited_samples / summary.samples
+        table.add_row(
+            "torque limit active",
+            f"{100 * share:.1f} %",
+            f"of {summary.samples} samples; clipped in "
+            f"{summary.torque_clipped_samples}",
+        )
+    count = len(summary.sliding_joints)
+    slides = f"{count} that slide, in m/s², among them" if count else ""
+    table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", slides)
+    if summary.stopped:
+        reason = escape(summary.stopped)
+        table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")
+    if summary.real_time_factor is not None:
+        table.add_row(
+            "wall time",
+            f"{summary.wall_time:.1f} s",
+            f"for {summary.duration:.2f} s, {summary.real_time_factor:.2f} x real time",
+        )
+    if summary.arithmetic:
+        table.add_row("control law", "", summary.arithmetic)
+    return table
+
+
+def _admitted(summary: Summary) -> str:
+    """Whether braking paths were clear, and how steps were admitted, in words."""
+
+    def share(count: int) -> str:
+        percent = 100.0 * count / summary.admitted_steps
+        # Few are not none.
+        text = "< 0.1 %" if percent < 0.05 else f"{percent:.1f} %"
+        return text if count else "none"
+
+    corrected, scaled = summary.corrected_steps, summary.scaled_steps
+    unclear = summary.unclear_steps
+    clear = "at least, clear at every step"
+    if unclear:
+        clear = f"not clear at {unclear} step{'s' if unclear > 1 else ''}"
+    if not corrected + scaled:
+        return f"{clear}; all steps as wished"
+    of_steps = " of the steps" if corrected else ""
+    return (
+        f"{clear}; {share(corrected)}{of_steps} corrected, {share(scaled)} scaled, for "
+        f"up to {summary.longest_held_back:.3g} s in a row"
+    )
+
+
+def _worst(summary: Summary, which: str) -> str:
+    errors = {name: getattr(task, which) for name, task in summary.tasks.items()}
+    return max((name for name in errors if errors[name] is not None), key=errors.get)
+
+
+def _most(counts: dict[str, int]) -> str:
+    """The name with most samples, and how many more there are."""
+    name = max(counts, key=counts.get)
+    others = len(counts) - 1
+    return name + (f" and {others} more" if others else "")

@@ -1,0 +1,50 @@
+"""The joints of a plant by name: of its velocities, and those of a description."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import RobotDescription, find_joint
+
+
+def names_by_joint(plant: MultibodyPlant, *, of_positions: bool = False) -> list[str]:
+    """Per velocity (or position) the joint's name; scoped where two models share it."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    plain = [joint.name() for joint in joints]
+    names = [""] * (plant.num_positions() if of_positions else plant.num_velocities())
+    for joint in joints:
+        name = joint.name()
+        if plain.count(name) > 1:
+            name = f"{plant.GetModelInstanceName(joint.model_instance())}::{name}"
+        # A joint's positions have names of their own only where they are others.
+        if of_positions and joint.num_positions() != joint.num_velocities():
+            start, suffixes = joint.position_start(), joint.position_suffix
+            count = joint.num_positions()
+        else:
+            start = joint.position_start() if of_positions else joint.velocity_start()
+            count, suffixes = joint.num_velocities(), joint.velocity_suffix
+        for i in range(count):
+            names[start + i] = name + (f".{suffixes(i)}" if count > 1 else "")
+    return names
+
+
+def check_described_joints(
+    plant: MultibodyPlant, description: RobotDescription
+) -> None:
+    """Welds have no position to prescribe or to rest in, others not just one."""
+    for name in description.prescribed_joints:
+        if not find_joint(plant, name).num_velocities():
+            raise ModelError(
+                f"robot {description.name}: prescribed_joints: {name!r} is fixed; "
+                "leave it out"
+            )
+    for name, value in description.rest_posture.items():
+        positions = find_joint(plant, name).num_positions()
+        if positions != 1 or not np.isfinite(value):
+            raise ModelError(
+                f"robot {description.name}: rest_posture: {name}: {value} for a "
+                f"joint with {positions} positions; give finite values, to joints "
+                "with one"
+            )

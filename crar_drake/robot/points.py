@@ -1,0 +1,115 @@
+"""The points of a robot whose positions a control step needs, and what moves them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.multibody.tree import RigidBody
+
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.kinematics import Robot, TaskPoints
+from crar_drake.equations.tasks import task_of_rows, task_wrenches
+
+if TYPE_CHECKING:
+    from crar_drake.robot.model import ControlModel
+
+
+def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
+    """Collects every point whose position a step needs, and what moves it.
+
+    Args:
+        model: whose joints, tasks and pairs are known.
+
+    Returns:
+        `pair_moves`, `robot_by_pair` and `robot_ahead` of the model.
+    """
+    joints, order, pairs = model.joints, model.order, model.pairs
+
+    def coordinates(body: RigidBody, x_B: np.ndarray, one: float):
+        """Of a point (one 1) or vector (one 0) on a body: its frame, and there."""
+        frame, X_FB = joints.place(body)
+        x_F = X_FB.rotation() @ x_B + one * X_FB.translation()
+        return frame, np.append(x_F, one)
+
+    frames = joints.frame_of_velocity[order]
+    placed = [(frame, np.array([0.0, 0.0, 0.0, 1.0])) for frame in frames]
+    for vectors in (joints.turns, joints.slides):
+        placed += [
+            (frame, np.append(vector, 0.0))
+            for frame, vector in zip(frames, vectors[order], strict=True)
+        ]
+    tasks = [frame.body() for frame, _ in model.task_targets]
+    for frame, p_FT in model.task_targets:
+        p_B = frame.GetFixedPoseInBodyFrame().multiply(p_FT)
+        placed.append(coordinates(frame.body(), p_B, 1.0))
+    for frame, _ in (model.task_targets[i] for i in model.layout.angular_tasks):
+        R = frame.GetFixedRotationMatrixInBodyFrame().matrix()
+        placed += [coordinates(frame.body(), column, 0.0) for column in R.T]
+    first_axis = len(placed)
+    axes = [
+        (body, axis)
+        for body, axes in zip(pairs.bodies, pairs.axes, strict=True)
+        for axis in axes
+    ]
+    placed += [coordinates(body, axis.p_B0, 1.0) for body, axis in axes]
+    placed += [coordinates(body, axis.p_B1 - axis.p_B0, 0.0) for body, axis in axes]
+
+    def moved(bodies: Sequence[RigidBody]) -> np.ndarray:
+        """(B, nv) 1 where a velocity, in the order of `order`, moves a body.
+
+        By rows, as one row is by itself: all that differs is compiled for anew.
+        """
+        links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
+        return joints.moved_by[links][:, order].astype(float, order="C")
+
+    fixed, by_point = task_wrenches(model.layout)
+    carries = moved(tasks)
+    tree, rows = hold(joints.tree), hold(model.layout.rows)
+    task_points = TaskPoints(
+        fixed=fixed,
+        by_point=by_point,
+        carried=carries[task_of_rows(model.layout)],
+        carries=carries,
+        above=joints.moved_by[frames][:, order].astype(float, order="C"),
+        of_joints=_joint_rows(model),
+    )
+    task_points = hold(task_points)
+    carried = moved(pairs.bodies)
+    moves = carried[pairs.body_a] - carried[pairs.body_b]
+    pair_moves = np.ascontiguousarray(moves)
+    selection = joints.select(placed)
+    first = np.array([4 * frame for frame, _ in placed], dtype=int)
+
+    def numbers(K: int, by_shape: bool) -> Held:
+        """As `equations.kinematics` takes them."""
+        return hold(
+            Robot(
+                order,
+                model.positions,
+                model.n,
+                selection,
+                first,
+                tree,
+                task_points,
+                rows,
+                hold(
+                    pairs.for_equations(
+                        K, len(placed), first_axis, pair_moves, by_shape
+                    )
+                ),
+            )
+        )
+
+    return pair_moves, numbers(1, False), numbers(2, True)
+
+
+def _joint_rows(model: ControlModel) -> np.ndarray:
+    """(m, nv) 1 where a row is a joint, in the order of `order`; (0, 0) if none."""
+    layout = model.layout
+    if not len(layout.joint_rows):
+        return np.zeros((0, 0))
+    rows = np.zeros((layout.m, model.n + model.n_p))
+    rows[layout.joint_rows, layout.rows.joints] = 1.0
+    return rows

@@ -1,0 +1,117 @@
+"""What a control model computes in, and what of a state it tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.multibody.tree import MultibodyForces
+from pydrake.systems.framework import Context
+
+from crar_drake.equations.kinematics import State
+
+if TYPE_CHECKING:
+    from crar_drake.robot.model import ControlModel
+
+
+@dataclass(slots=True)
+class ModelState:
+    """What the equations need to know of one state, all in the world frame W.
+
+    n controlled and n_p prescribed joints, m task rows, Nc watched pairs.
+
+    Attributes:
+        qdot: (n,) velocities of the controlled joints [rad/s].
+        q_p, qdot_p: (nq_p,), (n_p,) positions and velocities of the prescribed joints.
+        q: (n,) positions of the controlled joints [rad]; a controlled root's seven
+            are not all in it.
+        R: (Na, 3, 3) orientations R_WT of the tasks that have one.
+        p: (Nl, 3) positions p_WT of the tasks that have one [m].
+        v: (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
+        J: (m, n) task Jacobian with respect to the controlled joints.
+        J_p: (m, n_p) task Jacobian with respect to the prescribed joints.
+        Jdot_qdot: (m,) bias acceleration of Eq. (6), all joints.
+        d: (Nc,) signed distances [m].
+        dd_dq: (Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
+    """
+
+    q: np.ndarray
+    qdot: np.ndarray
+    q_p: np.ndarray
+    qdot_p: np.ndarray
+    R: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    J: np.ndarray
+    J_p: np.ndarray
+    Jdot_qdot: np.ndarray
+    d: np.ndarray
+    dd_dq: np.ndarray
+    dd_dq_p: np.ndarray
+
+    @staticmethod
+    def of(state: State, n: int) -> ModelState:
+        """The equations' state, with the n controlled joints apart."""
+        q, v, R, p, J, Jdot_qdot, d, dd_dv = state
+        controls_root = n == len(v) < len(q)
+        return ModelState(
+            q=q[:n],
+            qdot=v[:n],
+            q_p=q[n + controls_root :],
+            qdot_p=v[n:],
+            R=R,
+            p=p,
+            v=J @ v,
+            J=J[:, :n],
+            J_p=J[:, n:],
+            Jdot_qdot=Jdot_qdot,
+            d=d[0],
+            dd_dq=dd_dv[0][:, :n],
+            dd_dq_p=dd_dv[0][:, n:],
+        )
+
+
+@dataclass(slots=True)
+class Distances:
+    """Signed distances of the watched pairs at one configuration.
+
+    Attributes:
+        d: (Nc,) [m].
+        dd_dq: (Nc, n) Eq. (20), controlled joints.
+        dd_dq_p: (Nc, n_p) Eq. (20), prescribed joints.
+    """
+
+    d: np.ndarray
+    dd_dq: np.ndarray
+    dd_dq_p: np.ndarray
+
+
+class Workspace:
+    """The contexts that a ControlModel computes in. A copy is an independent one."""
+
+    def __init__(self, model: ControlModel) -> None:
+        self._model = model
+        # The roots must be kept alive: the others are parts of them.
+        self._roots = [model.diagram.CreateDefaultContext() for _ in range(2)]
+        here, ahead = self._roots
+        self.plant_context: Context = model.plant.GetMyMutableContextFromRoot(here)
+        self.scene_graph_context: Context = model.scene_graph.GetMyContextFromRoot(here)
+        # For distances elsewhere, so that asking them disturbs nothing.
+        self.plant_context_ahead: Context = model.plant.GetMyMutableContextFromRoot(
+            ahead
+        )
+        self.scene_graph_context_ahead: Context = (
+            model.scene_graph.GetMyContextFromRoot(ahead)
+        )
+        self.forces = MultibodyForces(model.plant)
+
+    def scene_graph_context_of(self, plant_context: Context) -> Context:
+        """SceneGraph's context beside one of the two of the plant."""
+        if plant_context is self.plant_context:
+            return self.scene_graph_context
+        return self.scene_graph_context_ahead
+
+    def __deepcopy__(self, memo: dict) -> Workspace:
+        return Workspace(self._model)

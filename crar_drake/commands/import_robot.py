@@ -70,7 +70,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--srdf",
         metavar="FILE",
         default="",
-        help="SRDF of the robot: a posture of it is the rest posture, and pairs of "
+        help="semantic description: a posture of it is the rest posture, and pairs of "
         "links whose collisions it disables are not watched (on a first import)",
     )
     parser.add_argument(

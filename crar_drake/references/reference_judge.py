@@ -8,7 +8,6 @@ robot meets itself; its pose counts against the ground.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from crar_drake.references.smoothness import (
     step_speeds,
 )
 from crar_drake.references.whole_body import WholeBody
+from crar_drake.results.mesh_judge import MeshJudge, MeshVerdict
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import (
     LIMIT_TOLERANCE,
@@ -29,9 +29,6 @@ from crar_drake.robot.description import (
     RobotDescription,
 )
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
-
-if TYPE_CHECKING:
-    from crar_drake.results.mesh_judge import MeshVerdict
 
 # Capsules that are farther apart are not plotted [m].
 _NEAR = 0.05
@@ -181,8 +178,6 @@ class ReferenceJudge:
         self._mesh_judge = None
         if meshes and has_meshes(plant, graph):
             check_installed()
-            from crar_drake.results.mesh_judge import MeshJudge  # needs FCL
-
             self._mesh_judge = MeshJudge(description)
         self._referee, self._why_no_capsules = None, ""
         try:

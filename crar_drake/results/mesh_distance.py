@@ -9,11 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import fcl
 import numpy as np
 from pydrake.math import RigidTransform
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+try:
+    import fcl
+except ImportError:  # of an extra, which `link_meshes.check_installed` asks for
+    fcl = None
 
 # The depth is searched to this [m].
 _DEPTH_TOLERANCE = 1e-5

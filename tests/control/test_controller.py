@@ -229,9 +229,8 @@ def test_remembered_proximities_change_while_moving(case):
         context = loop.of(loop.controller, simulator.get_context())
         memory = context.get_abstract_state(int(index)).get_value().memory
         assert memory.tick == k
-        seen.append(
-            np.r_[memory.kept.limit_proximity, memory.kept.pair_proximity.ravel()]
-        )
+        # The proximities, and then q_dot_c of the step.
+        seen.append(memory.kept[: -loop.controller.model.n])
     changes = np.abs(np.diff(seen[2:], axis=0)).max(axis=1)
     assert (changes > 0.0).all()
 

@@ -152,10 +152,19 @@ class HeadlessBrowser:
             RuntimeError: it does not within three minutes.
         """
         deadline = time.monotonic() + _PATIENCE
-        while not self.evaluate(f"Boolean({condition})"):
+        while not self._holds(condition):
             if time.monotonic() > deadline:
                 raise RuntimeError(f"{condition}: not so; {self.complaints}")
             time.sleep(0.05)
+
+    def _holds(self, condition: str) -> bool:
+        try:
+            return bool(self.evaluate(f"Boolean({condition})"))
+        except RuntimeError as error:
+            # The page that was asked has just given way to the one that was opened.
+            if "target navigated" not in str(error):
+                raise
+            return False
 
     def settle(self) -> None:
         """Waits until what has changed is drawn."""

@@ -266,6 +266,19 @@ def limit_constraints(
 
 
 @compiled
+def that_weigh(constraints: Constraints) -> Constraints:
+    """Without the rows whose weight is 0, which change nothing: half of the limits'."""
+    some = np.flatnonzero(constraints.weight > 0.0)
+    return Constraints(
+        constraints.h[some],
+        constraints.g[some],
+        constraints.drift[some],
+        constraints.weight[some],
+        constraints.retreat[some],
+    )
+
+
+@compiled
 def join_constraints(a: Constraints, b: Constraints) -> Constraints:
     """Both, as one set."""
     return Constraints(

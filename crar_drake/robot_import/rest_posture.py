@@ -51,11 +51,8 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
     if choices.rest_posture is not None:
         return
     anatomy = find_anatomy(robot)
-    if choices.srdf and robot.posture:
-        posture = robot.posture.items()
-        rest = {n: round(p, 4) for n, p in posture if n not in locked and p}
-        how = f"a posture of {Path(choices.srdf).name}"
-    elif anatomy:
+    own = bool(choices.srdf and robot.posture)
+    if anatomy and not own:
         rest, knees = _clear_rest(robot, anatomy, locked, capsules)
         also = " and knees" if knees else ""
         how = f"arms a little out, elbows{also} bent, standing on the ground"
@@ -64,6 +61,8 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
         how = "the middle of each joint's range"
         if robot.posture:
             how = "a keyframe of the file"
+        if own:
+            how = f"a posture of {Path(choices.srdf).name}"
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
         height = _ground_height(robot, parts, {**locked, **rest})
         rest = {"waist_z": round(height, 4)} | rest

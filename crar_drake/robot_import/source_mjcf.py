@@ -404,7 +404,7 @@ class _Reader:
             if material < 0:
                 return None
             rgba = tuple(float(v) for v in model.mat_rgba[material])
-        return tuple(round(v, 4) for v in rgba)
+        return tuple(round(min(max(v, 0.0), 1.0), 4) for v in rgba)
 
     # --- equalities -----------------------------------------------------------------
 

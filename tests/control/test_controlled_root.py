@@ -14,12 +14,14 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
+from spy_meshcat import SpyMeshcat
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.playback import record_log
 from crar_drake.results.plots import plot_run
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import RobotDescription, RootPose
@@ -316,6 +318,8 @@ def test_a_run_is_simulated_logged_and_judged(flying, tmp_path) -> None:
     verdict = judge_certificate(log, referee, CrarParameters(period=5e-3), 1e-3)
     assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
     plot_run(log, tmp_path / "plot.png")
+    record_log(log, tmp_path / "page.html", meshcat=SpyMeshcat())
+    assert (tmp_path / "page.html").stat().st_size > 1e5
 
 
 def test_feet_need_a_root_that_is_prescribed() -> None:

@@ -30,6 +30,7 @@ class Verdict:
 VERDICTS = {
     "G1": Verdict(0.0205),
     "TALOS": Verdict(0.0761),
+    "TALOS, reduced": Verdict(0.0720),
     "Romeo": Verdict(
         0.0851, "partly: the arm rises half as far, its joints are too slow"
     ),
@@ -56,6 +57,8 @@ VERDICTS = {
         0.0361, "partly: the arms do, it crouches with its knees apart"
     ),
     "H1": Verdict(0.0311),
+    "H1, robosuite": Verdict(0.0291),
+    "Gene01": Verdict(0.0510),
     "Vega 1": Verdict(0.1778, "its hands stop at its base, and all of it with them"),
     "Vega 1u": Verdict(0.1027, "partly: the arm rises late and half as far"),
     "Vega 1p, hands": Verdict(0.1005, "partly: the arm rises late and half as far"),

@@ -43,6 +43,9 @@ VERDICTS = {
     "PR2": Verdict(
         0.4019, "its arms begin folded, and its base is where they would hang"
     ),
+    "PR2, robosuite": Verdict(
+        0.2071, "partly: the arm rises, both hang wide around its base"
+    ),
     "TIAGo, two arms": Verdict(
         0.1299, "the arm does not rise: its joints are too slow"
     ),
@@ -69,6 +72,7 @@ VERDICTS = {
     "GR-3": Verdict(0.0283),
     "Qinglong": Verdict(0.0860, "partly: the arm rises late and half as far"),
     "OpenArm": Verdict(0.0443),
+    "ALOHA": Verdict(0.5272, "two arms that face each other on a table are no body"),
     "YuMi": Verdict(0.1432, "partly: the hands do, the elbows stand out"),
 }
 

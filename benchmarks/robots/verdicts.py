@@ -67,6 +67,7 @@ VERDICTS = {
     "Vega 1p, hands": Verdict(0.1005, "partly: the arm rises late and half as far"),
     "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),
     "ARMAR-6": Verdict(0.213, "the arm rises late and half as far"),
+    "Orcabot": Verdict(0.0643),
     "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),
     "GR-2": Verdict(0.0515),
     "GR-3": Verdict(0.0283),

@@ -11,7 +11,8 @@ from crar_drake.equations.joint_limits import limit_potential
 from crar_drake.equations.paper import PaperGains, constraint_weights
 from crar_drake.equations.references import find_error
 from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
-from crar_drake.robot.model import ControlModel, ModelState
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import ModelState
 
 _MARGIN_DISTANCE = 0.02  # [m] that the start keeps from a collision
 # What pairs keep that are nearer at rest already, if nothing moves otherwise [m].

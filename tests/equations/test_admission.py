@@ -46,7 +46,8 @@ from crar_drake.equations.admission import (
     velocity_bounds,
 )
 from crar_drake.equations.compilation import IS_COMPILED
-from crar_drake.equations.lookahead import Constraints, admit
+from crar_drake.equations.lookahead_guard import admit
+from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.errors import ModelError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs

@@ -14,30 +14,31 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
 from crar_drake.equations.joint_limits import limit_gradient, limit_potential
-from crar_drake.equations.lookahead import (
+from crar_drake.equations.lookahead_guard import (
+    guard,
+    guard_norm,
+    share_within,
+    wish_velocity,
+)
+from crar_drake.equations.lookahead_rows import (
     LONGEST_MOVE,
     ONE_SIDED_RANGE,
     SMALLEST_MARGIN,
     Constraints,
     LookaheadGains,
     find_limits,
-    guard,
-    guard_norm,
     join_constraints,
     limit_constraints,
     margin_curvature,
-    one_sided_minimum,
     pair_constraints,
     pair_margins,
     resting_configuration,
     resting_velocity,
     retreat_speed,
     row_weights,
-    share_within,
     slip_velocity,
-    wish_velocity,
 )
-from crar_drake.equations.one_sided import _lowest_on_way
+from crar_drake.equations.one_sided import _lowest_on_way, one_sided_minimum
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 
 T, GV, DAMPING = 1.0 / 30.0, 30.0, 0.1

@@ -17,19 +17,19 @@ from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.handover import hand_over
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import (
+from crar_drake.equations.lookahead import acceleration_bounds, lookahead_or_scaled
+from crar_drake.equations.lookahead_guard import LookaheadNumbers
+from crar_drake.equations.lookahead_rows import (
     LONGEST_MOVE,
     LookaheadGains,
-    LookaheadNumbers,
-    acceleration_bounds,
     find_limits,
-    lookahead_or_scaled,
 )
 from crar_drake.equations.nearby import still_clear, watched_nearby
 from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
+from crar_drake.robot.workspace import Workspace
 
 if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters

@@ -68,6 +68,7 @@ VERDICTS = {
     "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),
     "ARMAR-6": Verdict(0.213, "the arm rises late and half as far"),
     "Orcabot": Verdict(0.0643),
+    "Orcabot, MJCF": Verdict(0.0465),
     "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),
     "GR-2": Verdict(0.0515),
     "GR-3": Verdict(0.0283),

@@ -62,7 +62,7 @@ VERDICTS = {
     "H1": Verdict(0.0311),
     "H1, robosuite": Verdict(0.0291),
     "Gene01": Verdict(0.0510),
-    "Vega 1": Verdict(0.1778, "its hands stop at its base, and all of it with them"),
+    "Vega 1": Verdict(0.1003, "partly: the arm rises late and half as far"),
     "Vega 1u": Verdict(0.1027, "partly: the arm rises late and half as far"),
     "Vega 1p, hands": Verdict(0.1005, "partly: the arm rises late and half as far"),
     "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),

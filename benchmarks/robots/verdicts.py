@@ -29,7 +29,7 @@ class Verdict:
 
 VERDICTS = {
     "G1": Verdict(0.0205),
-    "TALOS": Verdict(0.0761),
+    "TALOS": Verdict(0.0671),
     "TALOS, reduced": Verdict(0.0720),
     "Romeo": Verdict(
         0.0851, "partly: the arm rises half as far, its joints are too slow"

@@ -52,6 +52,7 @@ from crar_drake.equations.lookahead_rows import (
     pair_margins,
     resting_velocity,
     slip_velocity,
+    that_weigh,
     with_resting,
 )
 from crar_drake.equations.references import Answer, Wanted, find_references
@@ -108,7 +109,7 @@ def lookahead_step(
         gains,
     )
     at_limits = limit_constraints(state.q[:n] + T * qdot, slip, limits, gains)
-    constraints = join_constraints(pairs, at_limits)
+    constraints = join_constraints(pairs, that_weigh(at_limits))
     s_0, qdot_c, W, _ = wish_velocity(
         references.J,
         references.v_r,
@@ -117,7 +118,6 @@ def lookahead_step(
         references.posture,
         constraints,
         gains,
-        gains.longest_move / gains.period,
         references.qdot_0,
         references.qddot_0,
     )

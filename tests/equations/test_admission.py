@@ -260,7 +260,7 @@ def test_no_point_of_a_shape_accelerates_more_than_the_curvature(
     step, ratios = 1e-3, []
     for _ in range(12):
         start, x = random_path(shapes, rng)
-        bound = path_curvature(x, shapes.reaches)
+        bound = path_curvature(x, np.arange(len(shapes.rows)), shapes.reaches)
         for row in range(len(shapes.rows)):
             way = np.where(both[row], 0.0, x)
             largest = 0.0
@@ -685,7 +685,7 @@ class Run:
         """Whatever velocities, without stage 1 and guard: (L8) has all to do."""
         model, n = self.model, self.model.n
         shapes, order = MovingShapes.of(model), model.order
-        numbers = ControlLaw(model, self.parameters).mode._numbers.value
+        numbers = ControlLaw(model, self.parameters).mode.numbers.value
         nothing = np.zeros(0)
         none = Constraints(nothing, np.zeros((0, n)), nothing, nothing, nothing)
         for start in range(starts):

@@ -36,7 +36,7 @@ VERDICTS = {
     ),
     "iCub of 2016": Verdict(0.0497),
     "simple humanoid": Verdict(0.0913, "its model has no shapes to look at"),
-    "human": Verdict(0.0095),
+    "human": Verdict(0.0084),
     "Alex": Verdict(0.0402),
     "Centauro": Verdict(0.2289, "partly: the arms do, the trunk is 0.2 m ahead"),
     "Baxter": Verdict(0.1977, "the arm does not rise: its joints are too slow"),

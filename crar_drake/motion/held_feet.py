@@ -76,6 +76,11 @@ def twist(turns: Rotation) -> np.ndarray:
     return np.unwrap(2.0 * np.arctan2(z, w))
 
 
+def about_vertical(angles: np.ndarray) -> Rotation:
+    """Rotations by angles (T,) about the vertical [rad]."""
+    return Rotation.from_euler("z", angles[:, None])
+
+
 def find_contacts(
     positions: np.ndarray,
     turns: Rotation,
@@ -159,7 +164,7 @@ def _levelled(
 ) -> Rotation:
     """Flat where heel and ball are down, without roll where one of them is."""
     yaw = twist(turns)
-    tilt = (Rotation.from_rotvec(_about_z(-yaw)) * turns).as_rotvec()
+    tilt = (about_vertical(-yaw) * turns).as_rotvec()
     flat = smooth_flags(on_heel & on_ball, margin)
     down = smooth_flags(on_heel | on_ball, margin)
     tilt[:, 0] *= 1.0 - down
@@ -171,11 +176,7 @@ def _levelled(
             stretch[start:end] = True
             share = smooth_flags(stretch, margin)
             yaw = yaw + share * (yaw[start:end].mean() - yaw)
-    return Rotation.from_rotvec(_about_z(yaw)) * Rotation.from_rotvec(tilt)
-
-
-def _about_z(angles: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.zeros((len(angles), 2)), angles])
+    return about_vertical(yaw) * Rotation.from_rotvec(tilt)
 
 
 def dwelling(planted: np.ndarray, rate: float) -> np.ndarray:

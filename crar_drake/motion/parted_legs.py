@@ -1,10 +1,10 @@
 """Legs that pass and stand beside each other with room between them, knees and all.
 
-Soles are apart before (`parted_feet`), but a robot's thighs and shanks are thicker than
-a person's, and its knees are where its feet and hips put them. Where two legs would be
-in one place, both feet must give way, also the one that stands. So it is decided before:
-a foot that is in the air goes, or turns, out of the way; one that comes down where its
-leg meets the other's stands elsewhere, or turned.
+Soles are apart before (`parted_feet`), but a robot's thighs and shanks are thicker
+than a person's, and its knees are where its feet and hips put them. Where two legs
+would be in one place, both feet must give way, also the one that stands. So it is
+decided before: a foot that is in the air goes, or turns, out of the way; one that comes
+down where its leg meets the other's stands elsewhere, or turned.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def _who_gives(kept: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _of_contacts(
     needed: np.ndarray, kept: np.ndarray, margin: int, rate: float
 ) -> np.ndarray:
-    """(T, 3) moves, one for each stretch in which a foot stays, bridged in between: what
-    is needed most in it, or right before or after it."""
+    """(T, 3) moves, one for each stretch in which a foot stays, bridged in between:
+    what is needed most in it, or right before or after it."""
     moves = np.zeros_like(needed)
     for start, end in runs(kept):
         near = np.arange(max(0, start - margin), min(len(kept), end + margin))

@@ -40,8 +40,8 @@ from crar_drake.motion.turns import hip_turns, smooth_turns
 _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
 _FLAT_TIME = 0.2  # [s] of flat feet that tell how they are turned
-# In which knees are lifted off the floor, legs are parted and feet turned as they can be,
-# each of which may ask for another.
+# In which knees are lifted off the floor, legs are parted and feet turned as they can
+# be, each of which may ask for another.
 _ROUNDS = 6
 _TURNED = 0.01  # [rad] that feet need not be turned any more
 _NEAR = 1e-3  # [m] that legs may lack
@@ -145,9 +145,8 @@ def retarget_legs(
         if crowded:
             for side, move in part_legs(feet, between, rate).items():
                 ankles[side][:, :2] += move[:, :2]
-                turns = about_vertical(move[:, 2]) * Rotation.from_quat(
-                    feet[side].turns
-                )
+                before = Rotation.from_quat(feet[side].turns)
+                turns = about_vertical(move[:, 2]) * before
                 feet[side] = _placed(ankles[side], feet[side], turns, legs[side], rate)
         if needed.any():
             lifted = lifted + anticipated(needed, rate)

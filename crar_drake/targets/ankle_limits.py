@@ -102,12 +102,15 @@ class LegSolver:
         before, self.positions = self.positions, []
         bounds = self._lower, self._upper
         for t in range(count):
-            if before and (np.abs(asked[t] - self._asked[t]) < _SAME).all():
-                if t == 0 or (self.positions[-1] == before[t - 1]).all():
-                    self.positions.append(before[t])
-                    asked[t] = self._asked[t]
-                    found[t], knees[t] = self._found[t], self._knees[t]
-                    continue
+            if (
+                before
+                and (np.abs(asked[t] - self._asked[t]) < _SAME).all()
+                and (t == 0 or (self.positions[-1] == before[t - 1]).all())
+            ):
+                self.positions.append(before[t])
+                asked[t] = self._asked[t]
+                found[t], knees[t] = self._found[t], self._knees[t]
+                continue
             q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
             if t > 0:
                 last = self.positions[-1]
@@ -123,23 +126,31 @@ class LegSolver:
         self._asked, self._found, self._knees = asked, found, knees
         return Rotation.from_matrix(found @ self._leg.foot.T), knees
 
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """(6, n) of the foot in the world, [omega; p_dot] by the leg's joints.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+        """
+        plant, world = self._plant, self._plant.world_frame()
+        plant.SetPositions(self._context, q)
+        return plant.CalcJacobianSpatialVelocity(
+            self._context,
+            JacobianWrtVariable.kV,
+            self._foot,
+            np.zeros(3),
+            world,
+            world,
+        )[:, self._v]
+
     def _solve(self, q, p, R, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """R_WF nearest to R within bounds of the leg's joints, from and into q."""
         plant, context = self._plant, self._context
-        world = plant.world_frame()
         for _ in range(_ITERATIONS):
-            plant.SetPositions(context, q)
+            J = self.jacobian(q)
             X = self._foot.CalcPoseInWorld(context)
             turn = Rotation.from_matrix(R @ X.rotation().matrix().T).as_rotvec()
             error = np.concatenate([_ORIENTATION_WEIGHT * turn, p - X.translation()])
-            J = plant.CalcJacobianSpatialVelocity(
-                context,
-                JacobianWrtVariable.kV,
-                self._foot,
-                np.zeros(3),
-                world,
-                world,
-            )[:, self._v]
             J[:3] *= _ORIENTATION_WEIGHT
             step = self._step(J, error, q[self._q], bounds)
             q[self._q] = np.clip(q[self._q] + step, *bounds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from pydrake.math import RotationMatrix
 from pydrake.multibody.tree import JacobianWrtVariable, Joint, RevoluteJoint
 from scipy.spatial.transform import Rotation
 
@@ -148,11 +149,12 @@ class LegSolver:
 
     def _solve(self, q, p, R, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """R_WF nearest to R within bounds of the leg's joints, from and into q."""
-        plant, context = self._plant, self._context
+        plant, context, wanted = self._plant, self._context, RotationMatrix(R)
         for _ in range(_ITERATIONS):
             J = self.jacobian(q)
             X = self._foot.CalcPoseInWorld(context)
-            turn = Rotation.from_matrix(R @ X.rotation().matrix().T).as_rotvec()
+            away = (wanted @ X.rotation().inverse()).ToAngleAxis()
+            turn = away.angle() * away.axis()
             error = np.concatenate([_ORIENTATION_WEIGHT * turn, p - X.translation()])
             J[:3] *= _ORIENTATION_WEIGHT
             step = self._step(J, error, q[self._q], bounds)

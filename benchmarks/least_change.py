@@ -17,7 +17,7 @@ before. That bounds the least change from above, and is no proof of how small it
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from crar_drake.references.change import rms
 from crar_drake.references.following import HANDS, CleaningParameters, Follower
 from crar_drake.references.robot_motion import read_motions
 from crar_drake.references.whole_body import WholeBody
@@ -205,7 +206,6 @@ def least_changes(
     reference: np.ndarray,
     cleaned: np.ndarray,
     measure: str,
-    told: Callable[[int], None] | None = None,
 ) -> tuple[np.ndarray, float]:
     """The frames of least change, (T, n), and what the worst lacks of the floor [m].
 
@@ -213,7 +213,6 @@ def least_changes(
         follower: of the robot.
         reference, cleaned: (T, n) joints before and after.
         measure: one of MEASURES.
-        told: is called with the frame that was reached.
     """
     least = LeastChange(follower, measure)
     # Frames that violate nothing stay as they are.
@@ -224,8 +223,6 @@ def least_changes(
         starts = [reference[k], cleaned[k], frames[max(k - 1, 0)]]
         found = least.find(reference[k], starts)
         frames[k], broken = found.q, max(broken, found.broken)
-        if told is not None:
-            told(int(k))
     return frames, broken
 
 
@@ -242,15 +239,11 @@ def row(name: str, least: LeastChange, reference, frames, broken: float) -> list
     )
     return [
         name,
-        f"{_rms(change):.2f}° / {np.abs(change).max():.1f}°",
-        f"{_rms(feet):.1f} / {feet.max():.1f} mm",
-        f"{_rms(hands):.1f} / {hands.max():.1f} mm",
+        f"{rms(change):.2f}° / {np.abs(change).max():.1f}°",
+        f"{rms(feet):.1f} / {feet.max():.1f} mm",
+        f"{rms(hands):.1f} / {hands.max():.1f} mm",
         f"{1e3 * broken:.2f} mm",
     ]
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -268,15 +261,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     columns = [motion.joint_names.index(name) for name in names]
     q = np.ascontiguousarray(motion.joint_positions[:, columns])
     some = slice(None, None, arguments.every)
-    measured = LeastChange(follower, "joints")
-    made = {}
-    for name, hands in ((OURS, False), (f"{OURS} --hands", True)):
-        way = Follower(description, motion.rate, CleaningParameters(hands=hands))
-        made[name] = way.follow(q).q
-        rows.append(row(name, measured, q[some], made[name][some], 0.0))
+    measured = LeastChange(follower, MEASURES[0])
+    ours = follower.follow(q).q
+    hands = CleaningParameters(hands=True)
+    by_hands = Follower(description, motion.rate, hands).follow(q).q
+    for name, made in ((OURS, ours), (f"{OURS} --hands", by_hands)):
+        rows.append(row(name, measured, q[some], made[some], 0.0))
         print(rows[-1], flush=True)
     for measure in MEASURES:
-        frames, broken = least_changes(follower, q[some], made[OURS][some], measure)
+        frames, broken = least_changes(follower, q[some], ours[some], measure)
         rows.append(
             row(f"least change of {measure}", measured, q[some], frames, broken)
         )

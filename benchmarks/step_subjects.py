@@ -27,7 +27,7 @@ from crar_drake.equations.kinematics import (
     link_poses,
     place_points,
 )
-from crar_drake.equations.lookahead import resting_configuration
+from crar_drake.equations.lookahead_rows import resting_configuration
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import RunResult

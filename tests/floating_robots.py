@@ -4,6 +4,8 @@ A body, two arms of three joints each from its sides, and a post in the world. I
 frames and shapes are skew, so that nothing agrees by symmetry.
 """
 
+from pathlib import Path
+
 import numpy as np
 from grounded_robots import add_ground
 from pydrake.math import RigidTransform
@@ -20,6 +22,23 @@ HANDS = ("left_hand", "right_hand")
 PAIRS = [["left_l2", "right_l2"], ["left_l2", "body"], ["right_l2", "body"]]
 WORLD_PAIR = ["left_l2", "post"]
 TASKS = tuple(Task(frame=hand) for hand in HANDS)
+
+
+def write_floater(folder: Path, root: str, rpy: str) -> None:
+    """A robot's folder for scenarios.
+
+    Args:
+        folder: that there is.
+        root: "prescribed" or "controlled".
+        rpy: three angles of the rest pose, "[2.3, -1.5, 0.8]" [rad].
+    """
+    (folder / "robot.urdf").write_text(floating_urdf())
+    (folder / "robot.yaml").write_text(
+        f"name: floater\nmodel: robot.urdf\nbase: body\nroot: {root}\n"
+        f"root_pose: {{xyz: [0.1, -0.2, 0.3], rpy: {rpy}}}\n"
+        "task_frames: {left_hand: left_hand, right_hand: right_hand}\n"
+        "pairs: [[left_l2, right_l2], [left_l2, body]]\n"
+    )
 
 
 def floating_urdf() -> str:

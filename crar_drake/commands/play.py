@@ -167,7 +167,7 @@ def _finish(
     from rich.console import Console
 
     from crar_drake.play.saving import save_session
-    from crar_drake.results.summary import summary_table
+    from crar_drake.results.summary_table import summary_table
 
     live, wanted, record = session.live, True, True
     interrupts.hold = False

@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from crar_drake.results.summary import summary_table
+    from crar_drake.results.summary_table import summary_table
     from crar_drake.run import RunFailed, RunInterrupted, run_scenario
 
     def show(result: RunResult) -> None:

@@ -140,7 +140,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from crar_drake.studies.sweep_report import failures, plot_sweep, sweep_tables
+    from crar_drake.studies.sweep_plot import plot_sweep
+    from crar_drake.studies.sweep_report import failures, sweep_tables
 
     kept = len(finished.intersection(cases))
     try:

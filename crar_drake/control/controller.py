@@ -34,7 +34,8 @@ from crar_drake.control.step import (
     is_finite,
 )
 from crar_drake.errors import ScenarioError
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 

@@ -20,7 +20,8 @@ from crar_drake.equations.torque_limit import (
     nearest_accelerations,
     share_of_wish,
 )
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 # Below this share of all limits no torque is expected to pass one within a period [1].
 _CALM = 0.5
@@ -79,7 +80,10 @@ class EffortLimits:
         self.finite = bool(np.isfinite(self.limits).any())
         self._model, self._mode, self._predict = model, mode, predict
         self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
-        self._all = np.arange(model.plant.num_velocities())
+        # Who brakes where limits are passed: the controlled joints; then all of them.
+        self._braking = [model.controlled]
+        if model.n_p:
+            self._braking.append(np.arange(model.plant.num_velocities()))
         self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         ticks = gains.torque_ticks(float(model.plant.time_step()))
         self._last_torque = self._period * (ticks - 1) / ticks
@@ -181,7 +185,7 @@ class EffortLimits:
     def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
         """`limit_torque` at the state. Where the prescribed joints ask for more than
         the motors have, whatever the others do, they brake along."""
-        for joints in (self._model.controlled, self._all):
+        for joints in self._braking:
             found = limit_torque(
                 *wish, measured.v, joints, limits, self._horizon, self._period
             )

@@ -34,7 +34,7 @@ from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.free_joints import has_orientations
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import resting_configuration
+from crar_drake.equations.lookahead_rows import resting_configuration
 from crar_drake.equations.prediction import state_ahead
 from crar_drake.equations.references import (
     Answer,
@@ -44,7 +44,8 @@ from crar_drake.equations.references import (
     find_error,
 )
 from crar_drake.equations.tasks import unpack_tasks
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 

@@ -33,7 +33,6 @@ from crar_drake.equations.vectors import (
     cross_rows,
     dot_rows,
     product,
-    sum_rows,
     times,
 )
 
@@ -141,9 +140,33 @@ def velocity_bounds(
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 
+def _path_curvature_loops(x, pairs, reaches):
+    curvature = np.empty(len(pairs))
+    for k in range(len(pairs)):
+        pair = pairs[k]
+        of_a = _shape_curvature(x, reaches.a_alone[pair], reaches.a[pair], reaches)
+        of_b = _shape_curvature(x, reaches.b_alone[pair], reaches.b[pair], reaches)
+        curvature[k] = of_a + of_b
+    return curvature
+
+
 @compiled
-def path_curvature(x: np.ndarray, reaches: Reaches) -> np.ndarray:
-    """(A3): the largest acceleration of a pair's shapes to each other, (Np,) [m].
+def _shape_curvature(x, alone, rho, reaches):
+    """Of one shape of (A3), whose rows of `Reaches` are `alone` and `rho`."""
+    curvature = 0.0
+    for i in range(len(x)):
+        if rho[i] == 0.0:
+            continue
+        before = 0.0
+        for j in range(len(x)):
+            before += alone[j] * abs(x[j]) * reaches.above[i, j]
+        curvature += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
+    return curvature
+
+
+@compiled(loops=_path_curvature_loops)
+def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.ndarray:
+    """(A3): the largest acceleration of a pair's shapes to each other, (k,) [m].
 
     If all joints move at the constant rates x, a point that joints i carry moves with
     the acceleration sum x_i^2 a_i x (a_i x r_i) + 2 sum_(j above i) x_j x_i a_j x
@@ -155,15 +178,16 @@ def path_curvature(x: np.ndarray, reaches: Reaches) -> np.ndarray:
 
     Args:
         x: (nv,) what each joint moves on the path [rad, m].
-        reaches: of the pairs.
+        pairs: (k,) which.
+        reaches: of all pairs.
     """
-    speed = np.abs(x)
-    own = reaches.a * speed
-    before = product(reaches.a_alone * speed, np.ascontiguousarray(reaches.above.T))
-    curvature = sum_rows(own * (speed + 2.0 * before))
-    own = reaches.b * speed
-    before = product(reaches.b_alone * speed, np.ascontiguousarray(reaches.above.T))
-    return curvature + sum_rows(own * (speed + 2.0 * before))
+    speed, above = np.abs(x), reaches.above.T
+    own = reaches.a[pairs] * speed
+    before = (reaches.a_alone[pairs] * speed) @ above
+    curvature = (own * (speed + 2.0 * before)).sum(axis=1)
+    own = reaches.b[pairs] * speed
+    before = (reaches.b_alone[pairs] * speed) @ above
+    return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
 @compiled
@@ -258,7 +282,9 @@ def path_bounds(
     at = np.full(count, -1.0)
     if not asked.any():
         return Bounds(low, at, seen)
-    curvature = path_curvature(x, of)
+    curvature = np.zeros(count)
+    examined = np.flatnonzero(asked)
+    curvature[examined] = path_curvature(x, examined, of)
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
         parts, half = len(open_), 0.5 / len(open_)

@@ -56,7 +56,7 @@ class TaskPoints(NamedTuple):
     """What moves a robot's tasks; T tasks, m rows."""
 
     fixed: np.ndarray  # (m, 6) of `task_jacobian`
-    by_point: np.ndarray  # (6 m, 3 T) likewise
+    of_rows: np.ndarray  # (m,) the task of each row
     carried: np.ndarray  # (m, nv) 1 where the joint moves the row's task
     carries: np.ndarray  # (T, nv) 1 where the joint moves the task
     above: np.ndarray  # (nv, nv) 1 where joint j moves joint i's frame, i = j included
@@ -191,9 +191,10 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
     Args:
         p: (T, 3) the tasks' points in W [m].
         S: (6, nv) `joint_motion`.
-        tasks: with the wrenches' parts that are fixed, and those by the points.
+        tasks: with the turns or axes e of the rows, 0 of a joint's.
     """
-    wrenches = times(tasks.by_point, p.ravel()).reshape(-1, 6) + tasks.fixed
+    turn, axis = tasks.fixed[:, :3], tasks.fixed[:, 3:]
+    wrenches = np.concatenate((cross_rows(p[tasks.of_rows], axis) + turn, axis), axis=1)
     J = product(wrenches, S) * tasks.carried
     if len(tasks.of_joints):
         J += tasks.of_joints

@@ -36,8 +36,7 @@ from crar_drake.equations.kinematics import (
     join_joints,
     row_distances,
 )
-from crar_drake.equations.lookahead_guard import (  # noqa: F401, known from here
-    LookaheadNumbers,
+from crar_drake.equations.lookahead_guard import (
     admit,
     guard,
     guard_norm,
@@ -45,27 +44,17 @@ from crar_drake.equations.lookahead_guard import (  # noqa: F401, known from her
     step_bounds,
     wish_velocity,
 )
-from crar_drake.equations.lookahead_rows import (  # noqa: F401, known from here
-    LONGEST_MOVE,
-    ONE_SIDED_RANGE,
-    SMALLEST_MARGIN,
-    Constraints,
-    Limits,
-    LookaheadGains,
-    find_limits,
+from crar_drake.equations.lookahead_rows import (
     join_constraints,
     limit_constraints,
     margin_curvature,
     pair_constraints,
     pair_margins,
-    resting_configuration,
     resting_velocity,
-    retreat_speed,
-    row_weights,
     slip_velocity,
+    that_weigh,
     with_resting,
 )
-from crar_drake.equations.one_sided import one_sided_minimum  # noqa: F401
 from crar_drake.equations.references import Answer, Wanted, find_references
 from crar_drake.equations.vectors import smallest, times
 
@@ -120,7 +109,7 @@ def lookahead_step(
         gains,
     )
     at_limits = limit_constraints(state.q[:n] + T * qdot, slip, limits, gains)
-    constraints = join_constraints(pairs, at_limits)
+    constraints = join_constraints(pairs, that_weigh(at_limits))
     s_0, qdot_c, W, _ = wish_velocity(
         references.J,
         references.v_r,
@@ -129,7 +118,6 @@ def lookahead_step(
         references.posture,
         constraints,
         gains,
-        gains.longest_move / gains.period,
         references.qdot_0,
         references.qddot_0,
     )

@@ -19,7 +19,7 @@ from crar_drake.equations.admission import (
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points
-from crar_drake.equations.lookahead import LookaheadNumbers
+from crar_drake.equations.lookahead_guard import LookaheadNumbers
 
 
 @compiled

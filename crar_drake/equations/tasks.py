@@ -314,19 +314,15 @@ def task_of_rows(layout: TaskLayout) -> np.ndarray:
     return tasks
 
 
-def task_wrenches(layout: TaskLayout) -> tuple[np.ndarray, np.ndarray]:
-    """The wrenches of `kinematics.task_jacobian`: (m, 6) fixed; (6 m, 3 T) that
-    multiplies the T tasks' points, one after the other."""
+def task_wrenches(layout: TaskLayout) -> np.ndarray:
+    """(m, 6) of `kinematics.task_jacobian`: what each row of a task turns about, and
+    the axis along which it moves."""
     fixed = np.zeros((layout.m, 6))
-    by_point = np.zeros((layout.m, 6, len(layout.kinds), 3))
     for rows in layout.angular_rows:
         fixed[rows, :3] = np.eye(3)
-    for task, rows in zip(layout.linear_tasks, layout.linear_rows, strict=True):
+    for rows in layout.linear_rows:
         fixed[rows, 3:] = np.eye(3)
-        for axis, row in enumerate(rows):
-            # Component i of the point adds its share of p x e.
-            by_point[row, :3, task] = np.cross(np.eye(3), np.eye(3)[axis]).T
-    return fixed, by_point.reshape(6 * layout.m, -1)
+    return fixed
 
 
 @compiled

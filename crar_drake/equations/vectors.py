@@ -120,13 +120,18 @@ def _gram_loops(A):
     for k in range(0, by_four, 4):
         for i in range(n):
             a, b, c, d = A[k, i], A[k + 1, i], A[k + 2, i], A[k + 3, i]
+            if a == 0.0 and b == 0.0 and c == 0.0 and d == 0.0:
+                continue  # a pair's gradient has few joints, a joint's row one
             for j in range(i + 1):
                 first = M[i, j] + a * A[k, j] + b * A[k + 1, j]
                 M[i, j] = first + c * A[k + 2, j] + d * A[k + 3, j]
     for k in range(by_four, rows):
         for i in range(n):
+            a = A[k, i]
+            if a == 0.0:
+                continue
             for j in range(i + 1):
-                M[i, j] += A[k, i] * A[k, j]
+                M[i, j] += a * A[k, j]
     for i in range(n):
         for j in range(i):
             M[j, i] = M[i, j]
@@ -181,16 +186,23 @@ def transposed_times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _cholesky_loops(A):
-    L = A.copy()
-    for j in range(len(L)):
+    n = len(A)
+    # Its transpose, whose rows are what the innermost loop goes along.
+    U = np.empty((n, n))
+    for j in range(n):
+        for i in range(j, n):
+            U[j, i] = A[i, j]
         for k in range(j):
-            L[j, j] -= L[j, k] * L[j, k]
-        L[j, j] = math.sqrt(L[j, j]) if L[j, j] > 0.0 else np.nan
-        for i in range(j + 1, len(L)):
-            for k in range(j):
-                L[i, j] -= L[i, k] * L[j, k]
-            L[i, j] /= L[j, j]
-    return L
+            above = U[k, j]
+            if above == 0.0:
+                continue  # joints that no row couples
+            for i in range(j, n):
+                U[j, i] -= U[k, i] * above
+        pivot = math.sqrt(U[j, j]) if U[j, j] > 0.0 else np.nan
+        U[j, j] = pivot
+        for i in range(j + 1, n):
+            U[j, i] /= pivot
+    return U.T
 
 
 @compiled(loops=_cholesky_loops)
@@ -207,10 +219,10 @@ def cholesky(A: np.ndarray) -> np.ndarray:
 
 def _cholesky_solve_loops(L, b):
     x, n = b.copy(), len(b)
-    for i in range(n):
-        for k in range(i):
+    for k in range(n):
+        x[k] /= L[k, k]
+        for i in range(k + 1, n):
             x[i] -= L[i, k] * x[k]
-        x[i] /= L[i, i]
     for i in range(n - 1, -1, -1):
         for k in range(i + 1, n):
             x[i] -= L[k, i] * x[k]
@@ -274,14 +286,17 @@ def _product_loops(A, B):
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
+            a = A[i, k]
+            if a == 0.0:
+                continue  # most are: of joints that do not carry a link
             for j in range(B.shape[1]):
-                C[i, j] += A[i, k] * B[k, j]
+                C[i, j] += a * B[k, j]
     return C
 
 
 @compiled(loops=_product_loops)
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A B of small matrices, contiguous or not."""
+    """A B of small matrices, contiguous or not; A may be sparse, B is finite."""
     return A @ B
 
 

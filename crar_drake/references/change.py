@@ -44,14 +44,14 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
     joints = after.joint_positions - before.joint_positions
     feet, hands = (_moved(before, after, robot, frames) for frames in (FEET, HANDS))
     return Change(
-        joints_rms=_rms(joints),
+        joints_rms=rms(joints),
         joints_worst=float(np.abs(joints).max()),
-        feet_rms=_rms(feet),
+        feet_rms=rms(feet),
         feet_worst=float(feet.max()),
-        hands_rms=_rms(hands),
+        hands_rms=rms(hands),
         hands_worst=float(hands.max()),
-        jerk_before=_rms(joint_jerks(before)),
-        jerk=_rms(joint_jerks(after)),
+        jerk_before=rms(joint_jerks(before)),
+        jerk=rms(joint_jerks(after)),
     )
 
 
@@ -74,5 +74,6 @@ def _moved(
     return np.linalg.norm(now - was, axis=2)
 
 
-def _rms(values: np.ndarray) -> float:
+def rms(values: np.ndarray) -> float:
+    """Root mean square of all entries; 0 of none."""
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0

@@ -17,7 +17,8 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import CrarError
-from crar_drake.references.change import find_change
+from crar_drake.motion.planted_feet import runs
+from crar_drake.references.change import rms
 from crar_drake.references.reference_judge import (
     PairFrames,
     ReferenceJudge,
@@ -149,7 +150,7 @@ def compare_motions(
             ),
             0,
             label,
-            _figures(motion, motions[0], verdict, judge.robot),
+            _figures(motion, motions[0], verdict),
         )
         for motion, verdict, label in zip(motions, verdicts, labels, strict=True)
     ]
@@ -180,10 +181,7 @@ def _subtitle(motions: Sequence[RobotMotion], robot: str, judged: str) -> str:
 
 
 def _figures(
-    motion: RobotMotion,
-    first: RobotMotion,
-    verdict: ReferenceVerdict,
-    robot: WholeBody,
+    motion: RobotMotion, first: RobotMotion, verdict: ReferenceVerdict
 ) -> list[dict]:
     """Of one motion, in the caption."""
 
@@ -204,22 +202,16 @@ def _figures(
     deciding = _deciding(verdict)
     if deciding:
         figures.insert(1, figure("by", f"{1e3 * deciding[0].depth:.1f} mm", True))
-    figures.append(of_frames("beyond limits", _beyond(verdict)))
+    figures.append(of_frames("beyond limits", verdict.beyond_frames))
     if motion is not first and motion.num_frames == first.num_frames:
-        rms = np.degrees(find_change(first, motion, robot).joints_rms)
-        figures.append(figure("joints changed by", f"{rms:.2f}° rms"))
+        changed = np.degrees(rms(motion.joint_positions - first.joint_positions))
+        figures.append(figure("joints changed by", f"{changed:.2f}° rms"))
     return figures
 
 
 def _deciding(verdict: ReferenceVerdict) -> Sequence[PairFrames]:
     """The pairs that penetrate, the deepest first, by what is judged most exactly."""
     return verdict.mesh_pairs if verdict.meshes is not None else verdict.capsules or ()
-
-
-def _beyond(verdict: ReferenceVerdict) -> list[int]:
-    """Frames with a joint beyond its limit or its speed limit."""
-    found = verdict.limits + verdict.speeds
-    return sorted({frame for joint in found for frame in joint.frames})
 
 
 def _recorded(
@@ -232,17 +224,24 @@ def _recorded(
     """What the page shows of a motion, (T, nq) of the plant, in its own frames."""
     pairs = _deciding(verdict)
     near = np.full((motion.num_frames, MOST_NEAR, 8), np.nan)
+    penetrating = _by_frame(pairs, robot)
     poses, outline = [], []
     for k in range(motion.num_frames):
         at, points = robot.pose_links(q[k])
         poses.append(at)
         outline.append(outermost(points))
-        _mark(near[k], k, pairs, robot)
+        deepest = sorted(penetrating.get(k, ()))[:MOST_NEAR]
+        if deepest:
+            points = robot.nearest_points(np.array([pair for *_, pair in deepest]))
+            for row, (distance, number, _), at in zip(
+                near[k], deepest, points, strict=False
+            ):
+                row[:] = number, distance, *at
     times = np.arange(motion.num_frames) / motion.rate
     change = np.empty(0)
     if motion is not first and motion.num_frames == first.num_frames:
         change = np.abs(motion.joint_positions - first.joint_positions).max(axis=1)
-    frames = {_LIMITS: _beyond(verdict), _CAPSULES: verdict.capsule_frames}
+    frames = {_LIMITS: verdict.beyond_frames, _CAPSULES: verdict.capsule_frames}
     frames[_MESHES] = verdict.penetrating_frames
     return RecordedRun(
         warning_distance=0.0,
@@ -264,19 +263,19 @@ def _recorded(
                     max(a - 0.5, 0.0) / motion.rate,
                     min(b + 0.5, len(times) - 1) / motion.rate,
                 )
-                for a, b in _in_a_row(each)
+                for a, b in _in_a_row(each, len(times))
             ]
             for name, each in frames.items()
         },
         pair_names=[" - ".join(each.pair) for each in pairs],
         target_names=[],
         outline=outermost(np.vstack(outline)),
-        penetrating=_penetrating_links(pairs, robot),
+        penetrating=_penetrating_links(pairs, robot, len(times)),
     )
 
 
 def _penetrating_links(
-    pairs: Sequence[PairFrames], robot: DrawnRobot
+    pairs: Sequence[PairFrames], robot: DrawnRobot, num_frames: int
 ) -> dict[int, list[tuple[int, int]]]:
     """As `RecordedRun.penetrating`; links that are not drawn are left out."""
     found: dict[int, set[int]] = {}
@@ -285,35 +284,33 @@ def _penetrating_links(
             body = find_body(robot.plant, link).index()
             if body in robot.bodies:
                 found.setdefault(robot.bodies.index(body), set()).update(each.frames)
-    return {link: _in_a_row(sorted(frames)) for link, frames in sorted(found.items())}
+    return {
+        link: _in_a_row(tuple(frames), num_frames)
+        for link, frames in sorted(found.items())
+    }
 
 
-def _in_a_row(frames: Sequence[int]) -> list[tuple[int, int]]:
-    """First and last of each stretch of ascending frames without a gap."""
-    stretches: list[tuple[int, int]] = []
-    for frame in frames:
-        if stretches and frame == stretches[-1][1] + 1:
-            stretches[-1] = stretches[-1][0], frame
-        else:
-            stretches.append((frame, frame))
-    return stretches
+def _in_a_row(frames: Sequence[int], num_frames: int) -> list[tuple[int, int]]:
+    """First and last of each stretch of frames without a gap."""
+    flags = np.zeros(num_frames, dtype=bool)
+    flags[list(frames)] = True
+    return [(start, end - 1) for start, end in runs(flags)]
 
 
-def _mark(
-    rows: np.ndarray, frame: int, pairs: Sequence[PairFrames], robot: DrawnRobot
-) -> None:
-    """Fills a frame's rows of `RecordedRun.near`, the robot being posed: where pairs
-    penetrate, if their capsules are watched, so that it is known where they meet."""
+def _by_frame(
+    pairs: Sequence[PairFrames], robot: DrawnRobot
+) -> dict[int, list[tuple[float, int, int]]]:
+    """Frame to (distance, number, watched pair) of the pairs that penetrate in it, of
+    those whose capsules are watched, so that it is known where they meet."""
     watched = {frozenset(p): i for i, p in enumerate(robot.description.pairs)}
-    depths = [
-        (-each.depths[each.frames.index(frame)], number)
-        for number, each in enumerate(pairs)
-        if frame in each.frames and frozenset(each.pair) in watched
-    ]
-    for row, (distance, number) in zip(rows, sorted(depths), strict=False):
-        pair = watched[frozenset(pairs[number].pair)]
-        (points,) = robot.nearest_points(np.array([pair]))
-        row[:] = number, distance, *points
+    found: dict[int, list[tuple[float, int, int]]] = {}
+    for number, each in enumerate(pairs):
+        pair = watched.get(frozenset(each.pair))
+        if pair is None:
+            continue
+        for frame, depth in zip(each.frames, each.depths, strict=True):
+            found.setdefault(frame, []).append((-depth, number, pair))
+    return found
 
 
 def _afloat(robot: WholeBody) -> RobotDescription:

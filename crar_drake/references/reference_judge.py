@@ -147,6 +147,11 @@ class ReferenceVerdict:
         """Frames in which any meshes do."""
         return _union(self.mesh_pairs)
 
+    @property
+    def beyond_frames(self) -> tuple[int, ...]:
+        """Frames with a joint beyond its limit or its speed limit."""
+        return _union(self.limits + self.speeds)
+
     def mesh_depths(self) -> np.ndarray:
         """(K,) how deep meshes penetrate in each frame judged, 0 if not [m]."""
         depths = dict.fromkeys(self.mesh_frames.tolist(), 0.0)
@@ -312,5 +317,5 @@ def _with_violations(
     return replace(verdict, violations=tuple(found))
 
 
-def _union(pairs: tuple[PairFrames, ...]) -> tuple[int, ...]:
-    return tuple(sorted({frame for pair in pairs for frame in pair.frames}))
+def _union(found: tuple[PairFrames | Beyond, ...]) -> tuple[int, ...]:
+    return tuple(sorted({frame for each in found for frame in each.frames}))

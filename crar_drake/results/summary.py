@@ -18,7 +18,6 @@ from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
-from crar_drake.results.summary_table import summary_table  # noqa: F401, known from here
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 

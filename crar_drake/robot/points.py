@@ -64,13 +64,13 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
         links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
         return joints.moved_by[links][:, order].astype(float, order="C")
 
-    fixed, by_point = task_wrenches(model.layout)
+    of_rows = task_of_rows(model.layout)
     carries = moved(tasks)
     tree, rows = hold(joints.tree), hold(model.layout.rows)
     task_points = TaskPoints(
-        fixed=fixed,
-        by_point=by_point,
-        carried=carries[task_of_rows(model.layout)],
+        fixed=task_wrenches(model.layout),
+        of_rows=of_rows,
+        carried=carries[of_rows],
         carries=carries,
         above=joints.moved_by[frames][:, order].astype(float, order="C"),
         of_joints=_joint_rows(model),

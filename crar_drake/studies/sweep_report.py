@@ -26,7 +26,7 @@ from crar_drake.studies.sweep_figures import (
     mode_figures,
     without_folders,
 )
-from crar_drake.studies.sweep_plot import draw_sweep, plot_sweep  # noqa: F401
+from crar_drake.studies.sweep_plot import plot_sweep
 from crar_drake.studies.tables import markdown_table, write_report
 
 _MISSING = "–"

@@ -11,7 +11,8 @@ from crar_drake.equations.joint_limits import limit_potential
 from crar_drake.equations.paper import PaperGains, constraint_weights
 from crar_drake.equations.references import find_error
 from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
-from crar_drake.robot.model import ControlModel, ModelState
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import ModelState
 
 _MARGIN_DISTANCE = 0.02  # [m] that the start keeps from a collision
 # What pairs keep that are nearer at rest already, if nothing moves otherwise [m].
@@ -86,7 +87,7 @@ def solve_start_pose(
         step = _kept_apart(step, state, least_distance)
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = model.moved(q, share * step)
-            joints = model.controlled_positions[: model.num_joints]
+            joints = model.joint_positions
             trial[joints] = np.clip(trial[joints], *within)
             trial_state, trial_error = at(trial)
             valid = (trial_state.d >= least_distance).all()

@@ -9,6 +9,7 @@ from floating_robots import (
     make_floater,
     random_state,
     root_entries,
+    write_floater,
 )
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -252,13 +253,7 @@ log_period: 5.0e-3
 
 def test_a_run_is_simulated_logged_and_judged(flying, tmp_path) -> None:
     """In closed loop, with Drake's plant: what pushes the root is connected."""
-    (tmp_path / "robot.urdf").write_text(floating_urdf())
-    (tmp_path / "robot.yaml").write_text(
-        "name: flyer\nmodel: robot.urdf\nbase: body\nroot: controlled\n"
-        "root_pose: {xyz: [0.1, -0.2, 0.3], rpy: [0.3, -0.5, 0.8]}\n"
-        "task_frames: {left_hand: left_hand, right_hand: right_hand}\n"
-        "pairs: [[left_l2, right_l2], [left_l2, body]]\n"
-    )
+    write_floater(tmp_path, "controlled", "[0.3, -0.5, 0.8]")
     text = SCENARIO.replace("ROBOT", str(tmp_path))
     left, right = flying.layout.unpack(flying.tasks_at(stay_apart(flying))).p
     for name, value in (

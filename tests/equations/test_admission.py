@@ -46,7 +46,8 @@ from crar_drake.equations.admission import (
     velocity_bounds,
 )
 from crar_drake.equations.compilation import IS_COMPILED
-from crar_drake.equations.lookahead import Constraints, admit
+from crar_drake.equations.lookahead_guard import admit
+from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.errors import ModelError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -259,7 +260,7 @@ def test_no_point_of_a_shape_accelerates_more_than_the_curvature(
     step, ratios = 1e-3, []
     for _ in range(12):
         start, x = random_path(shapes, rng)
-        bound = path_curvature(x, shapes.reaches)
+        bound = path_curvature(x, np.arange(len(shapes.rows)), shapes.reaches)
         for row in range(len(shapes.rows)):
             way = np.where(both[row], 0.0, x)
             largest = 0.0
@@ -684,7 +685,7 @@ class Run:
         """Whatever velocities, without stage 1 and guard: (L8) has all to do."""
         model, n = self.model, self.model.n
         shapes, order = MovingShapes.of(model), model.order
-        numbers = ControlLaw(model, self.parameters).mode._numbers.value
+        numbers = ControlLaw(model, self.parameters).mode.numbers.value
         nothing = np.zeros(0)
         none = Constraints(nothing, np.zeros((0, n)), nothing, nothing, nothing)
         for start in range(starts):

@@ -7,7 +7,7 @@ from small_robots import chain_urdf, make_model
 
 from crar_drake.equations.handover import hand_over, take_over
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import resting_configuration, with_resting
+from crar_drake.equations.lookahead_rows import resting_configuration, with_resting
 from crar_drake.equations.references import BlendStart, Wanted
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

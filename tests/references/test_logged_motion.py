@@ -18,7 +18,7 @@ from crar_drake.references.logged_motion import (
 )
 from crar_drake.references.robot_motion import read_motion
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.model import names_by_joint
+from crar_drake.robot.joint_names import names_by_joint
 
 RATE = 200.0
 

@@ -10,7 +10,8 @@ from small_logs import small_log
 
 import crar_drake
 from crar_drake.errors import ScenarioError
-from crar_drake.results.summary import TaskErrors, summarize, summary_table
+from crar_drake.results.summary import TaskErrors, summarize
+from crar_drake.results.summary_table import summary_table
 
 
 def test_errors_of_positions_and_orientations_apart():

@@ -6,9 +6,9 @@ from floating_robots import (
     TASKS,
     add_floater,
     description,
-    floating_urdf,
     make_floater,
     root_entries,
+    write_floater,
 )
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
@@ -144,13 +144,7 @@ log_period: 5.0e-3
 def run(tmp_path_factory) -> RunResult:
     """Keyframes: the root is held at a skew pose, and one hand moves."""
     folder = tmp_path_factory.mktemp("floater")
-    (folder / "robot.urdf").write_text(floating_urdf())
-    (folder / "robot.yaml").write_text(
-        "name: floater\nmodel: robot.urdf\nbase: body\nroot: prescribed\n"
-        "root_pose: {xyz: [0.1, -0.2, 0.3], rpy: [2.3, -1.5, 0.8]}\n"
-        "task_frames: {left_hand: left_hand, right_hand: right_hand}\n"
-        "pairs: [[left_l2, right_l2], [left_l2, body]]\n"
-    )
+    write_floater(folder, "prescribed", "[2.3, -1.5, 0.8]")
     text = SCENARIO.replace("ROBOT", str(folder))
     model = make_floater(root_pose=load_robot_description(folder).root_pose)
     q = model.rest_positions()

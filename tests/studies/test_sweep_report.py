@@ -9,19 +9,20 @@ import pytest
 from rich.console import Console
 
 from crar_drake.studies.sweep import Result, _line
-from crar_drake.studies.sweep_report import (
+from crar_drake.studies.sweep_figures import (
     clip_label,
     compare,
-    draw_sweep,
+    merge,
+    mode_figures,
+    without_folders,
+)
+from crar_drake.studies.sweep_plot import draw_sweep, plot_sweep
+from crar_drake.studies.sweep_report import (
     failures,
     headline,
     main,
     markdown_report,
-    merge,
-    mode_figures,
-    plot_sweep,
     sweep_tables,
-    without_folders,
 )
 
 FOLDER = "/home/some body/cmu/subjects"

@@ -26,7 +26,8 @@ from crar_drake.control.modes.mode import Before, Mode, Resolved
 from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.references import Wanted
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters

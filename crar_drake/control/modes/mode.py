@@ -12,7 +12,8 @@ import numpy as np
 from crar_drake.control.diagnostics import Diagnostic
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.references import Answer, TaskGains, Wanted
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 if TYPE_CHECKING:  # the parameters ask the modes whether they fit
     from crar_drake.control.parameters import CrarParameters

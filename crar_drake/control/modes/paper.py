@@ -16,7 +16,8 @@ from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.paper import PaperGains, PaperNumbers, paper_control
 from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
-from crar_drake.robot.model import ControlModel, Workspace
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.workspace import Workspace
 
 if TYPE_CHECKING:
     from crar_drake.control.parameters import CrarParameters

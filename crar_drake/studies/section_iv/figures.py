@@ -25,7 +25,7 @@ from crar_drake.studies.section_iv.plan import (
     Plan,
 )
 from crar_drake.studies.section_iv.simulate import Outcome
-from crar_drake.studies.sweep_report import clip_label
+from crar_drake.studies.sweep_figures import clip_label
 
 COLOURS = {
     "velocity": "tab:orange",

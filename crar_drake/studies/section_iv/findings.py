@@ -23,7 +23,7 @@ from crar_drake.studies.section_iv.plan import (
 )
 from crar_drake.studies.section_iv.simulate import Outcome
 from crar_drake.studies.sweep import Result
-from crar_drake.studies.sweep_report import clip_label
+from crar_drake.studies.sweep_figures import clip_label
 
 SIGNIFICANT = 0.25
 # A damping factor is tolerated up to this multiple of the power at the paper's.

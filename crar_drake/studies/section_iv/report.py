@@ -33,7 +33,7 @@ from crar_drake.studies.section_iv.plan import (
     Plan,
 )
 from crar_drake.studies.section_iv.simulate import Outcome, page_path
-from crar_drake.studies.sweep_report import clip_label
+from crar_drake.studies.sweep_figures import clip_label
 
 REPORT = "report.html"
 FIGURES = "figures"

@@ -40,12 +40,15 @@ def _joint(name, parent, child, axis, xyz="0 0 0", lower=-2.0, upper=2.0) -> str
     )
 
 
-def walker(folder: Path, ankle_roll: float = 0.3) -> RobotDescription:
+def walker(
+    folder: Path, ankle_roll: float = 0.3, knee: float | None = None
+) -> RobotDescription:
     """Writes the robot into a folder and loads it.
 
     Args:
         folder: exists.
         ankle_roll: limit of the ankles' roll to both sides [rad].
+        knee: radius of a ball around each knee, which are then a pair [m].
     """
     parts = [_link("pelvis", _ball(0, 0, 0.0, 0.08), 8.0), _link("yaw", mass=0.5)]
     parts += [_link("torso", _ball(0, 0, 0.25, 0.1), 12.0)]
@@ -54,6 +57,7 @@ def walker(folder: Path, ankle_roll: float = 0.3) -> RobotDescription:
     frames = {"waist": "pelvis", "neck": "neck", "head": "head"}
     parts += ['<frame name="neck" link="torso" xyz="0 0 0.4" rpy="0 0 0"/>']
     parts += ['<frame name="head" link="torso" xyz="0 0 0.55" rpy="0 0 0"/>']
+    knees = "" if knee is None else _ball(0, 0, 0, knee)
     for side, s in (("left", 1), ("right", -1)):
         x, y, z = HIP
         sole = "".join(
@@ -65,7 +69,7 @@ def walker(folder: Path, ankle_roll: float = 0.3) -> RobotDescription:
             ("hip_pitch", "0 1 0", f"{x} {s * y} {z}", "", ()),
             ("hip_roll", "1 0 0", "0 0 0", "", ()),
             ("thigh", "0 0 1", "0 0 0", "", ()),
-            ("shank", "0 1 0", f"0 0 {-THIGH}", "", (-0.05, 2.5)),
+            ("shank", "0 1 0", f"0 0 {-THIGH}", knees, (-0.05, 2.5)),
             ("ankle", "0 1 0", f"0 0 {-SHANK}", "", (-1.2, 1.0)),
             ("foot", "1 0 0", "0 0 0", sole, (-ankle_roll, ankle_roll)),
         ]
@@ -104,6 +108,9 @@ def walker(folder: Path, ankle_roll: float = 0.3) -> RobotDescription:
     text = f'<robot name="walker">{"".join(parts)}</robot>'
     (folder / "walker.urdf").write_text(text)
     named = ", ".join(f"{point}: {frame}" for point, frame in frames.items())
+    pairs = "[left_foot, right_foot]"
+    if knee is not None:
+        pairs += ", [left_shank, right_shank]"
     bent = 0.3
     posture = ", ".join(
         f"{side}_{joint}_j: {angle}"
@@ -118,7 +125,7 @@ def walker(folder: Path, ankle_roll: float = 0.3) -> RobotDescription:
     (folder / "robot.yaml").write_text(
         "name: walker\nmodel: walker.urdf\nbase: pelvis\nroot: prescribed\n"
         f"root_pose: {{xyz: [0.0, 0.0, {HEIGHT - 0.01}], rpy: [0.0, 0.0, 0.0]}}\n"
-        f"task_frames: {{{named}}}\npairs: [[left_foot, right_foot]]\n"
+        f"task_frames: {{{named}}}\npairs: [{pairs}]\n"
         f"rest_posture: {{{posture}}}\n"
     )
     return load_robot_description(folder)

@@ -45,6 +45,7 @@ _DWELL = 0.03  # [s] before and after a contact, in which the foot stays above i
 _LANDING = 0.07  # [s] in which a foot comes down before a contact, and leaves after
 _CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
 _SOFT = 0.005  # [m] width of that bound
+_FLAT = 0.002  # [m] above the floor, at most, that the ball of a flat foot is
 _TURNING = 0.25  # [rad] that a foot turns while it is flat, from which on it pivots
 
 
@@ -74,6 +75,11 @@ def twist(turns: Rotation) -> np.ndarray:
     """(T,) angles by which rotations turn about the vertical, unwrapped [rad]."""
     x, y, z, w = turns.as_quat().T
     return np.unwrap(2.0 * np.arctan2(z, w))
+
+
+def about_vertical(angles: np.ndarray) -> Rotation:
+    """Rotations by angles (T,) about the vertical [rad]."""
+    return Rotation.from_euler("z", angles[:, None])
 
 
 def find_contacts(
@@ -159,7 +165,7 @@ def _levelled(
 ) -> Rotation:
     """Flat where heel and ball are down, without roll where one of them is."""
     yaw = twist(turns)
-    tilt = (Rotation.from_rotvec(_about_z(-yaw)) * turns).as_rotvec()
+    tilt = (about_vertical(-yaw) * turns).as_rotvec()
     flat = smooth_flags(on_heel & on_ball, margin)
     down = smooth_flags(on_heel | on_ball, margin)
     tilt[:, 0] *= 1.0 - down
@@ -171,11 +177,7 @@ def _levelled(
             stretch[start:end] = True
             share = smooth_flags(stretch, margin)
             yaw = yaw + share * (yaw[start:end].mean() - yaw)
-    return Rotation.from_rotvec(_about_z(yaw)) * Rotation.from_rotvec(tilt)
-
-
-def _about_z(angles: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.zeros((len(angles), 2)), angles])
+    return about_vertical(yaw) * Rotation.from_rotvec(tilt)
 
 
 def dwelling(planted: np.ndarray, rate: float) -> np.ndarray:
@@ -202,12 +204,14 @@ def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
     """(T, 2) horizontal shifts that keep what is on the floor in its place, in each
     contact as small as they can be in the mean [m]; 0 where a foot is not `kept`.
 
-    Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
-    lowest of it.
+    Flat, a foot turns about its ball. On its heel or its ball, or where its leg cannot
+    have it flat, it rolls over whatever is lowest of it.
     """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
-    flat, planted = contacts.all(axis=1), contacts.any(axis=1)
+    planted = contacts.any(axis=1)
+    off = matrices[:, 2] @ ball - np.min(matrices[:, 2] @ points.T, axis=1)
+    flat = contacts.all(axis=1) & (off < _FLAT)
     for start, end in runs(kept):
         heights = matrices[start:end, 2] @ points.T
         lowest = np.argmin(heights[1:] + heights[:-1], axis=1)

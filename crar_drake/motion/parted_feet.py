@@ -22,7 +22,7 @@ from crar_drake.motion.smooth_steps import bridge, smooth_flags
 
 # Between two soles: shells are thicker than soles are wide [m].
 _ROOM = 0.03
-_AROUND = 0.15  # [s] before and after, in which a foot goes round the other
+AROUND = 0.15  # [s] before and after, in which a foot goes round the other
 _ROUNDS = 4  # in which what is pushed apart may meet anew
 
 
@@ -46,7 +46,7 @@ def part_feet(
     lines = {s: _middle_line(feet[s], legs[s]) for s in SIDES}
     kept = {s: dwelling(feet[s].planted, rate) for s in SIDES}
     shifts = _stand_apart(lines, kept, apart)
-    margin = max(1, round(_AROUND * rate))
+    margin = max(1, round(AROUND * rate))
     free = {s: 1.0 - smooth_flags(kept[s], margin) for s in SIDES}
     total = np.maximum(sum(free.values()), 1e-6)
     for side in SIDES:
@@ -56,7 +56,7 @@ def part_feet(
         push = _pushes(left, right, apart)
         if not push.any():
             break
-        way = _spread(push, margin)
+        way = spread(push, margin)
         for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
             # Who is more in the air gives way more; who stands, not at all.
             share = free[side] ** 2 / total
@@ -133,8 +133,13 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return apart_b & (side(b, a[:, 0]) * side(b, a[:, 1]) < 0.0)
 
 
-def _spread(push: np.ndarray, margin: int) -> np.ndarray:
-    """(T, 2) smooth pushes that begin before they are needed, and end after."""
+def spread(push: np.ndarray, margin: int) -> np.ndarray:
+    """Smooth pushes that begin before they are needed, and end after.
+
+    Args:
+        push: (T, k) what is needed.
+        margin: how long before and after [samples].
+    """
     size = np.linalg.norm(push, axis=1)
     window = np.hanning(2 * margin + 3)[1:-1]
     window /= window.sum()
@@ -143,7 +148,7 @@ def _spread(push: np.ndarray, margin: int) -> np.ndarray:
         return np.convolve(np.pad(x, margin, mode="edge"), window, mode="valid")
 
     # Directions by the mean of what pushes nearby, sizes by the largest of it.
-    way = np.column_stack([mean(push[:, 0]), mean(push[:, 1])])
+    way = np.column_stack([mean(column) for column in push.T])
     norm = np.maximum(np.linalg.norm(way, axis=1), 1e-12)
     largest = mean(maximum_filter1d(size, 2 * margin + 1, mode="nearest"))
     return way * (largest / norm)[:, None] if size.any() else way

@@ -19,6 +19,7 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import low_pass, unit_vectors
 from crar_drake.motion.held_feet import (
     FootMotion,
+    about_vertical,
     find_contacts,
     hold_foot,
     place_foot,
@@ -26,6 +27,7 @@ from crar_drake.motion.held_feet import (
 )
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
 from crar_drake.motion.parted_feet import part_feet
+from crar_drake.motion.parted_legs import LegRoom, part_legs
 from crar_drake.motion.performer import LEG, SIDES, Performer
 from crar_drake.motion.root_height import (
     anticipated,
@@ -38,7 +40,11 @@ from crar_drake.motion.turns import hip_turns, smooth_turns
 _FLAT_HEIGHT = 0.03  # [m] above its lowest, at most, that the ankle of a flat foot is
 _FLAT_SPEED = 0.25  # [m/s] of the ankle of a flat foot, at most
 _FLAT_TIME = 0.2  # [s] of flat feet that tell how they are turned
-_ROUNDS = 4  # in which knees are lifted off the floor, where they are
+# In which knees are lifted off the floor, legs are parted and feet turned as they can
+# be, each of which may ask for another.
+_ROUNDS = 6
+_TURNED = 0.01  # [rad] that feet need not be turned any more
+_NEAR = 1e-3  # [m] that legs may lack
 _LOWEST_SHARE = 0.1  # of slow samples, that are lower than the floor at most
 
 
@@ -66,6 +72,9 @@ Attainable = Callable[
     [str, np.ndarray, Rotation, FootMotion], tuple[Rotation, np.ndarray]
 ]
 
+# Takes the root's turns; returns how near the legs are that were asked about last.
+Room = Callable[[Rotation], LegRoom]
+
 
 def retarget_legs(
     performer: Performer,
@@ -73,6 +82,7 @@ def retarget_legs(
     cutoff: float,
     attainable: Attainable | None = None,
     trunk: TrunkShape | None = None,
+    room: Room | None = None,
 ) -> LegsMotion:
     """Hips, knees and feet of a performer on a robot.
 
@@ -85,6 +95,8 @@ def retarget_legs(
             and a knee is bent as the performer's.
         trunk: what of the robot must stay above the floor by the root's height, and
             how far it can lean from the root.
+        room: between the legs; where it is lacking, feet are moved. By default soles
+            alone are kept apart.
 
     Raises:
         MotionError: the performer lacks joints of the legs, or does not tell how the
@@ -121,14 +133,25 @@ def retarget_legs(
     lifted, knees = np.zeros(len(root)), {}
     for _ in range(_ROUNDS if attainable else 0):
         high, near = settled(lifted)
-        needed = np.zeros(len(root))
+        needed, turned = np.zeros(len(root)), 0.0
         for side, leg in legs.items():
             turns, knees[side] = attainable(side, high, R_W, near[side])
+            away = turns * Rotation.from_quat(near[side].turns).inv()
+            turned = max(turned, away.magnitude().max())
             feet[side] = _placed(ankles[side], feet[side], turns, leg, rate)
             needed = np.maximum(needed, off_the_floor(knees[side], leg))
-        if not needed.any():
+        between = room(R_W) if room else None
+        crowded = between is not None and between.lacking.max() > _NEAR
+        if crowded:
+            for side, move in part_legs(feet, between, rate).items():
+                ankles[side][:, :2] += move[:, :2]
+                before = Rotation.from_quat(feet[side].turns)
+                turns = about_vertical(move[:, 2]) * before
+                feet[side] = _placed(ankles[side], feet[side], turns, legs[side], rate)
+        if needed.any():
+            lifted = lifted + anticipated(needed, rate)
+        elif not crowded and turned < _TURNED:
             break
-        lifted = lifted + anticipated(needed, rate)
     root, feet = settled(lifted)
     for side, leg in legs.items():
         if attainable:
@@ -198,8 +221,7 @@ def _foot_turns(performer: Performer, p, cutoff: float) -> dict[str, Rotation]:
         flat &= np.linalg.norm(speed, axis=1) < _FLAT_SPEED
         if np.count_nonzero(flat) >= _FLAT_TIME * performer.frame_rate:
             # A skeleton's rest pose need not have flat feet.
-            about = np.column_stack([np.zeros((len(R), 2)), -twist(turns)])
-            level = Rotation.from_rotvec(about[flat]) * turns[flat]
+            level = about_vertical(-twist(turns[flat])) * turns[flat]
             turns = turns * level.mean().inv()
         found[side] = turns
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from pydrake.math import RotationMatrix
 from pydrake.multibody.tree import JacobianWrtVariable, Joint, RevoluteJoint
 from scipy.spatial.transform import Rotation
 
@@ -14,10 +15,12 @@ from crar_drake.robot.model import ControlModel
 _ITERATIONS = 8
 _LARGEST_STEP = 0.3  # [rad] of one iteration
 _DAMPING = 1e-3  # [m]
+_SAME = 1e-6  # [m, rad] by which what is asked for may be other than before
 _MARGIN = 0.03  # [rad] that a joint keeps from its limits
 # Ankles come to their limits like exp(-t / this), no faster: a lookahead would brake
 # them before, and the foot would slide. Longer than the scenarios' horizons [s].
 _APPROACH = 0.05
+_SPEED_SHARE = 0.9  # of a joint's largest speed
 _FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one plane
 # A radian of the foot counts as much as this: where both cannot be had, the foot is
 # where it should be, and turned as it can be [m].
@@ -27,7 +30,8 @@ _ORIENTATION_WEIGHT = 0.03
 class LegSolver:
     """Inverse kinematics of one leg, the root of the robot given.
 
-    Asked for the same stretch of time again, it begins from what it found.
+    Asked for the same stretch of time again, it begins from what it found, and where
+    that is as before it has the answer.
 
     Attributes:
         joints: of the leg, from the foot up.
@@ -55,9 +59,9 @@ class LegSolver:
         self._leg = leg
         self._foot = find_frame(plant, description.task_frames[f"{side}_foot"])
         base = find_body(plant, description.base)
-        self._knee = find_frame(plant, description.task_frames[f"{side}_knee"])
+        self._shank = find_frame(plant, description.task_frames[f"{side}_knee"])
         chain = joints_between(model, self._foot.body(), base)
-        hip = joints_between(model, self._knee.body(), base)[1:]
+        hip = joints_between(model, self._shank.body(), base)[1:]
         self._q = np.array([joint.position_start() for joint in chain])
         self._v = np.array([joint.velocity_start() for joint in chain])
         lower = plant.GetPositionLowerLimits()[self._q]
@@ -73,9 +77,10 @@ class LegSolver:
                 self._lower[-2], self._upper[-2] = low, high
         self.joints = chain
         self.positions: list[np.ndarray] = []
+        self._most = _SPEED_SHARE * model.velocity_limits[self._v] / rate
         # Hip and knee are not held back: the foot would not be where it should.
         self._share = np.ones(len(chain))
-        ankle = len(joints_between(model, self._foot.body(), self._knee.body()))
+        ankle = len(joints_between(model, self._foot.body(), self._shank.body()))
         self._share[:ankle] = -np.expm1(-1.0 / (rate * _APPROACH))
 
     def turns(
@@ -93,41 +98,64 @@ class LegSolver:
         """
         R_WB = (root_turns * self._at_rest).as_quat()[:, [3, 0, 1, 2]]
         R_WF = Rotation.from_quat(foot.turns).as_matrix() @ self._leg.foot
-        q, found, knees = self._rest.copy(), np.empty_like(R_WF), []
+        count = len(R_WF)
+        asked = [R_WB, root_positions, R_WF.reshape(count, 9), foot.positions]
+        asked = np.concatenate(asked, axis=1)
+        q, found, knees = self._rest.copy(), np.empty_like(R_WF), np.empty((count, 3))
         before, self.positions = self.positions, []
         bounds = self._lower, self._upper
-        for t in range(len(R_WF)):
+        for t in range(count):
+            if (
+                before
+                and (np.abs(asked[t] - self._asked[t]) < _SAME).all()
+                and (t == 0 or (self.positions[-1] == before[t - 1]).all())
+            ):
+                self.positions.append(before[t])
+                asked[t] = self._asked[t]
+                found[t], knees[t] = self._found[t], self._knees[t]
+                continue
             q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
             if t > 0:
                 last = self.positions[-1]
                 bounds = tuple(
-                    last + self._share * (limit - last)
+                    last
+                    + np.clip(self._share * (limit - last), -self._most, self._most)
                     for limit in (self._lower, self._upper)
                 )
             if before:
                 q[self._q] = np.clip(before[t], *bounds)
             found[t] = self._solve(q, foot.positions[t], R_WF[t], bounds)
-            knees.append(self._knee.CalcPoseInWorld(self._context).translation())
+            knees[t] = self._shank.CalcPoseInWorld(self._context).translation()
             self.positions.append(q[self._q].copy())
-        return Rotation.from_matrix(found @ self._leg.foot.T), np.array(knees)
+        self._asked, self._found, self._knees = asked, found, knees
+        return Rotation.from_matrix(found @ self._leg.foot.T), knees
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """(6, n) of the foot in the world, [omega; p_dot] by the leg's joints.
+
+        Args:
+            q: (nq,) positions of the whole plant.
+        """
+        plant, world = self._plant, self._plant.world_frame()
+        plant.SetPositions(self._context, q)
+        return plant.CalcJacobianSpatialVelocity(
+            self._context,
+            JacobianWrtVariable.kV,
+            self._foot,
+            np.zeros(3),
+            world,
+            world,
+        )[:, self._v]
 
     def _solve(self, q, p, R, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """R_WF nearest to R within bounds of the leg's joints, from and into q."""
-        plant, context = self._plant, self._context
-        world = plant.world_frame()
+        plant, context, wanted = self._plant, self._context, RotationMatrix(R)
         for _ in range(_ITERATIONS):
-            plant.SetPositions(context, q)
+            J = self.jacobian(q)
             X = self._foot.CalcPoseInWorld(context)
-            turn = Rotation.from_matrix(R @ X.rotation().matrix().T).as_rotvec()
+            away = (wanted @ X.rotation().inverse()).ToAngleAxis()
+            turn = away.angle() * away.axis()
             error = np.concatenate([_ORIENTATION_WEIGHT * turn, p - X.translation()])
-            J = plant.CalcJacobianSpatialVelocity(
-                context,
-                JacobianWrtVariable.kV,
-                self._foot,
-                np.zeros(3),
-                world,
-                world,
-            )[:, self._v]
             J[:3] *= _ORIENTATION_WEIGHT
             step = self._step(J, error, q[self._q], bounds)
             q[self._q] = np.clip(q[self._q] + step, *bounds)

@@ -18,6 +18,7 @@ from crar_drake.motion.retarget_legs import LegsMotion, retarget_legs
 from crar_drake.motion.smooth_steps import soft_positive
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.ankle_limits import LegSolver
+from crar_drake.targets.leg_room import LegClearance
 from crar_drake.targets.leg_shapes import body_shapes
 from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
 
@@ -99,7 +100,8 @@ def retarget_whole_body(
     def attainable(side, root_positions, root_turns, foot):
         return solvers[side].turns(root_positions, root_turns, foot)
 
-    legs = retarget_legs(performer, shapes, cutoff, attainable, trunk)
+    room = LegClearance(model, solvers, performer.frame_rate).room
+    legs = retarget_legs(performer, shapes, cutoff, attainable, trunk, room)
     arm = Rotation.from_quat(legs.root_turns).apply(trunk.waist)
     waist = legs.root_positions + arm
     upper = retarget(joint_centres(performer), lengths, cutoff=cutoff, waist=waist)

@@ -14,13 +14,15 @@ from crar_drake.motion.conditioning import low_pass
 from crar_drake.motion.held_feet import FootMotion
 from crar_drake.motion.leg_shape import TrunkShape
 from crar_drake.motion.performers.asf_amc import as_performer
-from crar_drake.motion.planted_feet import runs
+from crar_drake.motion.planted_feet import ContactThresholds, runs
 from crar_drake.motion.retarget_legs import retarget_legs
 from crar_drake.motion.turns import hip_turns
+from crar_drake.references.ground_contact import foot_slip
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task, experiment_tasks, position_tasks
 from crar_drake.targets.ankle_limits import LegSolver, joints_between
+from crar_drake.targets.leg_room import LegClearance
 from crar_drake.targets.leg_shapes import body_shapes
 from crar_drake.targets.motion import load_motion_targets, segment_lengths
 from crar_drake.targets.start_pose import solve_start_pose
@@ -235,6 +237,23 @@ def test_ankles_come_to_their_limits_as_slowly_as_a_lookahead_lets_them(model):
     assert np.abs(np.diff(q, axis=0)).max() * RATE > 3.0  # and fast
 
 
+def test_no_joint_of_a_leg_is_faster_than_its_limit(model):
+    """A foot that is asked to be turned by 2 rad from one sample to the next."""
+    legs, _ = body_shapes(model)
+    solver = LegSolver(model, "left", legs["left"], RATE)
+    yaw = np.where(np.arange(60) < 10, 1.0, -1.0)
+    foot = FootMotion(
+        np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (60, 1)),
+        Rotation.from_euler("z", yaw[:, None]).as_quat(),
+        *np.zeros((2, 60), dtype=bool),
+    )
+    turns, _ = solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
+    speeds = np.abs(np.diff(solver.positions, axis=0)) * RATE
+    assert 17.9 < speeds.max() < 20.0
+    away = (turns * Rotation.from_quat(foot.turns).inv()).magnitude()
+    assert away[10] > 1.0 and away[40] < 1e-3
+
+
 def test_a_hip_stays_on_one_side_of_its_singular_poses(model):
     """A foot that swings up beside the hip and around: the thigh goes along the first
     axis of the hip, where another solver comes out with two joints turned by pi."""
@@ -338,3 +357,88 @@ def test_the_foot_of_the_robot_is_turned_from_its_rest(model, whole):
     time = 40 / whole.upper.frame_rate
     turned = Rotation.from_quat(whole.legs.feet["left"].turns[40]).as_matrix() @ R
     np.testing.assert_allclose(way.orientation(time)[0], turned, atol=1e-9)
+
+
+def knees_apart(whole) -> np.ndarray:
+    """(T,) distance of the knees' middles [m]."""
+    left, right = (whole.legs.knees[side] for side in ("left", "right"))
+    return np.linalg.norm(left - right, axis=1)
+
+
+def worst_slip(whole, side: str) -> float:
+    """Of a foot in one of its contacts [m]."""
+    foot = whole.legs.feet[side]
+    R = Rotation.from_quat(foot.turns).as_matrix()
+    points = whole.shapes[side].points
+    p = foot.positions[:, None] + np.einsum("tij,vj->tvi", R, points)
+    touching = ContactThresholds(1e-3, 2e-3, np.inf, np.inf)
+    return foot_slip(side, p, 0.0, whole.upper.frame_rate, touching).worst
+
+
+def test_knees_that_would_meet_are_apart(tmp_path, performer, whole):
+    """Of balls so thick that those of the dancer would be 1 cm in each other."""
+    before = knees_apart(whole)
+    radius = 0.5 * before.min() + 0.005
+    thick = ControlModel.FromDescription(walker(tmp_path, knee=radius), TASKS)
+    parted = retarget_whole_body(thick, performer, segment_lengths(thick), 6.0)
+    assert (knees_apart(parted) - 2.0 * radius).min() > 0.005
+    for side, foot in parted.legs.feet.items():
+        # Feet stand as firmly as they did, as whoever judges motions finds.
+        assert worst_slip(parted, side) < max(worst_slip(whole, side), 5e-4)
+        # And they are where legs can have them: the shank is as long as it is.
+        shank = np.linalg.norm(parted.legs.knees[side] - foot.positions, axis=1)
+        np.testing.assert_allclose(shank, SHANK, atol=2e-3)
+    # Where legs are far from each other nothing has changed.
+    moved = np.linalg.norm(
+        parted.legs.feet["left"].positions - whole.legs.feet["left"].positions, axis=1
+    )
+    assert moved.max() < 0.1
+
+
+def test_what_parts_legs_is_how_their_distance_changes(tmp_path):
+    """Of the knees' balls, against solutions for feet that are moved a little."""
+    thick = ControlModel.FromDescription(walker(tmp_path, knee=0.088), TASKS)
+    legs, _ = body_shapes(thick)
+    solvers = {s: LegSolver(thick, s, leg, RATE) for s, leg in legs.items()}
+    turns = Rotation.from_euler("z", np.full((2, 1), 0.6))
+
+    def apart(moved: str, move: np.ndarray) -> float:
+        knees = {}
+        for side, leg in legs.items():
+            down = leg.hip - [-0.05, 0.0, 0.8 * (THIGH + SHANK)]
+            by = move if side == moved else np.zeros(3)
+            foot = FootMotion(
+                turns.apply(down) + [*by[:2], 0.0],
+                (Rotation.from_euler("z", by[2]) * turns).as_quat(),
+                *np.ones((2, 2), dtype=bool),
+            )
+            _, knees[side] = solvers[side].turns(np.zeros((2, 3)), turns, foot)
+        return np.linalg.norm(knees["left"] - knees["right"], axis=1)[0] - 2 * 0.088
+
+    still = apart("none", np.zeros(3))
+    room = LegClearance(thick, solvers, RATE).room(turns)
+    np.testing.assert_allclose(room.lacking, 0.012 - still, atol=1e-6)
+    assert 0.0 < room.lacking[0] < 0.012
+    for side in legs:
+        found = []
+        for step in 1e-3 * np.eye(3):
+            found.append((apart(side, step) - apart(side, -step)) / 2e-3)
+        np.testing.assert_allclose(room.effects[side][0], found, atol=0.03)
+        assert np.abs(found).max() > 0.2
+
+
+def test_a_foot_that_is_turned_by_its_leg_stands_where_its_leg_can_have_it(
+    tmp_path, performer
+):
+    """Ankles that hardly roll: what turns a foot moves it, and that turns it again."""
+    stiff = ControlModel.FromDescription(walker(tmp_path, ankle_roll=0.05), TASKS)
+    beginning = {joint: p[:120] for joint, p in performer.positions.items()}
+    turns = {joint: R[:120] for joint, R in performer.orientations.items()}
+    performer = replace(performer, positions=beginning, orientations=turns, hands={})
+    found = retarget_whole_body(stiff, performer, segment_lengths(stiff), 6.0)
+    for side, foot in found.legs.feet.items():
+        solver = LegSolver(stiff, side, found.shapes[side], performer.frame_rate)
+        root_turns = Rotation.from_quat(found.legs.root_turns)
+        turns, knees = solver.turns(found.legs.root_positions, root_turns, foot)
+        away = turns * Rotation.from_quat(foot.turns).inv()
+        assert away.magnitude().max() < 1e-3  # else it would be turned by 0.009

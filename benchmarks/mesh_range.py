@@ -1,0 +1,87 @@
+"""Can the meshes of two links meet within the limits of the joints between them?
+
+    python -m benchmarks.mesh_range g1_whole_body pelvis left_hip_roll_link
+
+The triangles are asked over a grid of these joints, from limit to limit; the others are
+at rest. Where links meet that are built so near each other that nobody watches them,
+it is for the motion to stay away from there. docs/whole-body.md has figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+
+import numpy as np
+
+from crar_drake.results.mesh_judge import MeshJudge
+from crar_drake.robot.description import (
+    RobotDescription,
+    find_body,
+    load_robot_description,
+)
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import position_tasks
+from crar_drake.studies.tables import markdown_table
+from crar_drake.targets.ankle_limits import joints_between
+
+
+def main() -> None:
+    """Prints what the command line asks for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("robot", help="its name or folder")
+    parser.add_argument("links", nargs=2, help="two links, the inner one first")
+    parser.add_argument("--steps", type=int, default=19, help="of each joint")
+    arguments = parser.parse_args()
+    description = load_robot_description(arguments.robot)
+    found = mesh_range(description, *arguments.links, arguments.steps)
+    rest, joints, values, distances = found
+    print(
+        f"at rest {1e3 * rest:.1f} mm apart; in {np.sum(distances < 0.0)} of ", end=""
+    )
+    print(f"{distances.size} configurations they meet. Smallest distances [mm]:\n")
+    for axis, joint in enumerate(joints):
+        others = tuple(k for k in range(len(joints)) if k != axis)
+        nearest = distances.min(axis=others)
+        header = [joint, *(f"{value:.2f}" for value in values[axis])]
+        row = ["", *(f"{1e3 * d:.1f}" for d in nearest)]
+        print(markdown_table(header, [row]))
+
+
+def mesh_range(
+    description: RobotDescription, inner: str, outer: str, steps: int
+) -> tuple[float, list[str], list[np.ndarray], np.ndarray]:
+    """Distances of two links over a grid of the joints between them.
+
+    Args:
+        description: of the robot.
+        inner, outer: the links; the outer one hangs on the inner one.
+        steps: values of each joint, from limit to limit.
+
+    Returns:
+        Their distance at rest [m]; the joints, from the inner link out; the values of
+        each [rad]; and the distances, an axis a joint [m].
+    """
+    frame = next(iter(description.task_frames))
+    model = ControlModel.FromDescription(description, position_tasks([frame]))
+    plant, judge = model.plant, MeshJudge(description)
+    ends = (find_body(plant, link) for link in (outer, inner))
+    joints = joints_between(model, *ends)[::-1]
+    places = [joint.position_start() for joint in joints]
+    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    values = [np.linspace(lower[k], upper[k], steps) for k in places]
+    q = model.rest_positions()
+    rest = judge.distance(q, inner, outer)
+    distances = []
+    for point in itertools.product(*values):
+        q[places] = point
+        distances.append(judge.distance(q, inner, outer))
+    shape = [steps] * len(joints)
+    names = [joint.name() for joint in joints]
+    return rest, names, values, np.reshape(distances, shape)
+
+
+if __name__ == "__main__":
+    main()

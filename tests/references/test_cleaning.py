@@ -7,6 +7,7 @@ import pytest
 from small_reference_robots import SPEED, reaching, write_robot
 
 from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.following import CleaningParameters, Follower
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
@@ -41,24 +42,15 @@ def test_a_clean_reference_comes_back_as_it_was(cleaner):
 
 def test_the_law_itself_leaves_a_clean_reference_as_it_was(cleaner, monkeypatch):
     """Where it is asked in every step, not only where the reference cannot be taken."""
-    monkeypatch.setattr(Follower, "_is_on", lambda *arguments: False)
+    monkeypatch.setattr(ClearWays, "clear", lambda *arguments: False)
     q = reaching(30, RATE, 0.3)
     cleaned = cleaner.follow(q)
     np.testing.assert_allclose(cleaned.q, q, rtol=0.0, atol=1e-9)
     assert not np.array_equal(cleaned.q, q)
+    assert cleaned.asked >= 29 * CleaningParameters().steps_per_frame(RATE)
 
 
-def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(
-    cleaner, monkeypatch
-):
-    asked = []
-    step = Follower._step
-
-    def counted(self, *arguments):
-        asked.append(self)
-        return step(self, *arguments)
-
-    monkeypatch.setattr(Follower, "_step", counted)
+def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(cleaner):
     still = np.zeros((80, 3))
     q = np.vstack([reaching(50, RATE, 1.0), still])
     cleaned = cleaner.follow(q)
@@ -69,7 +61,7 @@ def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(
     change = np.abs(cleaned.q - q).max(axis=1)
     back = int(np.flatnonzero(~same)[-1]) + 1
     assert change[back - 1] < 5e-3 and back < 110
-    assert 0 < len(asked) < CleaningParameters().steps_per_frame(RATE) * len(q)
+    assert 0 < cleaned.asked < CleaningParameters().steps_per_frame(RATE) * len(q)
 
 
 def test_one_frame_is_a_motion(cleaner):

@@ -40,7 +40,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.admission import SCALED
-from crar_drake.equations.compilation import hold
+from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.following import (
     Followed,
     FollowerNumbers,
@@ -96,6 +96,8 @@ class CleaningParameters:
         joint_weight: w of each joint [m/rad].
         foot_weight, foot_turn_weight: of the feet's positions [1], and of their
             orientations [m/rad].
+        foot_height_weight: of their positions along the root's z axis [1]: feet that
+            meet part sideways, and not into the floor.
         hands: whether the hands are tasks, too.
         hand_weight, hand_turn_weight: their weights, likewise.
         distance_margin: that watched pairs are to keep [m].
@@ -112,9 +114,10 @@ class CleaningParameters:
     joint_weight: float = 1.0  # [m/rad]
     foot_weight: float = 25.0
     foot_turn_weight: float = 4.0  # [m/rad]
+    foot_height_weight: float = 100.0
     hands: bool = False
-    hand_weight: float = 5.0
-    hand_turn_weight: float = 1.0  # [m/rad]
+    hand_weight: float = 35.0
+    hand_turn_weight: float = 0.3  # [m/rad]
     distance_margin: float = 5e-3  # [m]
     admission_slack: float = 1e-3  # [m]
     rho: float = 1e-6
@@ -272,7 +275,7 @@ class Follower:
         self._numbers = hold(
             FollowerNumbers(
                 self.law.mode.robot,
-                self.law.mode.numbers,
+                self._law_numbers(),
                 self.model.prescribed_at(self._rest),
                 start,
                 _EXPECTED,
@@ -425,6 +428,16 @@ class Follower:
             "no configuration that is clear of collisions was found near the first "
             "frame; begin later, or look whether the reference is of this robot"
         )
+
+    def _law_numbers(self) -> Held:
+        """Of the law, with the weight of the feet's heights, which is not that of their
+        other coordinates."""
+        numbers, layout = self.law.mode.numbers.value, self.model.layout
+        weights = np.ones(layout.m)
+        weights[:] = numbers.tasks.weights if len(numbers.tasks.weights) else 1.0
+        heights = layout.linear_rows[: len(self.feet), 2]
+        weights[heights] = self.parameters.foot_height_weight
+        return hold(numbers._replace(tasks=numbers.tasks._replace(weights=weights)))
 
     def _hands_of(self, description: RobotDescription) -> tuple[str, ...]:
         if not self.parameters.hands:

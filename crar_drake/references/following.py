@@ -123,7 +123,7 @@ class CleaningParameters:
     rho: float = 1e-6
     alpha: float = 400.0  # [1/m]
     beta: float = 2.0
-    influence_distance: float = 0.03  # [m]
+    influence_distance: float = 0.012  # [m]
     velocity_scale: float = 1.0
 
     @property

@@ -9,6 +9,7 @@ from small_reference_robots import SPEED, reaching, write_robot
 from crar_drake.errors import ModelError, MotionError, ScenarioError
 from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.following import CleaningParameters, Follower
+from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 
@@ -153,6 +154,35 @@ def test_speeds_are_shares_of_the_robots_limits_whatever_the_law_may_use(cleaner
     np.testing.assert_allclose(half.margins(q).speed[:-1], fastest)
     with pytest.raises(ScenarioError, match="velocity_scale is 5"):
         CleaningParameters(velocity_scale=5.0).validate()
+
+
+def test_hands_keep_their_places_if_asked(cleaner):
+    """And the joints pay for it."""
+    frames = {"left_hand": "tip"}
+    description = replace(cleaner.description, task_frames=frames)
+    robot = WholeBody(description)
+    q = reaching(50, RATE, 1.0)
+    of_hands, of_joints = [], []
+    for hands in (False, True):
+        found = Follower(description, RATE, CleaningParameters(hands=hands)).follow(q)
+        assert least_distances(cleaner, found.q).min() > FLOOR - 1e-6
+        was, now = (robot.poses_in_root(each, ("tip",))[0] for each in (q, found.q))
+        of_hands.append(np.linalg.norm(now - was, axis=2).max())
+        of_joints.append(np.abs(found.q - q).max())
+    assert of_hands[1] < 0.5 * of_hands[0]
+    assert of_joints[1] > of_joints[0]
+
+
+def test_a_foots_height_has_a_weight_of_its_own(cleaner):
+    """And nothing else has it, nor the law that a follower was made of."""
+    layout = cleaner.model.layout
+    weights = cleaner._numbers.value.law.value.tasks.weights
+    height = layout.linear_rows[0, 2]
+    np.testing.assert_array_equal(weights[layout.linear_rows[0]], [25.0, 25.0, 100.0])
+    others = np.delete(np.arange(layout.m), height)
+    own = cleaner.law.mode.numbers.value.tasks.weights
+    np.testing.assert_array_equal(weights[others], own[others])
+    assert own[height] == 25.0
 
 
 def test_what_cannot_be_cleaned_is_refused(tmp_path):

@@ -279,7 +279,7 @@ def make_log(
     lower, upper = np.full(nq, -np.inf), np.full(nq, np.inf)
     # A root that is controlled is no joint with a position, a limit and a weight.
     count = model.num_joints
-    controlled, joints = model.controlled_positions[:count], model.joint_names[:count]
+    controlled, joints = model.joint_positions, model.joint_names[:count]
     lower[controlled], upper[controlled] = model.lower[:count], model.upper[:count]
     told = {name: diagnostics[:, slices[name]].copy() for name in _LOGGED}
     told["constraint_weights"] = told["constraint_weights"][:, :count]

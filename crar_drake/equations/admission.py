@@ -152,7 +152,7 @@ def _path_curvature_loops(x, pairs, reaches):
 
 @compiled
 def _shape_curvature(x, alone, rho, reaches):
-    """(A3) of one shape, whose rows of `Reaches` are `alone` and `rho`."""
+    """Of one shape of (A3), whose rows of `Reaches` are `alone` and `rho`."""
     curvature = 0.0
     for i in range(len(x)):
         if rho[i] == 0.0:

@@ -118,7 +118,6 @@ def lookahead_step(
         references.posture,
         constraints,
         gains,
-        gains.longest_move / gains.period,
         references.qdot_0,
         references.qddot_0,
     )

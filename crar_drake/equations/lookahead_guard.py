@@ -74,7 +74,6 @@ def wish_velocity(
     posture: np.ndarray,
     constraints: Constraints,
     gains: LookaheadGains,
-    longest: float,
     qdot_0: np.ndarray,
     qddot_0: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
@@ -88,7 +87,8 @@ def wish_velocity(
         z = Gv (q_dot_c - q_dot)
         alpha = argmin |J x - a_r|^2 + lambda^2 (|x|^2 - 2 z^T x if m < n
                 + sum omega_j min(0, g_j s_0(x) + drift_j)^2 / T^2)
-        s_0 = q_dot + T (alpha + z), at most longest_move / period.
+        s_0 = q_dot + T (alpha + z), all of it scaled so that no joint's share is
+              more than fastest_wish.
 
     Where tasks are joints, |x - x_0|^2 stands for |x|^2 (`undamped_preference`).
 
@@ -100,7 +100,6 @@ def wish_velocity(
         posture: (n,) a null-space acceleration, added to z where m < n [rad/s^2].
         constraints: rows and limits.
         gains: of the mode.
-        longest: the largest |s_0| of a joint [rad/s].
         qdot_0, qddot_0: (n,) x_0 of both levels; (0,) for 0.
 
     Returns:
@@ -133,8 +132,8 @@ def wish_velocity(
     )
     s_0 = resting_velocity(qdot, alpha + z, T)
     fastest = largest(s_0)
-    if fastest > longest:
-        s_0 *= longest / fastest
+    if fastest > gains.fastest_wish:
+        s_0 *= gains.fastest_wish / fastest
     W = np.ones(n)
     for row in np.flatnonzero(active):
         W += constraints.weight[row] * g[row] * g[row]

@@ -24,8 +24,8 @@ SMALLEST_MARGIN = 1e-4
 # A joint with one limit is weighted as if the other were so far away [rad or m].
 ONE_SIDED_RANGE = 2.0 * np.pi
 
-# q_s is not asked to move by more than this in a period unless it is given [rad or m].
-LONGEST_MOVE = 0.15
+# q_s is not asked to move faster than this unless it is given [rad/s or m/s].
+FASTEST_WISH = 16.0
 
 
 class LookaheadGains(NamedTuple):
@@ -46,7 +46,7 @@ class LookaheadGains(NamedTuple):
     influence_distance: float  # [m]
     period: float  # of the controller [s]
     slip_share: float  # of what was seen last, in the slip's low-pass
-    longest_move: float = LONGEST_MOVE  # of q_s in a period [rad or m]
+    fastest_wish: float = FASTEST_WISH  # of q_s [rad/s or m/s]
     task_norm: bool = False  # whether the guard's norm is that of the tasks
 
 

@@ -179,7 +179,7 @@ class CleaningParameters:
                 admission_slack=self.admission_slack,
                 influence_distance=self.influence_distance,
                 retreat_rate=0.5 / period,
-                longest_move=3.0,
+                fastest_wish=3.0 / period,
                 guard_norm="tasks",
                 lost_target="error",
             ),

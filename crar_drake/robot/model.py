@@ -19,6 +19,7 @@ from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Measured, State, evaluate_state
 from crar_drake.equations.tasks import task_weights
 from crar_drake.errors import ModelError
+from crar_drake.robot.actuators import Actuators
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
     RobotDescription,
@@ -64,7 +65,8 @@ class ControlModel:
             a row for each pair; and at two, a row for each pair of shapes.
         n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
         controlled, prescribed: their indices in v; a free root's come last.
-        num_joints: number of controlled joints without a free root's six velocities.
+        num_joints: number of controlled joints without a free root's six velocities,
+        joint_positions: (num_joints,) and their indices in q.
         controlled_positions, prescribed_positions: (nq_c,), (nq_p,) their indices in q.
             All are those in v, unless the root is free, whose seven come last.
         root_positions: (7,) the root's indices in q if it is free, else (0,).
@@ -290,7 +292,7 @@ class ControlModel:
         Returns:
             (nu,) efforts in the order of the plant's actuators [Nm or N].
         """
-        return self._by_actuator(self._generalized_forces(workspace, vdot))
+        return self._actuators.efforts(self._generalized_forces(workspace, vdot))
 
     def root_force(self, workspace: Workspace, vdot: np.ndarray) -> np.ndarray:
         """What the root must be pushed with from outside, at the workspace's state.
@@ -377,13 +379,7 @@ class ControlModel:
         H = self.plant.CalcMassMatrix(workspace.plant_context)
         if self._is_damped:
             H = H + self._implicit_damping_matrix
-        return np.ascontiguousarray(self._by_actuator(H))
-
-    def _by_actuator(self, efforts: np.ndarray) -> np.ndarray:
-        """(nu, ...) in the order of the actuators, from (nv, ...) by joint."""
-        if self._actuated is None:
-            return self._actuators_from_efforts @ efforts
-        return efforts if self._in_order else efforts[self._actuated]
+        return np.ascontiguousarray(self._actuators.efforts(H))
 
     def rest_positions(self) -> np.ndarray:
         """Positions (nq,) of the description's rest posture."""
@@ -448,25 +444,13 @@ class ControlModel:
                 (nv, nq), (self.prescribed, self.prescribed_positions), own, strict=True
             )
         )
-        B = plant.MakeActuationMatrix()
-        idle = np.setdiff1d(np.flatnonzero(~B.any(axis=1)), self.unactuated)
         names = names_by_joint(plant)
-        if len(idle):
-            raise ModelError(
-                "every joint must be actuated, but these are not: "
-                f"{', '.join(names[i] for i in idle)}; add actuators "
-                "(transmissions in a URDF), or weld the joints"
+        try:
+            self._actuators = Actuators(
+                plant, names, self.unactuated, root.name() if free else ""
             )
-        if B[self.unactuated].any():
-            raise ModelError(
-                f"robot {description.name}: root: an actuator moves {root.name()!r}, "
-                "which floats; leave it out"
-            )
-        # The actuators of one joint share its effort; one alone is quicker to pick.
-        self._actuators_from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
-        alone = np.array_equal(self._actuators_from_efforts @ B, np.eye(B.shape[1]))
-        self._actuated = B.argmax(axis=0) if alone else None
-        self._in_order = np.array_equal(self._actuated, np.arange(nv))
+        except ModelError as error:
+            raise ModelError(f"robot {description.name}: {error}") from None
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
         self.num_joints = self.n - len(own[0])
         self.order = np.concatenate([self.controlled, self.prescribed])
@@ -481,22 +465,13 @@ class ControlModel:
         self.position_names = names_by_joint(plant, of_positions=True)
         self.joint_names = [names[i] for i in self.controlled]
         self.prescribed_names = [names[i] for i in self.prescribed]
+        self.joint_positions = self.controlled_positions[: self.num_joints]
         # A root's seven positions have no limits, nor have its six velocities.
         at = self.controlled_positions[: self.n]
         self.lower = plant.GetPositionLowerLimits()[at]
         self.upper = plant.GetPositionUpperLimits()[at]
-        self.effort_limits = np.zeros(nv)
-        self.actuator_limits = np.full(plant.num_actuated_dofs(), np.inf)
-        for index in plant.GetJointActuatorIndices():
-            actuator = plant.get_joint_actuator(index)
-            start = actuator.joint().velocity_start()
-            self.effort_limits[start : start + actuator.num_inputs()] += (
-                actuator.effort_limit()
-            )
-            inputs = slice(
-                actuator.input_start(), actuator.input_start() + actuator.num_inputs()
-            )
-            self.actuator_limits[inputs] = actuator.effort_limit()
+        self.effort_limits = self._actuators.joint_limits
+        self.actuator_limits = self._actuators.limits
         self.velocity_limits = speed_limits(plant, self.description)
         self._implicit_damping = np.zeros(nv)
         if plant.time_step() > 0.0:

@@ -35,7 +35,10 @@ MAX_LOG_SAMPLES = 60_000
 _RETIRED = {
     ("controller", "arithmetic"): "there is no choice any more: the control law is "
     "compiled wherever Numba is installed (pip install 'crar-drake[compiled]'); leave "
-    "the key out"
+    "the key out",
+    ("controller", "lookahead", "longest_move"): "the wish is bounded in speed, not "
+    "by what it moves in a period: write fastest_wish, what stands here over the "
+    "control period [rad/s]",
 }
 
 # A simulation runs at about real time, and this is twelve days.

@@ -75,7 +75,7 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
 
 def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
     model = setup.model
-    joints = model.controlled_positions[: model.num_joints]
+    joints = model.joint_positions
     rest, start = model.rest_positions()[joints], setup.start_positions[joints]
     low, high = model.lower - LIMIT_TOLERANCE, model.upper + LIMIT_TOLERANCE
     beyond = [i for i in range(len(rest)) if not low[i] <= rest[i] <= high[i]]

@@ -87,7 +87,7 @@ def solve_start_pose(
         step = _kept_apart(step, state, least_distance)
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
             trial = model.moved(q, share * step)
-            joints = model.controlled_positions[: model.num_joints]
+            joints = model.joint_positions
             trial[joints] = np.clip(trial[joints], *within)
             trial_state, trial_error = at(trial)
             valid = (trial_state.d >= least_distance).all()

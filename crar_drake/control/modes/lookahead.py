@@ -19,7 +19,7 @@ from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import acceleration_bounds, lookahead_or_scaled
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.lookahead_rows import (
-    LONGEST_MOVE,
+    FASTEST_WISH,
     LookaheadGains,
     find_limits,
 )
@@ -60,7 +60,7 @@ class LookaheadParameters:
         slip_time_constant: of the low-pass on what the plant did other than told,
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
-        longest_move: what q_s is asked to move by in a period at most [rad].
+        fastest_wish: how fast q_s is asked to move at most, in any joint [rad/s].
         guard_norm: in which the guard changes the wish the least: "joints", where all
             joints weigh the same, or "tasks", where tasks do by their weights.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
@@ -79,7 +79,7 @@ class LookaheadParameters:
     slip_time_constant: float = 0.01  # [s]
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
-    longest_move: float = LONGEST_MOVE  # [rad]
+    fastest_wish: float = FASTEST_WISH  # [rad/s]
     guard_norm: str = "joints"
 
     def validate(self) -> None:
@@ -162,7 +162,7 @@ class LookaheadMode(Mode):
             influence_distance=float(ahead.influence_distance),
             period=float(parameters.period),
             slip_share=float(share),
-            longest_move=float(ahead.longest_move),
+            fastest_wish=float(ahead.fastest_wish),
             task_norm=ahead.guard_norm == "tasks",
         )
         fastest = parameters.speed_limits(model)[model.controlled]

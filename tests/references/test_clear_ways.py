@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from small_reference_robots import reaching, write_robot
 
+from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.nearby import nearby_distances
 from crar_drake.references import following
 from crar_drake.references.clear_ways import ClearWays
@@ -56,7 +57,9 @@ def test_the_law_on_some_pairs_is_the_law_on_all(follower, monkeypatch):
         patched.setattr(following, "_EXPECTED", 1e4)
         every = Follower(follower.description, RATE).follow(q)
     assert every.num_watched == len(follower.model.pairs)
-    np.testing.assert_array_equal(some.q, every.q)
+    # NumPy's products of matrices round by how many rows they have.
+    atol = 0.0 if IS_COMPILED else 1e-13
+    np.testing.assert_allclose(some.q, every.q, rtol=0.0, atol=atol)
     assert np.abs(some.q - q).max() > 0.05
 
 

@@ -39,6 +39,7 @@ _KEPT = 2e-5  # by so much less than the floor a distance may be [m]
 _BROKEN = 1e3  # of the merit, a metre of distances below the floor
 # Where hands and feet matter: weights of joints and turns of feet [m/rad].
 _JOINTS_LEAST, _FEET_TURN = 1e-2, 0.2
+_ALIKE = np.ones(3)
 OURS = "crar-drake clean"
 MEASURES = ("joints alone", "norm of clean", "hands and feet")
 HEADER = (
@@ -149,20 +150,19 @@ class LeastChange:
         A, b = [weight * np.eye(len(q))], [weight * (q - reference)]
         self._set(q)
         feet, hands = wanted[: len(self._feet)], wanted[len(self._feet) :]
-        tasks: list[tuple[RigidBody, RigidTransform, float, float]] = []
+        tasks: list[tuple[RigidBody, RigidTransform, np.ndarray, float]] = []
         if self._measure != "joints alone":
-            weights = (
-                (1.0, _FEET_TURN) if places else (p.foot_weight, p.foot_turn_weight)
-            )
+            along = np.array([p.foot_weight, p.foot_weight, p.foot_height_weight])
+            weights = (_ALIKE, _FEET_TURN) if places else (along, p.foot_turn_weight)
             pairs = zip(self._feet, feet, strict=True)
             tasks += [(body, X, *weights) for body, X in pairs]
         if places:
             pairs = zip(self._hands, hands, strict=True)
-            tasks += [(body, X, 1.0, 0.0) for body, X in pairs]
+            tasks += [(body, X, _ALIKE, 0.0) for body, X in pairs]
         for body, X, linear, angular in tasks:
             J = self._jacobian(body)
             X_now = self._pose(body)
-            A.append(linear * J[3:])
+            A.append(linear[:, None] * J[3:])
             b.append(linear * (X_now.translation() - X.translation()))
             turned = X_now.rotation().multiply(X.rotation().inverse()).ToAngleAxis()
             A.append(angular * J[:3])

@@ -269,7 +269,6 @@ def row(
         every: time between frames whose meshes are judged [s]; by default all are.
     """
     verdict: ReferenceVerdict = judge.judge(motion, every)
-    beyond = {k for joint in verdict.limits + verdict.speeds for k in joint.frames}
     return Row(
         motion="",
         name=name,
@@ -279,7 +278,7 @@ def row(
         mesh_frames=len(verdict.penetrating_frames),
         capsule_frames=len(verdict.capsule_frames),
         deepest=max((pair.depth for pair in verdict.mesh_pairs), default=0.0),
-        beyond=len(beyond),
+        beyond=len(verdict.beyond_frames),
         no_answer=no_answer,
         change=find_change(reference, motion, judge.robot),
         times_real_time=(motion.num_frames - 1) / motion.rate / seconds,

@@ -38,15 +38,27 @@ import numpy as np
 from crar_drake.control.checks import check_numbers
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.admission import SCALED
-from crar_drake.equations.kinematics import Measured, task_motion
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.following import (
+    Followed,
+    FollowerNumbers,
+    OnTheWay,
+    follow_steps,
+    is_on,
+)
+from crar_drake.equations.lookahead import LookaheadMemory
 from crar_drake.equations.nearby import keeps_level
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.references import BlendStart, Wanted
+from crar_drake.equations.references import BlendStart
 from crar_drake.errors import ModelError, MotionError, ScenarioError
 from crar_drake.references.clear_ways import ClearWays
+from crar_drake.references.frame_targets import (
+    FrameTargets,
+    configurations,
+    velocities,
+)
 from crar_drake.references.margins import Margins, find_margins
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -70,10 +82,6 @@ _EXPECTED = 1.3
 # This share of the floor is kept on straight ways between frames.
 _BETWEEN = 0.125
 
-_NOTHING_ASKED = np.zeros((0, 7))
-_NOTHING = np.zeros(0)
-_NO_BLEND = (1.0, 0.0, 0.0)
-
 
 @dataclass(frozen=True)
 class CleaningParameters:
@@ -88,6 +96,8 @@ class CleaningParameters:
         joint_weight: w of each joint [m/rad].
         foot_weight, foot_turn_weight: of the feet's positions [1], and of their
             orientations [m/rad].
+        foot_height_weight: of their positions along the root's z axis [1]: feet that
+            meet part sideways, and not into the floor.
         hands: whether the hands are tasks, too.
         hand_weight, hand_turn_weight: their weights, likewise.
         distance_margin: that watched pairs are to keep [m].
@@ -104,15 +114,16 @@ class CleaningParameters:
     joint_weight: float = 1.0  # [m/rad]
     foot_weight: float = 25.0
     foot_turn_weight: float = 4.0  # [m/rad]
+    foot_height_weight: float = 100.0
     hands: bool = False
-    hand_weight: float = 5.0
-    hand_turn_weight: float = 1.0  # [m/rad]
+    hand_weight: float = 35.0
+    hand_turn_weight: float = 0.3  # [m/rad]
     distance_margin: float = 5e-3  # [m]
     admission_slack: float = 1e-3  # [m]
     rho: float = 1e-6
     alpha: float = 400.0  # [1/m]
     beta: float = 2.0
-    influence_distance: float = 0.03  # [m]
+    influence_distance: float = 0.012  # [m]
     velocity_scale: float = 1.0
 
     @property
@@ -188,6 +199,7 @@ class Cleaned:
         moved_start: how far the first frame was moved, by its farthest joint [rad or
             m]; 0 where the reference's own is clear.
         num_watched: pairs that the law watched.
+        asked: how often the law was asked, for all frames but the first.
     """
 
     q: np.ndarray
@@ -196,16 +208,7 @@ class Cleaned:
     clear: np.ndarray
     moved_start: float
     num_watched: int = 0
-
-
-@dataclass(slots=True)
-class _Run:
-    """The law on its way: state, and what a step leaves to the next."""
-
-    q: np.ndarray  # (nq,)
-    v: np.ndarray  # (nv,)
-    watched: np.ndarray  # (Nr,) which pairs of shapes the law has looked at
-    before: Before | None = None
+    asked: int = 0
 
 
 class Follower:
@@ -261,16 +264,24 @@ class Follower:
             )
         self._kinematics = ControlModel.FromDescription(bare, tasks, time_step=period)
         self.law = ControlLaw(self.model, self.parameters.of_law(period))
-        self._period, self._T = period, self.law.parameters.braking_horizon
-        self._workspace = self.model.MakeWorkspace()
-        rest = self.model.rest_positions()
-        self._rest = rest
-        self._prescribed = self.model.prescribed_at(rest)
-        self._start = BlendStart(
+        self._period = period
+        self._rest = self.model.rest_positions()
+        start = BlendStart(
             np.zeros((len(self.model.layout.angular_tasks), 3, 3)),
             np.zeros((len(self.model.layout.linear_tasks), 3)),
-            rest[self.model.prescribed_positions],
+            self._rest[self.model.prescribed_positions],
             np.zeros(self.model.n),
+        )
+        self._numbers = hold(
+            FollowerNumbers(
+                self.law.mode.robot,
+                self._law_numbers(),
+                self.model.prescribed_at(self._rest),
+                start,
+                _EXPECTED,
+                _ON_IT,
+                _ALONG_IT,
+            )
         )
 
     def margins(self, q: np.ndarray) -> Margins:
@@ -297,104 +308,84 @@ class Follower:
             MotionError: no clear configuration was found near the first frame, or
                 numbers overflow.
         """
-        frames, h, steps = len(reference), self._period, self.steps
-        q_d = self._sampled(reference)
-        v_d = np.diff(q_d, axis=0, prepend=q_d[:1]) / h
-        a_d = np.diff(v_d, axis=0, append=v_d[-1:]) / h
-        ways = ClearWays(self.law, self._whole(reference), self.rate)
-        start, run = self._settle(q_d[0])
+        frames, steps = len(reference), self.steps
+        targets = FrameTargets(
+            self._kinematics, self._rest, reference, steps, self._period
+        )
+        ways = ClearWays(
+            self.law, configurations(self.model, self._rest, reference), self.rate
+        )
+        watched = np.zeros(len(self.model.pairs.pair_of_shapes), dtype=bool)
+        now = self._settle(reference[0], watched)
         q = np.empty_like(reference)
-        q[0] = start
+        q[0] = start = now.q[self.model.controlled_positions]
         admitted, share = np.zeros(frames), np.ones(frames)
-        clear = np.ones(frames, dtype=bool)
+        clear, asked = np.ones(frames, dtype=bool), np.zeros(frames, dtype=int)
         for frame in range(1, frames):
-            first, last = (frame - 1) * steps, frame * steps
-            began, targets = (run.q, run.v), None
-            for k in range(first, last):
-                if self._is_on(run, q_d[k], v_d[k]) and ways.clear(frame - 1):
-                    run.q, run.v = self._whole(q_d[last]), self._moving(v_d[last])
-                    run.before = None
-                    break
-                if targets is None:
-                    samples = slice(first, last)
-                    targets = self._targets(q_d[samples], v_d[samples], a_d[samples])
-                told = self._step(run, targets[k - first])
-                admitted[frame] = max(admitted[frame], told[0])
-                share[frame] = min(share[frame], told[1])
-                clear[frame] &= told[3] == 1.0
-            if targets is not None and not self._goes_clear(began[0], run.q):
-                run.q, run.v = began
-                self._brake(run)
+            k, last, began = (frame - 1) * steps, frame * steps, now
+            until_on_it = True
+            while k < last:
+                if until_on_it and self._is_on(now, targets, k):
+                    until_on_it = False
+                    if ways.clear(frame - 1):
+                        now = self._start(targets.q[last], targets.v[last])
+                        break
+                found = self._take(now, targets, k, last, until_on_it, watched)
+                now, k = found.end, k + found.steps
+                asked[frame] += found.asked
+                admitted[frame] = max(admitted[frame], found.how)
+                share[frame] = min(share[frame], found.share)
+                clear[frame] &= found.clear
+            if asked[frame] and not self._goes_clear(began.q, now.q):
+                now = self._brake(began)
                 admitted[frame], share[frame] = SCALED, 0.0
             # At a limit, rounding may lead beyond it.
-            here = run.q[self.model.controlled_positions]
+            here = now.q[self.model.controlled_positions]
             q[frame] = np.clip(here, self.model.lower, self.model.upper)
             if progress is not None:
                 progress(frame)
         moved = float(np.abs(start - reference[0]).max())
-        watched = np.unique(self.model.pairs.pair_of_shapes[run.watched])
-        return Cleaned(q, admitted, share, clear, moved, len(watched))
+        pairs = np.unique(self.model.pairs.pair_of_shapes[watched])
+        return Cleaned(q, admitted, share, clear, moved, len(pairs), asked.sum())
 
-    def _sampled(self, reference: np.ndarray) -> np.ndarray:
-        """(K, n) of the law's steps: on straight lines between the frames."""
-        if self.steps == 1 or len(reference) == 1:
-            return reference
-        share = np.arange(self.steps)[:, None] / self.steps
-        between = reference[:-1, None] + share * np.diff(reference, axis=0)[:, None]
-        return np.vstack([between.reshape(-1, reference.shape[1]), reference[-1:]])
-
-    def _targets(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(K, layout.size) [x_d; v_d; a_d] of the tasks that a motion of the joints is,
-        at K samples of it, each (K, n)."""
-        model, layout = self._kinematics, self._kinematics.layout
-        moving = (self._moving(x) for x in (v, a))
-        R, p, v_d, a_d = task_motion(self._whole(q), *moving, model.robot_by_pair)
-        return layout.pack(R, p, v_d, a_d, q[:, layout.rows.joints])
-
-    def _whole(self, q: np.ndarray) -> np.ndarray:
-        """(..., nq) of the plant, the prescribed joints at rest, from (..., n)."""
-        whole = np.empty((*q.shape[:-1], len(self._rest)))
-        whole[...] = self._rest
-        whole[..., self.model.controlled_positions] = q
-        return whole
-
-    def _moving(self, v: np.ndarray) -> np.ndarray:
-        """(..., nv) of the plant, the prescribed joints at rest, from (..., n)."""
-        whole = np.zeros((*v.shape[:-1], self.model.n + self.model.n_p))
-        whole[..., self.model.controlled] = v
-        return whole
-
-    def _is_on(self, run: _Run, q: np.ndarray, v: np.ndarray) -> bool:
-        """Whether it is where and as fast as a sample of the reference."""
-        off = np.abs(run.q[self.model.controlled_positions] - q).max()
-        return (
-            off <= _ON_IT
-            and np.abs(run.v[self.model.controlled] - v).max() <= _ALONG_IT
+    def _start(self, q: np.ndarray, v: np.ndarray) -> OnTheWay:
+        """On the way from a state (n,), (n,) of the controlled joints."""
+        still = np.zeros_like(v)
+        memory = LookaheadMemory(v, still, still)
+        return OnTheWay(
+            configurations(self.model, self._rest, q), velocities(self.model, v), memory
         )
 
-    def _step(self, run: _Run, targets: np.ndarray) -> np.ndarray:
-        """Moves `run` a step on; returns how it was admitted, (4,)."""
-        wanted = Wanted(targets, self._prescribed, _NOTHING, self._start, _NO_BLEND)
-        q_s = run.q + self._T * run.v
-        measured = Measured(np.array([run.q, q_s]), run.v, _NOTHING_ASKED)
-        fastest = _EXPECTED * np.abs(run.v)
-        while True:
-            mode, rows, room = self.law.mode.watching(run.q, run.v, fastest)
-            resolved: Resolved = mode.resolve(
-                self._workspace, measured, wanted, run.before
-            )
-            vdot = resolved.answer.vdot
-            if not np.isfinite(vdot).all():
-                raise MotionError("its joints move beyond all sense: an overflow")
-            s = run.v + self._T * vdot
-            if self.law.mode.leaves_clear(s, room):
-                break
-            fastest = np.maximum(fastest, 2.0 * np.abs(s))
-        run.watched[rows] = True
-        controlled = self.model.controlled
-        run.before = Before(True, run.v[controlled], vdot[controlled], resolved.kept)
-        run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)
-        return resolved.diagnostics["admission"]
+    def _is_on(self, now: OnTheWay, targets: FrameTargets, k: int) -> bool:
+        return is_on(now, targets.q[k], targets.v[k], self._numbers)
+
+    def _take(
+        self,
+        now: OnTheWay,
+        targets: FrameTargets,
+        first: int,
+        last: int,
+        until_on_it: bool,
+        watched: np.ndarray,
+    ) -> Followed:
+        """`follow_steps`, of the steps `first` to `last` of a frame.
+
+        Raises:
+            MotionError: numbers overflow.
+        """
+        some = slice(first, last)
+        found = follow_steps(
+            now,
+            targets.at(first, last),
+            targets.q[some],
+            targets.v[some],
+            until_on_it,
+            watched,
+            self._numbers,
+        )
+        if not np.isfinite(found.end.v).all():
+            raise MotionError("its joints move beyond all sense: an overflow")
+        return found
 
     def _goes_clear(self, start: np.ndarray, end: np.ndarray) -> bool:
         """Whether the straight way from one frame to the next keeps clear: the law goes
@@ -408,34 +399,45 @@ class Follower:
             mode.reaches,
         )
 
-    def _brake(self, run: _Run) -> None:
-        """Moves `run` a frame on, straight along its braking path, which is clear."""
+    def _brake(self, now: OnTheWay) -> OnTheWay:
+        """A frame on, straight along the braking path, which is clear."""
+        q, v, T = now.q, now.v, self.law.parameters.braking_horizon
         for _ in range(self.steps):
-            vdot = -run.v / self._T
-            run.q, run.v = next_state(run.q, run.v, vdot, self._period, self._period)
-        run.before = None
+            q, v = next_state(q, v, -v / T, self._period, self._period)
+        return self._start(q[self.model.controlled_positions], v[self.model.controlled])
 
-    def _settle(self, q_0: np.ndarray) -> tuple[np.ndarray, _Run]:
-        """Where to begin, (n,): at the first frame, or where the law that retreats
-        from there first is clear; and the run from there, at rest."""
+    def _settle(self, q_0: np.ndarray, watched: np.ndarray) -> OnTheWay:
+        """Where to begin, at rest: at the first frame, or where the law that retreats
+        from there first is clear."""
         model = self.model
         inside = np.clip(q_0, model.lower, model.upper)
         still = np.zeros_like(q_0)
-        targets = self._targets(inside[None], still[None], still[None])[0]
-        watched = np.zeros(len(model.pairs.pair_of_shapes), dtype=bool)
-        run = _Run(self._whole(inside), np.zeros(model.n + model.n_p), watched)
+        targets = FrameTargets(
+            self._kinematics, self._rest, inside[None], 1, self._period
+        )
+        now = self._start(inside, still)
         for step in range(_SETTLING):
-            here = run.q
-            told = self._step(run, targets)
-            if told[3] == 1.0:  # the braking path from here is clear, and so is here
-                still = np.zeros_like(run.v)
-                return here[model.controlled_positions], _Run(here, still, watched)
-            if step > _STUCK and np.abs(run.q - here).max() < _SETTLED:
+            here = now.q
+            found = self._take(now, targets, 0, 1, False, watched)
+            if found.clear:  # the braking path from here is clear, and so is here
+                return self._start(here[model.controlled_positions], still)
+            now = found.end
+            if step > _STUCK and np.abs(now.q - here).max() < _SETTLED:
                 break  # nothing leads out
         raise MotionError(
             "no configuration that is clear of collisions was found near the first "
             "frame; begin later, or look whether the reference is of this robot"
         )
+
+    def _law_numbers(self) -> Held:
+        """Of the law, with the weight of the feet's heights, which is not that of their
+        other coordinates."""
+        numbers, layout = self.law.mode.numbers.value, self.model.layout
+        weights = np.ones(layout.m)
+        weights[:] = numbers.tasks.weights if len(numbers.tasks.weights) else 1.0
+        heights = layout.linear_rows[: len(self.feet), 2]
+        weights[heights] = self.parameters.foot_height_weight
+        return hold(numbers._replace(tasks=numbers.tasks._replace(weights=weights)))
 
     def _hands_of(self, description: RobotDescription) -> tuple[str, ...]:
         if not self.parameters.hands:

@@ -13,6 +13,7 @@ import numpy as np
 
 from crar_drake.control.modes.lookahead import LookaheadMode
 from crar_drake.equations.nearby import bounds_of_some, nearby_distances
+from crar_drake.references.frame_targets import configurations
 from crar_drake.robot.model import ControlModel
 
 # A way's bound is sought so far below what its ends keep, then four times farther
@@ -59,7 +60,7 @@ def find_margins(
         rate: frames per second [Hz].
     """
     frames = len(q)
-    whole = _configurations(model, q)
+    whole = configurations(model, model.rest_positions(), q)
     everything = np.full((frames, len(mode.reaches.value.rows)), np.inf)
     d = nearby_distances(whole, everything, mode.robot)
     nearest = d.argmin(axis=1)
@@ -73,13 +74,6 @@ def find_margins(
     speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / speed_limits).max(axis=1)
     limit = np.minimum(q - model.lower, model.upper - q).min(axis=1)
     return Margins(distance, pair, between, limit, speed)
-
-
-def _configurations(model: ControlModel, q: np.ndarray) -> np.ndarray:
-    """(T, nq) of the plant, the prescribed joints at rest."""
-    whole = np.tile(model.rest_positions(), (len(q), 1))
-    whole[:, model.controlled_positions] = q
-    return whole
 
 
 def _on_way(start, x, d, mode: LookaheadMode) -> float:

@@ -140,17 +140,17 @@ class ReferenceVerdict:
     @property
     def capsule_frames(self) -> tuple[int, ...]:
         """Frames in which any capsules penetrate."""
-        return _union(self.capsules or ())
+        return frames_of(self.capsules or ())
 
     @property
     def penetrating_frames(self) -> tuple[int, ...]:
         """Frames in which any meshes do."""
-        return _union(self.mesh_pairs)
+        return frames_of(self.mesh_pairs)
 
     @property
     def beyond_frames(self) -> tuple[int, ...]:
         """Frames with a joint beyond its limit or its speed limit."""
-        return _union(self.limits + self.speeds)
+        return frames_of(self.limits + self.speeds)
 
     def mesh_depths(self) -> np.ndarray:
         """(K,) how deep meshes penetrate in each frame judged, 0 if not [m]."""
@@ -317,5 +317,6 @@ def _with_violations(
     return replace(verdict, violations=tuple(found))
 
 
-def _union(found: tuple[PairFrames | Beyond, ...]) -> tuple[int, ...]:
+def frames_of(found: tuple[PairFrames | Beyond, ...]) -> tuple[int, ...]:
+    """Frames in which any of them do."""
     return tuple(sorted({frame for each in found for frame in each.frames}))

@@ -6,7 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from crar_drake.references.reference_judge import Beyond, PairFrames, ReferenceVerdict
+from crar_drake.references.reference_judge import (
+    Beyond,
+    PairFrames,
+    ReferenceVerdict,
+    frames_of,
+)
 
 # Pairs and joints that are told one by one.
 _MOST = 5
@@ -43,8 +48,8 @@ def verdict_row(verdict: ReferenceVerdict) -> tuple[str, ...]:
         judged,
         deepest,
         capsules,
-        _percent(len(_frames(verdict.limits)), motion.num_frames),
-        _percent(len(_frames(verdict.speeds)), max(1, motion.num_frames - 1)),
+        _percent(len(frames_of(verdict.limits)), motion.num_frames),
+        _percent(len(frames_of(verdict.speeds)), max(1, motion.num_frames - 1)),
         _millimetres(verdict.lowest.min()),
         str(len(verdict.jumps)),
         "-" if np.isnan(slip) else _millimetres(slip),
@@ -231,7 +236,7 @@ def _beyond_lines(
     what: str, beyond: tuple[Beyond, ...], unit: str, rate: float
 ) -> Iterator[str]:
     yield f"  {what}: " + (
-        f"{len(_frames(beyond))} frames beyond" if beyond else "none beyond"
+        f"{len(frames_of(beyond))} frames beyond" if beyond else "none beyond"
     )
     for joint in beyond[:_MOST]:
         yield (
@@ -263,10 +268,6 @@ def _smallest(distances: np.ndarray, rate: float) -> str:
     return (
         f", smallest distance {1e3 * distances[frame]:.1f} mm at {frame / rate:.2f} s"
     )
-
-
-def _frames(beyond: tuple[Beyond, ...]) -> set[int]:
-    return {frame for joint in beyond for frame in joint.frames}
 
 
 def _of(number: int, total: int) -> str:

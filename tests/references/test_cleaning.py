@@ -7,7 +7,9 @@ import pytest
 from small_reference_robots import SPEED, reaching, write_robot
 
 from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.following import CleaningParameters, Follower
+from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 
@@ -41,24 +43,15 @@ def test_a_clean_reference_comes_back_as_it_was(cleaner):
 
 def test_the_law_itself_leaves_a_clean_reference_as_it_was(cleaner, monkeypatch):
     """Where it is asked in every step, not only where the reference cannot be taken."""
-    monkeypatch.setattr(Follower, "_is_on", lambda *arguments: False)
+    monkeypatch.setattr(ClearWays, "clear", lambda *arguments: False)
     q = reaching(30, RATE, 0.3)
     cleaned = cleaner.follow(q)
     np.testing.assert_allclose(cleaned.q, q, rtol=0.0, atol=1e-9)
     assert not np.array_equal(cleaned.q, q)
+    assert cleaned.asked >= 29 * CleaningParameters().steps_per_frame(RATE)
 
 
-def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(
-    cleaner, monkeypatch
-):
-    asked = []
-    step = Follower._step
-
-    def counted(self, *arguments):
-        asked.append(self)
-        return step(self, *arguments)
-
-    monkeypatch.setattr(Follower, "_step", counted)
+def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(cleaner):
     still = np.zeros((80, 3))
     q = np.vstack([reaching(50, RATE, 1.0), still])
     cleaned = cleaner.follow(q)
@@ -69,7 +62,7 @@ def test_what_is_clear_is_taken_to_the_last_bit_before_and_after_a_collision(
     change = np.abs(cleaned.q - q).max(axis=1)
     back = int(np.flatnonzero(~same)[-1]) + 1
     assert change[back - 1] < 5e-3 and back < 110
-    assert 0 < len(asked) < CleaningParameters().steps_per_frame(RATE) * len(q)
+    assert 0 < cleaned.asked < CleaningParameters().steps_per_frame(RATE) * len(q)
 
 
 def test_one_frame_is_a_motion(cleaner):
@@ -161,6 +154,35 @@ def test_speeds_are_shares_of_the_robots_limits_whatever_the_law_may_use(cleaner
     np.testing.assert_allclose(half.margins(q).speed[:-1], fastest)
     with pytest.raises(ScenarioError, match="velocity_scale is 5"):
         CleaningParameters(velocity_scale=5.0).validate()
+
+
+def test_hands_keep_their_places_if_asked(cleaner):
+    """And the joints pay for it."""
+    frames = {"left_hand": "tip"}
+    description = replace(cleaner.description, task_frames=frames)
+    robot = WholeBody(description)
+    q = reaching(50, RATE, 1.0)
+    of_hands, of_joints = [], []
+    for hands in (False, True):
+        found = Follower(description, RATE, CleaningParameters(hands=hands)).follow(q)
+        assert least_distances(cleaner, found.q).min() > FLOOR - 1e-6
+        was, now = (robot.poses_in_root(each, ("tip",))[0] for each in (q, found.q))
+        of_hands.append(np.linalg.norm(now - was, axis=2).max())
+        of_joints.append(np.abs(found.q - q).max())
+    assert of_hands[1] < 0.5 * of_hands[0]
+    assert of_joints[1] > of_joints[0]
+
+
+def test_a_foots_height_has_a_weight_of_its_own(cleaner):
+    """And nothing else has it, nor the law that a follower was made of."""
+    layout = cleaner.model.layout
+    weights = cleaner._numbers.value.law.value.tasks.weights
+    height = layout.linear_rows[0, 2]
+    np.testing.assert_array_equal(weights[layout.linear_rows[0]], [25.0, 25.0, 100.0])
+    others = np.delete(np.arange(layout.m), height)
+    own = cleaner.law.mode.numbers.value.tasks.weights
+    np.testing.assert_array_equal(weights[others], own[others])
+    assert own[height] == 25.0
 
 
 def test_what_cannot_be_cleaned_is_refused(tmp_path):

@@ -2,7 +2,6 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -24,7 +23,6 @@ from crar_drake.equations.lookahead_rows import (
     LookaheadGains,
     find_limits,
 )
-from crar_drake.equations.nearby import still_clear, watched_nearby
 from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -115,6 +113,7 @@ class LookaheadMode(Mode):
         reaches: holds the `Reaches` of the watched pairs, for other paths than braking
             ones.
         admission: its numbers.
+        numbers: holds the `LookaheadNumbers`.
     """
 
     diagnostics = (
@@ -183,7 +182,7 @@ class LookaheadMode(Mode):
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
         self.robot, self.reaches = model.robot_ahead, hold(reaches)
-        self._numbers = hold(
+        self.numbers = hold(
             LookaheadNumbers(
                 gains,
                 hold(limits),
@@ -193,34 +192,6 @@ class LookaheadMode(Mode):
                 model.pairs.shape_pairs,
             )
         )
-
-    def watching(
-        self, q: np.ndarray, v: np.ndarray, fastest: np.ndarray
-    ) -> "tuple[LookaheadMode, np.ndarray, np.ndarray]":
-        """The mode on the pairs of shapes that can influence a step, which is the same.
-
-        Args:
-            q, v: (nq,), (nv,) state.
-            fastest: (nv,) what is expected of the step's |s|.
-
-        Returns:
-            The mode; (N,) its rows; (Nr,) for `leaves_clear`.
-        """
-        some = copy(self)
-        rows, room, some.robot, some._numbers = watched_nearby(
-            q, v, fastest, self.robot, self._numbers
-        )
-        return some, rows, room
-
-    def leaves_clear(self, s: np.ndarray, room: np.ndarray) -> bool:
-        """Whether a step leaves all pairs clear that `watching` left out.
-
-        Args:
-            s: (nv,) velocity of where the robot would come to rest, in the plant's
-                order.
-            room: of `watching`.
-        """
-        return still_clear(s[self._model.order], room, self._numbers)
 
     @staticmethod
     def check(parameters: "CrarParameters") -> None:
@@ -260,7 +231,7 @@ class LookaheadMode(Mode):
             measured.asked,
             _NOT_GIVEN,
             self.robot,
-            self._numbers,
+            self.numbers,
         )
         vdot, error, W, qdot_c, slip, margins, admission = (
             found[part] for part in self._parts
@@ -270,13 +241,13 @@ class LookaheadMode(Mode):
         return Resolved(answer, slip, told)
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-        return acceleration_bounds(measured, self.robot, self._numbers)
+        return acceleration_bounds(measured, self.robot, self.numbers)
 
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         state = np.concatenate((measured.q[0], measured.v))
         found = lookahead_or_scaled(
-            state, measured.asked, vdot, self.robot, self._numbers
+            state, measured.asked, vdot, self.robot, self.numbers
         )
         return found[: len(vdot)], {"admission": found[len(vdot) :]}

@@ -29,18 +29,22 @@ class Verdict:
 
 VERDICTS = {
     "G1": Verdict(0.0205),
-    "TALOS": Verdict(0.0761),
+    "TALOS": Verdict(0.0671),
+    "TALOS, reduced": Verdict(0.0720),
     "Romeo": Verdict(
         0.0851, "partly: the arm rises half as far, its joints are too slow"
     ),
     "iCub of 2016": Verdict(0.0497),
     "simple humanoid": Verdict(0.0913, "its model has no shapes to look at"),
-    "human": Verdict(0.0095),
+    "human": Verdict(0.0084),
     "Alex": Verdict(0.0402),
     "Centauro": Verdict(0.2289, "partly: the arms do, the trunk is 0.2 m ahead"),
     "Baxter": Verdict(0.1977, "the arm does not rise: its joints are too slow"),
     "PR2": Verdict(
         0.4019, "its arms begin folded, and its base is where they would hang"
+    ),
+    "PR2, robosuite": Verdict(
+        0.2071, "partly: the arm rises, both hang wide around its base"
     ),
     "TIAGo, two arms": Verdict(
         0.1299, "the arm does not rise: its joints are too slow"
@@ -56,16 +60,21 @@ VERDICTS = {
         0.0361, "partly: the arms do, it crouches with its knees apart"
     ),
     "H1": Verdict(0.0311),
-    "Vega 1": Verdict(0.1778, "its hands stop at its base, and all of it with them"),
+    "H1, robosuite": Verdict(0.0291),
+    "Gene01": Verdict(0.0510),
+    "Vega 1": Verdict(0.1003, "partly: the arm rises late and half as far"),
     "Vega 1u": Verdict(0.1027, "partly: the arm rises late and half as far"),
     "Vega 1p, hands": Verdict(0.1005, "partly: the arm rises late and half as far"),
     "ARMAR-4": Verdict(0.112, "partly: the arm rises late and half as far"),
     "ARMAR-6": Verdict(0.213, "the arm rises late and half as far"),
+    "Orcabot": Verdict(0.0643),
+    "Orcabot, MJCF": Verdict(0.0465),
     "GR-1": Verdict(0.0945, "partly: the arm rises late, both feet are some cm off"),
     "GR-2": Verdict(0.0515),
     "GR-3": Verdict(0.0283),
     "Qinglong": Verdict(0.0860, "partly: the arm rises late and half as far"),
     "OpenArm": Verdict(0.0443),
+    "ALOHA": Verdict(0.5272, "two arms that face each other on a table are no body"),
     "YuMi": Verdict(0.1432, "partly: the hands do, the elbows stand out"),
 }
 

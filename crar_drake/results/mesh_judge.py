@@ -8,22 +8,16 @@ or might be nearer than the nearest meshes so far, the triangles decide.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.geometry import Convex, GeometryId
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
-from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.results.judged_pairs import pairs_beyond_one_joint
-from crar_drake.results.mesh_distance import (
-    TriangleMesh,
-    distance_apart,
-    mesh_distance,
-)
+from crar_drake.results.mesh_distance import TriangleMesh, mesh_distance
+from crar_drake.results.mesh_hulls import HULL_MARGIN, Hulls
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,
@@ -31,10 +25,6 @@ from crar_drake.robot.description import (
     zero_positions,
 )
 from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
-
-# A flat part's points are moved apart by this, for it to have a hull; all parts' are,
-# for the hull to hold the part in spite of rounding [m].
-_HULL_MARGIN = 1e-5
 
 
 @dataclass(frozen=True)
@@ -145,7 +135,7 @@ class MeshJudge:
             pairs_beyond_one_joint(self._plant, self._bodies), dtype=int
         ).reshape(-1, 2)
         self._context = self._plant.CreateDefaultContext()
-        self._hulls = _Hulls(of_links)
+        self._hulls = Hulls(of_links)
         self._set_left_out(description)
 
     @property
@@ -216,24 +206,30 @@ class MeshJudge:
         self._hulls.place(poses)
         # Hulls are never farther than meshes: what is beyond the nearest meshes so far
         # is of no interest to either.
-        rows = self._near_balls(poses, max(tally.meshes.distance, 0.0))
-        near = sorted((self._hulls.distance(*self._indices[row]), row) for row in rows)
+        beyond, near = max(tally.meshes.distance, 0.0), []
+        for row in self._near_balls(poses, beyond):
+            i, j = self._indices[row]
+            motion = _Motion(poses[i], poses[j], self._meshes[j])
+            if tally.hulls_known.bound(row, motion) <= beyond:
+                distance = self._hulls.distance(i, j)
+                tally.hulls_known.tell(row, motion, distance)
+                near.append((distance, row, motion))
+        near.sort(key=lambda each: each[:2])
         if near:
-            tally.hulls.take(*near[0], index)
+            tally.hulls.take(*near[0][:2], index)
             tally.num_hulls_touching += near[0][0] < 0.0
         penetrating = False
-        for hull_distance, row in near:
+        for hull_distance, row, motion in near:
             if hull_distance > max(tally.meshes.distance, 0.0):
                 break
             i, j = self._indices[row]
-            motion = _Motion(poses[i], poses[j], self._meshes[j])
             deepest = tally.is_deepest(row, hull_distance)
-            bound = tally.bound(row, motion)
+            bound = tally.meshes_known.bound(row, motion)
             if not deepest and bound > max(tally.meshes.distance, 0.0):
                 tally.refute(row, index, hull_distance, None)
                 continue
             d = mesh_distance(self._meshes[i], self._meshes[j], motion.X_AB)
-            tally.last[row] = (motion, d)
+            tally.meshes_known.tell(row, motion, d)
             tally.meshes.take(d, row, index)
             if d < 0.0:
                 penetrating = True
@@ -277,6 +273,9 @@ class MeshJudge:
         for q in (rest, zero):
             poses = self._poses(q)
             self._hulls.place(poses)
+            near = np.zeros_like(meet)
+            near[self._near_balls(poses, HULL_MARGIN)] = True
+            meet &= near
             for row in np.flatnonzero(meet):
                 i, j = self._indices[row]
                 meet[row] = (
@@ -294,7 +293,7 @@ class _Motion:
     def __init__(self, X_WA: RigidTransform, X_WB: RigidTransform, b: TriangleMesh):
         self.X_AB = X_WA.InvertAndCompose(X_WB)
         self._p_AC = self.X_AB.multiply(b.centre)
-        self._radius = b.radius
+        self._radius = b.radius + HULL_MARGIN  # the hull's points are within, too
 
     def since(self, other: _Motion) -> float:
         """How far any point of B has moved in A at most [m]."""
@@ -306,6 +305,27 @@ class _Motion:
         return float(
             np.linalg.norm(self._p_AC - other._p_AC) + 2.0 * self._radius * sine
         )
+
+
+class _Known:
+    """Where pairs, by their rows, were measured last, and their distance there."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, tuple[_Motion, float]] = {}
+
+    def tell(self, row: int, motion: _Motion, distance: float) -> None:
+        self._last[row] = (motion, distance)
+
+    def bound(self, row: int, motion: _Motion) -> float:
+        """What a pair is apart at least [m]; -inf if it was not measured.
+
+        Where it is positive, nothing was touched on the way, so that neither is inside
+        the other.
+        """
+        if row not in self._last:
+            return -np.inf
+        before, distance = self._last[row]
+        return distance - motion.since(before)
 
 
 @dataclass
@@ -352,7 +372,7 @@ class _Tally:
     """What is known of the samples so far, with pairs by their rows.
 
     Attributes:
-        last: where a pair's meshes were measured, and their distance there.
+        hulls_known, meshes_known: where pairs were measured last.
     """
 
     num_pairs: int
@@ -362,18 +382,8 @@ class _Tally:
     hulls: _Least = field(default_factory=_Least)
     penetrations: dict[int, _Contact] = field(default_factory=dict)
     refuted: dict[int, _Contact] = field(default_factory=dict)
-    last: dict[int, tuple[_Motion, float]] = field(default_factory=dict)
-
-    def bound(self, row: int, motion: _Motion) -> float:
-        """What a pair's meshes are apart at least, as far as is known [m].
-
-        Where it is positive, nothing was touched on the way, so that neither mesh is
-        inside the other.
-        """
-        if row not in self.last:
-            return -np.inf
-        before, distance = self.last[row]
-        return distance - motion.since(before)
+    hulls_known: _Known = field(default_factory=_Known)
+    meshes_known: _Known = field(default_factory=_Known)
 
     def is_deepest(self, row: int, hull_distance: float) -> bool:
         """Whether hulls penetrate deeper than where they were refuted before."""
@@ -401,95 +411,6 @@ class _Tally:
         if mesh_distance < contact.mesh_distance:
             contact.index, contact.hull_distance = index, hull_distance
             contact.mesh_distance = mesh_distance
-
-
-class _Hulls:
-    """Signed distances between the links' convex hulls, one for each part of a link.
-
-    Drake knows how deep convex shapes penetrate. Apart, its distances of large hulls
-    were seen to be off by up to 11 mm, so that there FCL measures the hulls' faces.
-    """
-
-    def __init__(self, links: list[LinkMesh]) -> None:
-        # In a plant of their own, of free bodies: their poses are known, and the
-        # robot's own collision shapes and filters play no part.
-        builder = DiagramBuilder()
-        self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-        self._bodies, self._parts = [], []
-        for index, link in enumerate(links):
-            body = self._plant.AddRigidBody(f"link_{index}")
-            self._bodies.append(body)
-            self._parts.append(
-                [
-                    self._hull(body, part.vertices, f"{index}_{number}")
-                    for number, part in enumerate(link.parts)
-                ]
-            )
-        self._plant.Finalize()
-        self._diagram = builder.Build()
-        self._root = self._diagram.CreateDefaultContext()
-        self._context = self._plant.GetMyMutableContextFromRoot(self._root)
-        self._graph_context = self._scene_graph.GetMyContextFromRoot(self._root)
-
-    def place(self, poses: list[RigidTransform]) -> None:
-        """Moves the links there (X_WL)."""
-        self._poses = poses
-        for body, pose in zip(self._bodies, poses, strict=True):
-            self._plant.SetFreeBodyPose(self._context, body, pose)
-        port = self._scene_graph.get_query_output_port()
-        self._query = port.Eval(self._graph_context)
-
-    def distance(self, i: int, j: int) -> float:
-        """Of the links number i and j: the smallest over their parts [m]."""
-        X_AB = self._poses[i].InvertAndCompose(self._poses[j])
-        return min(
-            self._part_distance(a, b, X_AB)
-            for a in self._parts[i]
-            for b in self._parts[j]
-        )
-
-    def _hull(self, body, vertices: np.ndarray, name: str) -> _Hull:
-        points = _hull_points(vertices)
-        geometry = self._plant.RegisterCollisionGeometry(
-            body,
-            RigidTransform(),
-            Convex(points.T, name),
-            name,
-            CoulombFriction(0.0, 0.0),
-        )
-        return _Hull(geometry, _hull_mesh(points))
-
-    def _part_distance(self, a: _Hull, b: _Hull, X_AB: RigidTransform) -> float:
-        gap = distance_apart(a.mesh, b.mesh, X_AB)
-        if gap > 0.0:
-            return gap
-        query = self._query.ComputeSignedDistancePairClosestPoints
-        return min(0.0, query(a.geometry, b.geometry).distance)
-
-
-@dataclass(frozen=True)
-class _Hull:
-    """A part's hull, for Drake and as triangles."""
-
-    geometry: GeometryId
-    mesh: TriangleMesh
-
-
-def _hull_mesh(points: np.ndarray) -> TriangleMesh:
-    hull = ConvexHull(points)
-    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
-    outward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) > 0
-    faces = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
-    return TriangleMesh(points, faces)
-
-
-def _hull_points(vertices: np.ndarray) -> np.ndarray:
-    """(N, 3) points whose hull has a volume and holds the vertices."""
-    with suppress(QhullError):  # it is flat, or a needle
-        vertices = vertices[ConvexHull(vertices).vertices]
-    steps = _HULL_MARGIN * np.concatenate([np.eye(3), -np.eye(3)])
-    points = (vertices[:, None] + steps).reshape(-1, 3)
-    return points[ConvexHull(points).vertices]
 
 
 def _one_mesh(link: LinkMesh) -> TriangleMesh:

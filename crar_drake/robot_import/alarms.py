@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from crar_drake.robot_import.anatomy import Anatomy
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.meshes import Part, lowest_points
 from crar_drake.robot_import.source_robot import SourceRobot
 
 # Ratios of lengths that the limbs of a person, and of the robots that are like one,
@@ -81,13 +81,8 @@ def floor_alarms(
         height: of the root link above the floor [m].
         anatomy: its arms.
     """
-    X = robot.poses(dict(positions))
-    lowest = {
-        link: min(X[link].multiply(part.vertices.T)[2].min() for part in of_link)
-        + height
-        for link, of_link in parts.items()
-        if of_link
-    }
+    bottoms = lowest_points(robot, parts, positions)
+    lowest = {link: bottom + height for link, bottom in bottoms.items()}
     if not lowest:
         return []
     link = min(lowest, key=lowest.get)

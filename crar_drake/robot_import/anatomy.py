@@ -202,7 +202,9 @@ def chain_ends(robot: SourceRobot) -> list[str]:
         turns = any(word in name for word in _TURNS)
         last = grips and not turns and not _depth(robot, joint.child)
         named = any(word in name for word in words)
-        return bool(joint.mimic) or leads or last or named
+        # A telescope's joints follow each other, too, and carry a wrist.
+        follows = bool(joint.mimic) and _own_depth(robot, joint.child) < 2
+        return follows or leads or last or named
 
     X, ends = robot.poses(), []
 
@@ -240,6 +242,17 @@ def _depth(robot: SourceRobot, link: str) -> int:
     """Moving joints on the longest way down from a link."""
     return max(
         (j.moves + _depth(robot, j.child) for j in robot.children(link)), default=0
+    )
+
+
+def _own_depth(robot: SourceRobot, link: str) -> int:
+    """Those of them that follow no other joint."""
+    return max(
+        (
+            (j.moves and not j.mimic) + _own_depth(robot, j.child)
+            for j in robot.children(link)
+        ),
+        default=0,
     )
 
 

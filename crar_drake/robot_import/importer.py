@@ -107,7 +107,6 @@ def import_robot(
     check_installed()
     progress = progress or (lambda what, share: None)
     file = out / IMPORT_FILE
-    choices = None
     if file.is_file():
         choices = load_choices(file)
         if source and find_urdf(source)[0] != _locate(choices.source, out):
@@ -115,20 +114,8 @@ def import_robot(
                 f"{file} was made from {choices.source}; to import another robot give "
                 "another --out, or remove that file"
             )
-        _check_lock(choices, lock, file)
-        if cover and not choices.cover:
-            raise ModelError(
-                f"{file} is there already: write cover: true into it, take out pairs, "
-                "and import again without the option"
-            )
-        for key, value in (("srdf", srdf), ("posture", posture)):
-            if value and value != getattr(choices, key):
-                raise ModelError(
-                    f"{file} is there already: write {key}: {value} into it, take out "
-                    "locked, rest_posture and pairs, and import again without the "
-                    "option"
-                )
-    if choices is None:
+        _check_given(choices, file, lock, cover, base, srdf, posture)
+    else:
         path, name = find_urdf(source)
         choices = ImportChoices(source=name, package_paths=list(package_paths))
         choices.lock = None if lock is None else list(lock)
@@ -136,11 +123,6 @@ def import_robot(
         choices.base = base
         choices.srdf = str(Path(srdf).resolve()) if srdf else ""
         choices.posture = posture
-    elif base is not None and base != choices.base:
-        raise ModelError(
-            f"{file} is there already: write base: {base} into it, and import again "
-            "without the option"
-        )
     choices.validate(str(file))
     path = _locate(choices.source, out)
     progress("reading", 0.0)
@@ -283,16 +265,42 @@ def check_installed() -> None:
     require_packages(_MESH_PACKAGES, "importing robots")
 
 
-def _check_lock(
-    choices: ImportChoices, lock: tuple[str, ...] | None, file: Path
+def _check_given(
+    choices: ImportChoices,
+    file: Path,
+    lock: tuple[str, ...] | None,
+    cover: bool,
+    base: str | None,
+    srdf: str,
+    posture: str,
 ) -> None:
-    """What an import file says about locked joints is changed there, nowhere else."""
-    if lock is None or (choices.lock is not None and set(choices.lock) == set(lock)):
-        return
-    raise ModelError(
-        f"{file} is there already: write lock: [{', '.join(lock)}] into it, take out "
-        "locked, segments, rest_posture and pairs, and import again without the option"
-    )
+    """What an import file says is changed there, by no option.
+
+    Raises:
+        ModelError: an option says something else; the message names what to write.
+    """
+
+    def refuse(entry: str, outdated: str = "") -> None:
+        take_out = f", take out {outdated}," if outdated else ""
+        raise ModelError(
+            f"{file} is there already: write {entry} into it{take_out} and import "
+            "again without the option"
+        )
+
+    if lock is not None and (choices.lock is None or set(choices.lock) != set(lock)):
+        refuse(f"lock: [{', '.join(lock)}]", "locked, segments, rest_posture and pairs")
+    if cover and not choices.cover:
+        refuse("cover: true", "pairs")
+    if base is not None and base != choices.base:
+        refuse(f"base: {base}")
+    # A path of an option is relative to where one is, of the file to where that is.
+    if srdf and (
+        not choices.srdf
+        or Path(srdf).resolve() != (file.parent / choices.srdf).resolve()
+    ):
+        refuse(f"srdf: {Path(srdf).resolve()}", "locked, rest_posture and pairs")
+    if posture and posture != choices.posture:
+        refuse(f"posture: {posture}", "locked, rest_posture and pairs")
 
 
 def _locate(source: str, out: Path) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,6 +62,26 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     return [
         part for shape in shapes for part in _shape_parts(shape, link.name, up_axis)
     ]
+
+
+def lowest_points(
+    robot: SourceRobot,
+    parts: Mapping[str, Sequence[Part]],
+    positions: Mapping[str, float] | None = None,
+) -> dict[str, float]:
+    """How low each link that has a look reaches, in the root's frame [m].
+
+    Args:
+        robot: whose links they are.
+        parts: link to its real look, in its frame.
+        positions: joint to position [rad or m]; those not named are at 0.
+    """
+    X = robot.poses(dict(positions or {}))
+    return {
+        link: float(min(X[link].multiply(p.vertices.T)[2].min() for p in of_link))
+        for link, of_link in parts.items()
+        if of_link
+    }
 
 
 def dae_up_axis(path: Path) -> str:

@@ -14,7 +14,7 @@ from crar_drake.robot.description import RootPose, find_joint
 from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.anatomy import AWAY, Anatomy, find_anatomy, guess_rest
 from crar_drake.robot_import.leg_and_head_frames import bent_knees
-from crar_drake.robot_import.link_bodies import all_vertices
+from crar_drake.robot_import.meshes import lowest_points
 from crar_drake.robot_import.pair_sampling import CLEAR, Gaps
 from crar_drake.robot_import.source_robot import WORLD, SourceRobot
 
@@ -34,28 +34,13 @@ def rest_root_pose(robot: SourceRobot, height: float) -> RootPose:
     )
 
 
-def _ground_height(robot, parts, positions) -> float:
-    """How high the root link is when the robot stands on the ground [m]."""
-    X = robot.poses(positions)
-    lowest = [
-        (all_vertices(of_link) @ X[name].rotation().matrix()[2]).min()
-        + X[name].translation()[2]
-        for name, of_link in parts.items()
-        if of_link
-    ]
-    return float(-min(lowest, default=0.0))
-
-
 def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
     """Fills in the rest posture where the import file leaves it out."""
     if choices.rest_posture is not None:
         return
     anatomy = find_anatomy(robot)
-    if choices.srdf and robot.posture:
-        posture = robot.posture.items()
-        rest = {n: round(p, 4) for n, p in posture if n not in locked and p}
-        how = f"a posture of {Path(choices.srdf).name}"
-    elif anatomy:
+    own = bool(choices.srdf and robot.posture)
+    if anatomy and not own:
         rest, knees = _clear_rest(robot, anatomy, locked, capsules)
         also = " and knees" if knees else ""
         how = f"arms a little out, elbows{also} bent, standing on the ground"
@@ -64,8 +49,11 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
         how = "the middle of each joint's range"
         if robot.posture:
             how = "a keyframe of the file"
+        if own:
+            how = f"a posture of {Path(choices.srdf).name}"
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
-        height = _ground_height(robot, parts, {**locked, **rest})
+        bottoms = lowest_points(robot, parts, {**locked, **rest})
+        height = -min(bottoms.values(), default=0.0)
         rest = {"waist_z": round(height, 4)} | rest
     choices.rest_posture = rest
     report.guessed["rest_posture"] = how

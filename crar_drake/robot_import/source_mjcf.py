@@ -22,6 +22,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.mjcf_actuators import effort_limits
+from crar_drake.robot_import.mjcf_geoms import body_shapes, pose_of
 from crar_drake.robot_import.mjcf_keyframes import keyframe_posture
 from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_files import default_name
@@ -30,12 +31,9 @@ from crar_drake.robot_import.source_robot import (
     Joint,
     Link,
     Loop,
-    Shape,
     SourceRobot,
 )
 
-_HIDDEN_GROUP = 3  # MuJoCo's viewer shows the geoms of groups below it
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # of a geom without a colour
 _UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 _TINY = 1e-9  # [m] or of a coefficient
 
@@ -107,7 +105,7 @@ class _Reader:
                 self._add_root(body, mounted)
             else:
                 parent = self._bodies[self._model.body_parentid[body]]
-                self._add_body(body, parent, _pose(self._model, "body", body))
+                self._add_body(body, parent, pose_of(self._model, "body", body))
         self._add_sites()
         loops = self._read_equalities()
         self._note_left_out(left_out)
@@ -228,7 +226,7 @@ class _Reader:
         A root link is taken to have z up. If it is turned in the world a link that is
         not carries it.
         """
-        X_WB = _pose(self._model, "body", body)
+        X_WB = pose_of(self._model, "body", body)
         X_WU, X_UB = RigidTransform(X_WB.translation()), RigidTransform(X_WB.rotation())
         upright = ""
         if not X_UB.IsNearlyIdentity(1e-6):
@@ -244,7 +242,7 @@ class _Reader:
 
     def _add_link(self, body: int) -> None:
         name = self._bodies[body]
-        visual, collision = self._shapes(body)
+        visual, collision = body_shapes(self._model, body, name, self._notes)
         inertial = _inertial(self._model, body)
         self._links[name] = Link(name, visual, collision, inertial)
 
@@ -334,77 +332,7 @@ class _Reader:
                 name += "_site"
             name = self._unique(name, "")
             self._links[name] = Link(name, (), (), None)
-            self._weld(self._bodies[body], name, _pose(model, "site", site))
-
-    # --- shapes ---------------------------------------------------------------------
-
-    def _shapes(self, body: int) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-        """What is seen of a body, and what collides."""
-        model = self._model
-        first = int(model.body_geomadr[body])
-        seen, hidden, colliding = {}, {}, {}
-        for geom in range(first, first + int(model.body_geomnum[body])):
-            shape = self._shape(geom)
-            if shape is None:
-                continue
-            # The same mesh is often there twice, to be seen and to collide.
-            key = (
-                shape.kind,
-                int(model.geom_dataid[geom]),
-                *np.round(model.geom_size[geom], 6),
-                *np.round(shape.X_LG.GetAsMatrix34().ravel(), 6),
-            )
-            group, alpha = model.geom_group[geom], (shape.rgba or _DEFAULT_RGBA)[3]
-            if group < _HIDDEN_GROUP and alpha > 0.0:
-                seen.setdefault(key, shape)
-            collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
-            (colliding if collides else hidden).setdefault(key, shape)
-        if not seen and not colliding:
-            seen = hidden
-        return tuple(seen.values()), tuple(colliding.values())
-
-    def _shape(self, geom: int) -> Shape | None:
-        """A geom; None where it has no volume of its own."""
-        import mujoco
-
-        model = self._model
-        kind = mujoco.mjtGeom(int(model.geom_type[geom])).name
-        kind = kind.removeprefix("mjGEOM_").lower()
-        a, b, c = (float(v) for v in model.geom_size[geom])
-        sizes = {
-            "sphere": (a,),
-            "capsule": (a, 2 * b),
-            "cylinder": (a, 2 * b),
-            "box": (2 * a, 2 * b, 2 * c),
-            "ellipsoid": (a, b, c),
-            "mesh": (),
-        }
-        if kind not in sizes:
-            link = self._bodies[int(model.geom_bodyid[geom])]
-            self._notes.append(f"link {link}: a shape of kind {kind} is left out")
-            return None
-        X, rgba = _pose(model, "geom", geom), self._colour(geom)
-        if kind == "mesh":
-            return Shape(X, "triangles", triangles=self._triangles(geom), rgba=rgba)
-        return Shape(X, kind, size=sizes[kind], rgba=rgba)
-
-    def _triangles(self, geom: int) -> tuple[np.ndarray, np.ndarray]:
-        """A mesh as MuJoCo has it: scaled, in its own inertial frame."""
-        model, mesh = self._model, int(self._model.geom_dataid[geom])
-        vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
-        vertices = model.mesh_vert[vertex : vertex + int(model.mesh_vertnum[mesh])]
-        faces = model.mesh_face[face : face + int(model.mesh_facenum[mesh])]
-        return np.array(vertices, dtype=float), np.array(faces)
-
-    def _colour(self, geom: int) -> tuple[float, ...] | None:
-        """A geom's own colour, else its material's."""
-        model, material = self._model, int(self._model.geom_matid[geom])
-        rgba = tuple(float(v) for v in model.geom_rgba[geom])
-        if np.allclose(rgba, _DEFAULT_RGBA):
-            if material < 0:
-                return None
-            rgba = tuple(float(v) for v in model.mat_rgba[material])
-        return tuple(round(v, 4) for v in rgba)
+            self._weld(self._bodies[body], name, pose_of(model, "site", site))
 
     # --- equalities -----------------------------------------------------------------
 
@@ -471,14 +399,6 @@ class _Reader:
                 if j in self._joint_names
             )
             body = int(self._model.body_parentid[body])
-
-
-def _pose(model, kind: str, index: int) -> RigidTransform:
-    """Of a body, geom or site, in its body's (a body: its parent's) frame."""
-    wxyz = np.array(getattr(model, f"{kind}_quat")[index])
-    p = np.array(getattr(model, f"{kind}_pos")[index])
-    R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz)))
-    return RigidTransform(R, p)
 
 
 def _inertial(model, body: int) -> ElementTree.Element | None:

@@ -64,13 +64,9 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
                 f"{path}: <{tag}> {element.get('name', '')!r} closes a chain, "
                 "which the controller does not support; take it out of the URDF"
             )
-    colours = {
-        material.get("name"): numbers_of(colour.get("rgba"))
-        for material in root.iter("material")
-        if (colour := material.find("color")) is not None
-    }
-    meshes = MeshFinder(path, package_paths)
     notes: list[str] = []
+    colours = _read_colours(root, notes)
+    meshes = MeshFinder(path, package_paths)
     links = {}
     for element in root.findall("link"):
         with _naming(path, "link", element):
@@ -166,6 +162,34 @@ def _check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, 
     return parents
 
 
+def _read_colours(
+    root: ElementTree.Element, notes: list[str]
+) -> dict[str | None, tuple[float, ...] | None]:
+    """Material to its colour; a robot moves as well without one."""
+    colours = {}
+    for material in root.iter("material"):
+        if (colour := material.find("color")) is None:
+            continue
+        name = material.get("name")
+        colours[name] = _rgba(colour)
+        note = (
+            f"material {name!r}: {colour.get('rgba')!r} is no colour, which is four "
+            "numbers from 0 to 1: it is left out"
+        )
+        if colours[name] is None and note not in notes:
+            notes.append(note)
+    return colours
+
+
+def _rgba(colour: ElementTree.Element) -> tuple[float, ...] | None:
+    """A colour; None where it is none that Drake can show."""
+    try:
+        rgba = numbers_of(colour.get("rgba"))
+    except ValueError:
+        return None
+    return rgba if len(rgba) == 4 and all(0.0 <= v <= 1.0 for v in rgba) else None
+
+
 def _read_link(element, colours, meshes, path, notes) -> Link:
     name = element.get("name") or ""
     shapes = {
@@ -201,9 +225,7 @@ def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
     if material is not None:
         colour = material.find("color")
         rgba = (
-            numbers_of(colour.get("rgba"))
-            if colour is not None
-            else colours.get(material.get("name"))
+            _rgba(colour) if colour is not None else colours.get(material.get("name"))
         )
     X_LG = _origin(element)
     kind = shape.tag.removeprefix("_drake_")

@@ -22,7 +22,7 @@ from crar_drake.robot_import.anatomy import (
     wrist_joint,
 )
 from crar_drake.robot_import.choices import FrameChoice
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.meshes import Part, lowest_points
 from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 _TOOLS = ("tcp", "tool", "grasp", "end_effector", "ee_link", "eef")  # best first
@@ -47,7 +47,7 @@ def guess_frames(
     An origin may lie anywhere along its axis: where left and right do not mirror each
     other it is the axes' points that are nearest to the shoulder.
     Neck: between the shoulders. Waist: the root link, or where a body has it if that is
-    on wheels or elsewhere far from there.
+    on wheels, below all of the robot or elsewhere far from there.
 
     Args:
         robot: in a frame whose x axis is its front.
@@ -90,6 +90,10 @@ def guess_frames(
             np.linalg.norm(p[f"left_{a}"] - p[f"left_{b}"]) for a, b in limbs
         )
         p_waist = _waist_far_from_root(robot, anatomy, p_neck, arm_length)
+        # A body's waist is above what it stands on, a table, too.
+        floor = min(lowest_points(robot, parts).values(), default=-np.inf)
+        if (robot.X_FR.translation() if p_waist is None else p_waist)[2] <= floor:
+            p_waist = _waist_above(floor, p_neck)
     frames["waist"] = (
         FrameChoice(robot.root) if p_waist is None else frame_at(X, robot.root, p_waist)
     )
@@ -133,18 +137,18 @@ def _forearm_tip(X, arm: Arm, elbow: int, parts) -> np.ndarray | None:
 
 def on_wheels(robot: SourceRobot, parts: Mapping[str, Sequence[Part]]) -> bool:
     """Whether the root link is on the floor, with wheels around it or a name so."""
-    X = robot.poses()
-    heights = [
-        X[link].multiply(part.vertices.T)[2].min()
-        for link, of_link in parts.items()
-        for part in of_link
-    ]
-    if not heights:
+    bottoms = lowest_points(robot, parts).values()
+    if not bottoms:
         return False
     near = [robot.root, *(j.child for j in robot.joints.values())]
     words = ("wheel", "footprint", "caster", "mobile_base")
     named = any(word in link.lower() for link in near for word in words)
-    return named and X[robot.root].translation()[2] - min(heights) < _ON_FLOOR
+    return named and robot.X_FR.translation()[2] - min(bottoms) < _ON_FLOOR
+
+
+def _waist_above(floor: float, p_neck: np.ndarray) -> np.ndarray:
+    """A person's share of the way up from the floor to the neck."""
+    return np.array([*p_neck[:2], floor + _WAIST_SHARE * (p_neck[2] - floor)])
 
 
 def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | None:
@@ -166,7 +170,7 @@ def _waist_above_wheels(robot, anatomy: Anatomy, p_neck, parts) -> np.ndarray | 
     waists = [p for p in turns if 0.4 < (p[2] - bottom) / tall < 0.8]
     if waists:
         return waists[-1]
-    return np.array([p_neck[0], p_neck[1], bottom + _WAIST_SHARE * tall])
+    return _waist_above(bottom, p_neck)
 
 
 def _waist_far_from_root(

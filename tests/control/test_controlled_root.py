@@ -15,12 +15,14 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
+from spy_meshcat import SpyMeshcat
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.playback import record_log
 from crar_drake.results.plots import plot_run
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import RobotDescription, RootPose
@@ -170,17 +172,22 @@ def test_it_follows_where_arms_do_not_reach_and_through_every_attitude() -> None
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0)
 
 
-def test_what_is_claimed_is_true(flying) -> None:
-    """Hands that swing through each other and through a post, which the whole robot is
-    drawn into: the referee finds no braking path nearer than the certificate says."""
-    start = flying.layout.unpack(flying.tasks_at(stay_apart(flying))).p
+def swing(model: ControlModel):
+    """Targets of hands that swing through each other and through the post."""
+    start = model.layout.unpack(model.tasks_at(stay_apart(model))).p
     into = 1.5 * (np.array([0.6, 0.5, 0.2]) - start)
 
     def targets(time):
-        swing = 0.5 - 0.5 * np.cos(9.0 * time)
-        return start + swing * into, 4.5 * np.sin(9.0 * time) * into
+        share = 0.5 - 0.5 * np.cos(9.0 * time)
+        return start + share * into, 4.5 * np.sin(9.0 * time) * into
 
-    found = fly(flying, targets, 200)
+    return targets
+
+
+def test_what_is_claimed_is_true(flying) -> None:
+    """Hands that swing through each other and through a post, which the whole robot is
+    drawn into: the referee finds no braking path nearer than the certificate says."""
+    found = fly(flying, swing(flying), 200)
     pairs = flying.description.pairs
     own, every = (
         Referee(flying.plant, flying.scene_graph, some) for some in (pairs[:-1], pairs)
@@ -199,6 +206,37 @@ def test_what_is_claimed_is_true(flying) -> None:
             assert smallest >= FLOOR - slack
         nearest = min(nearest, smallest)
     assert nearest < 0.01, "nothing came near"
+
+
+def test_weak_motors_are_not_asked_for_more(flying) -> None:
+    """The root has no motor and no limit; the joints' motors keep theirs, and what they
+    cannot do the robot does not."""
+    weak = make_floater("controlled")
+    weak.actuator_limits[:] = 15.0  # [Nm]; at rest the arms take up to 9
+    strong, limited = (fly(model, swing(flying), 100) for model in (flying, weak))
+    torque = [
+        np.abs([s.actuation for *_, s in found]).max() for found in (strong, limited)
+    ]
+    assert torque[0] > 45.0 and torque[1] <= 15.0
+    limits = np.array([s.torque_limit for *_, s in limited])
+    assert (limits[:, 0] < 1.0).sum() > 50 and not limits[:, 1].any()
+    referee = Referee(weak.plant, weak.scene_graph, weak.description.pairs)
+    workspace, moves = weak.MakeWorkspace(), Moves(weak.plant)
+    for (q, v, solution), (q_next, v_next, _) in zip(
+        limited[::10], limited[1::10], strict=False
+    ):
+        assert solution.admission[3] == 1.0
+        weak.evaluate(workspace, q, v)
+        at = (workspace, solution.acceleration)
+        np.testing.assert_allclose(
+            weak.inverse_dynamics(*at), solution.actuation, atol=1e-9
+        )
+        np.testing.assert_allclose(weak.root_force(*at), solution.root_force, atol=1e-9)
+        path = [
+            referee.nearest(moves.along(q_next, u * HORIZON * v_next), 1.0)[0]
+            for u in np.linspace(0.0, 1.0, PATH_POINTS)
+        ]
+        assert min(path) >= FLOOR - 1e-4
 
 
 def test_lost_targets_make_it_brake(flying) -> None:
@@ -275,6 +313,8 @@ def test_a_run_is_simulated_logged_and_judged(flying, tmp_path) -> None:
     verdict = judge_certificate(log, referee, CrarParameters(period=5e-3), 1e-3)
     assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
     plot_run(log, tmp_path / "plot.png")
+    record_log(log, tmp_path / "page.html", meshcat=SpyMeshcat())
+    assert (tmp_path / "page.html").stat().st_size > 1e5
 
 
 def test_feet_need_a_root_that_is_prescribed() -> None:

@@ -191,6 +191,36 @@ def test_the_range_of_a_pair_is_from_limit_to_limit(folder):
     assert here[19] == pytest.approx(-0.03, abs=2e-5)
 
 
+def test_the_same_as_asking_for_all_of_many_pairs(tmp_path, monkeypatch):
+    """Rods side by side, each turning on the one before: the balls around them always
+    meet, but pairs that moved too little to be near now are not asked."""
+    parts = []
+    for i in range(6):
+        parts.append(link(f"l{i}", '<box size="0.8 0.02 0.02"/>'))
+        if i:
+            parts.append(joint(f"j{i}", f"l{i - 1}", f"l{i}", xyz="0 0.06 0"))
+    write(tmp_path, robot(parts, "rods"), "rods.urdf")
+    (tmp_path / "robot.yaml").write_text("name: rods\nmodel: rods.urdf\nbase: l0\n")
+    judge = MeshJudge(load_robot_description(tmp_path))
+    t = np.linspace(0.0, 3.0, 120)
+    q = 0.15 * np.sin(np.outer(t, [1.0, 1.3, 0.9, 1.1, 0.8]))
+    hulls, meshes = np.swapaxes([judge.distances(each) for each in q], 0, 1)
+    asked, ask = [], type(judge._hulls).distance
+    monkeypatch.setattr(
+        type(judge._hulls),
+        "distance",
+        lambda self, i, j: asked.append((i, j)) or ask(self, i, j),
+    )
+    verdict = judge.judge(q)
+    assert len(judge.pairs) == 10 and len(asked) < 0.5 * hulls.size
+    assert 0 < verdict.num_penetrating == (meshes < 0.0).any(axis=1).sum() < 120
+    assert verdict.num_hulls_touching == (hulls < 0.0).any(axis=1).sum()
+    assert verdict.nearest.distance == meshes.min()
+    assert verdict.hulls_nearest.distance == hulls.min()
+    deepest = {judge.pairs[i]: d for i, d in enumerate(meshes.min(axis=0)) if d < 0.0}
+    assert {c.pair: c.mesh_distance for c in verdict.penetrations} == deepest
+
+
 def test_pairs_that_meet_as_they_are_built_are_left_out(folder):
     """In the zero and in the rest posture; in one of them they are judged."""
     urdf = folder / "hooks.urdf"

@@ -222,10 +222,12 @@ def rolling(root: str, trunk_turns_at: float | None = None) -> str:
         ("base_footprint", 0.55, 0.55),
         # No wheels, but far from the arms: as far below them as a person's.
         ("pelvis", None, 0.9 - 0.9 * 0.55),
+        # No wheels and no farther than a waist could be, but below all of it.
+        ("pelvis", 0.3, 0.62 * 0.7),
     ],
 )
 def test_the_waist_is_not_on_wheels(tmp_path, root, turns, height):
-    """As TIAGo's and PR2's."""
+    """As TIAGo's, PR2's and that of robosuite's PR2."""
     read = read_urdf(write(tmp_path, rolling(root, turns)))
     parts = {name: link_parts(each) for name, each in read.links.items()}
     waist = guess_frames(read, find_anatomy(read), parts)["waist"]

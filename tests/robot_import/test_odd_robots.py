@@ -211,6 +211,26 @@ def test_a_gripper_is_no_joint_of_the_arm(tmp_path):
         assert (f"{name}_j" in guess_locked(read, None)) == gripper
 
 
+def test_a_telescope_is_a_part_of_its_arm(tmp_path):
+    """Stretch's: its pieces follow each other, are locked, and carry a wrist."""
+    parts = [link("base"), *chain(["lift"], "base", ["0 0 0.3"], ["0 0 1"])]
+    below = "lift"
+    for i in range(4):
+        mimic = '<mimic joint="piece0_j"/>' if i else ""
+        parts += [
+            link(f"piece{i}", '<sphere radius="0.02"/>'),
+            joint(f"piece{i}_j", below, f"piece{i}", "1 0 0", extra=mimic),
+        ]
+        below = f"piece{i}"
+    wrist = ["yaw", "pitch", "roll"]
+    parts += chain(wrist, below, ["0.1 0 0"] * 3, ["0 0 1", "0 1 0", "1 0 0"])
+    parts += chain(["finger"], "roll", ["0.1 0 0"], ["0 0 1"])
+    read = read_urdf(write(tmp_path, robot(parts)))
+    assert guess_tool(read)["tool"].link == "roll"
+    pieces = {f"piece{i}_j" for i in range(4)}
+    assert set(guess_locked(read, None)) == {*pieces, "finger_j"}
+
+
 def test_a_hand_of_long_fingers_ends_the_arm(tmp_path):
     """Four joints a finger, as many as an arm has; but shorter than the way to it."""
     parts = arm_pair(USUAL)

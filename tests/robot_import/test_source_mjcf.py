@@ -160,6 +160,13 @@ def test_looks(features):
     np.testing.assert_allclose(vertices.mean(axis=0), [0.05, 0.1, 0.15], atol=1e-6)
 
 
+def test_a_colour_brighter_than_can_be(tmp_path):
+    """MuJoCo takes it, Drake refuses it."""
+    shining = body("link").replace("<geom ", '<geom rgba="3 0.5 -1 1" ')
+    robot = read(tmp_path, mjcf(shining))
+    assert robot.links["link"].visual[0].rgba == (1.0, 0.5, 0.0, 1.0)
+
+
 def test_a_mesh_is_where_its_file_says(features):
     """MuJoCo keeps meshes in frames of their own; scale and place must survive."""
     (part,) = link_parts(features[1].links["forearm"])

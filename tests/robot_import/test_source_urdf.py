@@ -134,6 +134,17 @@ def test_numbers_with_commas(tmp_path, xyz):
     assert any("commas" in note for note in read.notes) == ("," in xyz)
 
 
+@pytest.mark.parametrize("rgba", ["0.15 0.15 0.15 0 1", "1 0 0", "255 0 0 1", "red"])
+def test_a_colour_that_is_none_is_left_out(tmp_path, rgba):
+    """Stretch 4 has one of five numbers."""
+    text = robot([link("a", '<sphere radius="0.1"/>'), link("b"), joint("j", "a", "b")])
+    assert "0.2 0.4 0.8 1" in text
+    read = read_urdf(write(tmp_path, text.replace("0.2 0.4 0.8 1", rgba)))
+    assert read.links["a"].visual[0].rgba is None
+    (note,) = read.notes
+    assert f"material 'm': '{rgba}' is no colour" in note
+
+
 @pytest.mark.parametrize(
     "text, words",
     [

@@ -77,6 +77,26 @@ def test_it_is_kept_and_imported_again(sitting):
         import_robot("", sitting.folder, posture="reaching")
 
 
+def test_the_same_file_by_another_path_is_the_same(sitting, monkeypatch):
+    """The import file has the whole path, whatever the option had."""
+    monkeypatch.chdir(sitting.folder.parent)
+    again = import_robot("", sitting.folder, srdf="small.srdf")
+    assert not again.guessed
+    with pytest.raises(ModelError, match="is there already: write srdf: .*other.srdf"):
+        import_robot("", sitting.folder, srdf="other.srdf")
+
+
+def test_a_range_without_zero_is_rested_in(tmp_path):
+    """A joint that the posture does not name is as near to 0 as it can be."""
+    limits = 'lower="-2.2" upper="0.0" effort="20" velocity="5"'
+    assert limits in humanoid()
+    text = humanoid().replace(limits, limits.replace("0.0", "-0.3"))
+    path = write(tmp_path, srdf(SITTING.replace("left_arm_4", "left_arm_3")), "a.srdf")
+    report = import_robot(str(write(tmp_path, text)), tmp_path / "out", srdf=str(path))
+    rest = report.choices.rest_posture
+    assert (rest["left_arm_3"], rest["left_arm_4"]) == (-0.7, -0.3)
+
+
 def test_another_posture_can_be_named(tmp_path):
     urdf = read_urdf(write(tmp_path, humanoid()))
     semantics = read_srdf(write(tmp_path, srdf(SITTING), "a.srdf"), urdf)

@@ -177,6 +177,20 @@ def test_the_same_as_asking_for_every_pair(folder):
     assert verdict.refuted[0].hull_distance == hulls[refuted].min()
 
 
+def test_the_range_of_a_pair_is_from_limit_to_limit(folder):
+    """2 cm apart at rest: 5 cm nearer they are 3 cm in each other."""
+    found = mesh_range(load_robot_description(folder), "stand", "hook", 41)
+    rest, joints, values, distances = found
+    assert rest == pytest.approx(0.02, abs=1e-6)
+    assert joints == ["slide", "lift"]
+    for each in values:
+        np.testing.assert_allclose(each, np.linspace(-1.0, 1.0, 41))
+    assert distances.shape == (41, 41)
+    here = distances[:, 20]  # not lifted
+    assert here[20] == rest
+    assert here[19] == pytest.approx(-0.03, abs=2e-5)
+
+
 def test_the_same_as_asking_for_all_of_many_pairs(tmp_path, monkeypatch):
     """Rods side by side, each turning on the one before: the balls around them always
     meet, but pairs that moved too little to be near now are not asked."""
@@ -205,20 +219,6 @@ def test_the_same_as_asking_for_all_of_many_pairs(tmp_path, monkeypatch):
     assert verdict.hulls_nearest.distance == hulls.min()
     deepest = {judge.pairs[i]: d for i, d in enumerate(meshes.min(axis=0)) if d < 0.0}
     assert {c.pair: c.mesh_distance for c in verdict.penetrations} == deepest
-
-
-def test_the_range_of_a_pair_is_from_limit_to_limit(folder):
-    """2 cm apart at rest: 5 cm nearer they are 3 cm in each other."""
-    found = mesh_range(load_robot_description(folder), "stand", "hook", 41)
-    rest, joints, values, distances = found
-    assert rest == pytest.approx(0.02, abs=1e-6)
-    assert joints == ["slide", "lift"]
-    for each in values:
-        np.testing.assert_allclose(each, np.linspace(-1.0, 1.0, 41))
-    assert distances.shape == (41, 41)
-    here = distances[:, 20]  # not lifted
-    assert here[20] == rest
-    assert here[19] == pytest.approx(-0.03, abs=2e-5)
 
 
 def test_pairs_that_meet_as_they_are_built_are_left_out(folder):

@@ -20,7 +20,7 @@ _MARGIN = 0.03  # [rad] that a joint keeps from its limits
 # Ankles come to their limits like exp(-t / this), no faster: a lookahead would brake
 # them before, and the foot would slide. Longer than the scenarios' horizons [s].
 _APPROACH = 0.05
-_SPEED_SHARE = 0.9  # of a joint's largest speed
+_SPEED_SHARE = 0.9  # of an ankle's largest speed
 _FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one plane
 # A radian of the foot counts as much as this: where both cannot be had, the foot is
 # where it should be, and turned as it can be [m].
@@ -77,11 +77,13 @@ class LegSolver:
                 self._lower[-2], self._upper[-2] = low, high
         self.joints = chain
         self.positions: list[np.ndarray] = []
-        self._most = _SPEED_SHARE * model.velocity_limits[self._v] / rate
         # Hip and knee are not held back: the foot would not be where it should.
         self._share = np.ones(len(chain))
+        self._most = np.full(len(chain), np.inf)
         ankle = len(joints_between(model, self._foot.body(), self._shank.body()))
         self._share[:ankle] = -np.expm1(-1.0 / (rate * _APPROACH))
+        fastest = model.velocity_limits[self._v[:ankle]]
+        self._most[:ankle] = _SPEED_SHARE * fastest / rate
 
     def turns(
         self, root_positions: np.ndarray, root_turns: Rotation, foot: FootMotion

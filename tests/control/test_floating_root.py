@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from tumbling import Tumbling
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import STATUS_BRAKING, InputError
 from crar_drake.results.certificate import PATH_POINTS, Moves
@@ -42,13 +43,17 @@ def in_body(model: ControlModel, q: np.ndarray) -> np.ndarray:
     return R.inv().apply(p - at[4:])
 
 
-def tumble(model: ControlModel, root: Tumbling, hands, steps: int):
+def tumble(model: ControlModel, root: Tumbling, hands, steps: int, **lookahead):
     """The law's own predictions as the plant: states, solutions and targets.
 
     Args:
         hands: time to (2, 3) targets in the body, which move slowly in it.
+        lookahead: of its parameters.
     """
-    law = ControlLaw(model, CrarParameters(period=PERIOD, blend_time=0.0))
+    gains = LookaheadParameters(**lookahead)
+    law = ControlLaw(
+        model, CrarParameters(period=PERIOD, blend_time=0.0, lookahead=gains)
+    )
     q, v = stay_apart(model), np.zeros(len(model.order))
     at, by = root_entries(model)
     start = root.vector(0.0)
@@ -193,7 +198,8 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
         swing = 0.5 - 0.5 * np.cos(9.0 * time)
         return hands + swing * np.array([[-0.1, -0.6, 0.1], [0.1, 0.6, -0.2]])
 
-    found = tumble(floating, tumbling(floating), through, 200)
+    # Within the default bound of the wish nothing has to be corrected.
+    found = tumble(floating, tumbling(floating), through, 200, fastest_wish=30.0)
     referee = Referee(floating.plant, floating.scene_graph, floating.description.pairs)
     moves, nearest = Moves(floating.plant), np.inf
     own = Referee(floating.plant, floating.scene_graph, floating.description.pairs[:-1])

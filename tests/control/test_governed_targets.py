@@ -9,6 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.control.step import InputError, Memory, Targets
 from crar_drake.errors import ScenarioError
@@ -73,6 +74,8 @@ def shifted(model: ControlModel, by: float, q=START) -> np.ndarray:
                 "constraints": "lookahead",
                 "respect_effort_limits": False,
                 "velocity_scale": np.inf,
+                # Else the wish's own bound makes half a move of it.
+                "lookahead": LookaheadParameters(fastest_wish=150.0),
             },
             0.3,
         ),

@@ -27,6 +27,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from crar_drake.references.change import rms
 from crar_drake.references.following import HANDS, CleaningParameters, Follower
+from crar_drake.references.frame_targets import configurations
 from crar_drake.references.robot_motion import read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame, load_robot_description
@@ -175,9 +176,7 @@ class LeastChange:
         return found.d[near], found.dd_dq[near]
 
     def _whole(self, q: np.ndarray) -> np.ndarray:
-        whole = self._rest.copy()
-        whole[self._model.controlled_positions] = q
-        return whole
+        return configurations(self._model, self._rest, q)
 
     def _set(self, q: np.ndarray) -> None:
         self._model.plant.SetPositions(self._workspace.plant_context, self._whole(q))

@@ -24,6 +24,16 @@ WORLD_PAIR = ["left_l2", "post"]
 TASKS = tuple(Task(frame=hand) for hand in HANDS)
 
 
+APART = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]  # of the arms
+
+
+def stay_apart(model: ControlModel) -> np.ndarray:
+    """A start from which the arms can go anywhere: out to the sides."""
+    q = model.rest_positions()
+    q[model.joint_positions] = APART
+    return q
+
+
 def write_floater(folder: Path, root: str, rpy: str) -> None:
     """A robot's folder for scenarios.
 

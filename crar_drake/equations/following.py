@@ -17,14 +17,7 @@ from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import LookaheadMemory, lookahead_step
 from crar_drake.equations.lookahead_rows import with_resting
-from crar_drake.equations.nearby import (
-    nearby_distances,
-    some_reaches,
-    some_shapes,
-    still_clear,
-    watched_nearby,
-    with_reaches,
-)
+from crar_drake.equations.nearby import pairs_within, still_clear, watched_nearby
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
 
@@ -139,12 +132,8 @@ def near_for_a_while(
     law = numbers.law.value
     least = max(law.gains.influence_distance, law.admission.floor)
     enough = least + travel(far, law.reaches)
-    d = nearby_distances(q.reshape(1, -1), enough.reshape(1, -1), numbers.robot)[0]
-    rows = np.flatnonzero(d < enough)
-    if not len(rows):
-        rows = np.array([np.argmin(d)])
-    some = some_reaches(law.reaches, rows)
-    return rows, some_shapes(numbers.robot, rows), with_reaches(numbers.law, some)
+    rows, _, robot, some = pairs_within(q, enough, numbers.robot, numbers.law)
+    return rows, robot, some
 
 
 @compiled
@@ -176,9 +165,8 @@ def follow_steps(
     T, period, n = law.gains.T, law.gains.period, r.n
     q, v, memory = begin.q, begin.v, begin.memory
     how, share, clear, steps, asked = AS_WISHED, 1.0, True, 0, 0
-    middle = q[r.positions]
-    far = far_for_a_while(middle, v[r.order], q_d[-1], numbers)
-    rows, robot, some = near_for_a_while(q, far, numbers)
+    # Of the pairs that are near for a while none has been found yet.
+    middle, far = q[r.positions], np.full(len(v), -1.0)
     for k in range(len(targets)):
         now = OnTheWay(q, v, memory)
         if until_on_it and is_on(now, q_d[k], v_d[k], follower):

@@ -144,6 +144,29 @@ def with_reaches(numbers: Held, reaches: Held) -> Held:
 
 
 @compiled
+def pairs_within(
+    q: np.ndarray, enough: np.ndarray, robot: Held, numbers: Held
+) -> tuple[np.ndarray, np.ndarray, Held, Held]:
+    """The pairs of shapes that are near, and the law on these alone.
+
+    Args:
+        q: (nq,) positions in the plant's order.
+        enough: (Nr,) from which distance on a pair is left out [m].
+        robot, numbers: hold a `Robot` and `LookaheadNumbers`.
+
+    Returns:
+        (N,) their rows, of the nearest if none is so near; (Nr,) of
+        `nearby_distances`; the robot and the numbers of these alone.
+    """
+    d = nearby_distances(q.reshape(1, -1), enough.reshape(1, -1), robot)[0]
+    rows = np.flatnonzero(d < enough)
+    if not len(rows):
+        rows = np.array([np.argmin(d)])
+    some = some_reaches(numbers.value.reaches, rows)
+    return rows, d, some_shapes(robot, rows), with_reaches(numbers, some)
+
+
+@compiled
 def watched_nearby(
     q: np.ndarray, v: np.ndarray, fastest: np.ndarray, robot: Held, numbers: Held
 ) -> tuple[np.ndarray, np.ndarray, Held, Held]:
@@ -170,14 +193,10 @@ def watched_nearby(
     here = travel(gains.T * v[r.order], of)
     beyond = travel(farther(v, gains) * fastest[r.order], of)
     enough = here + np.maximum(n.gains.influence_distance, gains.floor + beyond)
-    d = nearby_distances(q.reshape(1, -1), enough.reshape(1, -1), robot)[0]
-    rows = np.flatnonzero(d < enough)
-    if not len(rows):
-        rows = np.array([np.argmin(d)])
+    rows, d, some, its_numbers = pairs_within(q, enough, robot, numbers)
     room = d - here
     room[rows] = np.inf
-    some = some_reaches(of, rows)
-    return rows, room, some_shapes(robot, rows), with_reaches(numbers, some)
+    return rows, room, some, its_numbers
 
 
 @compiled

@@ -22,7 +22,7 @@ from crar_drake.motion.smooth_steps import bridge, smooth_flags
 
 # Between two soles: shells are thicker than soles are wide [m].
 _ROOM = 0.03
-AROUND = 0.15  # [s] before and after, in which a foot goes round the other
+_AROUND = 0.15  # [s] before and after, in which a foot goes round the other
 _ROUNDS = 4  # in which what is pushed apart may meet anew
 
 
@@ -44,10 +44,8 @@ def part_feet(
     """
     apart = _ROOM + sum(0.5 * float(np.ptp(legs[s].points[:, 1])) for s in SIDES)
     lines = {s: _middle_line(feet[s], legs[s]) for s in SIDES}
-    kept = {s: dwelling(feet[s].planted, rate) for s in SIDES}
+    kept, free, margin = kept_and_free(feet, rate)
     shifts = _stand_apart(lines, kept, apart)
-    margin = max(1, round(AROUND * rate))
-    free = {s: 1.0 - smooth_flags(kept[s], margin) for s in SIDES}
     total = np.maximum(sum(free.values()), 1e-6)
     for side in SIDES:
         shifts[side] = bridge(shifts[side], kept[side], rate, 0.0)
@@ -131,6 +129,16 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     apart_b = side(a, b[:, 0]) * side(a, b[:, 1]) < 0.0
     return apart_b & (side(b, a[:, 0]) * side(b, a[:, 1]) < 0.0)
+
+
+def kept_and_free(
+    feet: Mapping[str, FootMotion], rate: float
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], int]:
+    """Side to (T,) when it stays where it is, and to (T,) how much it is in the air,
+    from 0 to 1; and in how many samples before and after it goes round the other."""
+    kept = {s: dwelling(feet[s].planted, rate) for s in SIDES}
+    margin = max(1, round(_AROUND * rate))
+    return kept, {s: 1.0 - smooth_flags(kept[s], margin) for s in SIDES}, margin
 
 
 def spread(push: np.ndarray, margin: int) -> np.ndarray:

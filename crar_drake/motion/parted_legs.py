@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.motion.held_feet import FootMotion, dwelling
-from crar_drake.motion.parted_feet import AROUND, spread
+from crar_drake.motion.held_feet import FootMotion
+from crar_drake.motion.parted_feet import kept_and_free, spread
 from crar_drake.motion.performer import SIDES
 from crar_drake.motion.planted_feet import runs
-from crar_drake.motion.smooth_steps import bridge, smooth_flags, smooth_step
+from crar_drake.motion.smooth_steps import bridge, smooth_step
 
 _ARM = 0.15  # [m] that a foot may be moved by rather than turned by a radian
 _FARTHEST = 0.05  # [m] that a foot is moved by at most, a round
@@ -56,9 +56,7 @@ def part_legs(
     """
     unit = np.array([1.0, 1.0, _ARM])
     effects = {s: room.effects[s] / unit for s in SIDES}
-    kept = {s: dwelling(feet[s].planted, rate) for s in SIDES}
-    margin = max(1, round(AROUND * rate))
-    free = {s: 1.0 - smooth_flags(kept[s], margin) for s in SIDES}
+    kept, free, margin = kept_and_free(feet, rate)
     first = _least(effects, _who_gives(kept), room.lacking)
     moves = {s: _of_contacts(first[s], kept[s], margin, rate) for s in SIDES}
     done = sum(np.sum(effects[s] * moves[s], axis=1) for s in SIDES)

@@ -433,8 +433,7 @@ class Follower:
         """Of the law, with the weight of the feet's heights, which is not that of their
         other coordinates."""
         numbers, layout = self.law.mode.numbers.value, self.model.layout
-        weights = np.ones(layout.m)
-        weights[:] = numbers.tasks.weights if len(numbers.tasks.weights) else 1.0
+        weights = self.model.row_weights.copy()
         heights = layout.linear_rows[: len(self.feet), 2]
         weights[heights] = self.parameters.foot_height_weight
         return hold(numbers._replace(tasks=numbers.tasks._replace(weights=weights)))

@@ -17,18 +17,14 @@ class Actuators:
     """
 
     def __init__(
-        self,
-        plant: MultibodyPlant,
-        names: list[str],
-        unactuated: np.ndarray,
-        root: str,
+        self, plant: MultibodyPlant, names: list[str], unactuated: np.ndarray
     ) -> None:
         """
         Args:
             plant: finalized.
             names: (nv,) of the joints, for messages.
-            unactuated: indices in v of the free root named `root`, which no actuator
-                moves; every other joint has one.
+            unactuated: indices in v of a free root, which no actuator moves; every
+                other joint has one.
 
         Raises:
             ModelError: a joint has none, or the root has one.
@@ -42,10 +38,6 @@ class Actuators:
                 f"{', '.join(names[i] for i in idle)}; add actuators "
                 "(transmissions in a URDF), or weld the joints"
             )
-        if B[unactuated].any():
-            raise ModelError(
-                f"root: an actuator moves {root!r}, which floats; leave it out"
-            )
         # The actuators of one joint share its effort; one alone is quicker to pick.
         self._from_efforts = B.T / np.maximum(B.sum(axis=1), 1.0)
         alone = np.array_equal(self._from_efforts @ B, np.eye(nu))
@@ -56,6 +48,11 @@ class Actuators:
             actuator = plant.get_joint_actuator(index)
             limit, count = actuator.effort_limit(), actuator.num_inputs()
             start = actuator.joint().velocity_start()
+            if start in unactuated:
+                raise ModelError(
+                    f"root: an actuator moves {actuator.joint().name()!r}, which "
+                    "floats; leave it out"
+                )
             self.joint_limits[start : start + count] += limit
             start = actuator.input_start()
             self.limits[start : start + count] = limit

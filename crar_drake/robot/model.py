@@ -446,9 +446,7 @@ class ControlModel:
         )
         names = names_by_joint(plant)
         try:
-            self._actuators = Actuators(
-                plant, names, self.unactuated, root.name() if free else ""
-            )
+            self._actuators = Actuators(plant, names, self.unactuated)
         except ModelError as error:
             raise ModelError(f"robot {description.name}: {error}") from None
         self.n, self.n_p = len(self.controlled), len(self.prescribed)

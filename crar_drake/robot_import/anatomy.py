@@ -203,7 +203,7 @@ def chain_ends(robot: SourceRobot) -> list[str]:
         last = grips and not turns and not _depth(robot, joint.child)
         named = any(word in name for word in words)
         # A telescope's joints follow each other, too, and carry a wrist.
-        follows = bool(joint.mimic) and _own_depth(robot, joint.child) < 2
+        follows = bool(joint.mimic) and _depth(robot, joint.child, own=True) < 2
         return follows or leads or last or named
 
     X, ends = robot.poses(), []
@@ -238,18 +238,11 @@ def longest_chains(robot: SourceRobot) -> list[str]:
     return [end for end, joints in count.items() if joints == longest]
 
 
-def _depth(robot: SourceRobot, link: str) -> int:
-    """Moving joints on the longest way down from a link."""
-    return max(
-        (j.moves + _depth(robot, j.child) for j in robot.children(link)), default=0
-    )
-
-
-def _own_depth(robot: SourceRobot, link: str) -> int:
-    """Those of them that follow no other joint."""
+def _depth(robot: SourceRobot, link: str, own: bool = False) -> int:
+    """Moving joints, or those that follow no other, on the longest way down."""
     return max(
         (
-            (j.moves and not j.mimic) + _own_depth(robot, j.child)
+            (j.moves and not (own and j.mimic)) + _depth(robot, j.child, own)
             for j in robot.children(link)
         ),
         default=0,

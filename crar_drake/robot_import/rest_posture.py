@@ -46,11 +46,12 @@ def guess_rest_posture(robot, locked, parts, capsules, choices, report) -> None:
         how = f"arms a little out, elbows{also} bent, standing on the ground"
     else:
         rest = guess_rest(robot, None, locked)
-        how = "the middle of each joint's range"
-        if robot.posture:
-            how = "a keyframe of the file"
         if own:
             how = f"a posture of {Path(choices.srdf).name}"
+        elif robot.posture:
+            how = "a keyframe of the file"
+        else:
+            how = "the middle of each joint's range"
     if choices.base == "prescribed" or (anatomy and robot.root != WORLD):
         bottoms = lowest_points(robot, parts, {**locked, **rest})
         height = -min(bottoms.values(), default=0.0)

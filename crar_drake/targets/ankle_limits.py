@@ -80,7 +80,7 @@ class LegSolver:
         # Hip and knee are not held back: the foot would not be where it should.
         self._share = np.ones(len(chain))
         self._most = np.full(len(chain), np.inf)
-        ankle = len(joints_between(model, self._foot.body(), self._shank.body()))
+        ankle = len(chain) - len(hip) - 1  # what is below the knee
         self._share[:ankle] = -np.expm1(-1.0 / (rate * _APPROACH))
         fastest = model.velocity_limits[self._v[:ankle]]
         self._most[:ankle] = _SPEED_SHARE * fastest / rate

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from floating_robots import (
+    APART,
     TASKS,
     description,
     floating_urdf,
     make_floater,
     random_state,
     root_entries,
+    stay_apart,
     write_floater,
 )
 from pydrake.multibody.parsing import Parser
@@ -35,18 +37,11 @@ from crar_drake.targets.start_pose import solve_start_pose
 PERIOD = 5e-3
 HORIZON = CrarParameters().braking_horizon
 FLOOR = 4e-3  # the default distance margin, less the slack
-APART = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]  # of the arms
 
 
 @pytest.fixture(scope="module")
 def flying() -> ControlModel:
     return make_floater("controlled")
-
-
-def stay_apart(model: ControlModel) -> np.ndarray:
-    q = model.rest_positions()
-    q[model.controlled_positions[: len(APART)]] = APART
-    return q
 
 
 SLIDES = ("base_x", "base_y", "base_z")
@@ -131,11 +126,10 @@ def test_a_step_ends_where_it_says_at_any_attitude(flying) -> None:
         assert np.count_nonzero(solution.root_force) <= 6
 
 
-def fly(model: ControlModel, targets, steps: int, q=None):
+def fly(model: ControlModel, targets, steps: int):
     """The law's own predictions as the plant: states and solutions."""
     law = ControlLaw(model, CrarParameters(period=PERIOD, blend_time=0.0))
-    q = stay_apart(model) if q is None else q
-    v, found = np.zeros(len(model.order)), []
+    q, v, found = stay_apart(model), np.zeros(len(model.order)), []
     for k in range(steps):
         p, p_dot = targets(k * PERIOD)
         nothing = np.zeros((0, 3, 3))

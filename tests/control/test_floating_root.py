@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from floating_robots import make_floater, root_entries, wxyz
+from floating_robots import make_floater, root_entries, stay_apart, wxyz
 from scipy.spatial.transform import Rotation
 from tumbling import Tumbling
 
@@ -22,13 +22,6 @@ FLOOR = 4e-3  # the default distance margin, less the slack
 @pytest.fixture(scope="module")
 def floating() -> ControlModel:
     return make_floater()
-
-
-def stay_apart(model: ControlModel) -> np.ndarray:
-    """A start from which the arms can go anywhere: out to the sides."""
-    q = model.rest_positions()
-    q[model.controlled_positions] = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]
-    return q
 
 
 def tumbling(model: ControlModel, speed: float = 1.0) -> Tumbling:

@@ -8,6 +8,7 @@ from floating_robots import (
     description,
     make_floater,
     root_entries,
+    stay_apart,
     write_floater,
 )
 from pydrake.geometry import SceneGraph
@@ -43,8 +44,7 @@ def closed_loop(time_step: float, turning: float, end: float):
     )
     model = controller.model
     root = Tumbling(model.description.rest_pose(), turning)
-    q = model.rest_positions()
-    q[model.controlled_positions] = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]
+    q = stay_apart(model)
     X_WB = model.description.rest_pose()
     hands = np.array(
         [X_WB.inverse().multiply(p) for p in model.layout.unpack(model.tasks_at(q)).p]
@@ -147,8 +147,7 @@ def run(tmp_path_factory) -> RunResult:
     write_floater(folder, "prescribed", "[2.3, -1.5, 0.8]")
     text = SCENARIO.replace("ROBOT", str(folder))
     model = make_floater(root_pose=load_robot_description(folder).root_pose)
-    q = model.rest_positions()
-    q[model.controlled_positions] = [0.2, -0.4, 0.5, 0.2, 0.4, -0.5]
+    q = stay_apart(model)
     left, right = model.layout.unpack(model.tasks_at(q)).p
     for name, value in (
         ("LEFT_THEN", left + [0.05, 0.02, 0.03]),

@@ -56,7 +56,8 @@ class LookaheadParameters:
         limit_margin: what joints keep from their limits [rad].
         retreat_rate: gamma, how fast a violation is left [1/s], but at most at
         retreat_speed: of a pair [m/s], and
-        joint_retreat_speed: of a joint [rad/s].
+        joint_retreat_speed: of a joint [rad/s]; the margins by which pairs and limits
+            weigh grow at most as fast, too.
         slip_time_constant: of the low-pass on what the plant did other than told,
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].

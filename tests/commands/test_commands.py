@@ -560,7 +560,7 @@ def test_import_robot_lists_its_guesses_and_files(empty_folder, capsys):
 @pytest.mark.parametrize(
     "robot, words",
     [
-        ("nothing.urdf", ["no URDF or MJCF at nothing.urdf"]),
+        ("nothing.urdf", ["no URDF, SDF or MJCF at nothing.urdf"]),
         ("two.urdf", ["closed chain", "'tip'"]),
     ],
 )

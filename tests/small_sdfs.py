@@ -120,7 +120,9 @@ GRIPPER = """\
 <sdf version="1.7">
   <model name="gripper">
     <link name="base">
-      <visual name="look"><geometry><mesh><uri>wedge.stl</uri></mesh></geometry></visual>
+      <visual name="look">
+        <geometry><mesh><uri>wedge.stl</uri></mesh></geometry>
+      </visual>
     </link>
     <link name="left"><pose>0 0.05 0 0 0 0</pose></link>
     <link name="right"><pose>0 -0.05 0 0 0 0</pose></link>

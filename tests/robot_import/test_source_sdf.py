@@ -93,7 +93,10 @@ def test_it_moves_as_drake_says(features):
     path, robot = features
     positions = random_positions(robot)
     assert set(positions) == {"beside", "slide", "left_slide", "right_turn"}
-    mine, theirs = robot.poses(positions), drake_poses(drake_plant(path, path.parent / "gripper"), positions)
+    mine, theirs = (
+        robot.poses(positions),
+        drake_poses(drake_plant(path, path.parent / "gripper"), positions),
+    )
     for there, here in LINKS.items():
         expected = theirs["base"].inverse() @ theirs[there]
         assert (mine["base"].inverse() @ mine[here]).IsNearlyEqualTo(expected, 1e-9)
@@ -205,7 +208,9 @@ def test_of_a_world_only_the_robot_is_read(tmp_path):
     assert set(found.links) == {"a", "b"} and found.name == "arm"
     assert any("table" in note and "not the robot's" in note for note in found.notes)
     two = text.replace("</world>", robot.replace("arm", "other") + "</world>")
-    with pytest.raises(ModelError, match=r"arm \(1 joints\), other \(1 joints\).*alone"):
+    with pytest.raises(
+        ModelError, match=r"arm \(1 joints\), other \(1 joints\).*alone"
+    ):
         read(tmp_path, two)
 
 

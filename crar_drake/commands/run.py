@@ -142,13 +142,19 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.references.whole_body import WholeBody
 
     robot = WholeBody(model.description)
-    _show_footing(result, robot, out / FOOTING, scenario.controller.blend_time, stands)
+    blended = scenario.controller.blend_time
+    try:
+        _show_footing(result, robot, out / FOOTING, blended, stands)
+    except ModuleNotFoundError as error:
+        print(
+            f"warning: how the robot stood is not known without {error.name}: "
+            "pip install 'crar-drake[robots]'"
+        )
     if export:
         from crar_drake.references.logged_motion import export_log
 
         layout, file = export
         rate = arguments.export_rate or _EXPORT_RATE
-        blended = scenario.controller.blend_time
         motion = export_log(result.log, robot, file, layout, rate, blended)
         print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
 

@@ -85,7 +85,7 @@ def import_robot(
     robot.urdf, robot.yaml, meshes/, picture.png and report.txt.
 
     Args:
-        source: path of a URDF, SDF or MJCF, or the name of a URDF in
+        source: path of a URDF, SDF or MJCF, or the name of one in
             example-robot-data; "" where `out` has an import.yaml that says it.
         out: the folder.
         package_paths: folders in which the URDF's packages are looked for.

@@ -10,7 +10,7 @@ from pathlib import Path
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
 
-# How an import names a URDF of that package, wherever it is installed.
+# How an import names a file of that package, wherever it is installed.
 PACKAGE_SCHEME = "example-robot-data:"
 
 # Names of files and folders that many robots share.
@@ -24,7 +24,7 @@ def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
     """The file of a path, of `example-robot-data:some/path`, or of a file's name there.
 
     Args:
-        name: e.g. "robot.urdf", "robot.xml", "romeo",
+        name: e.g. "robot.urdf", "robot.xml", "romeo", "cassie_v2",
             "example-robot-data:robots/…/g1.urdf".
 
     Returns:
@@ -54,10 +54,14 @@ def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
                 "install another version of it"
             )
         return path, text
-    known = {path.stem: path for path in sorted(folder.glob("robots/**/*.urdf"))}
+    known = {
+        path.stem: path
+        for kind in ("sdf", "urdf")  # a URDF is taken where there are both
+        for path in sorted(folder.glob(f"robots/**/*.{kind}"))
+    }
     if text not in known:
         raise ModelError(
-            f"no robot {text!r}: neither a URDF nor one of the package "
+            f"no robot {text!r}: neither a file nor one of the package "
             f"example-robot-data{nearest(text, known)}"
         )
     path = known[text]

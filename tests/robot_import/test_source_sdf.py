@@ -26,7 +26,7 @@ from crar_drake.robot.description import add_robot, load_robot_description
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.inertias import read_inertia, spatial_inertia
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.robot_files import default_name
+from crar_drake.robot_import.robot_files import default_name, find_urdf
 from crar_drake.robot_import.source_file import read_robot
 
 
@@ -374,7 +374,8 @@ def test_an_sdf_is_imported_as_the_same_urdf(both):
 def test_cassie(robot_data):
     """A file that others wrote: STL meshes by model://, axes in the model's frame, and
     rods that close chains."""
-    path = robot_data / "robots/cassie_description/robots/cassie_v2.sdf"
+    path, name = find_urdf("cassie_v2")
+    assert name.endswith(":robots/cassie_description/robots/cassie_v2.sdf")
     robot = read_robot(path)
     X = robot.poses()
     root = ElementTree.parse(path).getroot()

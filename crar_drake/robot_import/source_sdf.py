@@ -53,6 +53,7 @@ from crar_drake.robot_import.source_urdf import check_tree
 # Drake's joints, as a URDF calls them.
 _KINDS = {"weld": "fixed", "ball_rpy": "ball", "quaternion_floating": "floating"}
 _TINY = 1e-9  # [m]
+_OPEN = 1e-3  # [m] by which a closed chain may gape
 
 
 def read_sdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
@@ -149,9 +150,9 @@ class _Reader:
             self._joints,
             root,
             parents,
-            tuple(self._notes),
         )
-        return replace(robot, loops=tuple(self._loop(robot, *each) for each in loops))
+        found = tuple(self._loop(robot, *each) for each in loops)
+        return replace(robot, loops=found, notes=tuple(self._notes))
 
     def _name(self, body: RigidBody) -> str:
         return self._bodies[body.index()]
@@ -352,11 +353,26 @@ class _Reader:
             self._weld(upright, link, R_WL)
 
     def _loop(self, robot: SourceRobot, name: str, joint: DrakeJoint) -> Loop:
-        """The joints between two links that a joint ties together."""
+        """The joints between two links that a joint ties together; a note tells if
+        the chain is open where they are locked unless somebody says otherwise."""
         one, other = (
             {j.name for j in robot.path_to(self._name(body)) if j.kind != "fixed"}
             for body in (joint.parent_body(), joint.child_body())
         )
+        nearest = {n: min(max(j.lower, 0.0), j.upper) for n, j in robot.joints.items()}
+        X = robot.poses(nearest)
+        p_F, p_M = (
+            X[self._name(frame.body())].multiply(
+                frame.GetFixedPoseInBodyFrame().translation()
+            )
+            for frame in (joint.frame_on_parent(), joint.frame_on_child())
+        )
+        gap = float(np.linalg.norm(p_F - p_M))
+        if gap > _OPEN and joint.type_name() != "prismatic":
+            self._notes.append(
+                f"{name} closes a chain, which gapes by {1e3 * gap:.0f} mm with its "
+                "joints nearest to zero: give them positions in locked that close it"
+            )
         return Loop(name, tuple(n for n in robot.joints if n in one ^ other))
 
 

@@ -220,6 +220,7 @@ def test_a_closed_chain_is_told_as_that_of_an_mjcf(tmp_path):
     robot = read(tmp_path, sdf(model(*parts, joint("ac", "a", "c", "ball"))))
     (loop,) = robot.loops
     assert (loop.name, loop.joints) == ("ac", ("ab", "bc"))
+    assert not any("gapes" in note for note in robot.notes)
 
 
 BAD = {
@@ -385,6 +386,11 @@ def test_cassie(robot_data):
         there = RigidTransform(np.array([0.0, 0.0, 1.01])) @ X[element.get("name")]
         assert there.IsNearlyEqualTo(expected, 1e-5), element.get("name")
     assert len(robot.loops) == 4
+    # The crank and the foot, of limits from -2.44 to -0.61, are not locked at zero.
+    gaping = [
+        note.partition(" ")[0] for note in robot.notes if "gapes by 211 mm" in note
+    ]
+    assert sorted(gaping) == ["left-plantar-foot-joint", "right-plantar-foot-joint"]
     assert all(link_parts(link) for link in list(robot.links.values())[:5])
     # A chain that no rod closes, moved: as Drake does without those joints.
     text = path.read_text()

@@ -399,6 +399,46 @@ def test_a_trunk_is_lifted_off_the_floor(model, performer):
     assert lowest(plain) < 0.0 < lowest(lifted) < 0.02
 
 
+def test_how_near_a_knee_brings_a_foot_to_its_hip(description, tmp_path):
+    """By the law of cosines, a tenth of a radian before the knee's limit, 2.5 rad."""
+    nearest = np.sqrt(THIGH**2 + SHANK**2 + 2.0 * THIGH * SHANK * np.cos(2.4))
+    shapes, _ = body_shapes(ControlModel.FromDescription(description, TASKS))
+    for leg in shapes.values():
+        assert leg.shortest == pytest.approx(nearest, abs=1e-6)
+    # A watched pair: a ball at the knee, which is as far from the foot at any bend, and
+    # from the pelvis, to which the foot comes as it would without.
+    thick = walker(tmp_path, knee=0.06)
+    thick = replace(thick, pairs=[*thick.pairs, ["left_shank", "left_foot"]])
+    shapes, _ = body_shapes(ControlModel.FromDescription(thick, TASKS))
+    assert shapes["left"].shortest == pytest.approx(nearest, abs=1e-6)
+
+
+def test_a_root_is_lifted_off_legs_that_cannot_be_bent_so(model, performer):
+    legs, _ = body_shapes(model)
+
+    def distances(motion):
+        R = Rotation.from_quat(motion.root_turns)
+        for side, foot in motion.feet.items():
+            hip = motion.root_positions + R.apply(legs[side].hip)
+            yield np.linalg.norm(hip - foot.positions, axis=1), foot.planted
+
+    plain = retarget_legs(performer, legs, 6.0)
+    nearest = min(d[planted].min() for d, planted in distances(plain))
+    shortest = nearest + 0.02
+    stiff = {side: replace(leg, shortest=shortest) for side, leg in legs.items()}
+    lifted = retarget_legs(performer, stiff, 6.0)
+    for d, planted in distances(lifted):
+        assert d[planted].min() > shortest - 1e-6
+        assert d.max() < legs["left"].reach
+    rise = lifted.root_positions - plain.root_positions
+    assert (rise[:, 2] > -1e-9).all() and rise[:, 2].max() < 0.04
+    assert np.abs(rise[:, :2]).max() < 1e-9
+    # Legs that can be bent so are left as they are.
+    loose = {side: replace(leg, shortest=nearest - 0.01) for side, leg in legs.items()}
+    same = retarget_legs(performer, loose, 6.0)
+    np.testing.assert_array_equal(same.root_positions, plain.root_positions)
+
+
 def test_what_is_refused(model, performer, description):
     no_toes = {k: v for k, v in performer.positions.items() if "toe" not in k}
     with pytest.raises(MotionError, match="no left_toe, right_toe, and so no feet"):

@@ -32,7 +32,13 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.one_sided import one_sided_minimum
-from crar_drake.equations.vectors import identity, largest, sum_rows, times
+from crar_drake.equations.vectors import (
+    identity,
+    largest,
+    put_at,
+    sum_rows,
+    times,
+)
 
 # Share of a limit that braking in the next step may need [1].
 _RESERVE = 0.8
@@ -229,7 +235,7 @@ def nearest_accelerations(
         wish,
     )
     nearest = vdot.copy()
-    nearest[controlled] = x
+    put_at(nearest, controlled, x)
     return nearest
 
 
@@ -264,7 +270,7 @@ def limit_torque(
     """
     still, brake = vdot.copy(), vdot.copy()
     still[controlled] = 0.0
-    brake[controlled] = -v[controlled] / T
+    put_at(brake, controlled, -v[controlled] / T)
     tau_brake = tau + times(inertia, brake - vdot)
     tau_still = tau + times(inertia, still - vdot)
     theta, excess = torque_scale(tau, tau_brake, tau_still, limits, period / T)

@@ -293,7 +293,10 @@ def _transposed_loops(A):
 
 @compiled(loops=_transposed_loops)
 def transposed(A: np.ndarray) -> np.ndarray:
-    """A_k^T (K, n, m) of A (K, m, n). For an order of axes Numba makes many functions."""
+    """A_k^T (K, n, m) of A (K, m, n).
+
+    Of an order of axes Numba makes many functions.
+    """
     return np.ascontiguousarray(A.transpose(0, 2, 1))
 
 

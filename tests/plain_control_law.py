@@ -358,17 +358,26 @@ class PlainControlLaw:
 
         constraints = []  # g, drift, weight, retreat
         smallest = np.inf
-        for d, gradient, d_there, gradient_there in zip(*here, *there, strict=True):
+        last_weighed, weighed = self.memory.get("weighed", {}), {}
+        self.memory["weighed"] = weighed
+        for pair, (d, gradient, d_there, gradient_there) in enumerate(
+            zip(*here, *there, strict=True)
+        ):
             smallest = min(smallest, d_there)
             curvature = (gradient_there - gradient) @ v  # of L4's rate, by the secant
-            for h, by_joint, more in (
-                (d + T * gradient @ v, gradient, curvature),  # L4
-                (d_there, gradient_there, 0.0),  # L3
+            for told, h, by_joint, more in (
+                ("L4", d + T * gradient @ v, gradient, curvature),
+                ("L3", d_there, gradient_there, 0.0),
             ):
+                h_w = h
+                if (pair, told) in last_weighed:
+                    grown = max(last_weighed[pair, told], ahead.distance_margin)
+                    h_w = min(h, grown + ahead.retreat_speed * gains.period)
+                weighed[pair, told] = h_w
                 if h >= ahead.influence_distance:
                     continue
                 g = by_joint[c]
-                eta = max(h - ahead.distance_margin, SMALLEST_MARGIN)
+                eta = max(h_w - ahead.distance_margin, SMALLEST_MARGIN)
                 weight = ahead.rho * np.exp(-gains.alpha * eta) * eta**-gains.beta
                 weight *= gains.beta / eta + gains.alpha  # L5
                 short = max(ahead.distance_margin - h, 0.0)
@@ -387,7 +396,13 @@ class PlainControlLaw:
                 h = inward * (q_s - limit)
                 g = np.zeros(model.n)
                 g[i] = inward
-                at = min(max(q_s, first + LIMIT_CLAMP), last - LIMIT_CLAMP)
+                h_w = h
+                if (i, inward) in last_weighed:
+                    grown = max(last_weighed[i, inward], 0.0)
+                    h_w = min(h, grown + ahead.joint_retreat_speed * gains.period)
+                weighed[i, inward] = h_w
+                at = limit + inward * h_w
+                at = min(max(at, first + LIMIT_CLAMP), last - LIMIT_CLAMP)
                 slope = (last - first) ** 2 * (2.0 * at - last - first)
                 slope /= 4.0 * (last - at) ** 2 * (at - first) ** 2  # Eq. (17)
                 weight = ahead.rho_limits * max(-inward * slope, 0.0)

@@ -47,12 +47,14 @@ from crar_drake.equations.lookahead_guard import (
 from crar_drake.equations.lookahead_rows import (
     join_constraints,
     limit_constraints,
+    limit_margins,
     margin_curvature,
     pair_constraints,
     pair_margins,
     resting_velocity,
     slip_velocity,
     that_weigh,
+    weighed_margins,
     with_resting,
 )
 from crar_drake.equations.references import Answer, Wanted, find_references
@@ -60,11 +62,12 @@ from crar_drake.equations.vectors import smallest, times
 
 
 class LookaheadMemory(NamedTuple):
-    """What one step of the mode leaves to the next, all (n,)."""
+    """What one step of the mode leaves to the next."""
 
-    qdot: np.ndarray  # measured [rad/s]
-    qddot: np.ndarray  # commanded [rad/s^2]
-    slip: np.ndarray  # `slip_velocity` [rad/s]
+    qdot: np.ndarray  # (n,) measured [rad/s]
+    qddot: np.ndarray  # (n,) commanded [rad/s^2]
+    slip: np.ndarray  # (n,) `slip_velocity` [rad/s]
+    weighed: np.ndarray  # (2 Nr + nl,) `weighed_margins` [m, rad]; (0,) of other rows
 
 
 @compiled
@@ -74,7 +77,7 @@ def lookahead_step(
     robot: Held,
     mode: Held,
     before: LookaheadMemory,
-) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(L3)-(L9) in their order: one control step of the mode.
 
     Args:
@@ -83,11 +86,11 @@ def lookahead_step(
         robot: holds a `Robot` with a row for each pair of shapes.
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that
-            nothing slipped.
+            nothing slipped, and infinite margins.
 
     Returns:
-        The answer; (n,) slip; (2,) the smallest distance [m] and the smallest margin
-        to a limit [rad] at q_s; (4,) of `admit`.
+        The answer; (n,) slip; (2 Nr + nl,) `weighed_margins`; (2,) the smallest
+        distance [m] and the smallest margin to a limit [rad] at q_s; (4,) of `admit`.
     """
     r, numbers = robot.value, mode.value
     limits, gains = numbers.limits.value, numbers.gains
@@ -101,14 +104,28 @@ def lookahead_step(
     h = pair_margins(state.d, state.dd_dv, v, T)
     by_joint = state.dd_dv.reshape(len(h), len(v))
     s_p = resting_velocity(v[n:], references.qddot_p, T)
+    by_pairs = weighed_margins(
+        h,
+        before.weighed[: len(h)],
+        gains.distance_margin,
+        gains.retreat_speed * gains.period,
+    )
     pairs = pair_constraints(
         h,
+        by_pairs,
         np.ascontiguousarray(by_joint[:, :n]),
         times(by_joint[:, n:], s_p) + margin_curvature(state.dd_dv, v),
         slip,
         gains,
     )
-    at_limits = limit_constraints(state.q[:n] + T * qdot, slip, limits, gains)
+    to_limits = limit_margins(state.q[:n] + T * qdot, limits)
+    by_limits = weighed_margins(
+        to_limits,
+        before.weighed[len(h) :],
+        0.0,
+        gains.joint_retreat_speed * gains.period,
+    )
+    at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
     constraints = join_constraints(pairs, that_weigh(at_limits))
     s_0, qdot_c, W, _ = wish_velocity(
         references.J,
@@ -129,8 +146,8 @@ def lookahead_step(
     margins = np.full(2, np.inf)
     if len(h):
         margins[0] = state.d[1].min()
-    if len(at_limits.h):
-        margins[1] = at_limits.h.min()
+    if len(to_limits):
+        margins[1] = to_limits.min()
     d = state.d[0]
     if len(numbers.members) < len(d):
         d = d[smallest(d, numbers.members)]
@@ -140,7 +157,8 @@ def lookahead_step(
     answer = Answer(
         join_joints((s - qdot) / T, qddot_p, r.order), references.error, d, W, qdot_c
     )
-    return answer, slip, margins, admission
+    weighed = np.concatenate((by_pairs, by_limits))
+    return answer, slip, weighed, margins, admission
 
 
 @compiled
@@ -206,16 +224,16 @@ def lookahead_or_scaled(
     to nothing to compile beside it and would else be half as much again.
 
     Args:
-        given: of `handover.hand_over`, with (3 n,) of `LookaheadMemory`; of the
-            present state alone where there are accelerations.
+        given: of `handover.hand_over`, with `LookaheadMemory`; of the present state
+            alone where there are accelerations.
         asked: of `Measured`, in both configurations.
         accelerations: (nv,) that are to be scaled; (0,) for a step.
         robot, mode: of `lookahead_step`.
 
     Returns:
         One after the other: of a step (nv,) accelerations, (m,) errors, (n,) W, (n,)
-        q_dot_c, (n,) slip, (2,) margins, (4,) how it was admitted, and the distances;
-        else (nv,) accelerations and (4,) of `admit`.
+        q_dot_c, (n,) slip, (2 Nr + nl,) weighed margins, (2,) margins, (4,) how it was
+        admitted, and the distances; else (nv,) accelerations and (4,) of `admit`.
     """
     r = robot.value
     nq, nv, n = len(r.positions), len(r.order), r.n
@@ -224,9 +242,12 @@ def lookahead_or_scaled(
     measured = Measured(both, v, asked)
     if len(accelerations):
         return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
-    wanted, kept = take_over(given, r, 3 * n)
-    before = LookaheadMemory(kept[:n], kept[n : 2 * n], kept[2 * n :])
-    answer, slip, margins, admission = lookahead_step(
+    num_rows = len(r.pairs.value.members) + len(mode.value.limits.value.joints)
+    wanted, kept = take_over(given, r, 3 * n + num_rows)
+    before = LookaheadMemory(
+        kept[:n], kept[n : 2 * n], kept[2 * n : 3 * n], kept[3 * n :]
+    )
+    answer, slip, weighed, margins, admission = lookahead_step(
         measured, wanted, robot, mode, before
     )
     return np.concatenate(
@@ -236,6 +257,7 @@ def lookahead_or_scaled(
             answer.W,
             answer.qdot_c,
             slip,
+            weighed,
             margins,
             admission,
             answer.d,

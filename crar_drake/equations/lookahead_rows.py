@@ -155,13 +155,35 @@ def margin_curvature(dd_dv: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def weighed_margins(
+    h: np.ndarray, before: np.ndarray, least: float, most: float
+) -> np.ndarray:
+    """(L5): the margins by which rows weigh, h, but not growing at once; (R,).
+
+    Told for T ahead by a velocity, a margin can change a lot in a period. If weights
+    fell as fast, what they held back would come at once, and be held back again.
+
+    Args:
+        h: (R,) margins of rows [m or rad].
+        before: (R,) this function's value one period ago, infinite at a start; (0,)
+            where rows were others.
+        least: what counts of those at least, lest rows that told of a deep
+            penetration weigh for long [m or rad].
+        most: by which they grow at most [m or rad].
+    """
+    if not len(before):
+        return h
+    return np.minimum(h, np.maximum(before, least) + most)
+
+
+@compiled
 def row_weights(
     h: np.ndarray, d_min: float, rho: float, alpha: float, beta: float
 ) -> np.ndarray:
     """(L5): omega, the magnitude of Eq. (23) at the margin eta = h - d_min.
 
     Args:
-        h: (R,) distances at rest [m].
+        h: (R,) distances at rest, `weighed_margins` [m].
         d_min: distance to keep [m].
         rho, alpha, beta: amplitude, decay [1/m] and exponent of Eq. (22).
 
@@ -190,6 +212,7 @@ def retreat_speed(
 @compiled
 def pair_constraints(
     h: np.ndarray,
+    weighed: np.ndarray,
     g: np.ndarray,
     drift: np.ndarray,
     slip: np.ndarray,
@@ -199,6 +222,7 @@ def pair_constraints(
 
     Args:
         h, g, drift: (R,), (R, n), (R,) of all rows, see `Constraints`.
+        weighed: (R,) `weighed_margins` [m].
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`; only
             what approaches counts [rad/s].
         gains: of the mode.
@@ -209,7 +233,9 @@ def pair_constraints(
         h,
         g,
         drift[near] + np.minimum(times(g, slip), 0.0),
-        row_weights(h, gains.distance_margin, gains.rho, gains.alpha, gains.beta),
+        row_weights(
+            weighed[near], gains.distance_margin, gains.rho, gains.alpha, gains.beta
+        ),
         retreat_speed(
             h, gains.distance_margin, gains.retreat_rate, gains.retreat_speed
         ),
@@ -235,24 +261,35 @@ def find_limits(lower: np.ndarray, upper: np.ndarray, fastest: np.ndarray) -> Li
 
 
 @compiled
+def limit_margins(q_s: np.ndarray, limits: Limits) -> np.ndarray:
+    """(nl,) how far the resting configuration (n,) is inside each limit [rad]."""
+    return limits.inward * (q_s[limits.joints] - limits.at)
+
+
+@compiled
 def limit_constraints(
-    q_s: np.ndarray, slip: np.ndarray, limits: Limits, gains: LookaheadGains
+    h: np.ndarray,
+    weighed: np.ndarray,
+    slip: np.ndarray,
+    limits: Limits,
+    gains: LookaheadGains,
 ) -> Constraints:
     """A row of each limit, with the weight Eq. (17) at q_s, 0 on its far half.
 
     Args:
-        q_s: (n,) resting configuration [rad].
+        h: (nl,) `limit_margins` [rad].
+        weighed: (nl,) `weighed_margins` [rad].
         slip: (n,) velocity of q_s that is not commanded, see `slip_velocity`;
             only what goes towards the limit counts [rad/s].
         limits: of the joints.
         gains: of the mode.
     """
     joints, inward = limits.joints, limits.inward
-    nl, at = len(joints), q_s[joints]
-    h = inward * (at - limits.at)
-    g = np.zeros((nl, len(q_s)))
+    nl = len(joints)
+    g = np.zeros((nl, len(slip)))
     for i in range(nl):
         g[i, joints[i]] = inward[i]
+    at = limits.at + inward * weighed
     towards = -inward * limit_gradient(at, limits.potential)
     return Constraints(
         h,

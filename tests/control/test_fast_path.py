@@ -67,13 +67,13 @@ def kinematics(request) -> PlainKinematics:
 
 
 def random_states(model: ControlModel, period: float, seed: int):
-    """Two consecutive states anywhere, some beyond limits, most with penetrations, and
+    """Three consecutive states anywhere, some beyond limits, most with penetrations, and
     targets around them."""
     rng = np.random.default_rng(seed)
     q, v = state_about_the_limits(model, rng, 1.0)
     layout = model.layout
     state = model.evaluate(model.MakeWorkspace(), q, v)
-    for _ in range(2):
+    for _ in range(3):
         turned = Rotation.from_rotvec(0.5 * rng.normal(size=(len(state.R), 3)))
         desired = layout.pack(
             turned.as_matrix() @ state.R,

@@ -29,6 +29,7 @@ from crar_drake.equations.lookahead_rows import (
     find_limits,
     join_constraints,
     limit_constraints,
+    limit_margins,
     margin_curvature,
     pair_constraints,
     pair_margins,
@@ -37,6 +38,7 @@ from crar_drake.equations.lookahead_rows import (
     retreat_speed,
     row_weights,
     slip_velocity,
+    weighed_margins,
 )
 from crar_drake.equations.one_sided import _lowest_on_way, one_sided_minimum
 from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
@@ -69,18 +71,16 @@ def pair_rows(h, g, drift, slip: np.ndarray | None = None) -> Constraints:
     """The rows of pairs; without a slip unless it is given."""
     h, g, drift = (np.asarray(x, dtype=float) for x in (h, g, drift))
     return pair_constraints(
-        h, g, drift, np.zeros(g.shape[1]) if slip is None else slip, GAINS
+        h, h, g, drift, np.zeros(g.shape[1]) if slip is None else slip, GAINS
     )
 
 
 def limit_rows(lower, upper, q_s, slip: np.ndarray | None = None) -> Constraints:
     """The rows of joint limits, likewise."""
-    return limit_constraints(
-        q_s,
-        np.zeros(len(q_s)) if slip is None else slip,
-        find_limits(lower, upper, np.full(len(q_s), np.inf)),
-        GAINS,
-    )
+    limits = find_limits(lower, upper, np.full(len(q_s), np.inf))
+    h = limit_margins(q_s, limits)
+    slip = np.zeros(len(q_s)) if slip is None else slip
+    return limit_constraints(h, h, slip, limits, GAINS)
 
 
 class Solution(NamedTuple):
@@ -703,6 +703,17 @@ def test_row_weight_is_the_magnitude_of_eq_23() -> None:
         clamped,
         row_weights(np.full(3, D_MIN + SMALLEST_MARGIN), D_MIN, rho, alpha, beta),
     )
+
+
+def test_margins_that_weigh_fall_at_once_and_rise_slowly() -> None:
+    told = np.array([0.3, 0.01, -2.0, -2.0, 0.1, 0.1, 0.1])  # one row, seven periods
+    expected = [0.3, 0.01, -2.0, -2.0, D_MIN + 5e-4, D_MIN + 1e-3, D_MIN + 1.5e-3]
+    weighed = np.array([np.inf])
+    for h, wanted in zip(told, expected, strict=True):
+        weighed = weighed_margins(np.array([h]), weighed, D_MIN, 5e-4)
+        assert weighed[0] == pytest.approx(wanted, abs=1e-15)
+    # Of rows that were others nothing is known.
+    np.testing.assert_array_equal(weighed_margins(told, np.zeros(0), D_MIN, 1.0), told)
 
 
 def test_every_finite_limit_has_a_row_of_its_own() -> None:

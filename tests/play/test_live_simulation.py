@@ -152,7 +152,7 @@ def test_targets_that_are_dragged_into_the_body_are_not_followed_there(live, ref
             if k % 4 == 0:
                 lowest = min(lowest, referee.distances(live.positions()).min())
         left = max(left, np.abs(live.output("task_error")).max())
-    assert 4e-3 <= lowest < 15e-3  # it was near,
+    assert 4e-3 <= lowest < 20e-3  # it was near,
     assert left > 0.03  # and held back
 
 

@@ -56,7 +56,8 @@ class LookaheadParameters:
         limit_margin: what joints keep from their limits [rad].
         retreat_rate: gamma, how fast a violation is left [1/s], but at most at
         retreat_speed: of a pair [m/s], and
-        joint_retreat_speed: of a joint [rad/s].
+        joint_retreat_speed: of a joint [rad/s]; the margins by which pairs and limits
+            weigh grow at most as fast, too.
         slip_time_constant: of the low-pass on what the plant did other than told,
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
@@ -139,10 +140,15 @@ class LookaheadMode(Mode):
         self.horizon = parameters.braking_horizon
         self.brakes_without_targets = ahead.lost_target == "brake"
         self._model = model
+        fastest = parameters.speed_limits(model)[model.controlled]
+        limits = find_limits(model.lower, model.upper, fastest)
+        self.robot = model.robot_ahead
+        num_rows = len(self.robot.value.pairs.value.members) + len(limits.joints)
         self._nothing = np.zeros(model.n)
+        self._kept_first = np.concatenate((self._nothing, np.full(num_rows, np.inf)))
         # Of what `lookahead_or_scaled` returns, but for the distances at its end.
         n, nv = model.n, model.n + model.n_p
-        ends = np.cumsum([0, nv, model.m, n, n, n, 2, 4]).tolist()
+        ends = np.cumsum([0, nv, model.m, n, n, n + num_rows, 2, 4]).tolist()
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
         self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
@@ -165,8 +171,6 @@ class LookaheadMode(Mode):
             fastest_wish=float(ahead.fastest_wish),
             task_norm=ahead.guard_norm == "tasks",
         )
-        fastest = parameters.speed_limits(model)[model.controlled]
-        limits = find_limits(model.lower, model.upper, fastest)
         plant = model.plant
         reaches = find_reaches(
             model.joints,
@@ -181,7 +185,7 @@ class LookaheadMode(Mode):
             step=min(float(plant.time_step()), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
-        self.robot, self.reaches = model.robot_ahead, hold(reaches)
+        self.reaches = hold(reaches)
         self.numbers = hold(
             LookaheadNumbers(
                 gains,
@@ -223,7 +227,7 @@ class LookaheadMode(Mode):
     ) -> Resolved:
         model = self._model
         if before is None or not before.follows:
-            last = (measured.v[model.controlled], self._nothing, self._nothing)
+            last = (measured.v[model.controlled], self._nothing, self._kept_first)
         else:
             last = (before.qdot, before.qddot, before.kept)
         found = lookahead_or_scaled(
@@ -233,12 +237,12 @@ class LookaheadMode(Mode):
             self.robot,
             self.numbers,
         )
-        vdot, error, W, qdot_c, slip, margins, admission = (
+        vdot, error, W, qdot_c, kept, margins, admission = (
             found[part] for part in self._parts
         )
         told = {"resting_margins": margins, "admission": admission}
         answer = Answer(vdot, error, found[self._distances], W, qdot_c)
-        return Resolved(answer, slip, told)
+        return Resolved(answer, kept, told)
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
         return acceleration_bounds(measured, self.robot, self.numbers)

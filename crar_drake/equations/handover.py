@@ -20,7 +20,7 @@ def hand_over(measured: Measured, wanted: Wanted, *kept: np.ndarray) -> np.ndarr
     Args:
         measured: the state; what was asked of SceneGraph is not among it.
         wanted: the targets.
-        kept: vectors, see `take_over`.
+        kept: arrays of any shape, see `take_over`.
     """
     start = wanted.start
     return np.concatenate(
@@ -34,7 +34,7 @@ def hand_over(measured: Measured, wanted: Wanted, *kept: np.ndarray) -> np.ndarr
             start.q,
             wanted.prescribed,
             wanted.tasks,
-            *kept,
+            *(x.ravel() for x in kept),
             wanted.posture,
         )
     )

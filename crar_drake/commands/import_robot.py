@@ -16,15 +16,15 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "import-robot",
         run,
-        "Make a robot that scenarios can name, from its URDF or MJCF "
+        "Make a robot that scenarios can name, from its URDF, SDF or MJCF "
         "(docs/your-robot.md). "
         "Needs crar-drake[robots].",
     )
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help="a URDF or MJCF file, g1, talos, the name of another robot of the package "
-        "example-robot-data, or a folder that was imported before",
+        help="a URDF, SDF or MJCF file, g1, talos, the name of another robot of the "
+        "package example-robot-data, or a folder that was imported before",
     )
     parser.add_argument(
         "--out",

@@ -133,20 +133,28 @@ def run(arguments: argparse.Namespace) -> None:
         show(stopped.result)
         raise
     show(result)
+    from crar_drake.simulation.warnings import moves_root
+
     model = result.setup.model
-    if not (export or model.num_free):
+    stands = moves_root(scenario, model.description)
+    if not (export or stands or model.num_free):
         return
     from crar_drake.references.whole_body import WholeBody
 
     robot = WholeBody(model.description)
-    if model.num_free:
-        _show_footing(result, robot, out / FOOTING, scenario.controller.blend_time)
+    blended = scenario.controller.blend_time
+    try:
+        _show_footing(result, robot, out / FOOTING, blended, stands)
+    except ModuleNotFoundError as error:
+        print(
+            f"warning: how the robot stood is not known without {error.name}: "
+            "pip install 'crar-drake[robots]'"
+        )
     if export:
         from crar_drake.references.logged_motion import export_log
 
         layout, file = export
         rate = arguments.export_rate or _EXPORT_RATE
-        blended = scenario.controller.blend_time
         motion = export_log(result.log, robot, file, layout, rate, blended)
         print(f"{file}: {motion.num_frames} frames at {motion.rate:g} Hz, {layout}")
 
@@ -168,23 +176,30 @@ def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path]
 
 
 def _show_footing(
-    result: RunResult, robot: WholeBody, path: Path, blended: float
+    result: RunResult, robot: WholeBody, path: Path, blended: float, stands: bool
 ) -> None:
-    """Tells how the run stood on the floor once it was blended in, and writes that."""
+    """Tells how the run stood on the floor once it was blended in, and warns of a robot
+    that stands, and is deep below it; what floats has that written into a file."""
     import json
 
     from crar_drake.files import whole_file
-    from crar_drake.references.footing import footing
+    from crar_drake.references.footing import footing, lowest_point, sinking
 
     log = result.log
     if len(log.time) < 2 or log.time[-1] <= blended:
         return
-    found = footing(log, robot, blended)
-    for line in found.lines():
-        print(line)
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(found.as_dict(), indent=2) + "\n")
-    print(path)
+    if result.setup.model.num_free:
+        found = footing(log, robot, blended)
+        for line in found.lines():
+            print(line)
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(found.as_dict(), indent=2) + "\n")
+        print(path)
+        lowest = found.lowest, found.lowest_link, found.lowest_time
+    elif stands:
+        lowest = lowest_point(log, robot, blended)
+    if stands and (warning := sinking(*lowest)):
+        print(f"warning: {warning}")
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:

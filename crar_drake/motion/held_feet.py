@@ -105,7 +105,12 @@ def find_contacts(
         speed = np.linalg.norm(np.gradient(p, axis=0), axis=1) * rate
         flags = standing(p[:, 2] - floor, speed, THRESHOLDS)
         found.append(without_short(flags, shortest))
-    return np.array(found).T
+    contacts = np.array(found).T
+    for start, end in runs(~contacts.any(axis=1)):
+        if end - start < shortest and 0 < start and end < len(contacts):
+            # From its heel on its ball a foot goes by the floor.
+            contacts[start:end] = contacts[start - 1]
+    return contacts
 
 
 def hold_foot(

@@ -20,6 +20,8 @@ class LegShape:
         points: (V, 3) of the foot's surface, from the foot's frame [m].
         heel, ball: (3,) the middle of the sole's rear and front edge [m].
         knee: how thick the shank is about the knee: a radius [m].
+        shortest: how near the foot's frame can be to the hip: the knee bent as far as
+            its limit and what is watched of the leg let it [m].
     """
 
     hip: np.ndarray
@@ -31,6 +33,7 @@ class LegShape:
     heel: np.ndarray
     ball: np.ndarray
     knee: float = 0.0
+    shortest: float = 0.0
 
     @property
     def length(self) -> float:

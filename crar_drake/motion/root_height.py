@@ -35,7 +35,8 @@ def settle_root(
     """The root as high as it can be, and the feet, where it takes them along.
 
     It is lowered where a foot would be out of reach, and lifted where the trunk would
-    be below the floor: smoothly, and beginning before it is needed.
+    be below the floor, or a leg that stands be bent too far: smoothly, and beginning
+    before it is needed.
 
     Args:
         root: (T, 3) positions of the base's origin [m].
@@ -52,6 +53,8 @@ def settle_root(
     if trunk is not None:
         lifted = lifted + _lifting(root, R_W, trunk, p, rate)
     root = root + lifted[:, None] * up
+    unbent = _unbending(root, R_W, feet, legs, rate)
+    root, lifted = root + unbent[:, None] * up, lifted + unbent
     taken = {
         side: _taken_along(feet[side], root + R_W.apply(leg.hip), leg, lifted, rate)
         for side, leg in legs.items()
@@ -66,6 +69,21 @@ def _lowering(root, R_W, feet, legs, rate: float) -> np.ndarray:
         hip = root + R_W.apply(leg.hip)
         needed = np.maximum(needed, _out_of_reach(hip, feet[side].positions, leg))
     return anticipated(needed, rate)
+
+
+def _unbending(root, R_W, feet, legs, rate: float) -> np.ndarray:
+    """(T,) how much higher the root must be for no leg that stands to be bent farther
+    than it can, as far as the other one reaches [m]."""
+    needed, slack = np.zeros(len(root)), np.full(len(root), np.inf)
+    for side, leg in legs.items():
+        hip, foot = root + R_W.apply(leg.hip), feet[side]
+        way = hip - foot.positions
+        across = np.linalg.norm(way[:, :2], axis=1)
+        least = np.sqrt(np.maximum(leg.shortest**2 - across**2, 0.0))
+        needed = np.maximum(needed, np.where(foot.planted, least - way[:, 2], 0.0))
+        reach = _out_of_reach(hip, foot.positions, leg)
+        slack = np.where(foot.planted, np.minimum(slack, -reach), slack)
+    return anticipated(np.clip(needed, 0.0, np.maximum(slack, 0.0)), rate)
 
 
 def _out_of_reach(hip: np.ndarray, foot: np.ndarray, leg: LegShape) -> np.ndarray:

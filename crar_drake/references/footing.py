@@ -8,12 +8,13 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from crar_drake.motion.planted_feet import ContactThresholds
-from crar_drake.references.ground_contact import Outline
+from crar_drake.references.ground_contact import GroundContact, Outline
 from crar_drake.references.ground_demand import ground_wrench, outside_support
 from crar_drake.references.logged_motion import motion_of_log
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.log import SimulationLog
+from crar_drake.robot.description import FLOOR_TOLERANCE
 
 _MOST_RATE = 100.0  # [Hz] of samples that are looked at
 
@@ -87,6 +88,33 @@ class Footing:
         return [*lines, f"{line} (a note on feasibility, not a promise)"]
 
 
+def lowest_point(
+    log: SimulationLog, robot: WholeBody, start: float = 0.0
+) -> tuple[float, str, float]:
+    """Height over the floor z = 0 [m], link and time [s] of what was lowest in a run.
+
+    Args:
+        log: of a robot the root of which a motion moves.
+        robot: that was simulated.
+        start: as in `footing`.
+
+    Raises:
+        MotionError, CrarError: as of `motion_of_log`.
+    """
+    rows, seen = _after(log, robot, start)
+    return _lowest(Outline(robot).ground_contact(seen, floor=0.0), log.time[rows])
+
+
+def sinking(lowest: float, link: str, time: float) -> str:
+    """A warning of what `lowest_point` found deep below the floor; "" else."""
+    if not lowest < -FLOOR_TOLERANCE:
+        return ""
+    return (
+        f"{-1e3 * lowest:.0f} mm BELOW THE FLOOR: {link} at {time:.2f} s, and no "
+        "distance or limit tells of it; docs/whole-body.md has feet that stand"
+    )
+
+
 def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing:
     """How a run stood on the floor z = 0.
 
@@ -99,18 +127,7 @@ def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing
         MotionError, CrarError: as of `motion_of_log`.
         ModelError: the robot's root does not float.
     """
-    motion = motion_of_log(log, robot)
-    first = int(np.searchsorted(log.time, start - 1e-9))
-    first = min(first, motion.num_frames - 2)
-    every = max(1, int(np.ceil(motion.rate / _MOST_RATE - 1e-9)))
-    rows = slice(first, None, every)
-    seen = RobotMotion(
-        joint_names=motion.joint_names,
-        root_positions=motion.root_positions[rows],
-        root_quaternions=motion.root_quaternions[rows],
-        joint_positions=motion.joint_positions[rows],
-        rate=motion.rate / every,
-    )
+    rows, seen = _after(log, robot, start)
     outline = Outline(robot)
     contact = outline.ground_contact(seen, floor=0.0, thresholds=_TOUCHING)
     slips = np.concatenate([np.empty(0), *(foot.ways for foot in contact.feet)])
@@ -125,15 +142,15 @@ def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing
     beyond = outside[standing & (outside > 0.0)]
     friction = wrench.friction[standing & np.isfinite(wrench.friction)]
     upwards = wrench.force[:, 2] / wrench.weight
-    low = int(contact.lowest.argmin())
+    lowest, lowest_link, lowest_time = _lowest(contact, log.time[rows])
     count = np.count_nonzero(standing)
     return Footing(
         contacts=len(slips),
         median_slip=float(np.median(slips)) if len(slips) else None,
         worst_slip=float(slips.max()) if len(slips) else None,
-        lowest=float(contact.lowest[low]),
-        lowest_link=contact.lowest_links[low],
-        lowest_time=float(log.time[rows][low]),
+        lowest=lowest,
+        lowest_link=lowest_link,
+        lowest_time=lowest_time,
         planted_share=count / seen.num_frames,
         supported_share=np.count_nonzero(outside[standing] <= 0.0) / count
         if count
@@ -142,4 +159,27 @@ def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing
         least_force=float(upwards.min()),
         largest_force=float(upwards.max()),
         friction=float(np.quantile(friction, 0.95)) if len(friction) else None,
+    )
+
+
+def _lowest(contact: GroundContact, times: np.ndarray) -> tuple[float, str, float]:
+    low = int(contact.lowest.argmin())
+    return float(contact.lowest[low]), contact.lowest_links[low], float(times[low])
+
+
+def _after(
+    log: SimulationLog, robot: WholeBody, start: float
+) -> tuple[slice, RobotMotion]:
+    """The samples from a time on that are looked at, and the motion in them."""
+    motion = motion_of_log(log, robot)
+    first = int(np.searchsorted(log.time, start - 1e-9))
+    first = min(first, motion.num_frames - 2)
+    every = max(1, int(np.ceil(motion.rate / _MOST_RATE - 1e-9)))
+    rows = slice(first, None, every)
+    return rows, RobotMotion(
+        joint_names=motion.joint_names,
+        root_positions=motion.root_positions[rows],
+        root_quaternions=motion.root_quaternions[rows],
+        joint_positions=motion.joint_positions[rows],
+        rate=motion.rate / every,
     )

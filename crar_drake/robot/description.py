@@ -41,6 +41,9 @@ ROOTS = ("fixed", "prescribed", "controlled")
 # all figures: it says what counts, not how that is computed.
 LIMIT_TOLERANCE = 1e-6
 
+# Farther below the floor, z = 0, a robot that stands on it does not [m].
+FLOOR_TOLERANCE = 0.01
+
 # Faster by more than this than its limit, a joint violates it [rad/s or m/s].
 SPEED_TOLERANCE = 1e-6
 

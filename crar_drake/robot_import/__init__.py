@@ -1,4 +1,4 @@
-"""From a robot's own URDF or MJCF to a folder that the controller can use.
+"""From a robot's own URDF, SDF or MJCF to a folder that the controller can use.
 
 `import_robot` is the whole way; `docs/your-robot.md` walks it. Needs the optional
 dependencies of the extra `robots`.

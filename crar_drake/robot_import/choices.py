@@ -67,7 +67,7 @@ class ImportChoices:
     """The keys of an import file; None is a key that is left out.
 
     Attributes:
-        source: path of the URDF or MJCF (relative to the file), or
+        source: path of the URDF, SDF or MJCF (relative to the file), or
             `example-robot-data:` and its path in that package.
         package_paths: folders in which the URDF's packages are looked for.
         name: of the robot.
@@ -125,7 +125,7 @@ class ImportChoices:
             ModelError: names the file, the key and what it may be.
         """
         if not self.source:
-            raise ModelError(f"{where}: source: name the robot's URDF or MJCF")
+            raise ModelError(f"{where}: source: name the robot's URDF, SDF or MJCF")
         if self.posture and not self.srdf:
             raise ModelError(f"{where}: posture: there is no srdf that could have it")
         for key in ("up", "facing"):

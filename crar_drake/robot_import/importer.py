@@ -85,8 +85,8 @@ def import_robot(
     robot.urdf, robot.yaml, meshes/, picture.png and report.txt.
 
     Args:
-        source: path of a URDF or MJCF, or the name of one in example-robot-data; ""
-            where `out` has an import.yaml that says it.
+        source: path of a URDF, SDF or MJCF, or the name of one in
+            example-robot-data; "" where `out` has an import.yaml that says it.
         out: the folder.
         package_paths: folders in which the URDF's packages are looked for.
         lock: groups of joints to lock (`choices.GROUPS`), on a first import.

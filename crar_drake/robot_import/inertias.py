@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from xml.etree import ElementTree
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -56,6 +57,31 @@ def read_inertia(link: Link) -> tuple[Inertia | None, str]:
     if not _is_possible(moments):
         return None, f"has an inertia that no body of {mass:g} kg can have"
     return Inertia(mass, X, moments), ""
+
+
+def inertial_element(
+    mass: float, p_LC: np.ndarray, moments: np.ndarray
+) -> ElementTree.Element:
+    """A link's mass and central inertia as a URDF has them, all digits.
+
+    Args:
+        mass: [kg].
+        p_LC: (3,) the centre of mass in the link's frame [m].
+        moments: (3, 3) about that, in the link's axes [kg m^2].
+    """
+    element = ElementTree.Element("inertial")
+    p = " ".join(repr(float(v)) for v in p_LC)
+    ElementTree.SubElement(element, "origin", xyz=p)
+    ElementTree.SubElement(element, "mass", value=repr(mass))
+    ElementTree.SubElement(
+        element,
+        "inertia",
+        **{
+            f"i{a}{b}": repr(float(moments["xyz".index(a), "xyz".index(b)]))
+            for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+        },
+    )
+    return element
 
 
 def own_mass(link: Link) -> float:

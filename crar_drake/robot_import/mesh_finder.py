@@ -1,4 +1,4 @@
-"""Where the meshes of a URDF are."""
+"""Where the meshes of a URDF or SDF are."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from crar_drake.errors import ModelError
 class MeshFinder:
     """Resolves mesh addresses, and tells all that are missing at once."""
 
-    def __init__(self, urdf: Path, package_paths: Sequence[Path]) -> None:
-        self._urdf = urdf
+    def __init__(self, file: Path, package_paths: Sequence[Path]) -> None:
+        self._file = file
         variables = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
         entries = [e for v in variables for e in os.environ.get(v, "").split(":") if e]
         around = [Path(entry) for entry in entries]
@@ -23,7 +23,14 @@ class MeshFinder:
         self._missing: list[str] = []
         self._packages: set[str] = set()
 
-    def find(self, address: str, link: str) -> Path:
+    def find(self, address: str, where: str, *, folder: bool = False) -> Path:
+        """The file of an address; what is not there is told by `check`.
+
+        Args:
+            address: relative, or package://, model:// or file://.
+            where: in the file it stands, "link pelvis" or "line 7".
+            folder: whether it may be a folder.
+        """
         scheme, _, rest = address.rpartition("://")
         if scheme in ("package", "model"):
             package, _, inner = rest.lstrip("/").partition("/")
@@ -33,15 +40,20 @@ class MeshFinder:
                 return Path(inner)
             path = folder / inner
         else:
-            path = self._urdf.parent / rest
-        if not path.is_file():
-            self._missing.append(f"{address} (link {link})")
+            path = self._file.parent / rest
+        if not (path.is_file() or (folder and path.is_dir())):
+            self._missing.append(f"{address} ({where})")
         return path
 
     def check(self) -> None:
+        """Tells all that was asked for and is not there.
+
+        Raises:
+            ModelError: there is such; it names the addresses and what to do.
+        """
         if self._packages:
             raise ModelError(
-                f"{self._urdf}: its meshes lie in packages that are not found: "
+                f"{self._file}: it needs packages that are not found: "
                 f"{', '.join(sorted(self._packages))}; name the folder that contains "
                 "them with --package-path (or in ROS_PACKAGE_PATH)"
             )
@@ -49,7 +61,7 @@ class MeshFinder:
             shown = "; ".join(self._missing[:5])
             more = len(self._missing) - 5
             raise ModelError(
-                f"{self._urdf}: meshes are missing: {shown}"
+                f"{self._file}: files are missing: {shown}"
                 f"{f'; and {more} more' if more > 0 else ''}"
             )
 
@@ -58,7 +70,7 @@ class MeshFinder:
             for folder in (root / name, root):
                 if folder.is_dir() and _is_package(folder, name):
                     return folder
-        for ancestor in self._urdf.parents:
+        for ancestor in self._file.parents:
             for folder in (ancestor, ancestor / name):
                 if folder.is_dir() and _is_package(folder, name):
                     return folder

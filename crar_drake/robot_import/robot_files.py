@@ -10,12 +10,12 @@ from pathlib import Path
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
 
-# How an import names a URDF of that package, wherever it is installed.
+# How an import names a file of that package, wherever it is installed.
 PACKAGE_SCHEME = "example-robot-data:"
 
 # Names of files and folders that many robots share.
 _SAYS_NOTHING = (
-    *("model", "robot", "main", "scene", "urdf", "mjcf", "xml", "xmls"),
+    *("model", "robot", "main", "scene", "urdf", "sdf", "mjcf", "xml", "xmls"),
     *("robots", "description", "models"),
 )
 
@@ -24,7 +24,7 @@ def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
     """The file of a path, of `example-robot-data:some/path`, or of a file's name there.
 
     Args:
-        name: e.g. "robot.urdf", "robot.xml", "romeo",
+        name: e.g. "robot.urdf", "robot.xml", "romeo", "cassie_v2",
             "example-robot-data:robots/…/g1.urdf".
 
     Returns:
@@ -37,14 +37,14 @@ def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
     if Path(text).is_file():
         return Path(text).resolve(), str(Path(text).resolve())
     if not text.startswith(PACKAGE_SCHEME) and (
-        "/" in text or text.endswith((".urdf", ".xacro", ".xml"))
+        "/" in text or text.endswith((".urdf", ".xacro", ".sdf", ".xml"))
     ):
-        raise ModelError(f"no URDF or MJCF at {text}")
+        raise ModelError(f"no URDF, SDF or MJCF at {text}")
     folder = robot_data_folder()
     if folder is None:
         raise ModelError(
             f"no robot {text!r} without the package example-robot-data: "
-            "pip install 'crar-drake[robots]', or give the path of a URDF or MJCF"
+            "pip install 'crar-drake[robots]', or give the path of a URDF, SDF or MJCF"
         )
     if text.startswith(PACKAGE_SCHEME):
         path = folder / text.removeprefix(PACKAGE_SCHEME)
@@ -54,10 +54,14 @@ def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
                 "install another version of it"
             )
         return path, text
-    known = {path.stem: path for path in sorted(folder.glob("robots/**/*.urdf"))}
+    known = {
+        path.stem: path
+        for kind in ("sdf", "urdf")  # a URDF is taken where there are both
+        for path in sorted(folder.glob(f"robots/**/*.{kind}"))
+    }
     if text not in known:
         raise ModelError(
-            f"no robot {text!r}: neither a URDF nor one of the package "
+            f"no robot {text!r}: neither a file nor one of the package "
             f"example-robot-data{nearest(text, known)}"
         )
     path = known[text]
@@ -87,7 +91,9 @@ def default_name(path: Path) -> str:
             return name
     try:
         root = ElementTree.fromstring(readable_xml(path))
-        name = root.get("name") or root.get("model")
+        model = root.find("model")  # of an SDF
+        element = root if model is None else model
+        name = element.get("name") or element.get("model")
     except (ElementTree.ParseError, UnicodeDecodeError, OSError):
         name = None  # it is refused where it is read
     return (name or path.stem).replace("/", "_").replace(" ", "_")

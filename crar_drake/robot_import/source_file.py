@@ -1,4 +1,4 @@
-"""A robot's own file, whatever its format: URDF or MJCF."""
+"""A robot's own file, whatever its format: URDF, SDF or MJCF."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.source_mjcf import read_mjcf
 from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.source_sdf import read_sdf
 from crar_drake.robot_import.source_urdf import read_urdf
 
 
@@ -17,22 +18,24 @@ def read_robot(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
 
     Args:
         path: of the file.
-        package_paths: folders that contain the packages of a URDF.
+        package_paths: folders that contain the packages of a URDF or SDF.
 
     Raises:
-        ModelError: it is neither URDF nor MJCF, or something in it is wrong or not
+        ModelError: it is no URDF, SDF or MJCF, or something in it is wrong or not
             supported.
     """
     root = _root_element(path)
     if root == "mujoco":
         return read_mjcf(path)
+    if root == "sdf" or path.suffix == ".sdf":
+        return read_sdf(path, package_paths)
     if root == "mujocoinclude":
         raise ModelError(
             f"{path}: it is a piece of an MJCF; import the file that includes it"
         )
     if path.suffix == ".xml" and root != "robot":
         what = f"its root element is <{root}>" if root else "it is no XML"
-        raise ModelError(f"{path}: neither a URDF nor an MJCF: {what}")
+        raise ModelError(f"{path}: neither a URDF nor an SDF nor an MJCF: {what}")
     return read_urdf(path, package_paths)
 
 

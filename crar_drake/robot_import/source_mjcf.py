@@ -21,6 +21,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
+from crar_drake.robot_import.inertias import inertial_element
 from crar_drake.robot_import.mjcf_actuators import effort_limits
 from crar_drake.robot_import.mjcf_geoms import body_shapes, pose_of
 from crar_drake.robot_import.mjcf_keyframes import keyframe_posture
@@ -32,6 +33,7 @@ from crar_drake.robot_import.source_robot import (
     Link,
     Loop,
     SourceRobot,
+    weld,
 )
 
 _UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
@@ -270,19 +272,7 @@ class _Reader:
         name = f"{child}_weld"
         while name in self._joints or name in self._joint_names.values():
             name += "_"
-        self._joints[name] = Joint(
-            name,
-            "fixed",
-            parent,
-            child,
-            X_PC,
-            np.zeros(3),
-            -np.inf,
-            np.inf,
-            None,
-            None,
-            0.0,
-        )
+        self._joints[name] = weld(name, parent, child, X_PC)
 
     def _add_joint(
         self, index: int, parent: str, child: str, X: RigidTransform
@@ -409,16 +399,4 @@ def _inertial(model, body: int) -> ElementTree.Element | None:
     wxyz = np.array(model.body_iquat[body])
     R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
     moments = R @ np.diag(model.body_inertia[body]) @ R.T
-    element = ElementTree.Element("inertial")
-    p = " ".join(repr(float(v)) for v in model.body_ipos[body])
-    ElementTree.SubElement(element, "origin", xyz=p)
-    ElementTree.SubElement(element, "mass", value=repr(mass))
-    ElementTree.SubElement(
-        element,
-        "inertia",
-        **{
-            f"i{a}{b}": repr(float(moments["xyz".index(a), "xyz".index(b)]))
-            for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
-        },
-    )
-    return element
+    return inertial_element(mass, model.body_ipos[body], moments)

@@ -61,7 +61,7 @@ class Joint:
     """A joint as the file says it.
 
     Attributes:
-        kind: as in a URDF, or "ball".
+        kind: as in a URDF, or "ball", "universal" or "screw".
         X_PC: pose of the child link in the parent at position zero.
         axis: unit vector in the child's frame.
         lower, upper: [rad or m]; infinite if continuous.
@@ -104,6 +104,23 @@ class Joint:
         return self.X_PC
 
 
+def weld(name: str, parent: str, child: str, X_PC: RigidTransform) -> Joint:
+    """A joint that does not move."""
+    return Joint(
+        name,
+        "fixed",
+        parent,
+        child,
+        X_PC,
+        np.zeros(3),
+        -np.inf,
+        np.inf,
+        None,
+        None,
+        0.0,
+    )
+
+
 @dataclass(frozen=True)
 class Loop:
     """A closed chain: what ties two links together that joints are between."""
@@ -114,7 +131,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class SourceRobot:
-    """A tree of links and joints, read from a URDF or an MJCF.
+    """A tree of links and joints, read from a URDF, an SDF or an MJCF.
 
     Attributes:
         name: of the robot.

@@ -57,13 +57,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
             f"{path}: it is made of macros that are not expanded; expand it with "
             f"ROS's xacro ({path.name} > robot.urdf) and import what that writes"
         )
-    for tag in _LOOPS:
-        element = next(root.iter(tag.replace("drake:", "_drake_")), None)
-        if element is not None:
-            raise ModelError(
-                f"{path}: <{tag}> {element.get('name', '')!r} closes a chain, "
-                "which the controller does not support; take it out of the URDF"
-            )
+    refuse_loops(root, path)
     notes: list[str] = []
     colours = _read_colours(root, notes)
     meshes = MeshFinder(path, package_paths)
@@ -82,7 +76,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
-    parents = _check_tree(path, links, joints)
+    parents = check_tree(path, links, joints)
     (top,) = [name for name in links if name not in parents]
     if any("," in text for text in _number_texts(root)):
         notes.append(
@@ -98,6 +92,25 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         parents,
         tuple(notes),
     )
+
+
+def refuse_loops(root: ElementTree.Element, path: Path) -> None:
+    """Refuses what closes a chain without being a joint.
+
+    Args:
+        root: of a `readable_xml`.
+        path: of its file.
+
+    Raises:
+        ModelError: there is such an element; it is named.
+    """
+    for tag in _LOOPS:
+        element = next(root.iter(tag.replace("drake:", "_drake_")), None)
+        if element is not None:
+            raise ModelError(
+                f"{path}: <{tag}> {element.get('name', '')!r} closes a chain, "
+                "which the controller does not support; take it out of the file"
+            )
 
 
 @contextmanager
@@ -119,7 +132,12 @@ def _number_texts(root: ElementTree.Element) -> Iterator[str]:
                 yield text
 
 
-def _check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, Joint]:
+def check_tree(path: Path, links: dict, joints: dict[str, Joint]) -> dict[str, Joint]:
+    """Link to the joint that carries it, of all links but the root.
+
+    Raises:
+        ModelError: the links are not one tree, or a name is of nothing.
+    """
     if not links:
         raise ModelError(f"{path}: it has no links")
     parents: dict[str, Joint] = {}
@@ -234,7 +252,7 @@ def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
         if not all(scale):
             notes.append(f"link {link}: a mesh with a scale of zero is left out")
             return None
-        found = meshes.find(shape.get("filename", ""), link)
+        found = meshes.find(shape.get("filename", ""), f"link {link}")
         return Shape(X_LG, kind, Mesh(found, scale), rgba=rgba)
     sizes = {"box": ("size",), "sphere": ("radius",)}
     names = sizes.get(kind, ("radius", "length"))

@@ -190,7 +190,8 @@ def check_structure(
                 )
             taken.add(link)
     for joint in robot.joints.values():
-        if joint.kind in ("floating", "planar", "ball") and joint.name not in locked:
+        unlocked = joint.kind != "fixed" and joint.name not in locked
+        if unlocked and not joint.moves:
             raise ModelError(
                 f"{file}: joint {joint.name!r} is {joint.kind}, which the controller "
                 "does not support; add it to locked"

@@ -5,14 +5,22 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator
 
+import numpy as np
+
 from crar_drake.motion.report import MotionReport
-from crar_drake.robot.description import LIMIT_TOLERANCE, find_joint
+from crar_drake.robot.description import (
+    FLOOR_TOLERANCE,
+    LIMIT_TOLERANCE,
+    RobotDescription,
+    find_joint,
+)
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.simulation.visuals import models_without_visuals
 
 _MOST = 2  # findings and joints that a line names
+_LOOKS = 201  # at the targets, in equal steps
 
 
 def run_warnings(
@@ -32,6 +40,7 @@ def run_warnings(
     """
     lines = [*_of_the_motion(scenario, report), *_of_the_duration(scenario, setup)]
     lines += _of_the_rest_posture(scenario, setup)
+    lines += _of_targets_below_the_floor(scenario, setup)
     if recorded:
         model = setup.model
         for name in models_without_visuals(
@@ -96,6 +105,30 @@ def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
     else:
         then = "the start pose is within"
     yield f"rest_posture: {', '.join(named)}{more}; {then}; correct robot.yaml"
+
+
+def _of_targets_below_the_floor(scenario: Scenario, setup: Setup) -> Iterator[str]:
+    """Of a robot whose root a motion moves, over the floor z = 0."""
+    model, motion = setup.model, setup.motion
+    tasks = model.layout.linear_tasks
+    if not (moves_root(scenario, model.description) and len(tasks)):
+        return
+    end = min(scenario.duration or motion.duration, motion.duration)
+    times = np.linspace(0.0, end, _LOOKS)
+    z = np.array([model.layout.unpack(motion.tasks_at(t)).p[:, 2] for t in times])
+    k, task = np.unravel_index(int(np.argmin(z)), z.shape)
+    if z[k, task] < -FLOOR_TOLERANCE:
+        yield (
+            f"targets BELOW THE FLOOR: that of {model.layout.names[tasks[task]]} is "
+            f"{-1e3 * z[k, task]:.0f} mm below it at {times[k]:.2f} s; is the motion's "
+            "unit, or the height at which the robot stands, a wrong one?"
+        )
+
+
+def moves_root(scenario: Scenario, robot: RobotDescription) -> bool:
+    """Whether a motion moves the robot's root, over the floor z = 0 then."""
+    driven = any(by != "hold" for by in robot.prescribed_joints.values())
+    return bool(scenario.motion) and (driven or robot.root == "prescribed")
 
 
 def _unit(model: ControlModel, index: int) -> str:

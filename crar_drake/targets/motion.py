@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -25,6 +26,7 @@ from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
+from crar_drake.targets.held_legs import HeldLegs
 from crar_drake.targets.sources import PoseTrajectorySource, TimeFunctionSource
 from crar_drake.targets.ways import (
     CarriedTrajectory,
@@ -187,7 +189,8 @@ def _tasks(
     frames = [task.frame for task in model.tasks]
     if any(frame not in JOINT_CENTRES for frame in frames):
         ways = _task_ways(model, performer, retargeted, whole, cutoff)
-        ways = {name: _held(way, hold) for name, way in ways.items()}
+        if hold > 0.0:
+            ways = _held(model, retargeted, whole, ways, hold)
         return (
             PoseTrajectorySource(model.layout, ways).at,
             lambda: PoseTrajectorySource(model.layout, ways),
@@ -236,9 +239,36 @@ def _task_ways(
 
 
 def _held(
-    way: PointTrajectory | CarriedTrajectory, hold: float
-) -> PointTrajectory | CarriedTrajectory | HeldTrajectory:
-    return HeldTrajectory(way, hold) if hold > 0.0 else way
+    model: ControlModel,
+    retargeted: RetargetedMotion,
+    whole: WholeBodyMotion,
+    ways: dict[str, PointTrajectory | CarriedTrajectory],
+    hold: float,
+) -> dict[str, HeldTrajectory]:
+    """The ways as they are told to who holds accelerations for `hold` [s]."""
+    plant, frames = model.plant, model.description.task_frames
+    carried = {
+        name: find_frame(plant, frames[task.frame])
+        for name, task in zip(model.layout.names, model.tasks, strict=True)
+        if task.frame in (*FEET, *KNEES)
+    }
+    legs = HeldLegs(
+        model,
+        _root_way(model, whole.legs.root_turns, retargeted),
+        whole.joints,
+        PointTrajectory(spline(retargeted.time, whole.positions)),
+        carried,
+        hold,
+    )
+    return {
+        name: HeldTrajectory(
+            way,
+            hold,
+            plant.time_step(),
+            partial(legs.lack, name) if name in carried else None,
+        )
+        for name, way in ways.items()
+    }
 
 
 def _distance(model: ControlModel, a: str, b: str) -> float:
@@ -286,26 +316,12 @@ def _prescribed_motion(
 ) -> Callable[[float], np.ndarray]:
     """`desired_prescribed` of a robot whose root floats, as a function of time [s].
 
-    The base is turned from where it is at rest as the performer's hips are from where
-    they face x, upright, (T, 4) `turns`; and so that the robot's waist is where the
-    scaled one is. Other prescribed joints hold.
+    Other prescribed joints hold.
     """
-    plant, description = model.plant, model.description
-    q = model.rest_positions()
-    context = model.MakeWorkspace().plant_context
-    plant.SetPositions(context, q)
-    waist = find_frame(plant, description.task_frames["waist"])
-    base = find_body(plant, description.base).body_frame()
-    p_BC = waist.CalcPose(context, base).translation()
-    at_rest = Rotation.from_matrix(description.rest_pose().rotation().matrix())
-    R_WB = Rotation.from_quat(turns) * at_rest
-    root = CarriedTrajectory(
-        PointTrajectory(retargeted.waist),
-        QuaternionSpline(retargeted.time, R_WB.as_quat()),
-        -p_BC,
-    )
-    root = _held(root, hold)
-    held = q[model.prescribed_positions[:-7]]
+    root = _root_way(model, turns, retargeted)
+    if hold > 0.0:
+        root = HeldTrajectory(root, hold, model.plant.time_step())
+    held = model.rest_positions()[model.prescribed_positions[:-7]]
     still = np.zeros(len(held))
 
     def prescribed_at(time: float) -> np.ndarray:
@@ -317,6 +333,31 @@ def _prescribed_motion(
         )
 
     return prescribed_at
+
+
+def _root_way(
+    model: ControlModel, turns: np.ndarray, retargeted: RetargetedMotion
+) -> CarriedTrajectory:
+    """Of the base of a robot whose root floats.
+
+    It is turned from where it is at rest as the performer's hips are from where they
+    face x, upright, (T, 4) `turns`; and so that the robot's waist is where the scaled
+    one is.
+    """
+    plant, description = model.plant, model.description
+    q = model.rest_positions()
+    context = model.MakeWorkspace().plant_context
+    plant.SetPositions(context, q)
+    waist = find_frame(plant, description.task_frames["waist"])
+    base = find_body(plant, description.base).body_frame()
+    p_BC = waist.CalcPose(context, base).translation()
+    at_rest = Rotation.from_matrix(description.rest_pose().rotation().matrix())
+    R_WB = Rotation.from_quat(turns) * at_rest
+    return CarriedTrajectory(
+        PointTrajectory(retargeted.waist),
+        QuaternionSpline(retargeted.time, R_WB.as_quat()),
+        -p_BC,
+    )
 
 
 def _prescribed_trajectory(model: ControlModel, retargeted) -> BsplineTrajectory:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from pydrake.trajectories import BsplineTrajectory
 
 from crar_drake.motion.quaternion_spline import QuaternionSpline
+
+# Takes a time [s]; returns (6,) velocity and (6,) acceleration, [angular; linear].
+Lack = Callable[[float], tuple[np.ndarray, np.ndarray]]
+
+_NOTHING = np.zeros(6)
 
 
 class PointTrajectory:
@@ -61,33 +68,49 @@ class CarriedTrajectory:
 
 
 class HeldTrajectory:
-    """A way whose accelerations are the means over the period that they are held for.
+    """A way for who holds accelerations, and for a plant that takes steps.
 
-    A controller that holds accelerations lags half a period behind those of the
-    instant: where a foot lands, by millimetres. With
+    Who holds accelerations lags half a period h behind those of the instant: where a
+    foot lands, by millimetres. With
 
         a = (v(t + h) - v(t)) / h
 
-    the velocity is the way's own again at the end of each period.
+    the velocity is the way's own again at the end of each period, of what is
+    accelerated evenly. Of what joints carry `lack` is what they need besides.
+
+    A discrete plant moves by the velocity that it has at the *end* of its step, so that
+    velocities that are the way's at the ends take it half a step ahead. It is told
+    those of half a step before.
     """
 
-    def __init__(self, way: PointTrajectory | CarriedTrajectory, hold: float) -> None:
+    def __init__(
+        self,
+        way: PointTrajectory | CarriedTrajectory,
+        hold: float,
+        step: float,
+        lack: Lack | None = None,
+    ) -> None:
         """
         Args:
-            way: with its accelerations as they are.
+            way: with its velocities and accelerations as they are.
             hold: the period h [s].
+            step: of the plant [s]; 0 if it is continuous.
+            lack: to be added to velocity and acceleration; by default nothing.
         """
         self.end = way.end
-        self._way, self._hold = way, hold
+        self._way, self._hold, self._late = way, hold, 0.5 * step
+        self._lack = lack or (lambda time: (_NOTHING, _NOTHING))
 
     def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """R (3, 3), angular velocity (3,) and acceleration (3,) held from `time` on."""
-        R, omega, _ = self._way.orientation(time)
-        _, then, _ = self._way.orientation(time + self._hold)
-        return R, omega, (then - omega) / self._hold
+        return self._held(self._way.orientation, time, slice(0, 3))
 
     def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """p (3,) [m], its velocity and its acceleration from `time` [s] on, in W."""
-        p, v, _ = self._way.position(time)
-        _, then, _ = self._way.position(time + self._hold)
-        return p, v, (then - v) / self._hold
+        return self._held(self._way.position, time, slice(3, 6))
+
+    def _held(self, way, time: float, rows: slice):
+        before = time - self._late
+        v, then = way(before)[1], way(before + self._hold)[1]
+        dv, da = self._lack(time)
+        return way(time)[0], v + dv[rows], (then - v) / self._hold + da[rows]

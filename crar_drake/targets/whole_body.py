@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.multibody.tree import Joint
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
@@ -51,11 +52,15 @@ class WholeBodyMotion:
         upper: of what the waist carries.
         legs: of root and legs.
         shapes: of the robot's legs, by side.
+        joints: of the robot's legs.
+        positions: (T, n) that they have then [rad or m].
     """
 
     upper: RetargetedMotion
     legs: LegsMotion
     shapes: dict[str, LegShape]
+    joints: list[Joint]
+    positions: np.ndarray
 
     def way(self, frame: str) -> CarriedTrajectory | PointTrajectory:
         """The way of a foot or of a knee."""
@@ -108,7 +113,9 @@ def retarget_whole_body(
     for name, height in _LEAST_HEIGHTS.items():
         p = upper.positions[name]
         p[:, 2] = height + soft_positive(p[:, 2] - height, _SOFT)
-    return WholeBodyMotion(upper, legs, shapes)
+    joints = [joint for solver in solvers.values() for joint in solver.joints]
+    positions = np.hstack([solver.positions for solver in solvers.values()])
+    return WholeBodyMotion(upper, legs, shapes, joints, positions)
 
 
 def head_way(

@@ -105,6 +105,43 @@ def test_run_writes_log_summary_and_plot_that_agree(empty_folder, capsys):
     assert "x real time" in printed.err
 
 
+def test_a_run_says_loudly_what_is_below_the_floor(empty_folder, capsys):
+    """A stilt is put under the robot's waist, which is driven by the motion."""
+    shipped = Path(__file__).parents[2] / "models" / "upper_body"
+    stilt = (
+        '<link name="stilt"><collision><geometry><sphere radius="0.1"/></geometry>'
+        '</collision></link><joint name="stilt_weld" type="fixed">'
+        '<parent link="waist"/><child link="stilt"/><origin xyz="0 0 -{}"/></joint>'
+        "</robot>"
+    )
+    (empty_folder / "robot.yaml").write_text((shipped / "robot.yaml").read_text())
+    (empty_folder / "s.yaml").write_text(
+        "robot: robot.yaml\nmotion: dance\nexperiment: wrists\nduration: 1.0\n"
+        "controller: {period: 5.0e-3}\n"
+    )
+    text = (shipped / "upper_body.urdf").read_text()
+    for length, deep in ((0.9, True), (0.3, False)):
+        (empty_folder / "upper_body.urdf").write_text(
+            text.replace("</robot>", stilt.format(length))
+        )
+        assert main(["run", "s.yaml", "--no-recording", "--out", "it"]) == 0
+        found = re.findall(
+            r"^warning: (\d+) mm BELOW THE FLOOR: (\w+) at (\d.\d\d) s",
+            capsys.readouterr().out,
+            re.MULTILINE,
+        )
+        assert bool(found) == deep
+        if not deep:
+            continue
+        log = SimulationLog.load("it/log.npz")
+        column = log.position_names.tolist().index("waist_z")
+        z = log.q[:, column] - length - 0.1
+        z[log.time < 0.5] = np.inf  # blending in
+        ((depth, link, time),) = found
+        assert link == "stilt" and int(depth) == pytest.approx(-1e3 * z.min(), abs=1.0)
+        assert float(time) == pytest.approx(log.time[z.argmin()], abs=0.011)
+
+
 def test_options_override_the_scenario(empty_folder, capsys):
     argv = "run diagrams/dance_upper-body.yaml --experiment wrists --level velocity "
     argv += "--constraints none --duration 0.01 --motion reaching --no-recording"
@@ -560,7 +597,7 @@ def test_import_robot_lists_its_guesses_and_files(empty_folder, capsys):
 @pytest.mark.parametrize(
     "robot, words",
     [
-        ("nothing.urdf", ["no URDF or MJCF at nothing.urdf"]),
+        ("nothing.urdf", ["no URDF, SDF or MJCF at nothing.urdf"]),
         ("two.urdf", ["closed chain", "'tip'"]),
     ],
 )

@@ -166,6 +166,46 @@ def test_it_follows_where_arms_do_not_reach_and_through_every_attitude() -> None
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0)
 
 
+@pytest.mark.parametrize("kind", ["position", "orientation"])
+def test_a_heavy_task_prescribes_a_part_of_its_pose(kind: str) -> None:
+    """The base goes, or turns, as it is told, and the hands get what is left."""
+    base = Task(frame="body", kind=kind, position_weight=100.0, orientation_weight=100)
+    pairs = description().pairs[:-1]
+    model = make_floater("controlled", tasks=[*TASKS, base], pairs=pairs)
+    law = ControlLaw(model, CrarParameters(period=PERIOD, blend_time=0.0))
+    q, v = stay_apart(model), np.zeros(len(model.order))
+    start = model.layout.unpack(model.tasks_at(q))
+    # The hands are drawn one way, the base is told to go the other, or to turn.
+    way = np.array([[0.5, 0.4, -0.3], [0.5, 0.4, -0.3], [-0.3, 0.1, 0.2]])
+    axis, by = np.array([0.5, 1.0, -0.7]), root_entries(model)[0]
+    way = way[: len(start.p)]
+    errors, hands, moved = [], [], []
+    for k in range(400):
+        s, s1, s2 = (
+            0.5 - 0.5 * np.cos(3.0 * k * PERIOD),
+            1.5 * np.sin(3.0 * k * PERIOD),
+            4.5 * np.cos(3.0 * k * PERIOD),
+        )
+        turn = Rotation.from_rotvec(s * axis)
+        rates = way.ravel() if kind == "position" else np.append(way.ravel(), axis)
+        R = np.array([turn.as_matrix() @ R for R in start.R]).reshape(-1, 3, 3)
+        tasks = model.layout.pack(R, start.p + s * way, s1 * rates, s2 * rates)
+        solution = law.step(q, v, tasks)
+        hands.append(np.abs(solution.task_error[:6]).max())
+        at, R_WB = q[by[4:]], Rotation.from_quat(q[by[[1, 2, 3, 0]]])
+        if kind == "position":
+            errors.append(np.linalg.norm(at - start.p[2] - s * way[2]))
+        else:
+            told = turn * Rotation.from_matrix(start.R[0])
+            errors.append((R_WB * told.inv()).magnitude())
+        moved.append(s)
+        q, v = np.split(solution.position_command, [len(q)])
+    assert max(moved) > 0.99
+    assert max(errors) < 2e-4  # [m], [rad]
+    if kind == "position":
+        assert max(hands) > 0.5, "nothing drew at the base"
+
+
 def swing(model: ControlModel):
     """Targets of hands that swing through each other and through the post."""
     start = model.layout.unpack(model.tasks_at(stay_apart(model))).p

@@ -67,8 +67,8 @@ def kinematics(request) -> PlainKinematics:
 
 
 def random_states(model: ControlModel, period: float, seed: int):
-    """Three consecutive states anywhere, some beyond limits, most with penetrations, and
-    targets around them."""
+    """Three consecutive states anywhere, some beyond limits, most with penetrations,
+    and targets around them."""
     rng = np.random.default_rng(seed)
     q, v = state_about_the_limits(model, rng, 1.0)
     layout = model.layout

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.motion.held_feet import dwelling, hold_foot, place_foot, twist
+from crar_drake.motion.held_feet import (
+    dwelling,
+    find_contacts,
+    hold_foot,
+    place_foot,
+    twist,
+)
 from crar_drake.motion.planted_feet import (
     ContactThresholds,
     runs,
@@ -92,6 +98,26 @@ def test_on_its_ball_a_foot_pitches_about_it():
     assert np.ptp(p, axis=0).max() < 1e-6
     raised = R.as_rotvec()[~foot.heel, 1]
     assert raised.max() > 0.45
+
+
+def test_from_its_heel_on_its_ball_a_foot_goes_by_the_floor():
+    """It rolls from 0.3 rad on the heel to 0.3 rad on the ball in 0.1 s, lifted by 4 cm
+    for 40 ms between: neither end of it is low and slow then."""
+    T = 120
+    time = np.arange(T) / RATE
+    pitch = np.interp(time, [0.4, 0.5], [-0.3, 0.3])
+    turns = Rotation.from_euler("y", pitch[:, None])
+    low = (turns.as_matrix()[:, 2] @ POINTS.T).min(axis=1)
+    up = np.where(np.abs(time - 0.45) < 0.02, 0.04, 0.0)
+    p = np.column_stack([np.zeros(T), np.zeros(T), up - low])
+    points = np.array([HEEL, BALL])
+    found = find_contacts(p, turns, points, 0.0, RATE)
+    assert found.any(axis=1).all()
+    assert found[: T // 3, 0].all() and found[-T // 3 :, 1].all()
+    # A longer gap is a step.
+    p[:, 2] += np.where(np.abs(time - 0.45) < 0.08, 0.04, 0.0)
+    found = find_contacts(p, turns, points, 0.0, RATE)
+    assert not found.any(axis=1).all()
 
 
 def test_a_twist_is_the_turn_about_the_vertical():

@@ -16,6 +16,7 @@ from crar_drake.motion import (
     read_amc,
     read_asf,
 )
+from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.performers.asf_amc import robot_frame
 
 
@@ -54,6 +55,20 @@ def _clip(root_rotation: np.ndarray, skeleton: Skeleton | None = None) -> Clip:
         root_rotation=root_rotation,
         joints={},
     )
+
+
+@pytest.mark.parametrize(
+    "motion", ["dance", "boxing", "cmu:05_02", "cmu:02_01", "cmu:127_23"]
+)
+def test_a_pelvis_is_not_between_the_hips(motion, request) -> None:
+    """Nor is the waist of a robot, which follows it: docs/your-robot.md."""
+    if motion.startswith("cmu:"):
+        request.getfixturevalue("cmu")
+    p = load_performer(motion).positions
+    hips = (p["left_hip"] + p["right_hip"]) / 2.0
+    trunk = p["neck"] - hips
+    share = ((p["pelvis"] - hips) * trunk).sum(axis=1) / (trunk**2).sum(axis=1)
+    assert 0.14 < np.median(share) < 0.24
 
 
 def test_rest_pose_in_the_robot_frame() -> None:

@@ -10,7 +10,7 @@ from small_walker import HEIGHT, walker
 
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.motion.performer import SIDES
-from crar_drake.references.footing import footing
+from crar_drake.references.footing import footing, lowest_point, sinking
 from crar_drake.references.logged_motion import (
     export_log,
     export_target,
@@ -132,4 +132,11 @@ def test_how_it_stood(robot):
     late = footing(
         replace(log, q=np.where(log.time[:, None] < 0.2, raised, still)), robot, 0.2
     )
+    sunk = still.copy()
+    sunk[30, 6] -= 0.02
+    lowest = lowest_point(replace(log, q=sunk), robot)
+    assert lowest[0] == pytest.approx(-0.02, abs=1e-6)
+    assert lowest[1].endswith("foot") and lowest[2] == pytest.approx(30 / RATE)
+    assert sinking(*lowest).startswith("20 mm BELOW THE FLOOR: ")
+    assert sinking(-0.009, *lowest[1:]) == ""
     assert late.planted_share == 1.0 and late.lowest == pytest.approx(0.0, abs=1e-6)

@@ -109,7 +109,7 @@ def test_packages_are_found(tmp_path, monkeypatch, where):
 
 
 def test_unknown_robots(robot_data, tmp_path):
-    with pytest.raises(ModelError, match="no URDF or MJCF at"):
+    with pytest.raises(ModelError, match="no URDF, SDF or MJCF at"):
         find_urdf(tmp_path / "nothing.urdf")
     with pytest.raises(ModelError, match="did you mean 'panda'"):
         find_urdf("pnda")

@@ -57,6 +57,31 @@ def test_shipped_scenarios_give_no_warning(dance):
     assert run_warnings(scenario, setup, report, recorded=True) == []
 
 
+def test_targets_below_the_floor(dance):
+    """Of a robot that a motion moves; the deepest of them, and when."""
+    scenario, setup = dance
+    layout = setup.model.layout
+
+    def lowered(time: float) -> np.ndarray:
+        found = layout.unpack(setup.motion.tasks_at(time))
+        p, zero = found.p.copy(), np.zeros(layout.m)
+        p[1, 2] = 0.5 - 0.62 * np.exp(-((time - 1.0) ** 2))
+        return layout.pack(found.R, p, zero, zero)
+
+    deep = replace(setup, motion=replace(setup.motion, tasks_at=lowered))
+
+    def lines(scenario: Scenario) -> list[str]:
+        found = run_warnings(scenario, deep, None, recorded=False)
+        return [line for line in found if "FLOOR" in line]
+
+    (line,) = lines(scenario)
+    assert line.startswith("targets BELOW THE FLOOR: that of right_wrist is 120 mm")
+    assert " at 1.0" in line or " at 0.9" in line
+    # Where the run ends before, and where no motion moves the robot.
+    assert lines(replace(scenario, duration=0.3)) == []
+    assert lines(replace(scenario, motion="")) == []
+
+
 def test_findings_are_repeated_in_one_line(dance):
     scenario, setup = dance
     clean = inspect(setup.motion.performer)

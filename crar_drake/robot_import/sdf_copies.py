@@ -1,0 +1,163 @@
+"""SDF files as Drake reads them without looking at meshes for collisions.
+
+Drake takes OBJ, VTK and glTF alone for what collides, and SDFs often have other
+meshes; an import only wants to know where they are. So Drake reads copies of the files,
+line for line, in which collisions are visuals of another name. Addresses in them are
+absolute, looked for as those of a URDF are.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from xml.sax.saxutils import escape, unescape
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.mesh_finder import MeshFinder
+from crar_drake.robot_import.robot_files import readable_xml
+from crar_drake.robot_import.source_urdf import refuse_loops
+
+# How the names of the visuals begin that are collisions in the original.
+COLLISION = "collision of "
+
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_MESH = re.compile(r"<mesh\b.*?</mesh>", re.DOTALL)
+_INCLUDE = re.compile(r"<include\b.*?</include>", re.DOTALL)
+_URI = re.compile(r"<uri>(.*?)</uri>", re.DOTALL)
+_COLLISION_ELEMENT = re.compile(
+    r"<collision(\b[^>]*?\bname\s*=\s*['\"])(.*?)</collision>", re.DOTALL
+)
+# What a collision has and a visual has not.
+_PHYSICS = re.compile(
+    r"<(surface|max_contacts|drake:proximity_properties)\b.*?</\1>", re.DOTALL
+)
+
+
+class SdfCopies:
+    """Copies of an SDF and of what it includes.
+
+    Attributes:
+        mimics: joint to the joint that it follows, multiplier and offset [rad or m].
+    """
+
+    def __init__(self, folder: Path, package_paths: Sequence[Path]) -> None:
+        """Makes no copy yet.
+
+        Args:
+            folder: to write to, empty.
+            package_paths: folders that contain packages or models.
+        """
+        self._folder, self._package_paths = folder, package_paths
+        self._copies: dict[Path, Path] = {}
+        self.mimics: dict[str, tuple[str, float, float]] = {}
+
+    def of(self, path: Path) -> Path:
+        """The copy of a file.
+
+        Raises:
+            ModelError: it, or what it includes, is no XML, or a mesh, model or package
+                is not there.
+        """
+        if path in self._copies:
+            return self._copies[path]
+        copy = self._folder / str(len(self._copies)) / path.name
+        self._copies[path] = copy
+        try:
+            root = ElementTree.fromstring(readable_xml(path))
+        except (ElementTree.ParseError, UnicodeDecodeError) as error:
+            raise ModelError(f"{path}: not an SDF: {error}") from error
+        refuse_loops(root, path)
+        self._find_mimics(root, path)
+        files = MeshFinder(path, self._package_paths)
+        text = _COMMENT.sub(_blank, path.read_text(encoding="utf-8"))
+        text = _with_addresses(
+            text, _MESH, lambda address, line: files.find(address, line)
+        )
+        text = _with_addresses(
+            text,
+            _INCLUDE,
+            lambda address, line: self._included(
+                files.find(address, line, folder=True)
+            ),
+        )
+        files.check()
+        copy.parent.mkdir()
+        copy.write_text(_COLLISION_ELEMENT.sub(_as_visual, text), encoding="utf-8")
+        return copy
+
+    def told_of_originals(self, message: str) -> str:
+        """A message of Drake's with the names of the originals, in one line."""
+        for path, copy in self._copies.items():
+            message = message.replace(f"/{copy}", str(path)).replace(
+                str(copy), str(path)
+            )
+        return " ".join(message.replace(COLLISION, "").split())
+
+    def _included(self, path: Path) -> Path:
+        """What an include is to be of: a copy of a model's file."""
+        if path.is_dir():
+            config, files = path / "model.config", []
+            if config.is_file():
+                try:
+                    files = ElementTree.parse(config).getroot().findall("sdf")
+                except ElementTree.ParseError as error:
+                    raise ModelError(f"{config}: no XML: {error}") from error
+            path /= (files[-1].text or "").strip() if files else "model.sdf"
+        is_sdf = path.is_file() and path.suffix == ".sdf"
+        return self.of(path) if is_sdf else path
+
+    def _find_mimics(self, root: ElementTree.Element, path: Path) -> None:
+        for joint in root.iter("joint"):
+            mimic = joint.find("axis/mimic")
+            if mimic is None:
+                continue
+            multiplier, offset, reference = (
+                _number(mimic.findtext(key) or str(default), path, joint)
+                for key, default in (("multiplier", 1), ("offset", 0), ("reference", 0))
+            )
+            offset -= multiplier * reference
+            leader = mimic.get("joint", "")
+            self.mimics[joint.get("name", "")] = leader, multiplier, offset
+
+
+def _number(text: str, path: Path, joint: ElementTree.Element) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ModelError(
+            f"{path}: joint {joint.get('name', '')!r}: mimic: {text!r} is not a number"
+        ) from None
+
+
+def _blank(match: re.Match) -> str:
+    """As many lines, and nothing in them."""
+    return "\n" * match[0].count("\n")
+
+
+def _with_addresses(
+    text: str, blocks: re.Pattern, found: Callable[[str, str], Path]
+) -> str:
+    """The text with the addresses in all such blocks replaced by files.
+
+    Args:
+        text: of the file.
+        blocks: what they stand in.
+        found: the file of an address and the line that it stands in, "line 7".
+    """
+
+    def replaced(block: re.Match) -> str:
+        def file(uri: re.Match) -> str:
+            line = 1 + text.count("\n", 0, block.start() + uri.start())
+            path = found(unescape(uri[1].strip()), f"line {line}")
+            return f"<uri>{escape(f'file://{path}')}</uri>"
+
+        return _URI.sub(file, block[0])
+
+    return blocks.sub(replaced, text)
+
+
+def _as_visual(match: re.Match) -> str:
+    inner = _PHYSICS.sub(_blank, match[2])
+    return f"<visual{match[1]}{COLLISION}{inner}</visual>"

@@ -1,0 +1,410 @@
+"""A robot's own SDF: read by Drake, as a tree of links.
+
+Drake parses the file, so that poses, frames, nested models, includes and what an axis
+is expressed in mean here what they mean there.
+
+A joint whose frame is beside its child's origin gets a link without geometry, as have
+the file's frames.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    Mesh,
+    Role,
+    SceneGraphInspector,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import Joint as DrakeJoint
+from pydrake.systems.framework import DiagramBuilder
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.inertias import inertial_element
+from crar_drake.robot_import.robot_files import robot_name
+from crar_drake.robot_import.sdf_copies import COLLISION, SdfCopies
+from crar_drake.robot_import.source_robot import (
+    WORLD,
+    Joint,
+    Link,
+    Loop,
+    Shape,
+    SourceRobot,
+    weld,
+)
+from crar_drake.robot_import.source_robot import Mesh as SourceMesh
+from crar_drake.robot_import.source_urdf import check_tree
+
+# Drake's joints, as a URDF calls them.
+_KINDS = {"weld": "fixed", "ball_rpy": "ball", "quaternion_floating": "floating"}
+_TINY = 1e-9  # [m]
+_OPEN = 1e-3  # [m] by which a closed chain may gape
+
+
+def read_sdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
+    """Reads an SDF and resolves its meshes and what it includes.
+
+    Of a world only the robot is taken: the model that has joints which turn or slide.
+
+    Args:
+        path: of the file.
+        package_paths: as `read_urdf` has them.
+
+    Raises:
+        ModelError: Drake cannot read it, or it has no such model or several, or its
+            links are not one tree, or a mesh, model or package is not there.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        copies = SdfCopies(Path(folder), package_paths)
+        copy = copies.of(path)
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
+        try:
+            Parser(plant).AddModels(str(copy))
+        except RuntimeError as error:
+            said = copies.told_of_originals(str(error))
+            place = "" if str(path) in said else f"{path}: "
+            raise ModelError(f"{place}{said}") from error
+        inspector = scene_graph.model_inspector()
+        return _Reader(path, plant, inspector, copies.mimics).robot()
+
+
+class _Reader:
+    """Turns a plant, which is not finalized, into links and joints."""
+
+    def __init__(
+        self,
+        path: Path,
+        plant: MultibodyPlant,
+        inspector: SceneGraphInspector,
+        mimics: dict[str, tuple[str, float, float]],
+    ) -> None:
+        self._path, self._plant, self._inspector = path, plant, inspector
+        self._mimics, self._notes = mimics, []
+        self._links: dict[str, Link] = {}
+        self._joints: dict[str, Joint] = {}
+        self._efforts = {
+            actuator.joint().index(): actuator.effort_limit()
+            for actuator in map(
+                plant.get_joint_actuator, plant.GetJointActuatorIndices()
+            )
+        }
+
+    def robot(self) -> SourceRobot:
+        """All of it."""
+        plant = self._plant
+        model = self._select_model()
+        instances = [
+            instance
+            for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
+            if self._model_of(instance) == model
+        ]
+        bodies = [
+            plant.get_body(index)
+            for instance in instances
+            for index in plant.GetBodyIndices(instance)
+        ]
+        joints = [
+            plant.get_joint(index)
+            for instance in instances
+            for index in plant.GetJointIndices(instance)
+        ]
+        self._bodies = _unique_names(bodies, model)
+        self._bodies[plant.world_body().index()] = WORLD
+        names = _unique_names(joints, model)
+        for body in bodies:
+            self._add_link(body)
+        if any(self._name(joint.parent_body()) == WORLD for joint in joints):
+            self._links = {WORLD: Link(WORLD, (), (), None), **self._links}
+        loops = []
+        for joint in joints:
+            if self._is_carried(joint):
+                loops.append((names[joint.index()], joint))
+            else:
+                self._add_joint(joint, names[joint.index()])
+        self._add_frames(instances, joints)
+        self._add_mimics()
+        parents = check_tree(self._path, self._links, self._joints)
+        (root,) = [name for name in self._links if name not in parents]
+        self._set_upright(root)
+        parents = {joint.child: joint for joint in self._joints.values()}
+        (root,) = [name for name in self._links if name not in parents]
+        robot = SourceRobot(
+            robot_name(model, self._path),
+            self._path,
+            self._links,
+            self._joints,
+            root,
+            parents,
+        )
+        found = tuple(self._loop(robot, *each) for each in loops)
+        return replace(robot, loops=found, notes=tuple(self._notes))
+
+    def _name(self, body: RigidBody) -> str:
+        return self._bodies[body.index()]
+
+    # --- which model is the robot ---------------------------------------------------
+
+    def _model_of(self, instance: ModelInstanceIndex) -> str:
+        """The outermost of nested models."""
+        return self._plant.GetModelInstanceName(instance).partition("::")[0]
+
+    def _select_model(self) -> str:
+        """The model that moves."""
+        plant = self._plant
+        bodies = [
+            self._model_of(instance)
+            for instance in map(ModelInstanceIndex, range(plant.num_model_instances()))
+            for _ in plant.GetBodyIndices(instance)
+        ]
+        moving = Counter(
+            self._model_of(joint.model_instance())
+            for joint in map(plant.get_joint, plant.GetJointIndices())
+            if joint.type_name() in ("revolute", "prismatic")
+        )
+        if not moving:
+            raise ModelError(f"{self._path}: it has no joint that turns or slides")
+        if len(moving) > 1:
+            which = ", ".join(f"{name} ({n} joints)" for name, n in moving.items())
+            raise ModelError(
+                f"{self._path}: several of its models move: {which}; import a file "
+                "that has, or includes, the one that is meant alone"
+            )
+        (model,) = moving
+        others = dict.fromkeys(name for name in bodies[1:] if name != model)
+        if others:
+            self._notes.append(
+                f"left out, since it is not the robot's: {', '.join(others)}"
+            )
+        if plant.num_force_elements() > 1:
+            self._notes.append("left out of the joints: springs")
+        return model
+
+    # --- links and joints -----------------------------------------------------------
+
+    def _add_link(self, body: RigidBody) -> None:
+        name, shapes = self._name(body), {"visual": [], "collision": []}
+        frame = self._plant.GetBodyFrameIdOrThrow(body.index())
+        for geometry in self._inspector.GetGeometries(frame, Role.kIllustration):
+            own = self._inspector.GetName(geometry).rpartition("::")[2]
+            kind = "collision" if own.startswith(COLLISION) else "visual"
+            shape = self._shape(geometry)
+            if shape is not None:
+                shapes[kind].append(shape)
+            else:
+                self._notes.append(
+                    f"link {name}: {own.removeprefix(COLLISION)}, which is no mesh, "
+                    "box, cylinder, sphere, capsule or ellipsoid, is left out"
+                )
+        self._links[name] = Link(
+            name, tuple(shapes["visual"]), tuple(shapes["collision"]), _inertial(body)
+        )
+
+    def _shape(self, geometry) -> Shape | None:
+        X_LG = self._inspector.GetPoseInFrame(geometry)
+        looks = self._inspector.GetIllustrationProperties(geometry)
+        rgba = None
+        if looks.HasProperty("phong", "diffuse"):
+            rgba = _rgba(looks.GetProperty("phong", "diffuse"))
+        match self._inspector.GetShape(geometry):
+            case Mesh() | Convex() as mesh:
+                scale = tuple(map(float, mesh.scale3()))
+                file = SourceMesh(Path(mesh.source().path()), scale)
+                return Shape(X_LG, "mesh", file, rgba=rgba)
+            case Box() as box:
+                kind, size = "box", tuple(box.size())
+            case Sphere() as sphere:
+                kind, size = "sphere", (sphere.radius(),)
+            case Cylinder() as cylinder:
+                kind, size = "cylinder", (cylinder.radius(), cylinder.length())
+            case Capsule() as capsule:
+                kind, size = "capsule", (capsule.radius(), capsule.length())
+            case Ellipsoid() as ellipsoid:
+                kind, size = "ellipsoid", (ellipsoid.a(), ellipsoid.b(), ellipsoid.c())
+            case _:
+                return None
+        return Shape(X_LG, kind, size=size, rgba=rgba)
+
+    def _is_carried(self, joint: DrakeJoint) -> bool:
+        """Whether another joint carries its child already: it closes a chain."""
+        child = self._name(joint.child_body())
+        return any(known.child == child for known in self._joints.values())
+
+    def _add_joint(self, joint: DrakeJoint, name: str) -> None:
+        parent, child = (
+            self._name(body) for body in (joint.parent_body(), joint.child_body())
+        )
+        X_PF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+        X_MC = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
+        kind = joint.type_name()
+        if kind not in ("revolute", "prismatic"):
+            other = weld(name, parent, child, X_PF @ X_MC)
+            self._joints[name] = replace(other, kind=_KINDS.get(kind, kind))
+            return
+        (lower,), (upper,) = (
+            joint.position_lower_limits(),
+            joint.position_upper_limits(),
+        )
+        if np.isfinite(lower) != np.isfinite(upper):
+            raise ModelError(
+                f"{self._path}: joint {name!r} has one limit alone ({lower:g} to "
+                f"{upper:g}); give it both or none"
+            )
+        if kind == "revolute":
+            axis = joint.revolute_axis()
+            # Where the child's origin is on the axis, it may as well be the joint's.
+            beside = np.linalg.norm(np.cross(axis, X_MC.translation())) > _TINY
+        else:
+            axis, beside = joint.translation_axis(), False
+        if beside:
+            stand_in = f"{name}_link"
+            while stand_in in self._links:
+                stand_in += "_"
+            self._links[stand_in] = Link(stand_in, (), (), None)
+            self._weld(stand_in, child, X_MC)
+            child, X_MC = stand_in, RigidTransform()
+        turns = "revolute" if np.isfinite(lower) else "continuous"
+        self._joints[name] = Joint(
+            name,
+            turns if kind == "revolute" else kind,
+            parent,
+            child,
+            X_PF @ X_MC,
+            X_MC.rotation().inverse() @ axis,
+            float(lower),
+            float(upper),
+            _limit(self._efforts.get(joint.index(), np.inf)),
+            _limit(joint.velocity_upper_limits()[0]),
+            float(joint.default_damping_vector()[0]),
+        )
+
+    def _weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
+        name = f"{child}_weld"
+        while name in self._joints:
+            name += "_"
+        self._joints[name] = weld(name, parent, child, X_PC)
+
+    def _add_frames(self, instances, joints: Sequence[DrakeJoint]) -> None:
+        """The file's frames become links without geometry, which frames can name."""
+        of_joints = {
+            frame.index()
+            for joint in joints
+            for frame in (joint.frame_on_parent(), joint.frame_on_child())
+        }
+        for instance in instances:
+            for index in self._plant.GetFrameIndices(instance):
+                frame: Frame = self._plant.get_frame(index)
+                name = frame.name()
+                hidden = name.startswith("__") or index in of_joints
+                link = self._name(frame.body())
+                # The world is no link of a robot that does not stand in it.
+                if hidden or frame.is_body_frame() or link not in self._links:
+                    continue
+                while name in self._links:
+                    name += "_frame"
+                self._links[name] = Link(name, (), (), None)
+                self._weld(link, name, frame.GetFixedPoseInBodyFrame())
+
+    def _add_mimics(self) -> None:
+        for name, (leader, multiplier, offset) in self._mimics.items():
+            if name in self._joints:
+                self._joints[name] = replace(
+                    self._joints[name],
+                    mimic=leader,
+                    multiplier=multiplier,
+                    offset=offset,
+                )
+
+    def _set_upright(self, root: str) -> None:
+        """A root link is taken to have z up. If it is turned in the world a link that
+        is not carries it."""
+        if root == WORLD:
+            carried = [j for j in self._joints.values() if j.parent == WORLD]
+            turned = [(j.child, j.X_PC, j.name) for j in carried if j.kind == "fixed"]
+        else:
+            (index,) = [index for index, name in self._bodies.items() if name == root]
+            body = self._plant.get_body(index)
+            turned = [(root, self._plant.GetDefaultFloatingBaseBodyPose(body), "")]
+        for link, X_WL, joint in turned:
+            R_WL = RigidTransform(X_WL.rotation())
+            if R_WL.IsNearlyIdentity(1e-6):
+                continue
+            upright = f"{link}_upright"
+            while upright in self._links:
+                upright += "_"
+            self._links[upright] = Link(upright, (), (), None)
+            if joint:
+                X_WU = RigidTransform(X_WL.translation())
+                self._joints[joint] = weld(joint, WORLD, upright, X_WU)
+            self._weld(upright, link, R_WL)
+
+    def _loop(self, robot: SourceRobot, name: str, joint: DrakeJoint) -> Loop:
+        """The joints between two links that a joint ties together; a note tells if
+        the chain is open where they are locked unless somebody says otherwise."""
+        one, other = (
+            {j.name for j in robot.path_to(self._name(body)) if j.kind != "fixed"}
+            for body in (joint.parent_body(), joint.child_body())
+        )
+        nearest = {n: min(max(j.lower, 0.0), j.upper) for n, j in robot.joints.items()}
+        X = robot.poses(nearest)
+        p_F, p_M = (
+            X[self._name(frame.body())].multiply(
+                frame.GetFixedPoseInBodyFrame().translation()
+            )
+            for frame in (joint.frame_on_parent(), joint.frame_on_child())
+        )
+        gap = float(np.linalg.norm(p_F - p_M))
+        if gap > _OPEN and joint.type_name() != "prismatic":
+            self._notes.append(
+                f"{name} closes a chain, which gapes by {1e3 * gap:.0f} mm with its "
+                "joints nearest to zero: give them positions in locked that close it"
+            )
+        return Loop(name, tuple(n for n in robot.joints if n in one ^ other))
+
+
+def _unique_names(elements: Sequence, model: str) -> dict:
+    """Indices of bodies or joints to their names, with that of the nested model where
+    two have the same."""
+    count = Counter(element.name() for element in elements)
+    return {
+        element.index(): element.name()
+        if count[element.name()] == 1
+        else element.scoped_name()
+        .get_full()
+        .removeprefix(f"{model}::")
+        .replace("::", "_")
+        for element in elements
+    }
+
+
+def _inertial(body: RigidBody):
+    """A link's mass and central inertia; None where the file gives none."""
+    M_L = body.default_spatial_inertia()
+    mass, p_LC = M_L.get_mass(), M_L.get_com()
+    moments = M_L.Shift(p_LC).CalcRotationalInertia().CopyToFullMatrix3()
+    # What SDF says of a link without an inertia.
+    if mass == 1.0 and not p_LC.any() and np.array_equal(moments, np.eye(3)):
+        return None
+    return inertial_element(mass, p_LC, moments)
+
+
+def _limit(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _rgba(colour) -> tuple[float, ...]:
+    return colour.r(), colour.g(), colour.b(), colour.a()

@@ -1,0 +1,413 @@
+"""Reading a robot's SDF: as Drake reads it, and what is refused."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from small_sdfs import (
+    FEATURES,
+    WEDGE,
+    from_urdf,
+    joint,
+    link,
+    model,
+    sdf,
+    write_features,
+)
+from small_urdfs import humanoid_with_legs, write
+
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import add_robot, load_robot_description
+from crar_drake.robot_import import import_robot
+from crar_drake.robot_import.inertias import read_inertia, spatial_inertia
+from crar_drake.robot_import.meshes import link_parts
+from crar_drake.robot_import.robot_files import default_name, find_urdf
+from crar_drake.robot_import.source_file import read_robot
+
+
+def read(folder, text: str):
+    """The text, read as a file small.sdf."""
+    return read_robot(write(folder, text, "small.sdf"))
+
+
+def drake_plant(path, *packages) -> MultibodyPlant:
+    """The SDF as Drake reads it without shapes, of which it would refuse some."""
+    plant = MultibodyPlant(0.0)
+    parser = Parser(plant)
+    for folder in packages:
+        parser.package_map().Add(folder.name, str(folder))
+    parser.AddModels(str(path))
+    plant.Finalize()
+    return plant
+
+
+def drake_poses(plant, positions) -> dict[str, RigidTransform]:
+    """Pose of each link, by its scoped name without the model's."""
+    context = plant.CreateDefaultContext()
+    q = plant.GetPositions(context)
+    for name, position in positions.items():
+        q[plant.GetJointByName(name).position_start()] = position
+    plant.SetPositions(context, q)
+    instances = map(ModelInstanceIndex, range(plant.num_model_instances()))
+    bodies = [plant.get_body(i) for m in instances for i in plant.GetBodyIndices(m)]
+    return {
+        body.scoped_name().get_full().partition("::")[2]: (
+            plant.EvalBodyPoseInWorld(context, body)
+        )
+        for body in bodies
+    }
+
+
+def random_positions(robot) -> dict[str, float]:
+    rng = np.random.default_rng(7)
+    return {
+        joint.name: rng.uniform(max(joint.lower, -3.0), min(joint.upper, 3.0))
+        for joint in robot.joints.values()
+        if joint.moves
+    }
+
+
+@pytest.fixture(scope="module")
+def features(tmp_path_factory):
+    """The path of the file with all features, and the robot that is read."""
+    path = write_features(tmp_path_factory.mktemp("features"))
+    return path, read_robot(path)
+
+
+# What the included model's links are called, whose base is not the only one.
+LINKS = {
+    "upper": "upper",
+    "wrist": "wrist",
+    "hand::base": "hand_base",
+    "hand::left": "left",
+    "hand::right": "right",
+}
+
+
+def test_it_moves_as_drake_says(features):
+    path, robot = features
+    positions = random_positions(robot)
+    assert set(positions) == {"beside", "slide", "left_slide", "right_turn"}
+    mine, theirs = (
+        robot.poses(positions),
+        drake_poses(drake_plant(path, path.parent / "gripper"), positions),
+    )
+    for there, here in LINKS.items():
+        expected = theirs["base"].inverse() @ theirs[there]
+        assert (mine["base"].inverse() @ mine[here]).IsNearlyEqualTo(expected, 1e-9)
+
+
+def test_frames_are_where_the_file_says(features):
+    X = features[1].poses()
+    expected = X["base"] @ RigidTransform(RollPitchYaw(0.3, 0, 0.1), [0, 0.1, 0.2])
+    assert X["shoulder"].IsNearlyEqualTo(expected, 1e-12)
+    p_WG = X["wrist"].inverse() @ X["grip"]
+    assert p_WG.IsNearlyEqualTo(RigidTransform(np.array([0, 0, 0.05])), 1e-12)
+
+
+def test_inertias_limits_and_what_moves_them(features):
+    path, robot = features
+    plant = drake_plant(path, path.parent / "gripper")
+    inertia, complaint = read_inertia(robot.links["base"])
+    assert not complaint
+    there = plant.GetBodyByName("base", plant.GetModelInstanceByName("features"))
+    np.testing.assert_allclose(
+        spatial_inertia(inertia).CopyToFullMatrix6(),
+        there.CalcSpatialInertiaInBodyFrame(
+            plant.CreateDefaultContext()
+        ).CopyToFullMatrix6(),
+        rtol=1e-9,
+        atol=1e-12,
+    )
+    # SDF's own idea of a link without an inertia, 1 kg and 1 kg m^2, is none.
+    assert robot.links["upper"].inertial is None
+    beside, slide, right = (robot.joints[n] for n in ("beside", "slide", "right_turn"))
+    assert (beside.kind, slide.kind, right.kind) == (
+        "revolute",
+        "prismatic",
+        "continuous",
+    )
+    assert (beside.lower, beside.upper) == (-1.0, 2.0)
+    assert (beside.effort, beside.velocity, beside.damping) == (30.0, 4.0, 0.5)
+    assert (slide.lower, slide.upper) == (-0.1, 0.2)
+    assert slide.effort is None and slide.velocity is None
+    # -2 (q - 0.02) + 0.1
+    assert (right.mimic, right.multiplier) == ("left_slide", -2.0)
+    assert right.offset == pytest.approx(0.14)
+
+
+def test_looks(features):
+    links = features[1].links
+    (look,) = links["base"].visual
+    assert (look.kind, look.size, look.rgba) == ("box", (0.2, 0.4, 0.1), (0, 1, 0, 1))
+    assert any("ground" in note and "base" in note for note in features[1].notes)
+    assert [s.kind for s in links["wrist"].visual] == ["capsule"]
+    assert [s.kind for s in links["wrist"].collision] == ["sphere"]
+    # A collision of a format that Drake refuses, turned about z, mirrored and scaled.
+    assert not links["upper"].visual
+    (part,) = link_parts(links["upper"])
+    x, y, z = (WEDGE * [0.1, -0.2, 0.3]).T
+    expected = np.column_stack([-y, x, z]) + [0.01, 0.02, 0.03]
+    near = np.linalg.norm(part.vertices[:, None] - expected, axis=2)
+    assert (near.min(axis=0) < 1e-6).all() and (near.min(axis=1) < 1e-6).all()
+    # An included model's address is beside that model.
+    (mesh,) = links["hand_base"].visual
+    assert mesh.mesh.path == features[0].parent / "gripper" / "wedge.stl"
+
+
+@pytest.mark.parametrize("address", ["gripper", "model://gripper", "gripper/hand.sdf"])
+def test_what_is_included_may_be_a_folder(features, tmp_path, address):
+    """Which of its files is the model says model.config."""
+    text = FEATURES.replace("model://gripper/hand.sdf", address)
+    robot = read_robot(write_features(tmp_path, text))
+    assert set(robot.links) == set(features[1].links)
+    (tmp_path / "gripper" / "hand.sdf").rename(tmp_path / "gripper" / "model.sdf")
+    if address.endswith("gripper"):
+        with pytest.raises(ModelError, match="gripper"):
+            read_robot(tmp_path / "features.sdf")
+        (tmp_path / "gripper" / "model.config").unlink()
+        assert set(read_robot(tmp_path / "features.sdf").links) == set(robot.links)
+
+
+def test_packages_are_found_as_those_of_a_urdf(features, tmp_path):
+    text = FEATURES.replace("meshes/wedge.stl", "model://shapes/wedge.stl")
+    path = write_features(tmp_path, text)
+    with pytest.raises(ModelError, match="packages.*not found: shapes.*--package-path"):
+        read_robot(path)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "meshes").rename(tmp_path / "elsewhere" / "shapes")
+    link = read_robot(path, [tmp_path / "elsewhere"]).links["upper"]
+    assert link.collision[0].mesh.path.is_file()
+
+
+def test_a_root_that_lies_is_carried_upright(tmp_path):
+    chain = [link("a"), link("b", "0 0 1 0 0 0"), joint("ab", "a", "b")]
+    lying = model("<pose>1 2 3 1.5707963267948966 0 0</pose>", *chain)
+    robot = read(tmp_path, sdf(lying))
+    assert robot.root == "a_upright"
+    p = robot.poses()["b"].translation()
+    np.testing.assert_allclose(p, [0, -1, 0], atol=1e-9)
+    # Mounted in the world it is where it stands.
+    weld = '<joint name="w" type="fixed"><parent>world</parent><child>a</child></joint>'
+    robot = read(tmp_path, sdf(lying.replace("</model>", f"{weld}</model>")))
+    assert robot.root == "world"
+    np.testing.assert_allclose(robot.poses()["b"].translation(), [1, 1, 3], atol=1e-9)
+    assert read(tmp_path, sdf(model(*chain))).root == "a"
+
+
+def test_of_a_world_only_the_robot_is_read(tmp_path):
+    table = model("<static>true</static>", link("top"), name="table")
+    robot = model(link("a"), link("b"), joint("ab", "a", "b"), name="arm")
+    text = sdf(f'<world name="w">{table}{robot}</world>')
+    found = read(tmp_path, text)
+    assert set(found.links) == {"a", "b"} and found.name == "arm"
+    assert any("table" in note and "not the robot's" in note for note in found.notes)
+    two = text.replace("</world>", robot.replace("arm", "other") + "</world>")
+    with pytest.raises(
+        ModelError, match=r"arm \(1 joints\), other \(1 joints\).*alone"
+    ):
+        read(tmp_path, two)
+
+
+def test_a_closed_chain_is_told_as_that_of_an_mjcf(tmp_path):
+    parts = [link(name) for name in "abc"]
+    parts += [joint("ab", "a", "b"), joint("bc", "b", "c")]
+    robot = read(tmp_path, sdf(model(*parts, joint("ac", "a", "c", "ball"))))
+    (loop,) = robot.loops
+    assert (loop.name, loop.joints) == ("ac", ("ab", "bc"))
+    assert not any("gapes" in note for note in robot.notes)
+
+
+BAD = {
+    "not well-formed": (sdf(model(link("a"))[:-3]), ["small.sdf", "line 1"]),
+    "no number": (
+        sdf("\n\n", model(link("a"), link("b"), joint("ab", "a", "b"))).replace(
+            "<upper>1<", "<upper>one<"
+        ),
+        ["small.sdf:3", "upper"],
+    ),
+    "no such link": (
+        sdf(model(link("a"), joint("ab", "a", "b"))),
+        ["small.sdf", "'?b|\\[b", "ab"],
+    ),
+    "no such frame": (
+        sdf(model(link("a"), link("b"), joint("ab", "a", "b"))).replace(
+            "<pose>", '<pose relative_to="nothing">', 1
+        ),
+        ["small.sdf", "nothing"],
+    ),
+    "no joint": (sdf(model(link("a"))), ["no joint that turns or slides"]),
+    "two trees": (
+        sdf(model(link("a"), link("b"), link("c"), joint("ab", "a", "b"))),
+        ["not one tree", "a, c"],
+    ),
+    "one limit": (
+        sdf(model(link("a"), link("b"), joint("ab", "a", "b"))).replace(
+            "<upper>1</upper>", ""
+        ),
+        ["'ab' has one limit alone"],
+    ),
+    "no mesh": (
+        sdf("\n\n", model(link("a"), link("b"), joint("ab", "a", "b"))).replace(
+            "<sphere><radius>0.05</radius></sphere>",
+            "<mesh><uri>nothing.stl</uri></mesh>",
+            1,
+        ),
+        [r"nothing.stl \(line 3\)"],
+    ),
+    "no included model": (
+        sdf(model(link("a"), "\n<include><uri>model://x</uri></include>")),
+        ["packages that are not found: x"],
+    ),
+    "another kind of joint": (
+        sdf("\n", model(link("a"), link("b"), joint("ab", "a", "b", "gearbox"))),
+        ["small.sdf:2", "gearbox"],
+    ),
+    "a bushing": (
+        sdf(
+            model(
+                link("a"),
+                link("b"),
+                joint("ab", "a", "b"),
+                "<drake:linear_bushing_rpy/>",
+            )
+        ).replace("<sdf ", '<sdf xmlns:drake="http://drake.mit.edu" '),
+        ["closes a chain"],
+    ),
+}
+
+
+@pytest.mark.parametrize("text, words", BAD.values(), ids=BAD)
+def test_what_is_refused(tmp_path, text, words):
+    with pytest.raises(ModelError) as caught:
+        read(tmp_path, text)
+    message = str(caught.value)
+    assert "\n" not in message and "collision of" not in message
+    for word in words:
+        assert re.search(word, message), message
+
+
+def test_joints_of_other_kinds_have_to_be_locked(tmp_path):
+    chain = [link(name) for name in "abcdef"]
+    kinds = ("revolute", "screw", "revolute", "ball", "revolute")
+    for kind, parent, child in zip(kinds, "abcde", "bcdef", strict=True):
+        chain.append(joint(f"{kind}_{child}", parent, child, kind))
+    write(tmp_path, sdf(model(*chain)), "small.sdf")
+    (tmp_path / "import.yaml").write_text("source: small.sdf\nlocked: {}\n")
+    with pytest.raises(ModelError, match="'screw_c' is screw.*add it to locked"):
+        import_robot("", tmp_path)
+
+
+def test_a_file_that_says_nothing_is_named_after_its_model(tmp_path):
+    path = write(tmp_path / "models" / "urdf", sdf(model(name="arm")), "model.sdf")
+    assert default_name(path) == "arm"
+
+
+def imported(folder, text: str, name: str):
+    """The description and plant of an import with one capsule a link."""
+    write(folder, text, name)
+    (folder / "import.yaml").write_text(
+        f"source: {name}\nmost_capsules: 1\nlock: [hands]\n"
+    )
+    report = import_robot("", folder)
+    description = load_robot_description(folder)
+    plant = MultibodyPlant(1e-3)
+    from pydrake.geometry import SceneGraph
+
+    scene_graph = SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    add_robot(plant, description)
+    plant.Finalize()
+    return report, description, plant
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """One robot, as a URDF and as an SDF."""
+    text = humanoid_with_legs()
+    return [
+        imported(tmp_path_factory.mktemp(name), written, f"small_humanoid.{name}")
+        for name, written in (("urdf", text), ("sdf", from_urdf(text)))
+    ]
+
+
+def test_an_sdf_is_imported_as_the_same_urdf(both):
+    """Frames, limits, pairs, masses and motion; two ways through Drake's parsers."""
+    (one_report, one, plant), (other_report, other, same) = both
+    assert one_report.choices.frames.keys() == other_report.choices.frames.keys()
+    for key in ("base", "facing", "segments"):
+        assert getattr(other_report.choices, key) == getattr(one_report.choices, key)
+    for key in ("locked", "rest_posture"):
+        expected = getattr(one_report.choices, key)
+        assert getattr(other_report.choices, key) == pytest.approx(expected, abs=1e-6)
+    assert {frozenset(pair) for pair in other.pairs} == {
+        frozenset(pair) for pair in one.pairs
+    }
+    assert len(one.pairs) > 20
+    assert (one.root, one.base) == (other.root, other.base) == ("prescribed", "pelvis")
+    for get in ("GetPositionLowerLimits", "GetVelocityUpperLimits"):
+        np.testing.assert_allclose(getattr(plant, get)(), getattr(same, get)())
+    np.testing.assert_allclose(
+        plant.GetEffortLowerLimits(), same.GetEffortLowerLimits()
+    )
+    contexts = [p.CreateDefaultContext() for p in (plant, same)]
+    rng, names = np.random.default_rng(3), plant.GetPositionNames()
+    assert names == same.GetPositionNames()
+    for _ in range(5):
+        q = rng.uniform(-1.0, 1.0, plant.num_positions())
+        q[:4] /= np.linalg.norm(q[:4])
+        v = rng.uniform(-1.0, 1.0, plant.num_velocities())
+        found = []
+        for p, context in zip((plant, same), contexts, strict=True):
+            p.SetPositions(context, q)
+            frames = [p.GetFrameByName(name) for name in one.task_frames.values()]
+            X = [f.CalcPoseInWorld(context).GetAsMatrix34() for f in frames]
+            found.append((X, p.CalcMassMatrix(context) @ v))
+        np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-6)
+        np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-6, atol=1e-9)
+
+
+def test_cassie(robot_data):
+    """A file that others wrote: STL meshes by model://, axes in the model's frame, and
+    rods that close chains."""
+    path, name = find_urdf("cassie_v2")
+    assert name.endswith(":robots/cassie_description/robots/cassie_v2.sdf")
+    robot = read_robot(path)
+    X = robot.poses()
+    root = ElementTree.parse(path).getroot()
+    for element in root.iter("link"):
+        *xyz, r, p, y = map(float, element.findtext("pose").split())
+        expected = RigidTransform(RollPitchYaw(r, p, y), xyz)
+        there = RigidTransform(np.array([0.0, 0.0, 1.01])) @ X[element.get("name")]
+        assert there.IsNearlyEqualTo(expected, 1e-5), element.get("name")
+    assert len(robot.loops) == 4
+    # The crank and the foot, of limits from -2.44 to -0.61, are not locked at zero.
+    gaping = [
+        note.partition(" ")[0] for note in robot.notes if "gapes by 211 mm" in note
+    ]
+    assert sorted(gaping) == ["left-plantar-foot-joint", "right-plantar-foot-joint"]
+    assert all(link_parts(link) for link in list(robot.links.values())[:5])
+    # A chain that no rod closes, moved: as Drake does without those joints.
+    text = path.read_text()
+    for loop in robot.loops:
+        text = re.sub(
+            rf'<joint name="{loop.name}".*?</joint>', "", text, flags=re.DOTALL
+        )
+    plant = MultibodyPlant(0.0)
+    parser = Parser(plant)
+    parser.package_map().Add("example-robot-data", str(robot_data))
+    parser.AddModelsFromString(text, "sdf")
+    plant.Finalize()
+    positions = random_positions(robot)
+    mine, theirs = robot.poses(positions), drake_poses(plant, positions)
+    for name in robot.links:
+        if name in theirs:
+            expected = theirs["pelvis"].inverse() @ theirs[name]
+            assert (mine["pelvis"].inverse() @ mine[name]).IsNearlyEqualTo(
+                expected, 1e-9
+            )

@@ -6,17 +6,20 @@ are found, `equations.torque_limit`; then the constraint mode admits them again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from crar_drake.control.modes.mode import Mode
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.torque_limit import (
+    Holding,
     clip_torque,
-    limit_torque,
+    held_step,
     nearest_accelerations,
     share_of_wish,
 )
@@ -30,8 +33,7 @@ _CALM = 0.5
 # at most to this share of the limit [1].
 _GROWTH, _TRIES, _MOST_FREE = 1.2, 3, 0.5
 
-# The state that held accelerations lead to: (q, v, vdot, time in s) -> [q'; v'].
-Predict = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
+_NO_INERTIA = np.zeros((0, 0))
 
 
 class Effort(NamedTuple):
@@ -55,13 +57,15 @@ class Limited(NamedTuple):
         vdot: (nv,) accelerations.
         actuation: (nu,) their torque, clipped if nothing else helps.
         torque_limit: (2,) `Solution.torque_limit`.
+        after: (nq + nv,) state that they lead to in a control period.
         told: what the mode tells of them, if it was asked.
     """
 
     vdot: np.ndarray
     actuation: np.ndarray
     torque_limit: np.ndarray
-    told: Mapping[str, np.ndarray]
+    after: np.ndarray
+    told: Mapping[str, np.ndarray] = {}
 
 
 class EffortLimits:
@@ -72,18 +76,35 @@ class EffortLimits:
         finite: whether there is any.
     """
 
-    def __init__(
-        self, model: ControlModel, mode: Mode, gains: CrarParameters, predict: Predict
-    ) -> None:
+    def __init__(self, model: ControlModel, mode: Mode, gains: CrarParameters) -> None:
         self.limits = gains.effort_limits(model)
         # Without limits the inertias would be computed for nothing.
         self.finite = bool(np.isfinite(self.limits).any())
-        self._model, self._mode, self._predict = model, mode, predict
+        self._model, self._mode = model, mode
         self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
         # Who brakes where limits are passed: the controlled joints; then all of them.
-        self._braking = [model.controlled]
+        braking = [model.controlled]
         if model.n_p:
-            self._braking.append(np.arange(model.plant.num_velocities()))
+            braking.append(np.arange(model.plant.num_velocities()))
+        plant_step = float(model.plant.time_step())
+        self._braking = [
+            hold(
+                Holding(
+                    joints,
+                    self._horizon,
+                    self._period,
+                    plant_step,
+                    model.positions,
+                    model.order,
+                )
+            )
+            for joints in braking
+        ]
+        # Of what `held_step` returns.
+        nv = model.plant.num_velocities()
+        nu = model.plant.num_actuated_dofs()
+        ends = (0, nv, nv + nu, nv + nu + 2)
+        self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
         self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         ticks = gains.torque_ticks(float(model.plant.time_step()))
         self._last_torque = self._period * (ticks - 1) / ticks
@@ -105,7 +126,7 @@ class EffortLimits:
         braking: bool,
     ) -> Limited:
         """Accelerations near the wish that are within the limits and the mode's bounds,
-        in this period's torque ticks, too.
+        in this period's torque ticks, too; the wish where nothing is limited.
 
         Args:
             workspace: at the state of the control step, where it is left.
@@ -113,6 +134,9 @@ class EffortLimits:
             vdot, actuation: (nv,), (nu,) the wish and its torque.
             braking: whether the wish is to brake: then its torque is clipped, at most.
         """
+        if not self.finite:
+            wish = Effort(vdot, actuation, _NO_INERTIA)
+            return self._held(measured, wish, self.limits, self._braking[0])
         inertia = self._model.effort_per_acceleration(workspace)
         wish = Effort(vdot, actuation, inertia)
         if braking:
@@ -176,22 +200,45 @@ class EffortLimits:
         slowed = self._slowed(measured, found, limits)
         actuation, limit = slowed.actuation, slowed.torque_limit
         vdot, told = mode.admit_again(measured, slowed.vdot)
+        after = slowed.after
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
+            after = self._state_after(measured, vdot, actuation, self._period)
         limit[0] = share_of_wish(vdot, wish.vdot, measured.v, model.controlled, T)
-        return Limited(vdot, actuation, limit, told)
+        return Limited(vdot, actuation, limit, after, told)
 
     def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
         """`limit_torque` at the state. Where the prescribed joints ask for more than
         the motors have, whatever the others do, they brake along."""
-        for joints in self._braking:
-            found = limit_torque(
-                *wish, measured.v, joints, limits, self._horizon, self._period
-            )
-            if found[2][1] == 0.0:
+        for holding in self._braking:
+            found = self._held(measured, wish, limits, holding)
+            if found.torque_limit[1] == 0.0:
                 break
-        return Limited(*found, {})
+        return found
+
+    def _held(
+        self, measured: Measured, wish: Effort, limits: np.ndarray, holding: Held
+    ) -> Limited:
+        q, v = measured.q[0], measured.v
+        found = held_step(q, v, *wish, limits, self._period, holding)
+        return Limited(*[found[part] for part in self._parts])
+
+    def _state_after(
+        self, measured: Measured, vdot: np.ndarray, actuation: np.ndarray, time: float
+    ) -> np.ndarray:
+        """[q; v] after `time` [s] of these accelerations."""
+        found = held_step(
+            measured.q[0],
+            measured.v,
+            vdot,
+            actuation,
+            _NO_INERTIA,
+            self.limits,
+            time,
+            self._braking[0],
+        )
+        return found[self._parts[-1]]
 
     def _excess_to_come(
         self, workspace: Workspace, measured: Measured, found: Limited
@@ -206,7 +253,9 @@ class EffortLimits:
             return None
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)
-        there = self._predict(measured.q[0], measured.v, found.vdot, self._last_torque)
+        there = self._state_after(
+            measured, found.vdot, found.actuation, self._last_torque
+        )
         plant.SetPositionsAndVelocities(context, there)
         last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
         plant.SetPositionsAndVelocities(context, here)

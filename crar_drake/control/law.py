@@ -21,7 +21,6 @@ from crar_drake.control.step import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_TRACKING,
-    UNLIMITED,
     ControlStep,
     InputError,
     Memory,
@@ -35,7 +34,6 @@ from crar_drake.equations.free_joints import has_orientations
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
-from crar_drake.equations.prediction import state_ahead
 from crar_drake.equations.references import (
     Answer,
     BlendStart,
@@ -76,10 +74,12 @@ class ControlLaw:
         self._blend_time = float(gains.blend_time)
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
-        self._plant_step = float(model.plant.time_step())
         self._rest = model.rest_positions()
-        self._has_rest = np.isfinite(model.upper - model.lower)
-        self._rest_posture = self._rest[model.controlled_positions[: model.n]]
+        at = model.controlled_positions[: model.n]
+        self._rest_posture = self._rest[at]
+        # Joints without a rest position, among the controlled ones and in q.
+        self._restless = np.flatnonzero(~np.isfinite(model.upper - model.lower))
+        self._restless_in_q = at[self._restless]
         self._with_posture = gains.posture_gain > 0.0
         self._target_bounds = gains.governor.bounds()
         self.speed_limits = gains.speed_limits(model)
@@ -91,7 +91,7 @@ class ControlLaw:
             model.row_weights if model.weighs_rows else _NOTHING,
         )
         self.mode = MODES[gains.constraints](model, gains, task_gains)
-        self._efforts = EffortLimits(model, self.mode, gains, self._predict)
+        self._efforts = EffortLimits(model, self.mode, gains)
         self.effort_limits = self._efforts.limits
         self.reset()
 
@@ -129,10 +129,11 @@ class ControlLaw:
         """
         if not self._with_posture:
             return _NOTHING
-        if self._has_rest.all():
+        if not len(self._restless):
             return self._rest_posture
-        here = q[self.model.controlled_positions[: self.model.n]]
-        return np.where(self._has_rest, self._rest_posture, here)
+        posture = self._rest_posture.copy()
+        posture[self._restless] = q[self._restless_in_q]
+        return posture
 
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
@@ -398,19 +399,16 @@ class ControlLaw:
         status: float,
     ) -> Solution:
         model, answer = self.model, resolved.answer
-        vdot, torque_limit = answer.vdot, UNLIMITED
+        vdot, actuation, torque_limit, after, told = self._efforts.limited(
+            workspace,
+            measured,
+            answer.vdot,
+            model.inverse_dynamics(workspace, answer.vdot),
+            braking=status == STATUS_BRAKING,
+        )
         diagnostics = resolved.diagnostics
-        actuation = model.inverse_dynamics(workspace, vdot)
-        if self._efforts.finite:
-            vdot, actuation, torque_limit, told = self._efforts.limited(
-                workspace,
-                measured,
-                vdot,
-                actuation,
-                braking=status == STATUS_BRAKING,
-            )
+        if told:
             diagnostics = {**diagnostics, **told}
-        after = self._predict(measured.q[0], measured.v, vdot, self._period)
         return Solution(
             actuation=actuation,
             acceleration=vdot,
@@ -433,15 +431,6 @@ class ControlLaw:
             return model.measure(workspace, q, v)
         in_order = resting_configuration(*model.in_order(q, v), T)
         return model.measure(workspace, q, v, *model.in_plant(in_order))
-
-    def _predict(
-        self, q: np.ndarray, v: np.ndarray, vdot: np.ndarray, time: float
-    ) -> np.ndarray:
-        """`state_ahead`, after `time` [s]."""
-        model = self.model
-        return state_ahead(
-            q, v, vdot, time, self._plant_step, model.positions, model.order
-        )
 
     def _check_orientation(self, what: str, q: np.ndarray, time: float) -> None:
         """Raises InputError if the root's quaternion is of zero length."""

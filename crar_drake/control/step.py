@@ -18,9 +18,6 @@ STATUS_BLENDING = 1.0  # on the way onto the targets
 STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
 
 
-UNLIMITED = np.array([1.0, 0.0])  # Solution.torque_limit
-
-
 class InputError(CrarError):
     """A value that reached the controller at run time cannot be used."""
 
@@ -45,11 +42,9 @@ class Targets:
 
     def finite(self) -> bool:
         """Whether there is no NaN or infinite value among the targets."""
-        return (
-            is_finite(self.tasks)
-            and is_finite(self.prescribed)
-            and is_finite(self.nominal_posture)
-        )
+        x, q_p, posture = self.tasks, self.prescribed, self.nominal_posture
+        # As `is_finite` of each.
+        return math.isfinite(x.dot(x) + q_p.dot(q_p) + posture.dot(posture))
 
     def check(self, time: float) -> None:
         """Raises InputError that names the target with a NaN or infinite value."""

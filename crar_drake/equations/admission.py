@@ -33,6 +33,8 @@ from crar_drake.equations.vectors import (
     cross_rows,
     dot_rows,
     product,
+    put,
+    put_at,
     times,
 )
 
@@ -284,7 +286,7 @@ def path_bounds(
         return Bounds(low, at, seen)
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
-    curvature[examined] = path_curvature(x, examined, of)
+    put_at(curvature, examined, path_curvature(x, examined, of))
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
         parts, half = len(open_), 0.5 / len(open_)
@@ -359,7 +361,7 @@ def gradients_at(
         found = distance_gradient_about_origin(
             n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves
         )
-        g[k] = found[0, 0]
+        put(g[k], 0, found[0, 0])
     return failed, g
 
 

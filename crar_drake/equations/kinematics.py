@@ -23,7 +23,13 @@ from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
-from crar_drake.equations.vectors import cross_rows, product, sparse_product, times
+from crar_drake.equations.vectors import (
+    cross_rows,
+    product,
+    sparse_product,
+    times,
+    transposed,
+)
 
 
 class Tree(NamedTuple):
@@ -81,7 +87,9 @@ def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
                 for r in range(3):
                     X[frame, 3, c] += p[r] * X[frame, r, c]
             R = rotation_from_quaternion(q[at : at + 4].copy().reshape(1, 4))[0]
-            X[frame + 1, :3, :3] = R.T
+            for c in range(3):
+                for r in range(3):
+                    X[frame + 1, c, r] = R[r, c]
     return X
 
 
@@ -177,7 +185,7 @@ def joint_motion(placed: np.ndarray) -> np.ndarray:
     p, turn, slide = placed[:, :nv], placed[:, nv : 2 * nv], placed[:, 2 * nv :]
     linear = cross_rows(p.reshape(-1, 3), turn.reshape(-1, 3)).reshape(p.shape) + slide
     S = np.concatenate((turn, linear), axis=2)
-    return np.ascontiguousarray(S.transpose(0, 2, 1))
+    return transposed(S)
 
 
 @compiled
@@ -301,7 +309,7 @@ def find_state(measured: Measured, r: Robot) -> State:
     return State(
         measured.q[0][r.positions],
         v,
-        np.ascontiguousarray(axes.transpose(0, 2, 1)),
+        transposed(axes),
         p[rows.linear_tasks],
         task_jacobian(p, S[0], tasks),
         task_bias(p, S[0], v, tasks, rows),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.vectors import cross_rows
+from crar_drake.equations.vectors import cross_rows, put_at
 
 KINDS = ("position", "orientation", "pose", "joint")
 
@@ -262,8 +262,8 @@ def task_error(
 def stack_rows(angular: np.ndarray, linear: np.ndarray, rows: TaskRows) -> np.ndarray:
     """(m,) in the order of the tasks, from (Na, 3) and (Nl, 3); 0 for joints."""
     stacked = np.zeros(num_rows(rows))
-    stacked[rows.angular_rows] = angular.ravel()
-    stacked[rows.linear_rows] = linear.ravel()
+    put_at(stacked, rows.angular_rows, angular.ravel())
+    put_at(stacked, rows.linear_rows, linear.ravel())
     return stacked
 
 

@@ -30,9 +30,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
+from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.one_sided import one_sided_minimum
-from crar_drake.equations.vectors import identity, largest, sum_rows, times
+from crar_drake.equations.prediction import state_ahead
+from crar_drake.equations.vectors import (
+    identity,
+    largest,
+    put_at,
+    sum_rows,
+    times,
+)
 
 # Share of a limit that braking in the next step may need [1].
 _RESERVE = 0.8
@@ -229,7 +236,7 @@ def nearest_accelerations(
         wish,
     )
     nearest = vdot.copy()
-    nearest[controlled] = x
+    put_at(nearest, controlled, x)
     return nearest
 
 
@@ -264,7 +271,7 @@ def limit_torque(
     """
     still, brake = vdot.copy(), vdot.copy()
     still[controlled] = 0.0
-    brake[controlled] = -v[controlled] / T
+    put_at(brake, controlled, -v[controlled] / T)
     tau_brake = tau + times(inertia, brake - vdot)
     tau_still = tau + times(inertia, still - vdot)
     theta, excess = torque_scale(tau, tau_brake, tau_still, limits, period / T)
@@ -273,6 +280,52 @@ def limit_torque(
         tau = tau_brake + theta * (tau - tau_brake)
     tau = np.minimum(np.maximum(tau, -limits), limits)
     return vdot, tau, np.array([theta, excess])
+
+
+class Holding(NamedTuple):
+    """What holding accelerations for a period depends on, see `held_step`."""
+
+    controlled: np.ndarray  # (n,) the joints that brake where limits are passed
+    T: float  # braking horizon [s]
+    period: float  # of the controller [s]
+    plant_step: float  # see `prediction.next_state` [s]
+    positions: np.ndarray  # (nq,) see `prediction.state_ahead`
+    order: np.ndarray  # (nv,)
+
+
+@compiled
+def held_step(
+    q: np.ndarray,
+    v: np.ndarray,
+    vdot: np.ndarray,
+    tau: np.ndarray,
+    inertia: np.ndarray,
+    limits: np.ndarray,
+    time: float,
+    holding: Held,
+) -> np.ndarray:
+    """`limit_torque`, and where that leads by `state_ahead`: one vector comes back, as
+    by `equations.handover`.
+
+    Args:
+        q, v: (nq,), (nv,) state of the plant.
+        vdot, tau, inertia, limits: as in `limit_torque`; without an inertia (0, 0)
+            accelerations and torque stay.
+        time: for which the accelerations are held [s].
+        holding: holds `Holding`.
+
+    Returns:
+        One after the other: (nv,) accelerations, (nu,) torque, (2,) theta and excess,
+        (nq + nv,) the state that they lead to.
+    """
+    h = holding.value
+    share = np.array([1.0, 0.0])
+    if len(inertia):
+        vdot, tau, share = limit_torque(
+            vdot, tau, inertia, v, h.controlled, limits, h.T, h.period
+        )
+    after = state_ahead(q, v, vdot, time, h.plant_step, h.positions, h.order)
+    return np.concatenate((vdot, tau, share, after))
 
 
 @compiled

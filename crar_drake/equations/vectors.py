@@ -271,6 +271,35 @@ def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
     x[at : at + len(values)] = values
 
 
+def _put_at_loops(x, places, values):
+    for i in range(len(places)):
+        x[places[i]] = values[i]
+
+
+@compiled(loops=_put_at_loops)
+def put_at(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
+    """x[places] is values (k,) then, in place; x (n,), places (k,). As `put`."""
+    x[places] = values
+
+
+def _transposed_loops(A):
+    B = np.empty((len(A), A.shape[2], A.shape[1]))
+    for k in range(len(A)):
+        for i in range(A.shape[1]):
+            for j in range(A.shape[2]):
+                B[k, j, i] = A[k, i, j]
+    return B
+
+
+@compiled(loops=_transposed_loops)
+def transposed(A: np.ndarray) -> np.ndarray:
+    """A_k^T (K, n, m) of A (K, m, n).
+
+    Of an order of axes Numba makes many functions.
+    """
+    return np.ascontiguousarray(A.transpose(0, 2, 1))
+
+
 def _add_to_diagonal_loops(A, x):
     for i in range(len(x)):
         A[i, i] += x[i]

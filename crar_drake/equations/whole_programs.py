@@ -85,9 +85,12 @@ class Whole(JITCodeLibrary):
 
 
 def _link(libraries: list, module: binding.ModuleRef) -> None:
-    """Links libraries, and those that parts among them call, each once."""
+    """Links libraries, and those that parts among them call, each once.
+
+    By twos: whatever is linked into something, all of that is gone through anew.
+    """
     called = dict.fromkeys(libraries)
-    waiting = list(called)
+    waiting, linked = list(called), []
     while waiting:
         library = waiting.pop()
         own = library._final_module
@@ -97,7 +100,25 @@ def _link(libraries: list, module: binding.ModuleRef) -> None:
             waiting += more
         else:
             own = library._get_module_for_linking()
-        module.link_in(own, preserve=True)
+        linked.append(own.clone())
+    for each in linked:
+        # What nobody calls yet would be left out.
+        _relink(each, binding.Linkage.linkonce_odr, "weak_odr")
+    while len(linked) > 1:
+        # The last one of an odd number waits.
+        for one, other in zip(linked[::2], linked[1::2], strict=False):
+            one.link_in(other)
+        linked = linked[::2]
+    for each in linked:
+        module.link_in(each)
+    _relink(module, binding.Linkage.weak_odr, "linkonce_odr")
+
+
+def _relink(module: binding.ModuleRef, old: binding.Linkage, new: str) -> None:
+    """Gives the module's functions with one linkage another one."""
+    for function in module.functions:
+        if not function.is_declaration and function.linkage == old:
+            function.linkage = new
 
 
 class ProgramCompiler(Compiler):

@@ -163,6 +163,10 @@ CASES = {
             "kia,kan->kin", A.reshape(len(B), len(A) // len(B), -1), B
         ),
     ),
+    "transposed": (
+        [(normal(2, 3, 5),), (normal(1, 3, 3),), (normal(0, 3, 3),)],
+        lambda A: np.einsum("kij->kji", A),
+    ),
     "sparse_product": (
         [sparse_case(1, 3, 4), sparse_case(2, 9, 20), sparse_case(2, 0, 8)],
         lambda A, _, X: np.einsum("ij,kjc->kic", A, X),
@@ -178,7 +182,7 @@ CASES = {
     ),
 }
 # These are tested apart: one is no function of equal results, the others have none.
-APART = {"cholesky", "add_to_diagonal", "put"}
+APART = {"cholesky", "add_to_diagonal", "put", "put_at"}
 
 
 def test_every_function_with_loops_is_tested():
@@ -271,6 +275,16 @@ def test_put_works_in_place_from_a_place_on(which):
     x, values = normal(7), normal(3)
     expected = np.concatenate([x[:2], values, x[5:]])
     assert form("put", which)(x, 2, values) is None
+    np.testing.assert_array_equal(x, expected)
+
+
+@pytest.mark.parametrize("which", FORMS)
+def test_put_at_works_in_place_on_these_places_only(which):
+    x, values = normal(6), normal(3)
+    expected = x.copy()
+    for place, value in zip((4, 0, 5), values, strict=True):
+        expected[place] = value
+    assert form("put_at", which)(x, np.array([4, 0, 5]), values) is None
     np.testing.assert_array_equal(x, expected)
 
 

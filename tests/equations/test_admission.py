@@ -1,5 +1,8 @@
 """The admission: each of its bounds holds, by dense samples, and is of use."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +30,7 @@ from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import lookahead
+from crar_drake.equations import lookahead, lookahead_guard
 from crar_drake.equations.admission import (
     AS_WISHED,
     CORRECTED,
@@ -767,6 +770,26 @@ def forget_a_pair(q, v, s, present, *rest):
     return checked._replace(clear=bool((checked.bounds.at[2:] < 0.0).all()))
 
 
+def replace_function(monkeypatch, name: str, by) -> None:
+    """Wherever the mode's equations call it."""
+    for module in (lookahead, lookahead_guard):
+        if hasattr(module, name):
+            monkeypatch.setattr(module, name, by)
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="they run by themselves")
+def test_what_replaces_functions_passes_where_nothing_is_compiled() -> None:
+    """Those that are skipped here."""
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-k", "forgotten or way_out", __file__],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stdout
+    assert "7 passed" in run.stdout
+
+
 @pytest.mark.skipif(IS_COMPILED, reason="compiled functions cannot be replaced")
 @pytest.mark.parametrize(
     "function, sabotage, case",
@@ -782,7 +805,7 @@ def forget_a_pair(q, v, s, present, *rest):
 def test_a_forgotten_constraint_is_noticed(
     monkeypatch, function: str, sabotage, case: str
 ) -> None:
-    monkeypatch.setattr(lookahead, function, sabotage)
+    replace_function(monkeypatch, function, sabotage)
     make, period = CASES[case]
     run = Run(make(), period).by_admission_alone(starts=5, steps=10)
     assert (run.excess if function == "velocity_bounds" else run.short) > 1e-4
@@ -814,8 +837,8 @@ def test_a_way_out_is_not_scaled_with_the_wish(monkeypatch) -> None:
     for _ in range(40):  # 4.2 mm: above the floor, below the margin
         middle = 0.5 * (q + beyond)
         q, beyond = (middle, beyond) if distance(middle) > 4.2e-3 else (q, middle)
-    monkeypatch.setattr(lookahead, "check_step", slow_ones_only)
-    monkeypatch.setattr(lookahead, "scale_step", lambda *arguments: (0.0, 0.0))
+    replace_function(monkeypatch, "check_step", slow_ones_only)
+    replace_function(monkeypatch, "scale_step", lambda *arguments: (0.0, 0.0))
     parameters = CrarParameters(
         constraints="lookahead",
         period=0.005,

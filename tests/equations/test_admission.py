@@ -781,7 +781,7 @@ def replace_function(monkeypatch, name: str, by) -> None:
 def test_what_replaces_functions_passes_where_nothing_is_compiled() -> None:
     """Those that are skipped here."""
     run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-k", "forgotten or way_out", __file__],
+        [sys.executable, "-m", "pytest", "-k", "forgotten or way_out", __file__],
         env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
         capture_output=True,
         text=True,

@@ -426,21 +426,27 @@ def test_the_worst_case_decides_on_a_target():
         case | {"plain": p, "recording": r, "real_time_factor": f, "cpu_factor": f}
         for p, r, f in (
             (False, False, 1.0),
-            (False, True, 2.5),
-            (False, True, 2.1),
+            (False, True, 3.5),
+            (False, True, 3.1),
             (True, True, 1.1),
         )
     ]
     targets = find_targets(
-        {"step": [step(1.7), step(1.2)], "simulation": simulated, "scaling": []}
+        {
+            "step": [step(1.7), step(1.2)],
+            "simulation": simulated,
+            "compiling": {"first": {"cpu": 46.0}},
+            "scaling": [],
+        }
     )
     assert [(t["target"], t["value"], t["reached"]) for t in targets] == [
         ("paper: step over bound, in a row, processor time", 1.7, False),
         ("paper: step over bound, by turns, processor time", 1.0, True),
         ("step: 99th percentile over median, wall clock", 1.5, True),
         ("step: 99th percentile over median, processor time", 3.0, False),
-        ("simulation: real-time factor with recording, wall clock", 2.1, True),
-        ("simulation: real-time factor with recording, processor time", 2.1, True),
+        ("simulation: real-time factor with recording, wall clock", 3.1, True),
+        ("simulation: real-time factor with recording, processor time", 3.1, True),
+        ("first compile, processor time [s]", 46.0, False),
     ]
 
 

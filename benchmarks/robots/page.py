@@ -69,12 +69,13 @@ the task that its import allows:
 * *whole body*: two arms, two legs, a root that floats: seven points of the upper body
   and the poses of both feet follow {motion}, the first {duration:.1f} s, with the
   settings of the shipped scenario `g1_whole_body_dance`; where *knees* stands they are
-  targets, too, as they are now: the other rows are of earlier runs;
+  targets, too;
 * *seven points*: two arms on a base that drives or is mounted: the same without feet,
   with default settings;
 * *tool*: a single arm's tool visits places that its joints reach.
 
-The control period is 5 ms, the constraints are the lookahead. *Capsules* and *meshes*
+A row stays until `--again` runs it anew, so that rows are of several versions. The
+control period is 5 ms, the constraints are the lookahead. *Capsules* and *meshes*
 are the smallest distances between links, judged at every control step and every 50 ms.
 A *violation* is a sample in which capsules or meshes penetrate, or a joint is beyond
 its limit or its speed. Meshes can penetrate where capsules do not cover them or nobody

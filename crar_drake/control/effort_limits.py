@@ -135,8 +135,7 @@ class EffortLimits:
             braking: whether the wish is to brake: then its torque is clipped, at most.
         """
         if not self.finite:
-            wish = Effort(vdot, actuation, _NO_INERTIA)
-            return self._held(measured, wish, self.limits, self._braking[0])
+            return self._unlimited(measured, vdot, actuation, self._period)
         inertia = self._model.effort_per_acceleration(workspace)
         wish = Effort(vdot, actuation, inertia)
         if braking:
@@ -204,7 +203,7 @@ class EffortLimits:
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
-            after = self._state_after(measured, vdot, actuation, self._period)
+            after = self._unlimited(measured, vdot, actuation, self._period).after
         limit[0] = share_of_wish(vdot, wish.vdot, measured.v, model.controlled, T)
         return Limited(vdot, actuation, limit, after, told)
 
@@ -212,33 +211,29 @@ class EffortLimits:
         """`limit_torque` at the state. Where the prescribed joints ask for more than
         the motors have, whatever the others do, they brake along."""
         for holding in self._braking:
-            found = self._held(measured, wish, limits, holding)
+            found = self._held(measured, wish, limits, self._period, holding)
             if found.torque_limit[1] == 0.0:
                 break
         return found
 
+    def _unlimited(
+        self, measured: Measured, vdot: np.ndarray, actuation: np.ndarray, time: float
+    ) -> Limited:
+        """The same accelerations and torque, and what they lead to after `time` [s]."""
+        wish = Effort(vdot, actuation, _NO_INERTIA)
+        return self._held(measured, wish, self.limits, time, self._braking[0])
+
     def _held(
-        self, measured: Measured, wish: Effort, limits: np.ndarray, holding: Held
+        self,
+        measured: Measured,
+        wish: Effort,
+        limits: np.ndarray,
+        time: float,
+        holding: Held,
     ) -> Limited:
         q, v = measured.q[0], measured.v
-        found = held_step(q, v, *wish, limits, self._period, holding)
+        found = held_step(q, v, *wish, limits, time, holding)
         return Limited(*[found[part] for part in self._parts])
-
-    def _state_after(
-        self, measured: Measured, vdot: np.ndarray, actuation: np.ndarray, time: float
-    ) -> np.ndarray:
-        """[q; v] after `time` [s] of these accelerations."""
-        found = held_step(
-            measured.q[0],
-            measured.v,
-            vdot,
-            actuation,
-            _NO_INERTIA,
-            self.limits,
-            time,
-            self._braking[0],
-        )
-        return found[self._parts[-1]]
 
     def _excess_to_come(
         self, workspace: Workspace, measured: Measured, found: Limited
@@ -253,10 +248,10 @@ class EffortLimits:
             return None
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)
-        there = self._state_after(
+        there = self._unlimited(
             measured, found.vdot, found.actuation, self._last_torque
         )
-        plant.SetPositionsAndVelocities(context, there)
+        plant.SetPositionsAndVelocities(context, there.after)
         last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
         plant.SetPositionsAndVelocities(context, here)
         return np.maximum(last - limits, 0.0) if np.any(last > limits) else None

@@ -42,9 +42,11 @@ class Targets:
 
     def finite(self) -> bool:
         """Whether there is no NaN or infinite value among the targets."""
-        x, q_p, posture = self.tasks, self.prescribed, self.nominal_posture
-        # As `is_finite` of each.
-        return math.isfinite(x.dot(x) + q_p.dot(q_p) + posture.dot(posture))
+        return (
+            is_finite(self.tasks)
+            and is_finite(self.prescribed)
+            and is_finite(self.nominal_posture)
+        )
 
     def check(self, time: float) -> None:
         """Raises InputError that names the target with a NaN or infinite value."""

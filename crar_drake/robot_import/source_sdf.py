@@ -271,10 +271,7 @@ class _Reader:
         else:
             axis, beside = joint.translation_axis(), False
         if beside:
-            stand_in = f"{name}_link"
-            while stand_in in self._links:
-                stand_in += "_"
-            self._links[stand_in] = Link(stand_in, (), (), None)
+            stand_in = self._add_empty_link(f"{name}_link")
             self._weld(stand_in, child, X_MC)
             child, X_MC = stand_in, RigidTransform()
         turns = "revolute" if np.isfinite(lower) else "continuous"
@@ -291,6 +288,13 @@ class _Reader:
             _limit(joint.velocity_upper_limits()[0]),
             float(joint.default_damping_vector()[0]),
         )
+
+    def _add_empty_link(self, name: str, more: str = "_") -> str:
+        """One without geometry; its name, made longer where there is such a link."""
+        while name in self._links:
+            name += more
+        self._links[name] = Link(name, (), (), None)
+        return name
 
     def _weld(self, parent: str, child: str, X_PC: RigidTransform) -> None:
         name = f"{child}_weld"
@@ -314,9 +318,7 @@ class _Reader:
                 # The world is no link of a robot that does not stand in it.
                 if hidden or frame.is_body_frame() or link not in self._links:
                     continue
-                while name in self._links:
-                    name += "_frame"
-                self._links[name] = Link(name, (), (), None)
+                name = self._add_empty_link(name, "_frame")
                 self._weld(link, name, frame.GetFixedPoseInBodyFrame())
 
     def _add_mimics(self) -> None:
@@ -343,10 +345,7 @@ class _Reader:
             R_WL = RigidTransform(X_WL.rotation())
             if R_WL.IsNearlyIdentity(1e-6):
                 continue
-            upright = f"{link}_upright"
-            while upright in self._links:
-                upright += "_"
-            self._links[upright] = Link(upright, (), (), None)
+            upright = self._add_empty_link(f"{link}_upright")
             if joint:
                 X_WU = RigidTransform(X_WL.translation())
                 self._joints[joint] = weld(joint, WORLD, upright, X_WU)

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.multibody.tree import Frame, RevoluteJoint
+from pydrake.multibody.tree import Frame, Joint, RevoluteJoint
 
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
@@ -88,10 +88,7 @@ def _leg(
 ) -> LegShape:
     plant, description = model.plant, model.description
     context = _at_rest(model)
-    hip, knee, foot = (
-        find_frame(plant, description.task_frames[f"{side}_{part}"])
-        for part in LEG_FRAMES
-    )
+    hip, knee, foot = _leg_frames(model, side)
     base = find_body(plant, description.base).body_frame()
 
     def place(frame: Frame) -> np.ndarray:
@@ -223,19 +220,30 @@ def _points(model: ControlModel, links, outlines) -> np.ndarray:
     return np.concatenate(points)
 
 
+def _leg_frames(model: ControlModel, side: str) -> tuple[Frame, Frame, Frame]:
+    """Of hip, knee and foot."""
+    names = model.description.task_frames
+    hip, knee, foot = (
+        find_frame(model.plant, names[f"{side}_{part}"]) for part in LEG_FRAMES
+    )
+    return hip, knee, foot
+
+
+def _from_knee_up(model: ControlModel, knee: Frame) -> list[Joint]:
+    """The joints from the knee up to the base."""
+    base = find_body(model.plant, model.description.base)
+    return joints_between(model, knee.body(), base)
+
+
 def _reach(model: ControlModel, side: str, context) -> float:
     """The least distance from where the hip is at rest that a leg, stretched out as far
     as its knee goes, reaches.
 
     Joints of a hip whose axes do not meet move its centre a little.
     """
-    plant, description = model.plant, model.description
-    hip, knee, foot = (
-        find_frame(plant, description.task_frames[f"{side}_{part}"])
-        for part in LEG_FRAMES
-    )
-    base = find_body(plant, description.base)
-    chain = joints_between(model, knee.body(), base)
+    plant = model.plant
+    hip, knee, foot = _leg_frames(model, side)
+    chain = _from_knee_up(model, knee)
     rest = model.rest_positions()
     plant.SetPositions(context, rest)
     p_H = hip.CalcPoseInWorld(context).translation()
@@ -263,12 +271,8 @@ def _reach(model: ControlModel, side: str, context) -> float:
 def _shortest(model: ControlModel, side: str) -> float:
     """How near a leg, its other joints at rest, has its foot to its hip [m]."""
     plant, description = model.plant, model.description
-    hip, knee, foot = (
-        find_frame(plant, description.task_frames[f"{side}_{part}"])
-        for part in LEG_FRAMES
-    )
-    base = find_body(plant, description.base)
-    chain = joints_between(model, knee.body(), base)
+    hip, knee, foot = _leg_frames(model, side)
+    chain = _from_knee_up(model, knee)
     links = links_outward(plant, chain[-1].child_body().body_frame())
     rows = [i for i, pair in enumerate(description.pairs) if set(pair) <= set(links)]
     bend, workspace = chain[0], model.MakeWorkspace()

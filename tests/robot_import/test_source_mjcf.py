@@ -7,6 +7,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from small_mjcfs import FEATURES, body, humanoid, mjcf, write_features
 from small_urdfs import write
+from source_robots import random_positions
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
@@ -35,15 +36,6 @@ def features(tmp_path_factory):
     """The path of the file with all features, and the robot that is read."""
     path = write_features(tmp_path_factory.mktemp("features"))
     return path, read_robot(path)
-
-
-def random_positions(robot) -> dict[str, float]:
-    rng = np.random.default_rng(7)
-    return {
-        joint.name: rng.uniform(max(joint.lower, -3.0), min(joint.upper, 3.0))
-        for joint in robot.joints.values()
-        if joint.moves
-    }
 
 
 def mujoco_poses(path, positions) -> dict[str, RigidTransform]:

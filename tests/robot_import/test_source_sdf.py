@@ -20,6 +20,7 @@ from small_sdfs import (
     write_features,
 )
 from small_urdfs import humanoid_with_legs, write
+from source_robots import random_positions
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import add_robot, load_robot_description
@@ -60,15 +61,6 @@ def drake_poses(plant, positions) -> dict[str, RigidTransform]:
             plant.EvalBodyPoseInWorld(context, body)
         )
         for body in bodies
-    }
-
-
-def random_positions(robot) -> dict[str, float]:
-    rng = np.random.default_rng(7)
-    return {
-        joint.name: rng.uniform(max(joint.lower, -3.0), min(joint.upper, 3.0))
-        for joint in robot.joints.values()
-        if joint.moves
     }
 
 

@@ -20,6 +20,7 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import (
     Measured,
     evaluate_state,
@@ -334,7 +335,7 @@ class Bound(Subject):
         self._vdot = samples.vdot[k]
         self._q_s = None
         if self._horizon is not None:
-            self._q_s = resting_configuration(q, v, self._horizon)
+            self._q_s = resting_configuration(q, v, self._horizon, PLAIN)
         # What the step hands to the distances, from the step's own functions.
         measured = model.measure(workspace, q, v, self._q_s)
         points, S, pairs = what_distances_are_of(measured, self._robot)
@@ -413,7 +414,7 @@ class ModelAlone(Subject):
         self._q, self._v, self._vdot = samples.q[k], samples.v[k], samples.vdot[k]
         self._q_s = None
         if self._ahead:
-            self._q_s = resting_configuration(self._q, self._v, self._horizon)
+            self._q_s = resting_configuration(self._q, self._v, self._horizon, PLAIN)
 
     def __call__(self) -> None:
         model, workspace = self._model, self._workspace

@@ -96,6 +96,7 @@ class EffortLimits:
                     plant_step,
                     model.positions,
                     model.order,
+                    model.turn,
                 )
             )
             for joints in braking

@@ -30,7 +30,7 @@ from crar_drake.control.step import (
     is_finite,
 )
 from crar_drake.equations.blending import smooth_step
-from crar_drake.equations.free_joints import has_orientations
+from crar_drake.equations.free_joints import has_orientation
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
@@ -250,9 +250,8 @@ class ControlLaw:
             if mode.brakes_without_targets:
                 return self._brake(workspace, tick, measured)
             targets.check(time)
-        if model.num_free and not has_orientations(
-            targets.prescribed[: len(model.prescribed_positions)], model.n_p
-        ):
+        turn = model.turn - model.n  # among the prescribed
+        if turn >= 0 and not has_orientation(targets.prescribed, turn):
             if mode.brakes_without_targets:
                 return self._brake(workspace, tick, measured)
             raise _no_orientation(targets.names[1], time)
@@ -429,12 +428,12 @@ class ControlLaw:
         model, T = self.model, self.mode.horizon
         if T is None or not model.pairs.needs_query:
             return model.measure(workspace, q, v)
-        in_order = resting_configuration(*model.in_order(q, v), T)
+        in_order = resting_configuration(*model.in_order(q, v), T, model.turn)
         return model.measure(workspace, q, v, *model.in_plant(in_order))
 
     def _check_orientation(self, what: str, q: np.ndarray, time: float) -> None:
         """Raises InputError if the root's quaternion is of zero length."""
-        if not has_orientations(q[self.model.positions], len(self.model.order)):
+        if not has_orientation(q[self.model.positions], self.model.turn):
             raise _no_orientation(what, time)
 
 

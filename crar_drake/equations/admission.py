@@ -84,7 +84,13 @@ class Bounds(NamedTuple):
 
 @compiled
 def next_path(
-    q: np.ndarray, v: np.ndarray, s: np.ndarray, T: float, period: float, step: float
+    q: np.ndarray,
+    v: np.ndarray,
+    s: np.ndarray,
+    T: float,
+    period: float,
+    step: float,
+    turn: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(A1): q' and T q_dot', one period on, if q_ddot = (s - q_dot)/T is held.
 
@@ -100,8 +106,9 @@ def next_path(
         T: braking horizon [s].
         period: of the controller [s].
         step: of the plant [s], at most the period.
+        turn: where an orientation begins in q and v, see `equations.free_joints`.
     """
-    q_next, v_next = next_state(q, v, (s - v) / T, period, step)
+    q_next, v_next = next_state(q, v, (s - v) / T, period, step, turn)
     return q_next, T * v_next
 
 
@@ -296,7 +303,7 @@ def path_bounds(
             if not len(some):
                 continue
             t = (2 * part + 1) * half
-            points, S = place_all(displaced(start, t * x), r)
+            points, S = place_all(displaced(start, t * x, r.turn), r)
             p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
             p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
             d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
@@ -349,7 +356,8 @@ def gradients_at(
     g = np.zeros((len(failed), len(x)))
     for k in range(len(failed)):
         some = failed[k : k + 1]
-        points, S = place_all(displaced(start, bounds.at[some[0]] * x), r)
+        there = displaced(start, bounds.at[some[0]] * x, r.turn)
+        points, S = place_all(there, r)
         _, n, p, _ = nearest_points(
             points[pairs.start_a[some]],
             points[pairs.vector_a[some]],
@@ -476,7 +484,7 @@ def check_step(
         gains: of the admission.
     """
     T, period, level = gains.T, gains.period, present.level
-    start, x = next_path(q, v, s, T, period, gains.step)
+    start, x = next_path(q, v, s, T, period, gains.step, r.turn)
     near = present.low - travel(farther(s, gains) * s, reaches)
     bounds = path_bounds(start, x, level, near < level, r, reaches)
     clear = not (bounds.at >= 0.0).any()
@@ -498,7 +506,7 @@ def check_step(
                 travel((s - v) * (period * period / (8.0 * T)), reaches),
                 travel(v * (0.25 * period), reaches),
             )
-            there = displacement(q, start, len(v))
+            there = displacement(q, start, r.turn)
             way = path_bounds(q, there, level + off, asked, r, reaches)
             clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.free_joints import POSITIONS, VELOCITIES, turned
+from crar_drake.equations.free_joints import QUATERNION, TURN, turned
 from crar_drake.equations.tasks import (
     DesiredTasks,
     TaskRows,
@@ -123,48 +123,41 @@ def blend_joints(
     v: np.ndarray,
     a: np.ndarray,
     step: tuple[float, float, float],
+    turn: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Blends joints from `start` to q: `blend_vectors`, and `blend_rotations` of those
-    that are free.
+    """Blends joints from `start` to q: `blend_vectors`, and `blend_rotations` of an
+    orientation.
 
     Args:
-        start, q: (nq,) measured and desired positions, free joints last.
+        start, q: (nq,) measured and desired positions.
         v, a: (nv,) desired velocities and accelerations.
         step: (s, s_dot, s_ddot) of `smooth_step`.
+        turn: where an orientation begins in both, see `equations.free_joints`.
     """
-    free = len(q) - len(v)
-    if free == 0:
+    if turn < 0:
         return blend_vectors(start, q, v, a, step)
-    plain = len(v) - VELOCITIES * free
-    x, v, a = q.copy(), v.copy(), a.copy()
-    p, p_dot, p_ddot = blend_vectors(
-        start[:plain], q[:plain], v[:plain], a[:plain], step
-    )
-    put(x, 0, p)
-    put(v, 0, p_dot)
-    put(a, 0, p_ddot)
-    for k in range(free):
-        at, by = plain + POSITIONS * k, plain + VELOCITIES * k
-        R_start = rotation_from_quaternion(start[at : at + 4].copy().reshape(1, 4))[0]
-        R_d = rotation_from_quaternion(q[at : at + 4].copy().reshape(1, 4))[0]
-        R, omega, omega_dot = blend_rotations(
-            R_start, R_d, v[by : by + 3].copy(), a[by : by + 3].copy(), step
-        )
-        turn = rotation_vector(product(R, R_start.T))
-        put(x, at, turned(start[at : at + 4], turn))
+    x, x_dot, x_ddot = np.empty(len(q)), np.empty(len(v)), np.empty(len(v))
+    q_after, v_after = turn + QUATERNION, turn + TURN
+    for at, to, by, by_to in (
+        (0, turn, 0, turn),
+        (q_after, len(q), v_after, len(v)),
+    ):
         p, p_dot, p_ddot = blend_vectors(
-            start[at + 4 : at + 7],
-            q[at + 4 : at + 7],
-            v[by + 3 : by + 6],
-            a[by + 3 : by + 6],
-            step,
+            start[at:to], q[at:to], v[by:by_to], a[by:by_to], step
         )
-        put(x, at + 4, p)
-        put(v, by, omega)
-        put(v, by + 3, p_dot)
-        put(a, by, omega_dot)
-        put(a, by + 3, p_ddot)
-    return x, v, a
+        put(x, at, p)
+        put(x_dot, by, p_dot)
+        put(x_ddot, by, p_ddot)
+    there = start[turn:q_after].copy()
+    R_start = rotation_from_quaternion(there.reshape(1, 4))[0]
+    R_d = rotation_from_quaternion(q[turn:q_after].copy().reshape(1, 4))[0]
+    R, omega, omega_dot = blend_rotations(
+        R_start, R_d, v[turn:v_after].copy(), a[turn:v_after].copy(), step
+    )
+    put(x, turn, turned(there, rotation_vector(product(R, R_start.T))))
+    put(x_dot, turn, omega)
+    put(x_ddot, turn, omega_dot)
+    return x, x_dot, x_ddot
 
 
 @compiled

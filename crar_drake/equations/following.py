@@ -14,6 +14,7 @@ import numpy as np
 
 from crar_drake.equations.admission import AS_WISHED, farther, travel
 from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import LookaheadMemory, lookahead_step
 from crar_drake.equations.lookahead_rows import with_resting
@@ -206,6 +207,6 @@ def follow_steps(
         clear = clear and told[3] == 1.0
         # Rows are those of other pairs in the next step: nothing is known of them.
         memory = LookaheadMemory(moving[:n], vdot[r.order][:n], slip, memory.weighed)
-        q, v = next_state(q, v, vdot, period, period)
+        q, v = next_state(q, v, vdot, period, period, PLAIN)
         steps += 1
     return Followed(OnTheWay(q, v, memory), steps, asked, how, share, clear)

@@ -4,8 +4,10 @@ A *free* joint (Drake's quaternion floating joint) has seven positions, the unit
 quaternion w, x, y, z of its orientation R and then its translation p [m], and six
 velocities, its angular velocity [rad/s] and p's velocity [m/s], all in the frame that
 it moves in. So positions and velocities differ in number, and a configuration q (nq,)
-and a displacement x (nv,) are vectors of two kinds. In the equations free joints come
-last in both, so that nq - nv of them there are, and all others are plain differences.
+and a displacement x (nv,) are vectors of two kinds. A robot has at most one such joint,
+its root, and only the orientation makes the difference: it begins at the same place
+`turn` in both, and all that comes before and after it is plain numbers, the root's
+translation, wherever it is among them, too.
 
 A displacement of a free joint is a rotation vector phi and a translation:
 
@@ -22,7 +24,10 @@ import numpy as np
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.vectors import cross, dot, put
 
-POSITIONS, VELOCITIES = 7, 6  # of a free joint
+QUATERNION, TURN = 4, 3  # entries of an orientation, and of its displacement
+
+# `turn` of vectors without an orientation; any other negative number says the same.
+PLAIN = -1
 
 # Below this the sine of an angle is the angle [rad].
 _SMALL = 1e-8
@@ -73,37 +78,37 @@ def turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def displaced(q: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The configuration (nq,) that a displacement x (nv,) leads to from q (nq,)."""
-    free = len(q) - len(x)
-    if free == 0:
+def displaced(q: np.ndarray, x: np.ndarray, turn: int) -> np.ndarray:
+    """The configuration (nq,) that a displacement x (nv,) leads to from q (nq,).
+
+    Args:
+        q, x: configuration and displacement.
+        turn: where the quaternion begins in q, and the rotation vector in x; negative
+            if there is none.
+    """
+    if turn < 0:
         return q + x
-    plain = len(x) - VELOCITIES * free
+    q_after, x_after = turn + QUATERNION, turn + TURN
     moved = np.empty(len(q))
-    put(moved, 0, q[:plain] + x[:plain])
-    for k in range(free):
-        at, by = plain + POSITIONS * k, plain + VELOCITIES * k
-        put(moved, at, turned(q[at : at + 4], x[by : by + 3]))
-        put(moved, at + 4, q[at + 4 : at + 7] + x[by + 3 : by + 6])
+    put(moved, 0, q[:turn] + x[:turn])
+    put(moved, turn, turned(q[turn:q_after], x[turn:x_after]))
+    put(moved, q_after, q[q_after:] + x[x_after:])
     return moved
 
 
 @compiled
-def displacement(start: np.ndarray, end: np.ndarray, nv: int) -> np.ndarray:
+def displacement(start: np.ndarray, end: np.ndarray, turn: int) -> np.ndarray:
     """The x (nv,) by which `displaced` leads from start (nq,) to end (nq,).
 
-    Of orientations it is the shorter way round; half a turn may be either.
+    Of an orientation it is the shorter way round; half a turn may be either.
     """
-    free = len(start) - nv
-    if free == 0:
+    if turn < 0:
         return end - start
-    plain = nv - VELOCITIES * free
-    x = np.empty(nv)
-    put(x, 0, end[:plain] - start[:plain])
-    for k in range(free):
-        at, by = plain + POSITIONS * k, plain + VELOCITIES * k
-        put(x, by, turn_between(start[at : at + 4], end[at : at + 4]))
-        put(x, by + 3, end[at + 4 : at + 7] - start[at + 4 : at + 7])
+    q_after, x_after = turn + QUATERNION, turn + TURN
+    x = np.empty(len(start) - (QUATERNION - TURN))
+    put(x, 0, end[:turn] - start[:turn])
+    put(x, turn, turn_between(start[turn:q_after], end[turn:q_after]))
+    put(x, x_after, end[q_after:] - start[q_after:])
     return x
 
 
@@ -146,17 +151,11 @@ def turned_by_plant(
 
 
 @compiled
-def has_orientations(q: np.ndarray, nv: int) -> bool:
-    """Whether no free joint of a configuration (nq,) has a quaternion of length 0.
+def has_orientation(q: np.ndarray, turn: int) -> bool:
+    """Whether the quaternion of a configuration (nq,) has a length other than 0.
 
     Args:
-        q: free joints last.
-        nv: number of velocities.
+        q: configuration.
+        turn: where the quaternion begins; negative if there is none to be wrong.
     """
-    free = len(q) - nv
-    plain = nv - VELOCITIES * free
-    for k in range(free):
-        at = plain + POSITIONS * k
-        if not (q[at : at + 4] ** 2).sum() > 0.0:
-            return False
-    return True
+    return turn < 0 or (q[turn : turn + QUATERNION] ** 2).sum() > 0.0

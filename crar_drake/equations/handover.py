@@ -57,8 +57,7 @@ def take_over(given: np.ndarray, r: Robot, num_kept: int) -> tuple[Wanted, np.nd
     rows = r.rows.value
     nq, nv = len(r.positions), len(r.order)
     n_p = nv - r.n
-    # Where none is prescribed, a position more is that of a controlled root.
-    nq_p = nq - r.n if n_p else 0
+    nq_p = n_p + (1 if r.turn >= r.n else 0)  # an orientation has a position more
     Na, Nl = len(rows.angular_tasks), len(rows.linear_tasks)
     Nj = len(rows.joint_rows)
     blend = nq + nv

@@ -248,8 +248,8 @@ def task_bias(
 class State(NamedTuple):
     """The numbers of one state, all in the world frame W.
 
-    nv velocities, the controlled joints' first and then the prescribed ones', of which
-    free joints are the last, which have a position more; K = 2 configurations where
+    nv velocities, the controlled joints' first and then the prescribed ones'; a free
+    root's orientation, among either, has a position more; K = 2 configurations where
     the robot would come to rest counts, too, else 1; Nr rows of watched shapes, see
     `capsule_distances.ShapePairs`.
     """
@@ -278,10 +278,11 @@ class Robot(NamedTuple):
     Its parts are held: handing them on is quick to compile, and to do.
     """
 
-    order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints,
-    # free ones last
+    order: np.ndarray  # (nv,) places in the plant's v: first the controlled joints
     positions: np.ndarray  # (nq,) places in the plant's q, likewise
-    n: int  # number of controlled joints
+    n: int  # number of controlled joints' velocities
+    turn: int  # where the root's orientation begins in both orders, if it is free, else
+    # negative, see `equations.free_joints`; from n on, it is prescribed
     selection: np.ndarray  # (P, 4 N) of `place_points`: the joints' axes, as in
     # `joint_motion`; the tasks' points; the axes of the tasks with an orientation;
     # and those of the watched shapes

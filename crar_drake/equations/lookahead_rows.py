@@ -86,14 +86,17 @@ class Constraints(NamedTuple):
 
 
 @compiled
-def resting_configuration(q: np.ndarray, qdot: np.ndarray, T: float) -> np.ndarray:
+def resting_configuration(
+    q: np.ndarray, qdot: np.ndarray, T: float, turn: int
+) -> np.ndarray:
     """(L1): q_s = q + T q_dot: where q_ddot = -q_dot/T leads.
 
     Args:
-        q, qdot: (nq,), (nv,) state, free joints last.
+        q, qdot: (nq,), (nv,) state.
         T: [s].
+        turn: where an orientation begins in both, see `equations.free_joints`.
     """
-    return displaced(q, T * qdot)
+    return displaced(q, T * qdot, turn)
 
 
 @compiled
@@ -105,7 +108,7 @@ def with_resting(q: np.ndarray, v: np.ndarray, r: Robot, T: float) -> np.ndarray
         r: of the robot.
         T: [s].
     """
-    q_s = resting_configuration(q[r.positions], v[r.order], T)
+    q_s = resting_configuration(q[r.positions], v[r.order], T, r.turn)
     both = np.empty((2, len(q)))
     for i in range(len(q)):
         both[0, i] = q[i]

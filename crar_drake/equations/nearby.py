@@ -100,6 +100,7 @@ def some_shapes(robot: Held, rows: np.ndarray) -> Held:
             r.order,
             r.positions,
             r.n,
+            r.turn,
             r.selection,
             r.first,
             r.tree,

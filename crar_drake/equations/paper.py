@@ -204,7 +204,7 @@ def paper_step(
     r, numbers = robot.value, mode.value
     n, gains = r.n, numbers.gains
     state = find_state(measured, r)
-    references = find_references(state, wanted, r.rows.value, numbers.tasks)
+    references = find_references(state, wanted, r.rows.value, r.turn, numbers.tasks)
     if numbers.constrained:
         weights = constraint_weights(
             state.q[:n],

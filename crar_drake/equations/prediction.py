@@ -6,8 +6,8 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.free_joints import (
-    POSITIONS,
-    VELOCITIES,
+    QUATERNION,
+    TURN,
     displaced,
     turned_by_plant,
 )
@@ -16,7 +16,12 @@ from crar_drake.equations.vectors import put
 
 @compiled
 def next_state(
-    q: np.ndarray, v: np.ndarray, vdot: np.ndarray, period: float, plant_step: float
+    q: np.ndarray,
+    v: np.ndarray,
+    vdot: np.ndarray,
+    period: float,
+    plant_step: float,
+    turn: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state that an acceleration leads to which is held for a control period.
 
@@ -29,18 +34,19 @@ def next_state(
     d^2 N (N + 1) / 2 = D (D + d) / 2. With d = 0 it is the parabola of a continuous
     plant; with d = D it is q' = q + D v'.
 
-    Free joints turn as `free_joints.turned_by_plant` says.
+    A free joint turns as `free_joints.turned_by_plant` says.
 
     Limits: exact where the plant's step divides the period, the plant is the control
     model, and the torque follows the state at each of the plant's steps, as it does
     where `CrarParameters.torque_period` is the plant's step.
 
     Args:
-        q, v: (nq,), (nv,) positions and velocities, free joints last [rad, rad/s].
+        q, v: (nq,), (nv,) positions and velocities [rad, rad/s].
         vdot: (nv,) accelerations [rad/s^2].
         period: of the controller [s].
         plant_step: time step of the discrete plant, 0 for a continuous one [s]; one
             that is longer than the period counts as the period.
+        turn: where an orientation begins in q and in v, see `equations.free_joints`.
 
     Returns:
         (nq,) q' and (nv,) v'.
@@ -48,14 +54,16 @@ def next_state(
     v_next = v + period * vdot
     # Such that no rounding tells it from q + D v' where the steps are the periods.
     ahead = 0.5 * (period - min(plant_step, period))
-    q_next = displaced(q, period * (v_next - ahead * vdot))
-    free = len(q) - len(v)
-    for k in range(free):
-        at, by = len(q) - POSITIONS * (free - k), len(v) - VELOCITIES * (free - k)
+    q_next = displaced(q, period * (v_next - ahead * vdot), turn)
+    if turn >= 0:
         turned = turned_by_plant(
-            q[at : at + 4], v[by : by + 3], vdot[by : by + 3], period, plant_step
+            q[turn : turn + QUATERNION],
+            v[turn : turn + TURN],
+            vdot[turn : turn + TURN],
+            period,
+            plant_step,
         )
-        put(q_next, at, turned)
+        put(q_next, turn, turned)
     return q_next, v_next
 
 
@@ -68,16 +76,20 @@ def state_ahead(
     plant_step: float,
     positions: np.ndarray,
     order: np.ndarray,
+    turn: int,
 ) -> np.ndarray:
     """`next_state` in the plant's order, [q'; v'] (nq + nv,).
 
     Args:
         q, v, vdot: (nq,), (nv,), (nv,) of the plant.
         period, plant_step: as above.
-        positions, order: (nq,), (nv,) places in the plant's q and v, free joints last.
+        positions, order: (nq,), (nv,) places in the plant's q and v.
+        turn: as above, in their order.
     """
     nq = len(q)
-    q_next, v_next = next_state(q[positions], v[order], vdot[order], period, plant_step)
+    q_next, v_next = next_state(
+        q[positions], v[order], vdot[order], period, plant_step, turn
+    )
     x = np.empty(nq + len(v))
     for i in range(nq):
         x[positions[i]] = q_next[i]

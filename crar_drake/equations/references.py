@@ -80,7 +80,7 @@ class BlendStart(NamedTuple):
 
     R: np.ndarray  # (Na, 3, 3) orientations R_WT
     p: np.ndarray  # (Nl, 3) positions p_WT [m]
-    q_p: np.ndarray  # (nq_p,) positions of the prescribed joints, free ones last
+    q_p: np.ndarray  # (nq_p,) positions of the prescribed joints
     q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
 
 
@@ -180,7 +180,7 @@ def posture_acceleration(
 
 @compiled
 def find_references(
-    state: State, wanted: Wanted, rows: TaskRows, gains: TaskGains
+    state: State, wanted: Wanted, rows: TaskRows, turn: int, gains: TaskGains
 ) -> References:
     """Eqs. (9), (14): what the blended targets ask for, weighted.
 
@@ -188,10 +188,11 @@ def find_references(
         state: of the robot.
         wanted: the targets.
         rows: which rows belong to which task.
+        turn: of the robot, see `Robot`.
         gains: of the law.
     """
     prescribed, blend, start = wanted.prescribed, wanted.blend, wanted.start
-    n_p = len(prescribed) // 3  # a free root has one position more than velocities
+    n_p = len(prescribed) // 3  # an orientation has one position more than velocities
     n, nq_p = len(state.v) - n_p, len(prescribed) - 2 * n_p
     qdot, qdot_p = state.v[:n], state.v[n:]
     q_p = state.q[len(state.q) - nq_p :]
@@ -201,11 +202,11 @@ def find_references(
     error = e = find_error(state.q, state.R, state.p, desired, rows)
     if blend[0] < 1.0:
         desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
-        q_d, v_d, a_d = blend_joints(start.q_p, q_d, v_d, a_d, blend)
+        q_d, v_d, a_d = blend_joints(start.q_p, q_d, v_d, a_d, blend, turn - n)
         e = find_error(state.q, state.R, state.p, desired, rows)
     # Prescribed joints: the desired acceleration, with Eq. (14)'s feedback.
     qddot_p = reference_acceleration(
-        a_d, v_d, qdot_p, displacement(q_p, q_d, n_p), gains.Kp, gains.Kv
+        a_d, v_d, qdot_p, displacement(q_p, q_d, turn - n), gains.Kp, gains.Kv
     )
     v_r = reference_velocity(desired.v, e, gains.K)
     v_task = times(state.J, state.v)

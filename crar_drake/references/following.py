@@ -48,6 +48,7 @@ from crar_drake.equations.following import (
     follow_steps,
     is_on,
 )
+from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead import LookaheadMemory
 from crar_drake.equations.nearby import keeps_level
 from crar_drake.equations.prediction import next_state
@@ -403,7 +404,7 @@ class Follower:
         """A frame on, straight along the braking path, which is clear."""
         q, v, T = now.q, now.v, self.law.parameters.braking_horizon
         for _ in range(self.steps):
-            q, v = next_state(q, v, -v / T, self._period, self._period)
+            q, v = next_state(q, v, -v / T, self._period, self._period, PLAIN)
         return self._start(q[self.model.controlled_positions], v[self.model.controlled])
 
     def _settle(self, q_0: np.ndarray, watched: np.ndarray) -> OnTheWay:

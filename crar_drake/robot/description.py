@@ -34,8 +34,15 @@ PRESCRIBED_SOURCES = ("waist.x", "waist.y", "waist.z", "waist.heading", "hold")
 # What pairs call the world's half space, which `ground` adds.
 GROUND = "ground"
 
-# What becomes of the base.
-ROOTS = ("fixed", "prescribed", "controlled")
+# What becomes of the base, and what of the pose of one that floats is prescribed; the
+# tasks move the rest.
+ROOTS = {
+    "fixed": (),
+    "prescribed": ("orientation", "position"),
+    "prescribed_position": ("position",),
+    "prescribed_orientation": ("orientation",),
+    "controlled": (),
+}
 
 # Farther beyond its limit than this, a joint violates it [rad or m]. One number for
 # all figures: it says what counts, not how that is computed.
@@ -75,7 +82,9 @@ class RobotDescription:
             itself.
         root: "fixed": the base is welded to the world; "prescribed": it floats, and
             its pose is given (by a motion, that of the performer's hips); "controlled":
-            it floats, and the tasks move it as they move joints.
+            it floats, and the tasks move it as they move joints;
+            "prescribed_position", "prescribed_orientation": it floats, this is given,
+            and the tasks move the rest.
         root_pose: where the base is at rest.
         prescribed_joints: joint to what the motion drives it with: "waist.x",
             "waist.y", "waist.z" (the waist's position in the world), "waist.heading"
@@ -156,18 +165,12 @@ class RobotDescription:
                     f"robot {self.name}: prescribed_joints: {joint}: {source!r} is "
                     f"none of {', '.join(PRESCRIBED_SOURCES)}"
                 )
-        if self.root == "controlled" and self.prescribed_joints:
-            raise ModelError(
-                f"robot {self.name}: prescribed_joints: "
-                f"{', '.join(self.prescribed_joints)}: beside a root that is "
-                "controlled none can be prescribed; weld them, or say root: prescribed"
-            )
         driven = [j for j, source in self.prescribed_joints.items() if source != "hold"]
-        if self.root == "prescribed" and driven:
+        if self.root != "fixed" and driven:
             raise ModelError(
                 f"robot {self.name}: prescribed_joints: {', '.join(driven)}: the root "
-                "is prescribed and moves as the performer's hips already; say hold, or "
-                "root: fixed"
+                "floats, and goes where the performer's hips or the tasks take it; say "
+                "hold, or root: fixed"
             )
         for joint, limit in self.velocity_limits.items():
             if not is_speed_limit(limit):
@@ -175,6 +178,11 @@ class RobotDescription:
                     f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
                     "positive (.inf for no limit)"
                 )
+
+    @property
+    def prescribed_root(self) -> tuple[str, ...]:
+        """What of a floating base's pose is prescribed: "orientation", "position"."""
+        return ROOTS[self.root]
 
     def without_ground(self) -> "RobotDescription":
         """The same robot in the air: no ground, and no pair with it."""

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from crar_drake.equations.free_joints import displaced
+from crar_drake.equations.free_joints import PLAIN, displaced
 from crar_drake.equations.kinematics import Measured, State, evaluate_state
 from crar_drake.equations.tasks import task_weights
 from crar_drake.errors import ModelError
@@ -29,6 +28,7 @@ from crar_drake.robot.description import (
     find_root,
 )
 from crar_drake.robot.joint_names import check_described_joints, names_by_joint
+from crar_drake.robot.joint_places import find_places
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot.points import numbers_of_robot
 from crar_drake.robot.speed_limits import speed_limits
@@ -46,8 +46,8 @@ class ControlModel:
     The joints of the plant are either *prescribed* (their acceleration is known)
     or *controlled* (the paper's q, in the plant's order of velocities). Each must
     have as many velocities as positions and be actuated. Only the root may be free
-    (`equations.free_joints`), prescribed or controlled: no actuator moves it, and the
-    force that does is told apart.
+    (`equations.free_joints`), its orientation and its position each prescribed or
+    controlled: no actuator moves it, and the force that does is told apart.
 
     Attributes:
         plant, scene_graph, diagram: the model itself.
@@ -63,15 +63,19 @@ class ControlModel:
             in the order of `order`.
         robot_by_pair, robot_ahead: for `equations.kinematics`: at one configuration,
             a row for each pair; and at two, a row for each pair of shapes.
-        n, n_p, m: numbers of controlled joints, prescribed joints and task rows.
-        controlled, prescribed: their indices in v; a free root's come last.
-        num_joints: number of controlled joints without a free root's six velocities,
+        n, n_p, m: numbers of controlled joints, prescribed joints and task rows, of a
+            free root three velocities for its orientation and three for its position.
+        controlled, prescribed: (n,), (n_p,) their indices in v; a free root's come last
+            in each.
+        num_joints: number of controlled joints without a free root's velocities,
         joint_positions: (num_joints,) and their indices in q.
         controlled_positions, prescribed_positions: (nq_c,), (nq_p,) their indices in q.
-            All are those in v, unless the root is free, whose seven come last.
+            All are those in v, unless the root is free, whose quaternion is one more.
         root_positions: (7,) the root's indices in q if it is free, else (0,).
         order, positions: (nv,), (nq,) both, one after the other, in v and in q.
         num_free: 1 if the root is free, which has a position more than velocities.
+        turn: where its orientation begins in `order` and in `positions`; PLAIN if
+            nothing is free.
         unactuated: (6,) the root's indices in v if it is free, else (0,).
         position_names, velocity_names: (nq,), (nv,) the joint of each position and
             velocity of the plant.
@@ -209,7 +213,11 @@ class ControlModel:
         """
         # What may not be written to is compiled for anew.
         measured = self.measure(workspace, *(np.array(x, dtype=float) for x in (q, v)))
-        return ModelState.of(evaluate_state(measured, self.robot_by_pair), self.n)
+        return ModelState.of(
+            evaluate_state(measured, self.robot_by_pair),
+            self.n,
+            len(self.controlled_positions),
+        )
 
     def measure(
         self,
@@ -400,10 +408,10 @@ class ControlModel:
         Args:
             q: (nq,) of the whole plant.
             by: (n,) displacements [rad or m]; of a free root a rotation vector and a
-                translation, in the world.
+                translation, in the world, or one of them.
         """
         q, at = q.copy(), self.controlled_positions
-        q[at] = displaced(q[at], by)
+        q[at] = displaced(q[at], by, self.turn if self.turn < self.n else PLAIN)
         return q
 
     def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:
@@ -426,36 +434,30 @@ class ControlModel:
         check_described_joints(plant, description)
         root = find_root(plant, description)
         moved = [find_joint(plant, name) for name in description.prescribed_joints]
-        free = [] if root is None else [root]
-        controls_root = bool(free) and description.root == "controlled"
-        nq, nv = plant.num_positions(), plant.num_velocities()
-        self.num_free = len(free)
-        self.unactuated, self.root_positions = _entries(free)
-        self.prescribed, self.prescribed_positions = _entries(
-            moved if controls_root else [*moved, *free]
-        )
-        own = _entries(free) if controls_root else _entries([])
-        self.controlled, self.controlled_positions = (
-            # A free root comes last, as the equations have it.
-            np.concatenate(
-                [np.setdiff1d(np.arange(count), [*given, *of_root]), of_root]
-            )
-            for count, given, of_root in zip(
-                (nv, nq), (self.prescribed, self.prescribed_positions), own, strict=True
-            )
-        )
+        self.num_free = int(root is not None)
+        places = find_places(plant, moved, root, description.prescribed_root)
+        self.controlled, self.prescribed, self.unactuated = places.velocities
+        (
+            self.controlled_positions,
+            self.prescribed_positions,
+            self.root_positions,
+        ) = places.positions
         names = names_by_joint(plant)
         try:
             self._actuators = Actuators(plant, names, self.unactuated)
         except ModelError as error:
             raise ModelError(f"robot {description.name}: {error}") from None
         self.n, self.n_p = len(self.controlled), len(self.prescribed)
-        self.num_joints = self.n - len(own[0])
+        self.num_joints = self.n - int(np.isin(self.unactuated, self.controlled).sum())
         self.order = np.concatenate([self.controlled, self.prescribed])
         self._places = np.argsort(self.order)
         self.positions = np.concatenate(
             [self.controlled_positions, self.prescribed_positions]
         )
+        self.turn = PLAIN
+        if self.num_free:
+            self.turn = int(np.argmax(self.positions == self.root_positions[0]))
+        nv = plant.num_velocities()
         self._still = np.zeros(nv)
         if not self.num_joints:
             raise ModelError("the plant has no joint left to control")
@@ -464,7 +466,7 @@ class ControlModel:
         self.joint_names = [names[i] for i in self.controlled]
         self.prescribed_names = [names[i] for i in self.prescribed]
         self.joint_positions = self.controlled_positions[: self.num_joints]
-        # A root's seven positions have no limits, nor have its six velocities.
+        # A root has no limits: its positions may be any n of them.
         at = self.controlled_positions[: self.n]
         self.lower = plant.GetPositionLowerLimits()[at]
         self.upper = plant.GetPositionUpperLimits()[at]
@@ -511,14 +513,3 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
-
-
-def _entries(joints: Sequence[Joint]) -> tuple[np.ndarray, np.ndarray]:
-    """Where joints are in v and in q."""
-    v, q = [], []
-    for joint in joints:
-        start = joint.velocity_start()
-        v += range(start, start + joint.num_velocities())
-        start = joint.position_start()
-        q += range(start, start + joint.num_positions())
-    return np.array(v, dtype=int), np.array(q, dtype=int)

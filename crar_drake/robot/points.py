@@ -89,6 +89,7 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
                 order,
                 model.positions,
                 model.n,
+                model.turn,
                 selection,
                 first,
                 tree,

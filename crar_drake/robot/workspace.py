@@ -24,8 +24,8 @@ class ModelState:
     Attributes:
         qdot: (n,) velocities of the controlled joints [rad/s].
         q_p, qdot_p: (nq_p,), (n_p,) positions and velocities of the prescribed joints.
-        q: (n,) positions of the controlled joints [rad]; a controlled root's seven
-            are not all in it.
+        q: (n,) positions of the controlled joints [rad]; those of a root whose
+            orientation is controlled, which has one more, are not all in it.
         R: (Na, 3, 3) orientations R_WT of the tasks that have one.
         p: (Nl, 3) positions p_WT of the tasks that have one [m].
         v: (m,) task velocities, Eq. (5) with all joints [rad/s, m/s].
@@ -52,14 +52,14 @@ class ModelState:
     dd_dq_p: np.ndarray
 
     @staticmethod
-    def of(state: State, n: int) -> ModelState:
-        """The equations' state, with the n controlled joints apart."""
+    def of(state: State, n: int, nq_c: int) -> ModelState:
+        """The equations' state, with the n controlled joints and their nq_c positions
+        apart."""
         q, v, R, p, J, Jdot_qdot, d, dd_dv = state
-        controls_root = n == len(v) < len(q)
         return ModelState(
             q=q[:n],
             qdot=v[:n],
-            q_p=q[n + controls_root :],
+            q_p=q[nq_c:],
             qdot_p=v[n:],
             R=R,
             p=p,

@@ -27,7 +27,7 @@ _HEADER = """\
 
 # What is written above each key.
 _COMMENTS = {
-    "source": "the robot's own file, URDF or MJCF",
+    "source": "the robot's own file, URDF, SDF or MJCF",
     "srdf": "its posture is where the robot rests, and its disabled pairs may touch",
     "posture": "which group_state of the SRDF",
     "up_axis": "of DAE meshes: file, as each says; z, z up whatever they say",

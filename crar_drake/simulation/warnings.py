@@ -128,7 +128,7 @@ def _of_targets_below_the_floor(scenario: Scenario, setup: Setup) -> Iterator[st
 def moves_root(scenario: Scenario, robot: RobotDescription) -> bool:
     """Whether a motion moves the robot's root, over the floor z = 0 then."""
     driven = any(by != "hold" for by in robot.prescribed_joints.values())
-    return bool(scenario.motion) and (driven or robot.root == "prescribed")
+    return bool(scenario.motion) and (driven or "position" in robot.prescribed_root)
 
 
 def _unit(model: ControlModel, index: int) -> str:

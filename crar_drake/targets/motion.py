@@ -294,7 +294,7 @@ def _prescribed(
     """`prescribed_at` and `MakePrescribedSource` of a `DesiredMotion`."""
     if not model.n_p:
         return lambda time: np.zeros(0), None
-    if model.num_free:
+    if model.description.prescribed_root:
         turns = hip_turns(performer, cutoff) if whole is None else whole.legs.root_turns
         at = _prescribed_motion(model, turns, retargeted, hold)
         return (
@@ -314,22 +314,29 @@ def _prescribed_motion(
     retargeted: RetargetedMotion,
     hold: float,
 ) -> Callable[[float], np.ndarray]:
-    """`desired_prescribed` of a robot whose root floats, as a function of time [s].
+    """`desired_prescribed` of a robot whose root floats, and of whose pose at least a
+    part is prescribed, as a function of time [s].
 
     Other prescribed joints hold.
     """
     root = _root_way(model, turns, retargeted)
     if hold > 0.0:
         root = HeldTrajectory(root, hold, model.plant.time_step())
-    held = model.rest_positions()[model.prescribed_positions[:-7]]
-    still = np.zeros(len(held))
+    given = model.description.prescribed_root
+    others = model.n_p - 3 * len(given)
+    held = model.rest_positions()[model.prescribed_positions[:others]]
+    still = np.zeros(others)
 
     def prescribed_at(time: float) -> np.ndarray:
         R, omega, alpha = root.orientation(time)
-        p, v, a = root.position(time)
-        quaternion = quaternion_from_rotation(R)
+        of_root = {
+            "orientation": (quaternion_from_rotation(R), omega, alpha),
+            "position": root.position(time),
+        }
+        parts = [(held, still, still), *(of_root[part] for part in given)]
         return np.concatenate(
-            [held, quaternion, p, still, omega, v, still, alpha, a], dtype=float
+            [x for derivative in zip(*parts, strict=True) for x in derivative],
+            dtype=float,
         )
 
     return prescribed_at

@@ -308,8 +308,8 @@ def test_names_and_sizes(flying) -> None:
     assert len(flying.lower) == 12 and np.isinf(flying.lower[6:]).all()
     with pytest.raises(ModelError, match="'body.vx' is no controlled joint"):
         make_floater("controlled", tasks=[Task(kind="joint", joint="body.vx")])
-    with pytest.raises(ModelError, match="left_j0: beside a root that is controlled"):
-        make_floater("controlled", prescribed_joints={"left_j0": "hold"})
+    with pytest.raises(ModelError, match="left_j0: the root floats, and goes where"):
+        make_floater("controlled", prescribed_joints={"left_j0": "waist.x"})
 
 
 SCENARIO = """

@@ -49,6 +49,7 @@ from crar_drake.equations.admission import (
     velocity_bounds,
 )
 from crar_drake.equations.compilation import IS_COMPILED
+from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.errors import ModelError
@@ -110,7 +111,7 @@ def test_the_next_path_begins_where_the_plants_steps_lead(steps: int) -> None:
     q, v, s = rng.normal(size=(3, 4))
     for period in (1e-3, 0.01, T):
         q_next, v_next = stepped(q, v, (s - v) / T, period, steps)[-1]
-        found = next_path(q, v, s, T, period, period / steps)
+        found = next_path(q, v, s, T, period, period / steps, PLAIN)
         np.testing.assert_allclose(found[0], q_next, atol=1e-14)
         np.testing.assert_allclose(found[1], T * v_next, atol=1e-14)
 
@@ -121,7 +122,7 @@ def test_the_next_path_of_a_continuous_plant_begins_on_the_parabola() -> None:
     for period in (1e-3, 0.01, T):
         a = (s - v) / T
         q_next = q + period * v + 0.5 * period**2 * a
-        found = next_path(q, v, s, T, period, 0.0)
+        found = next_path(q, v, s, T, period, 0.0, PLAIN)
         np.testing.assert_allclose(found[0], q_next, atol=1e-14)
         np.testing.assert_allclose(found[1], T * (v + period * a), atol=1e-14)
 
@@ -140,7 +141,9 @@ def test_braking_leads_to_a_part_of_the_present_path(
     rng = np.random.default_rng(seed)
     q, v = rng.normal(size=(2, 5))
     period = share * horizon
-    q_next, x = next_path(q, v, np.zeros(5), horizon, period, step_share * period)
+    q_next, x = next_path(
+        q, v, np.zeros(5), horizon, period, step_share * period, PLAIN
+    )
     rest = q_next + x
     first, last = ((x - q) @ v / (horizon * v @ v) for x in (q_next, rest))
     assert -1e-9 <= first <= last + 1e-9 <= 1.0 + 2e-9
@@ -156,8 +159,8 @@ def test_the_next_path_is_no_farther_than_its_velocity_takes_it() -> None:
         for period in (1e-3, 0.02):
             gains = AdmissionGains(T, period, period / steps, 0.0)
             q, v, s = rng.normal(size=(3, 4))
-            start, x = next_path(q, v, s, T, period, gains.step)
-            without, still = next_path(q, v, np.zeros(4), T, period, gains.step)
+            start, x = next_path(q, v, s, T, period, gains.step, PLAIN)
+            without, still = next_path(q, v, np.zeros(4), T, period, gains.step, PLAIN)
             rest, end = start + x, without + still
             for t in np.linspace(0.0, 1.0, 7):
                 off = start + t * (rest - start) - (without + t * (end - without))

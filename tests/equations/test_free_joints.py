@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.blending import blend_joints, smooth_step
 from crar_drake.equations.free_joints import (
+    PLAIN,
     displaced,
     displacement,
-    has_orientations,
+    has_orientation,
     turn_between,
     turned,
     turned_by_plant,
@@ -47,31 +48,39 @@ def test_a_turn_is_scipys(angle: float) -> None:
         np.testing.assert_allclose(turn_between(start, end), phi, rtol=1e-3, atol=1e-15)
 
 
-def test_displacements_and_configurations_fit_each_other() -> None:
-    """Of two plain joints and two free ones, and of plain ones alone."""
+# Where an orientation begins among eight velocities: first, before and after plain
+# entries, last.
+PLACES = [0, 2, 5]
+
+
+@pytest.mark.parametrize("turn", PLACES)
+def test_displacements_and_configurations_fit_each_other(turn: int) -> None:
+    """Of an orientation wherever it stands, and of plain joints alone."""
     rng = np.random.default_rng(3)
-    q = rng.normal(size=16)
-    x = 0.7 * rng.normal(size=14)
-    moved = displaced(q, x)
-    np.testing.assert_allclose(displacement(q, moved, 14), x, atol=1e-14)
-    np.testing.assert_allclose(moved[:2], q[:2] + x[:2], atol=0)
-    np.testing.assert_allclose(moved[6:9], q[6:9] + x[5:8], atol=1e-15)
-    expected = Rotation.from_rotvec(x[8:11]) * rotation(q[9:13])
-    assert (rotation(moved[9:13]) * expected.inv()).magnitude() < 1e-14
+    q, x = rng.normal(size=9), 0.7 * rng.normal(size=8)
+    moved = displaced(q, x, turn)
+    np.testing.assert_allclose(displacement(q, moved, turn), x, atol=1e-14)
+    plain_q = np.delete(np.arange(9), range(turn, turn + 4))
+    plain_x = np.delete(np.arange(8), range(turn, turn + 3))
+    np.testing.assert_array_equal(moved[plain_q], q[plain_q] + x[plain_x])
+    expected = Rotation.from_rotvec(x[turn : turn + 3]) * rotation(q[turn : turn + 4])
+    found = rotation(moved[turn : turn + 4])
+    assert (found * expected.inv()).magnitude() < 1e-14
     # Half the displacement twice is the whole one: a way of constant velocity.
-    np.testing.assert_allclose(displaced(displaced(q, 0.5 * x), 0.5 * x), moved, 1e-12)
+    half = displaced(q, 0.5 * x, turn)
+    np.testing.assert_allclose(displaced(half, 0.5 * x, turn), moved, 1e-12)
     plain = rng.normal(size=(2, 5))
-    np.testing.assert_array_equal(displaced(*plain), plain[0] + plain[1])
-    np.testing.assert_array_equal(displacement(*plain, 5), plain[1] - plain[0])
+    np.testing.assert_array_equal(displaced(*plain, PLAIN), plain[0] + plain[1])
+    np.testing.assert_array_equal(displacement(*plain, PLAIN), plain[1] - plain[0])
 
 
 def test_a_quaternion_of_no_length_is_found() -> None:
     q = np.array([0.3, 1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0])
-    assert has_orientations(q, 7) and has_orientations(q[:1], 1)
+    assert has_orientation(q, 1) and has_orientation(np.zeros(3), PLAIN)
     q[1] = 0.0
-    assert not has_orientations(q, 7)
+    assert not has_orientation(q, 1)
     q[1] = np.nan
-    assert not has_orientations(q, 7)
+    assert not has_orientation(q, 1)
 
 
 @pytest.mark.parametrize("steps", [1, 5])
@@ -84,7 +93,7 @@ def test_the_next_state_is_where_drakes_steps_lead(steps: int) -> None:
     rng = np.random.default_rng(steps)
     q, v, a = np.append(rng.normal(size=4), [1.0, 2.0, 3.0]), *rng.normal(size=(2, 6))
     v, a, period = 8.0 * v, 300.0 * a, 5e-3
-    found = next_state(q, v, a, period, period / steps)
+    found = next_state(q, v, a, period, period / steps, 0)
     for _ in range(steps):
         v = v + period / steps * a
         plant.SetPositions(context, q)
@@ -118,35 +127,35 @@ def test_a_continuous_turn_is_integrated_to_the_fifth_order() -> None:
     assert errors[0] < 1e-3 and errors[1] < errors[0] / 20.0
 
 
-def test_blending_a_free_joint_has_its_own_derivatives() -> None:
+@pytest.mark.parametrize("turn", [0, 1, 4])
+def test_blending_an_orientation_has_its_own_derivatives(turn: int) -> None:
     """From a start onto a moving target: rates by differences; starts where it is."""
-    start = np.concatenate([[0.4], wxyz(Rotation.random(random_state=7)), [0.1, 0, 2]])
+    plain = np.array([0.4, 0.1, 0.0, 2.0])
+    start = np.insert(plain, [turn] * 4, wxyz(Rotation.random(random_state=7)))
     first = Rotation.random(random_state=8)
-    turn, slide = np.array([1.0, -2.0, 0.7]), np.array([0.3, 0.2, -0.5])
+    omega, slide = np.array([1.0, -2.0, 0.7]), np.array([0.3, 0.2, -0.5])
 
     def target(t):
-        q = np.concatenate(
-            [
-                [np.sin(t)],
-                -wxyz(Rotation.from_rotvec(t * turn) * first),  # the other sign
-                [1.0, 2.0, 3.0] + t * slide,
-            ]
+        quaternion = -wxyz(Rotation.from_rotvec(t * omega) * first)  # the other sign
+        x = np.append(np.sin(t), [1.0, 2.0, 3.0] + t * slide)
+        return (
+            np.insert(x, [turn] * 4, quaternion),
+            np.insert(np.append(np.cos(t), slide), [turn] * 3, omega),
+            np.insert([-np.sin(t), 0.0, 0.0, 0.0], [turn] * 3, 0.0),
         )
-        v = np.concatenate([[np.cos(t)], turn, slide])
-        return q, v, np.concatenate([[-np.sin(t)], np.zeros(6)])
 
     def blended(t):
-        return blend_joints(start, *target(t), smooth_step(t, 1.0))
+        return blend_joints(start, *target(t), smooth_step(t, 1.0), turn)
 
     q, v, _ = blended(0.0)
-    np.testing.assert_allclose(displacement(start, q, 7), 0.0, atol=1e-12)
+    np.testing.assert_allclose(displacement(start, q, turn), 0.0, atol=1e-12)
     np.testing.assert_allclose(v, 0.0, atol=1e-12)
     q, v, a = blended(1.0 - 1e-9)
-    np.testing.assert_allclose(displacement(target(1.0)[0], q, 7), 0.0, atol=1e-8)
+    np.testing.assert_allclose(displacement(target(1.0)[0], q, turn), 0.0, atol=1e-8)
     h = 1e-5
     for t in (0.1, 0.4, 0.8):
         q, v, a = blended(t)
         (before, v_before, _), (after, v_after, _) = blended(t - h), blended(t + h)
-        rate = displacement(before, after, 7) / (2.0 * h)
+        rate = displacement(before, after, turn) / (2.0 * h)
         np.testing.assert_allclose(v, rate, atol=1e-7)
         np.testing.assert_allclose(a, (v_after - v_before) / (2.0 * h), atol=1e-6)

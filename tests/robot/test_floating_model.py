@@ -101,7 +101,7 @@ def test_distances_are_the_referees_and_their_gradients_differences(
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
 
     def apart(x: np.ndarray) -> np.ndarray:
-        (moved,) = model.in_plant(displaced(*model.in_order(q), x))
+        (moved,) = model.in_plant(displaced(*model.in_order(q), x, model.turn))
         return referee.distances(moved)
 
     found = model.evaluate_distances(workspace, q)
@@ -190,7 +190,7 @@ def test_bounds_hold_on_ways_of_a_free_root_past_the_world(model: ControlModel) 
         level = rng.uniform(0.0, 0.3, count)
         asked = np.ones(count, dtype=bool)
         bounds = path_bounds(start, x, level, asked, robot, hold(reaches))
-        ways = [displaced(start, t * x) for t in np.linspace(0.0, 1.0, 41)]
+        ways = [displaced(start, t * x, model.turn) for t in np.linspace(0.0, 1.0, 41)]
         d = np.array([referee.distances(model.in_plant(way)[0]) for way in ways])
         smallest = d.min(axis=0)
         clear = bounds.at < 0.0

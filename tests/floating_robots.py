@@ -10,7 +10,11 @@ import numpy as np
 from grounded_robots import add_ground
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    AddMultibodyPlantSceneGraph,
+    MultibodyPlantConfig,
+)
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
@@ -39,7 +43,7 @@ def write_floater(folder: Path, root: str, rpy: str) -> None:
 
     Args:
         folder: that there is.
-        root: "prescribed" or "controlled".
+        root: that floats: "prescribed", "controlled", ...
         rpy: three angles of the rest pose, "[2.3, -1.5, 0.8]" [rad].
     """
     (folder / "robot.urdf").write_text(floating_urdf())
@@ -147,6 +151,39 @@ def make_floater(
     return ControlModel.FromPlant(
         plant, scene_graph, description(root, **changes), tasks
     )
+
+
+SLIDES = ("base_x", "base_y", "base_z")
+TURNS = ("base_roll", "base_pitch", "base_yaw")  # innermost last
+
+
+def on_six_joints(prescribed: tuple[str, ...] = ()) -> ControlModel:
+    """The same robot on three slides and three hinges, each with a motor, of which some
+    are prescribed: at zero they move it as a root that is not turned moves."""
+    parts, parent = [], "world"
+    for kind, names in (("prismatic", SLIDES), ("continuous", TURNS)):
+        for name, axis in zip(names, ("1 0 0", "0 1 0", "0 0 1"), strict=True):
+            child = "body" if name == TURNS[-1] else f"{name}_link"
+            if child != "body":
+                parts.append(f'<link name="{child}"/>')
+            parts.append(
+                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+                f'<child link="{child}"/><axis xyz="{axis}"/></joint>'
+                "<transmission><type>transmission_interface/SimpleTransmission</type>"
+                f'<joint name="{name}"><hardwareInterface>EffortJointInterface'
+                f'</hardwareInterface></joint><actuator name="{name}"/></transmission>'
+            )
+            parent = child
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    urdf = floating_urdf().replace("</robot>", "".join(parts) + "</robot>")
+    Parser(plant).AddModelsFromString(urdf, "urdf")
+    plant.Finalize()
+    robot = RobotDescription(
+        pairs=description().pairs[:-1],
+        prescribed_joints=dict.fromkeys(prescribed, "hold"),
+    )
+    return ControlModel.FromPlant(plant, scene_graph, robot, TASKS)
 
 
 def root_entries(model: ControlModel) -> tuple[np.ndarray, np.ndarray]:

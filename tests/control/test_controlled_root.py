@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 from floating_robots import (
     APART,
+    SLIDES,
     TASKS,
+    TURNS,
     description,
-    floating_urdf,
     make_floater,
+    on_six_joints,
     random_state,
     root_entries,
     stay_apart,
     write_floater,
 )
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 from spy_meshcat import SpyMeshcat
 
@@ -27,7 +26,7 @@ from crar_drake.results.log import SimulationLog
 from crar_drake.results.playback import record_log
 from crar_drake.results.plots import plot_run
 from crar_drake.results.referee import Referee
-from crar_drake.robot.description import RobotDescription, RootPose
+from crar_drake.robot.description import RootPose
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.run import run_scenario
@@ -42,36 +41,6 @@ FLOOR = 4e-3  # the default distance margin, less the slack
 @pytest.fixture(scope="module")
 def flying() -> ControlModel:
     return make_floater("controlled")
-
-
-SLIDES = ("base_x", "base_y", "base_z")
-TURNS = ("base_roll", "base_pitch", "base_yaw")  # innermost last
-
-
-def on_six_joints() -> ControlModel:
-    """The same robot on three slides and three hinges, each with a motor: at zero they
-    move it as a root that is not turned moves."""
-    parts, parent = [], "world"
-    for kind, names in (("prismatic", SLIDES), ("continuous", TURNS)):
-        for name, axis in zip(names, ("1 0 0", "0 1 0", "0 0 1"), strict=True):
-            child = "body" if name == TURNS[-1] else f"{name}_link"
-            if child != "body":
-                parts.append(f'<link name="{child}"/>')
-            parts.append(
-                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
-                f'<child link="{child}"/><axis xyz="{axis}"/></joint>'
-                "<transmission><type>transmission_interface/SimpleTransmission</type>"
-                f'<joint name="{name}"><hardwareInterface>EffortJointInterface'
-                f'</hardwareInterface></joint><actuator name="{name}"/></transmission>'
-            )
-            parent = child
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
-    urdf = floating_urdf().replace("</robot>", "".join(parts) + "</robot>")
-    Parser(plant).AddModelsFromString(urdf, "urdf")
-    plant.Finalize()
-    robot = RobotDescription(pairs=description().pairs[:-1])
-    return ControlModel.FromPlant(plant, scene_graph, robot, TASKS)
 
 
 @pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])

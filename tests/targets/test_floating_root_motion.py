@@ -59,7 +59,7 @@ def model(tmp_path_factory) -> ControlModel:
         },
     )
     description.validate()
-    with pytest.raises(ModelError, match="waist_x: the root is prescribed"):
+    with pytest.raises(ModelError, match="waist_x: the root floats"):
         replace(description, prescribed_joints={"waist_x": "waist.x"}).validate()
     return ControlModel.FromDescription(description, position_tasks(["left_wrist"]))
 
@@ -110,6 +110,38 @@ def test_the_root_is_turned_as_the_hips_and_carries_the_waist(model) -> None:
     assert len(headings) > 10
     still = at(motion.duration + 1.0)
     np.testing.assert_array_equal(still[7:], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("root", "positions", "rates"),
+    [
+        ("prescribed_orientation", slice(0, 4), slice(0, 3)),
+        ("prescribed_position", slice(4, 7), slice(3, 6)),
+    ],
+)
+def test_half_a_root_is_told_half_of_that(model, root, positions, rates) -> None:
+    """Bit for bit; joints that hold are told first."""
+    changes = {"root": root, "prescribed_joints": {"left_elbow": "hold"}}
+    half = ControlModel.FromDescription(
+        replace(model.description, **changes), position_tasks(["left_wrist"])
+    )
+    whole, part = (load_motion_targets("dance", each) for each in (model, half))
+    sources = [each.MakePrescribedSource() for each in (whole, part)]
+    bend = half.description.rest_posture["left_elbow"]
+    for time in (0.0, 1.7, 5.0):
+        found = []
+        for source in sources:
+            context = source.CreateDefaultContext()
+            context.SetTime(time)
+            found.append(source.get_output_port().Eval(context))
+        told = np.split(found[0], [7, 13])
+        expected = [told[0][positions], told[1][rates], told[2][rates]]
+        expected = [
+            np.insert(x, 0, held)
+            for x, held in zip(expected, (bend, 0.0, 0.0), strict=True)
+        ]
+        np.testing.assert_array_equal(found[1], np.concatenate(expected))
+        np.testing.assert_array_equal(part.prescribed_at(time), expected[0])
 
 
 def test_a_motion_without_a_pelvis_is_told() -> None:

@@ -91,10 +91,11 @@ class CrarController(LeafSystem):
         desired_tasks: (layout.size,) [x_d; v_d; a_d] in W, see `TaskLayout`.
         desired_prescribed: (3 n_p,) [q_p; q_dot_p; q_ddot_p], positions, velocities
             and accelerations of the joints `model.prescribed_names`, in that order
-            [rad or m]; only if there are prescribed joints. A free root comes last,
-            with seven positions (the quaternion w, x, y, z of its orientation in W,
-            and where its origin is), its angular velocity and its origin's velocity,
-            both in W, and their derivatives: (3 n_p + 1,) in all.
+            [rad or m]; only if there are prescribed joints. What is prescribed of a
+            free root comes last: the quaternion w, x, y, z of its orientation in W
+            (a position more than velocities: (3 n_p + 1,) in all) and where its origin
+            is, its angular velocity and its origin's velocity, both in W, and their
+            derivatives.
         nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
             robot's rest posture where nothing is connected; absent if
             `CrarParameters.nominal_posture_gain` is 0.
@@ -145,9 +146,10 @@ class CrarController(LeafSystem):
         diagnostics_slices: output port to its place in "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated, but for a root
-    that floats by a quaternion, prescribed or controlled; the plant's torque is exact
-    where its model is the control model's, time step included, and the acceleration is
-    exactly held where the torque period is the plant's step.
+    that floats by a quaternion, its position and its orientation each prescribed or
+    controlled; the plant's torque is exact where its model is the control model's, time
+    step included, and the acceleration is exactly held where the torque period is the
+    plant's step.
     """
 
     def __init__(

@@ -123,9 +123,9 @@ class ControlLaw:
             q: (nq,) measured positions of the whole plant.
 
         Returns:
-            (n,) positions of the controlled joints [rad or m], in whose last six a
-            controlled root has the first of its positions, by which it is not drawn
-            anywhere; (0,) if the parameter `nominal_posture_gain` is 0.
+            (n,) positions of the controlled joints [rad or m], the last of a controlled
+            root as they are, by which it is not drawn anywhere; (0,) if the parameter
+            `nominal_posture_gain` is 0.
         """
         if not self._with_posture:
             return _NOTHING

@@ -24,11 +24,10 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import STATUS_BRAKING
-from crar_drake.equations.admission import SCALED
-from crar_drake.equations.kinematics import Measured, row_distances
+from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
+from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.lookahead_guard import admit
-from crar_drake.equations.lookahead_rows import Constraints, with_resting
-from crar_drake.errors import ScenarioError
+from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.playback import record_log
@@ -239,7 +238,9 @@ def swing(model: ControlModel):
 def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> None:
     """The referee finds no braking path nearer than the certificate says; where a step
     is scaled, so is what is prescribed of the root."""
-    model = make_floater(root)
+    # A body that is told to go into the post cannot be evaded with.
+    pairs = [*description().pairs, ["body", "post"]]
+    model = make_floater(root, pairs=pairs)
     lookahead = LookaheadParameters(fastest_wish=60.0)
     law = ControlLaw(
         model, CrarParameters(period=PERIOD, blend_time=0.0, lookahead=lookahead)
@@ -300,7 +301,8 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     """Whatever velocities, without stage 1 and guard, of every way to share the root:
     next braking paths keep what they are to keep, by samples of the referee, and end
     within the limits of joints."""
-    model = make_floater(root, prescribed_joints={"right_j2": "hold"})
+    pairs = [*description().pairs, ["body", "post"]]
+    model = make_floater(root, pairs=pairs, prescribed_joints={"right_j2": "hold"})
     law = ControlLaw(model, CrarParameters(period=period, blend_time=0.0))
     robot, numbers = law.mode.robot.value, law.mode.numbers.value
     n, T, order = model.n, HORIZON, model.order
@@ -309,7 +311,7 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     moves = Moves(model.plant)
     judges = [
         Referee(model.plant, model.scene_graph, pairs)
-        for pairs in (OWN, model.description.pairs[-1:])
+        for pairs in (OWN, pairs[len(OWN) :])
     ]
 
     def nearest(judge, q, v):
@@ -321,18 +323,25 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     hows, seen = [], np.inf
     for start in range(5):
         rng = np.random.default_rng(start)
+        # So fast that the path is just clear, and its end within the limits.
+        still = np.zeros(len(order))
         while True:
             q, v = random_state(model, rng.integers(1000))
-            v *= rng.choice([0.03, 0.3, 1.0])
             at = root_entries(model)[0]
             q[at[:4]] /= np.linalg.norm(q[at[:4]])
-            if min(nearest(judge, q, v) for judge in judges) > 5e-3:
+            if min(nearest(judge, q, still) for judge in judges) > 5e-3:
                 break
+        v *= rng.choice([1.0, 5.0])
+        ends = np.abs(q[positions] + T * v[joints]).max()
+        while ends > 2.4 or min(nearest(judge, q, v) for judge in judges) < 4.5e-3:
+            v *= 0.95
+            ends = np.abs(q[positions] + T * v[joints]).max()
         for step in range(10):
             if step % 5 == 0:
                 s = rng.normal(size=len(v)) * 10.0 ** rng.uniform(0.0, 2.2)
-            both = with_resting(q, v, robot, T)
-            d = row_distances(Measured(both, v, np.zeros((0, 7))), robot)
+            both = np.array([q, moves.along(q, T * v)])
+            measured = Measured(both, v, np.zeros((0, 7)))
+            d = evaluate_state(measured, law.mode.robot).d
             found, s_p, told = admit(
                 s[:n],
                 s[n:],
@@ -360,7 +369,8 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
             ends = q[positions] + T * v[joints]
             assert (ends <= model.upper[within] + 1e-9).all()
             assert (ends >= model.lower[within] - 1e-9).all()
-    assert SCALED in hows, "nothing was scaled"
+    assert {AS_WISHED, CORRECTED} <= set(hows)
+    assert SCALED in hows or period < 0.02, "nothing was scaled"
     assert seen < 0.01, "nothing came near"
 
 
@@ -464,11 +474,3 @@ def test_a_run_is_simulated_logged_and_judged(root, constraints, tmp_path) -> No
     spy = SpyMeshcat()
     record_log(log, tmp_path / "page.html", meshcat=spy)
     assert (tmp_path / "page.html").stat().st_size > 1e5
-
-
-def test_feet_need_all_of_it(tmp_path) -> None:
-    """A motion's feet are led where the whole pose is given."""
-    write_floater(tmp_path, POSITION, "[0, 0, 0]")
-    text = f"robot: {tmp_path}\ntasks: [{{frame: left_foot}}]\nmotion: dance\n"
-    with pytest.raises(ScenarioError):
-        run_scenario(parse_scenario(text, "t"))

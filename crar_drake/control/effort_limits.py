@@ -107,7 +107,8 @@ class EffortLimits:
         self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
         self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         ticks = gains.torque_ticks(float(model.plant.time_step()))
-        self._last_torque = self._period * (ticks - 1) / ticks
+        # After the control tick.
+        self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
 
     def compile(
         self, workspace: Workspace, measured: Measured, vdot: np.ndarray
@@ -242,20 +243,22 @@ class EffortLimits:
     def _excess_to_come(
         self, workspace: Workspace, measured: Measured, found: Limited
     ) -> np.ndarray | None:
-        """By how much (nu,) torques will be beyond the limits at the period's last
-        torque tick, while the accelerations are held; None if none will.
+        """By how much (nu,) torques will be beyond the limits at this period's torque
+        ticks, while the accelerations are held; None if none will.
 
         Coriolis forces and gravity change within a period.
         """
         limits = self.limits
-        if not self._last_torque or np.all(np.abs(found.actuation) <= _CALM * limits):
+        calm = np.all(np.abs(found.actuation) <= _CALM * limits)
+        if calm or not self._torque_times:
             return None
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)
-        there = self._unlimited(
-            measured, found.vdot, found.actuation, self._last_torque
-        )
-        plant.SetPositionsAndVelocities(context, there.after)
-        last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
+        most = np.zeros(len(limits))
+        for time in self._torque_times:
+            there = self._unlimited(measured, found.vdot, found.actuation, time)
+            plant.SetPositionsAndVelocities(context, there.after)
+            tau = self._model.inverse_dynamics(workspace, found.vdot)
+            most = np.maximum(most, np.abs(tau))
         plant.SetPositionsAndVelocities(context, here)
-        return np.maximum(last - limits, 0.0) if np.any(last > limits) else None
+        return np.maximum(most - limits, 0.0) if np.any(most > limits) else None

@@ -209,16 +209,12 @@ class EffortLimits:
         return Limited(vdot, actuation, limit, after, told)
 
     def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
-        """`limit_torque` at the state, of the controlled joints; then of all, where the
-        prescribed ones ask for more than the motors have, whatever the others do, or
-        could not brake from where they are led."""
-        share = 1.0
+        """`limit_torque` at the state. Where the prescribed joints ask for more than
+        the motors have, whatever the others do, they brake along."""
         for holding in self._braking:
             found = self._held(measured, wish, limits, self._period, holding)
             if found.torque_limit[1] == 0.0:
-                share *= found.torque_limit[0]
-                wish = wish._replace(vdot=found.vdot, actuation=found.actuation)
-                found.torque_limit[0] = share
+                break
         return found
 
     def _unlimited(

@@ -174,7 +174,7 @@ class EffortLimits:
     ) -> Limited:
         """The wish, or the nearest within these limits (nu,)."""
         slowed = self._slowed(measured, wish, limits)
-        if slowed.torque_limit[0] == 1.0:
+        if (slowed.torque_limit == (1.0, 0.0)).all():
             return slowed
         return self._nearest(workspace, measured, wish, limits)
 

@@ -11,6 +11,7 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
     VectorLogSink,
 )
+from scipy.optimize import linprog
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control import effort_limits
@@ -18,6 +19,7 @@ from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import InputError
+from crar_drake.equations.admission import SCALED
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -377,6 +379,42 @@ def test_a_torque_that_will_pass_its_limit_is_lowered_from_what_it_is():
             assert torque.max() <= 60.0 + 1e-9, (ticks, torque.max())
         grows += torque.max() > 59.0 and np.abs(solution.actuation).max() < 58.0
     assert grows
+
+
+def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits():
+    """Even where neither the wish nor braking is, nor anything between them. What there
+    is within is found by a linear program, of Drake's own inverse dynamics."""
+    effort = 8.0
+    law = Loop(
+        effort=effort,
+        respect_effort_limits=True,
+        period=STEP,
+        constraints="lookahead",
+    ).controller.law
+    model, workspace = law.model, law.model.MakeWorkspace()
+    rng, n, far = np.random.default_rng(0), len(START), 0
+    for _ in range(600):
+        q = START + 0.5 * rng.standard_normal(n)
+        v = rng.uniform(-1.0, 1.0, n) * rng.choice([0.5, 2.0, 6.0])
+        law.reset()
+        solution = law.step(q, v, TARGET)
+        measured = model.measure(workspace, q, v)
+        still = model.inverse_dynamics(workspace, np.zeros(n))
+        inertia = model.effort_per_acceleration(workspace)
+        lowest, highest = law.mode.acceleration_bounds(measured)
+        within = linprog(
+            np.zeros(n),
+            np.vstack((inertia, -inertia)),
+            np.concatenate((0.999 * effort - still, 0.999 * effort + still)),
+            bounds=np.column_stack((lowest, highest)),
+        )
+        braking = still - inertia @ v / law.parameters.braking_horizon
+        # What is scaled to keep clear has braking's torque, whatever it is.
+        scaled = solution.of_mode["admission"][0] == SCALED
+        if within.status == 0 and not scaled:
+            assert solution.torque_limit[1] < 1e-4
+            far += np.abs(braking).max() > 1.05 * effort
+    assert far > 20
 
 
 # --- a user's own loop ------------------------------------------------------------

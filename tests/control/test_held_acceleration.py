@@ -417,6 +417,52 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits():
     assert far > 20
 
 
+def test_no_less_of_the_wish_is_left_than_the_way_to_braking_has():
+    """What is nearest may be where the robot may not go, and is scaled to nothing: a
+    share of the wish that is within the limits and clear is then taken instead."""
+    effort = 15.0
+    law, free = (
+        Loop(
+            effort=effort,
+            respect_effort_limits=respected,
+            period=STEP,
+            constraints="lookahead",
+        ).controller.law
+        for respected in (True, False)
+    )
+    model, workspace = law.model, law.model.MakeWorkspace()
+    T, rng, n, mattered = law.parameters.braking_horizon, np.random.default_rng(1), 4, 0
+    for _ in range(1500):
+        q = START + 0.8 * rng.standard_normal(n)
+        v = rng.uniform(-4.0, 4.0, n)
+        target = TARGET.copy()
+        target[:3] += 0.3 * rng.standard_normal(3)
+        for one in (law, free):
+            one.reset()
+        solution, wish = law.step(q, v, target), free.step(q, v, target)
+        if solution.torque_limit[0] == 1.0 or not wish.of_mode["admission"][3]:
+            continue
+        measured = model.measure(workspace, q, v)
+        still = model.inverse_dynamics(workspace, np.zeros(n))
+        inertia = model.effort_per_acceleration(workspace)
+        braking = still - inertia @ v / T
+        for share in np.linspace(1.0, 0.0, 21):
+            a = share * wish.acceleration - (1.0 - share) * v / T
+            torque = still + inertia @ a
+            next_braking = braking - STEP / T * (torque - still)
+            within = np.abs(torque).max() <= effort
+            stops = np.abs(next_braking).max() <= 0.8 * effort
+            if (
+                within
+                and stops
+                and np.array_equal(a, law.mode.admit_again(measured, a)[0])
+            ):
+                assert solution.torque_limit[0] > share - 1e-6
+                mattered += share > 0.1
+                break
+    assert mattered > 20
+
+
 # --- a user's own loop ------------------------------------------------------------
 
 

@@ -82,7 +82,7 @@ class EffortLimits:
         self.finite = bool(np.isfinite(self.limits).any())
         self._model, self._mode = model, mode
         self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
-        # Who gives way where limits are passed: the controlled joints; then all of them.
+        # Who gives way where limits are passed: the controlled joints; then all.
         self._giving_way = [model.controlled]
         if model.n_p:
             self._giving_way.append(model.order)

@@ -82,10 +82,10 @@ class EffortLimits:
         self.finite = bool(np.isfinite(self.limits).any())
         self._model, self._mode = model, mode
         self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
-        # Who brakes where limits are passed: the controlled joints; then all of them.
-        braking = [model.controlled]
+        # Who gives way where limits are passed: the controlled joints; then all.
+        self._giving_way = [model.controlled]
         if model.n_p:
-            braking.append(np.arange(model.plant.num_velocities()))
+            self._giving_way.append(model.order)
         plant_step = float(model.plant.time_step())
         self._braking = [
             hold(
@@ -99,16 +99,16 @@ class EffortLimits:
                     model.turn,
                 )
             )
-            for joints in braking
+            for joints in self._giving_way
         ]
         # Of what `held_step` returns.
         nv = model.plant.num_velocities()
         nu = model.plant.num_actuated_dofs()
         ends = (0, nv, nv + nu, nv + nu + 2)
         self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
-        self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         ticks = gains.torque_ticks(float(model.plant.time_step()))
-        self._last_torque = self._period * (ticks - 1) / ticks
+        # After the control tick.
+        self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
 
     def compile(
         self, workspace: Workspace, measured: Measured, vdot: np.ndarray
@@ -172,40 +172,74 @@ class EffortLimits:
     def _within(
         self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
     ) -> Limited:
-        """The wish, or the nearest within these limits (nu,)."""
+        """The wish, or the nearest within these limits (nu,), as the mode allows it; or
+        a share of the wish, if that is more than the mode leaves of the nearest."""
         slowed = self._slowed(measured, wish, limits)
-        if slowed.torque_limit[0] == 1.0:
+        share, excess = slowed.torque_limit
+        if share == 1.0 and excess == 0.0:
             return slowed
-        return self._nearest(workspace, measured, wish, limits)
+        near = self._nearest(workspace, measured, wish, limits)
+        found = self._admitted(workspace, measured, wish, limits, near)
+        if excess == 0.0 and share > found.torque_limit[0]:
+            scaled = self._admitted(workspace, measured, wish, limits, slowed)
+            if scaled.torque_limit[0] > found.torque_limit[0]:
+                return scaled
+        return found
 
     def _nearest(
-        self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        wish: Effort,
+        limits: np.ndarray,
     ) -> Limited:
-        """The nearest accelerations within the limits, as the mode allows them."""
-        model, mode, T = self._model, self._mode, self._horizon
-        near = nearest_accelerations(
-            wish.vdot,
-            wish.actuation,
-            wish.inertia,
-            measured.v,
-            model.controlled,
-            limits,
-            *(mode.acceleration_bounds(measured) or self._unbounded),
-            T,
-            self._period,
-        )
-        found = wish._replace(
-            vdot=near, actuation=model.inverse_dynamics(workspace, near)
-        )
-        slowed = self._slowed(measured, found, limits)
-        actuation, limit = slowed.actuation, slowed.torque_limit
-        vdot, told = mode.admit_again(measured, slowed.vdot)
-        after = slowed.after
+        """The nearest accelerations within the limits: of the controlled joints; if
+        there are none, of all."""
+        model, n = self._model, self._model.n
+        bounds = np.full((2, len(model.order)), np.inf)
+        bounds[0] = -np.inf
+        bounds[:, :n] = self._mode.acceleration_bounds(measured) or bounds[:, :n]
+        for joints in self._giving_way:
+            lowest, highest = bounds[:, : len(joints)].copy()
+            near = nearest_accelerations(
+                wish.vdot,
+                wish.actuation,
+                wish.inertia,
+                measured.v,
+                joints,
+                limits,
+                lowest,
+                highest,
+                self._horizon,
+                self._period,
+            )
+            found = wish._replace(
+                vdot=near, actuation=model.inverse_dynamics(workspace, near)
+            )
+            slowed = self._slowed(measured, found, limits)
+            if slowed.torque_limit[1] == 0.0:
+                break
+        return slowed
+
+    def _admitted(
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        wish: Effort,
+        limits: np.ndarray,
+        slowed: Limited,
+    ) -> Limited:
+        """What the mode admits of accelerations within the limits."""
+        model = self._model
+        actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
+        vdot, told = self._mode.admit_again(measured, slowed.vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
             after = self._unlimited(measured, vdot, actuation, self._period).after
-        limit[0] = share_of_wish(vdot, wish.vdot, measured.v, model.controlled, T)
+        limit[0] = share_of_wish(
+            vdot, wish.vdot, measured.v, model.controlled, self._horizon
+        )
         return Limited(vdot, actuation, limit, after, told)
 
     def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
@@ -239,20 +273,22 @@ class EffortLimits:
     def _excess_to_come(
         self, workspace: Workspace, measured: Measured, found: Limited
     ) -> np.ndarray | None:
-        """By how much (nu,) torques will be beyond the limits at the period's last
-        torque tick, while the accelerations are held; None if none will.
+        """By how much (nu,) torques will be beyond the limits at this period's torque
+        ticks, while the accelerations are held; None if none will.
 
         Coriolis forces and gravity change within a period.
         """
         limits = self.limits
-        if not self._last_torque or np.all(np.abs(found.actuation) <= _CALM * limits):
+        calm = np.all(np.abs(found.actuation) <= _CALM * limits)
+        if calm or not self._torque_times:
             return None
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)
-        there = self._unlimited(
-            measured, found.vdot, found.actuation, self._last_torque
-        )
-        plant.SetPositionsAndVelocities(context, there.after)
-        last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
+        most = np.zeros(len(limits))
+        for time in self._torque_times:
+            there = self._unlimited(measured, found.vdot, found.actuation, time)
+            plant.SetPositionsAndVelocities(context, there.after)
+            tau = self._model.inverse_dynamics(workspace, found.vdot)
+            most = np.maximum(most, np.abs(tau))
         plant.SetPositionsAndVelocities(context, here)
-        return np.maximum(last - limits, 0.0) if np.any(last > limits) else None
+        return np.maximum(most - limits, 0.0) if np.any(most > limits) else None

@@ -24,7 +24,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import STATUS_BRAKING
-from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
+from crar_drake.equations.admission import AS_WISHED, SCALED
 from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
@@ -315,19 +315,20 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     ]
 
     def nearest(judge, q, v):
-        path = np.linspace(0.0, T, 40)
+        path = np.linspace(0.0, T, 25)
         return min(judge.distances(moves.along(q, t * v)).min() for t in path)
 
     joints, positions = model.controlled[: model.num_joints], model.joint_positions
     within = slice(model.num_joints)
     hows, seen = [], np.inf
-    for start in range(5):
+    for start in range(4):
         rng = np.random.default_rng(start)
         # So fast that the path is just clear, and its end within the limits.
         still = np.zeros(len(order))
         while True:
             q, v = random_state(model, rng.integers(1000))
             at = root_entries(model)[0]
+            q[at[4:]] = [0.6, 0.5, 0.2] + 0.4 * q[at[4:]]  # about the post
             q[at[:4]] /= np.linalg.norm(q[at[:4]])
             if min(nearest(judge, q, still) for judge in judges) > 5e-3:
                 break
@@ -337,8 +338,8 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
             v *= 0.95
             ends = np.abs(q[positions] + T * v[joints]).max()
         for step in range(10):
-            if step % 5 == 0:
-                s = rng.normal(size=len(v)) * 10.0 ** rng.uniform(0.0, 2.2)
+            if step % 3 == 0:
+                s = rng.normal(size=len(v)) * 10.0 ** rng.uniform(0.5, 2.5)
             both = np.array([q, moves.along(q, T * v)])
             measured = Measured(both, v, np.zeros((0, 7)))
             d = evaluate_state(measured, law.mode.robot).d
@@ -369,8 +370,7 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
             ends = q[positions] + T * v[joints]
             assert (ends <= model.upper[within] + 1e-9).all()
             assert (ends >= model.lower[within] - 1e-9).all()
-    assert {AS_WISHED, CORRECTED} <= set(hows)
-    assert SCALED in hows or period < 0.02, "nothing was scaled"
+    assert AS_WISHED in hows and SCALED in hows
     assert seen < 0.01, "nothing came near"
 
 

@@ -321,7 +321,7 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     joints, positions = model.controlled[: model.num_joints], model.joint_positions
     within = slice(model.num_joints)
     hows, seen = [], np.inf
-    for start in range(4):
+    for start in range(5):
         rng = np.random.default_rng(start)
         # So fast that the path is just clear, and its end within the limits.
         still = np.zeros(len(order))
@@ -370,7 +370,8 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
             ends = q[positions] + T * v[joints]
             assert (ends <= model.upper[within] + 1e-9).all()
             assert (ends >= model.lower[within] - 1e-9).all()
-    assert AS_WISHED in hows and SCALED in hows
+    assert min(hows) == AS_WISHED < max(hows)
+    assert SCALED in hows or period < 0.02, "nothing was scaled"
     assert seen < 0.01, "nothing came near"
 
 

@@ -31,7 +31,10 @@ _CALM = 0.5
 # By what a torque passes its limit within a period the limit is lowered, and by so much
 # more of it [1], for other accelerations let it grow otherwise; so often at most, and
 # at most to this share of the limit [1].
-_GROWTH, _TRIES, _MOST_FREE = 1.2, 3, 0.5
+_GROWTH, _TRIES, _MOST_FREE = 1.2, 8, 0.3
+
+# What `nearest_accelerations` and rounding leave beyond a limit is no excess [1].
+_NO_EXCESS = 1e-4
 
 _NO_INERTIA = np.zeros((0, 0))
 
@@ -115,7 +118,7 @@ class EffortLimits:
     ) -> None:
         """Compiles what has yet to be, at the workspace's state."""
         wish = self._effort(workspace, vdot)
-        self._nearest(workspace, measured, wish, self.limits)
+        self._nearest(workspace, measured, wish, self.limits, self._model.controlled)
 
     def limited(
         self,
@@ -123,8 +126,6 @@ class EffortLimits:
         measured: Measured,
         vdot: np.ndarray,
         actuation: np.ndarray,
-        *,
-        braking: bool,
     ) -> Limited:
         """Accelerations near the wish that are within the limits and the mode's bounds,
         in this period's torque ticks, too; the wish where nothing is limited.
@@ -133,14 +134,11 @@ class EffortLimits:
             workspace: at the state of the control step, where it is left.
             measured: of the same state.
             vdot, actuation: (nv,), (nu,) the wish and its torque.
-            braking: whether the wish is to brake: then its torque is clipped, at most.
         """
         if not self.finite:
             return self._unlimited(measured, vdot, actuation, self._period)
         inertia = self._model.effort_per_acceleration(workspace)
         wish = Effort(vdot, actuation, inertia)
-        if braking:
-            return self._slowed(measured, wish, self.limits)
         limits = self.limits
         found = self._within(workspace, measured, wish, limits)
         for _ in range(_TRIES):
@@ -152,7 +150,7 @@ class EffortLimits:
             lowered = np.maximum(lowered, _MOST_FREE * self.limits)
             limits = np.where(excess > 0.0, lowered, limits)
             again = self._within(workspace, measured, wish, limits)
-            if again.torque_limit[1]:
+            if again.torque_limit[1] > _NO_EXCESS:
                 break
             found = again
         return found
@@ -172,14 +170,18 @@ class EffortLimits:
     def _within(
         self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
     ) -> Limited:
-        """The wish, or the nearest within these limits (nu,), as the mode allows it; or
-        a share of the wish, if that is more than the mode leaves of the nearest."""
+        """The wish, or the nearest within these limits (nu,), as the mode allows it: of
+        the controlled joints, or where that is not enough, of all; or a share of the
+        wish, if that is more than the mode leaves of the nearest."""
         slowed = self._slowed(measured, wish, limits)
         share, excess = slowed.torque_limit
         if share == 1.0 and excess == 0.0:
             return slowed
-        near = self._nearest(workspace, measured, wish, limits)
-        found = self._admitted(workspace, measured, wish, limits, near)
+        for joints in self._giving_way:
+            near = self._nearest(workspace, measured, wish, limits, joints)
+            found = self._admitted(workspace, measured, wish, limits, near)
+            if found.torque_limit[1] <= _NO_EXCESS:
+                break
         if excess == 0.0 and share > found.torque_limit[0]:
             scaled = self._admitted(workspace, measured, wish, limits, slowed)
             if scaled.torque_limit[0] > found.torque_limit[0]:
@@ -192,34 +194,30 @@ class EffortLimits:
         measured: Measured,
         wish: Effort,
         limits: np.ndarray,
+        joints: np.ndarray,
     ) -> Limited:
-        """The nearest accelerations within the limits: of the controlled joints; if
-        there are none, of all."""
+        """The nearest accelerations within the limits of those joints that give way, or
+        what is left of them."""
         model, n = self._model, self._model.n
-        bounds = np.full((2, len(model.order)), np.inf)
+        bounds = np.full((2, len(joints)), np.inf)
         bounds[0] = -np.inf
         bounds[:, :n] = self._mode.acceleration_bounds(measured) or bounds[:, :n]
-        for joints in self._giving_way:
-            lowest, highest = bounds[:, : len(joints)].copy()
-            near = nearest_accelerations(
-                wish.vdot,
-                wish.actuation,
-                wish.inertia,
-                measured.v,
-                joints,
-                limits,
-                lowest,
-                highest,
-                self._horizon,
-                self._period,
-            )
-            found = wish._replace(
-                vdot=near, actuation=model.inverse_dynamics(workspace, near)
-            )
-            slowed = self._slowed(measured, found, limits)
-            if slowed.torque_limit[1] == 0.0:
-                break
-        return slowed
+        near = nearest_accelerations(
+            wish.vdot,
+            wish.actuation,
+            wish.inertia,
+            measured.v,
+            joints,
+            limits,
+            bounds[0],
+            bounds[1],
+            self._horizon,
+            self._period,
+        )
+        found = wish._replace(
+            vdot=near, actuation=model.inverse_dynamics(workspace, near)
+        )
+        return self._slowed(measured, found, limits)
 
     def _admitted(
         self,

@@ -381,9 +381,11 @@ def test_a_torque_that_will_pass_its_limit_is_lowered_from_what_it_is():
     assert grows
 
 
-def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits():
-    """Even where neither the wish nor braking is, nor anything between them. What there
-    is within is found by a linear program, of Drake's own inverse dynamics."""
+@pytest.mark.parametrize("target", [TARGET, np.full_like(TARGET, np.nan)])
+def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(target):
+    """Even where neither the wish nor braking is, nor anything between them, and where
+    the wish is to brake, since the targets are lost. What there is within is found by a
+    linear program, of Drake's own inverse dynamics."""
     effort = 8.0
     law = Loop(
         effort=effort,
@@ -397,7 +399,7 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits():
         q = START + 0.5 * rng.standard_normal(n)
         v = rng.uniform(-1.0, 1.0, n) * rng.choice([0.5, 2.0, 6.0])
         law.reset()
-        solution = law.step(q, v, TARGET)
+        solution = law.step(q, v, target)
         measured = model.measure(workspace, q, v)
         still = model.inverse_dynamics(workspace, np.zeros(n))
         inertia = model.effort_per_acceleration(workspace)
@@ -410,7 +412,7 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits():
         )
         braking = still - inertia @ v / law.parameters.braking_horizon
         # What is scaled to keep clear has braking's torque, whatever it is.
-        scaled = solution.of_mode["admission"][0] == SCALED
+        scaled = solution.admission[0] == SCALED
         if within.status == 0 and not scaled:
             assert solution.torque_limit[1] < 1e-4
             far += np.abs(braking).max() > 1.05 * effort

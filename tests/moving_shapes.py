@@ -300,13 +300,14 @@ def shapes_of_every_joint(like: Robot) -> MovingShapes:
     placed += points + vectors
     links = np.array([joints.place(body)[0] for body in watched.bodies])
     carried = joints.moved_by[links][:, order].astype(float)
+    selection, first = joints.select(placed)
     robot = like._replace(
         order=order,
         positions=order,
         n=nv,
         tree=hold(joints.tree),
-        selection=joints.select(placed),
-        first=np.array([4 * frame for frame, _ in placed]),
+        selection=selection,
+        first=first,
         pairs=hold(
             watched.for_equations(
                 1,

@@ -22,7 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.peers.compare import Entry, parser_of, recorded, run_command
+from benchmarks.peers.compare import (
+    Entry,
+    PeerError,
+    parser_of,
+    recorded,
+    run_command,
+)
 from benchmarks.peers.peers import MARGIN, Peer, every
 from benchmarks.peers.problem import finite_or_none, write_robot
 from benchmarks.peers.report import machine
@@ -318,6 +324,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--no-meshes", action="store_true", help="judge capsules alone")
     parser.add_argument("--only", default="", help="filters whose names contain this")
+    parser.add_argument(
+        "--taken",
+        type=Path,
+        help="filters.json of an earlier run: try the settings alone that it took",
+    )
     parser.add_argument("--table", type=Path, help="write the table to this file")
     arguments = parser.parse_args(argv)
     description = load_robot_description(arguments.robot).without_ground()
@@ -334,12 +345,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     periods = write_references(out / "problem", description, references, starts)
     tried: dict[str, dict[str, list[Tried]]] = {}
     versions: dict[str, str] = {}
-    rows = [
-        Entry(f"{peer.name} {i}", peer, dict.fromkeys(references, settings))
-        for peer in FILTERS
-        if arguments.only in peer.name
-        for i, settings in enumerate(peer.grid)
-    ]
+    peers = [peer for peer in FILTERS if arguments.only in peer.name]
+    rows = entries(peers, list(references), arguments.taken)
     for entry, found in recorded(rows, periods, arguments, out / "problem", keep=True):
         of_peer = tried.setdefault(entry.peer.name, {name: [] for name in references})
         for name, result in found.items():
@@ -382,6 +389,39 @@ def main(argv: Sequence[str] | None = None) -> None:
         told = {name: [asdict(r) for r in each] for name, each in made.items()}
         temporary.write_text(json.dumps(told, indent=1))
     write_report(report(made, versions), arguments.table)
+
+
+def entries(
+    peers: Sequence[Peer], names: Sequence[str], taken: Path | None
+) -> list[Entry]:
+    """Every setting of the peers' grids on every motion; or of each motion the one that
+    an earlier run took.
+
+    Args:
+        peers: which.
+        names: of the motions.
+        taken: `filters.json` of that run; None for the grids.
+
+    Raises:
+        PeerError: it cannot be read, or lacks a peer or a motion.
+    """
+    if taken is None:
+        return [
+            Entry(f"{peer.name} {i}", peer, dict.fromkeys(names, settings))
+            for peer in peers
+            for i, settings in enumerate(peer.grid)
+        ]
+    try:
+        told = json.loads(taken.read_text())
+        of = {name: {r["name"]: r["settings"] for r in told[name]} for name in names}
+        return [
+            Entry(f"{peer.name} taken", peer, {n: of[n][peer.name] for n in names})
+            for peer in peers
+        ]
+    except (OSError, ValueError) as error:
+        raise PeerError(f"{taken}: {error}") from None
+    except (KeyError, TypeError) as error:
+        raise PeerError(f"{taken}: has no settings of {error}") from None
 
 
 def report(made: dict[str, list[Row]], versions: dict[str, str]) -> str:

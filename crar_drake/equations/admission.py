@@ -35,7 +35,7 @@ from crar_drake.equations.vectors import (
     product,
     put,
     put_at,
-    times,
+    transposed_times,
 )
 
 # How a step was admitted.
@@ -53,7 +53,9 @@ _FAR = 1e3  # [m] a bound for what nobody asks
 
 
 class Reaches(NamedTuple):
-    """How far each joint can move the shapes of Np pairs; joints as in `Robot.order`.
+    """How far each joint can move the shapes of pairs; joints as in `Robot.order`.
+
+    Of Np pairs, Np' are looked at: all, or some (`nearby.some_reaches`).
 
     Made by `robot.reach.find_reaches`, from the robot's shapes and joints alone.
     """
@@ -62,9 +64,10 @@ class Reaches(NamedTuple):
     b_alone: np.ndarray  # (Np, nv) and its second
     a: np.ndarray  # (Np, nv) farthest that a's axis can be from the joint's [m/rad, 1]
     b: np.ndarray  # (Np, nv) both 0 where the joint does not move the shape alone
-    farthest: np.ndarray  # (Np, nv) a + b
+    farthest: np.ndarray  # (nv, Np') a + b
     above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
-    rows: np.ndarray  # (Np,) the row of each pair among those of `State.d`
+    rows: np.ndarray  # (Np',) the row of each pair among those of `State.d`
+    own: np.ndarray  # (Np',) and among those above, which may be more
 
 
 class Bounds(NamedTuple):
@@ -152,7 +155,7 @@ def velocity_bounds(
 def _path_curvature_loops(x, pairs, reaches):
     curvature = np.empty(len(pairs))
     for k in range(len(pairs)):
-        pair = pairs[k]
+        pair = reaches.own[pairs[k]]
         of_a = _shape_curvature(x, reaches.a_alone[pair], reaches.a[pair], reaches)
         of_b = _shape_curvature(x, reaches.b_alone[pair], reaches.b[pair], reaches)
         curvature[k] = of_a + of_b
@@ -190,6 +193,7 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
         pairs: (k,) which.
         reaches: of all pairs.
     """
+    pairs = reaches.own[pairs]
     speed, above = np.abs(x), reaches.above.T
     own = reaches.a[pairs] * speed
     before = (reaches.a_alone[pairs] * speed) @ above
@@ -199,7 +203,38 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
     return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
+def _shadow_gap_loops(n, p_a, u, a, p_b, v, b, half):
+    gap = np.empty(len(n))
+    for k in range(len(n)):
+        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p_a[k], u[k], a[k], half)
+        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p_b[k], v[k], b[k], half)
+        gap[k] = min(
+            min(a_0 - da_0, a_1 - da_1) - max(b_0 - db_0, b_1 - db_1),
+            min(a_0 + da_0, a_1 + da_1) - max(b_0 + db_0, b_1 + db_1),
+        )
+    return gap
+
+
 @compiled
+def _end_shadows(n, p, u, a, half):
+    """Of one segment of (A4): the shadows of both ends, and what they move by."""
+    w_0, w_1, w_2 = a[0], a[1], a[2]
+    start = n[0] * p[0] + n[1] * p[1] + n[2] * p[2]
+    along = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
+    moves = half * (
+        n[0] * (a[3] + (w_1 * p[2] - w_2 * p[1]))
+        + n[1] * (a[4] + (w_2 * p[0] - w_0 * p[2]))
+        + n[2] * (a[5] + (w_0 * p[1] - w_1 * p[0]))
+    )
+    turns = half * (
+        n[0] * (w_1 * u[2] - w_2 * u[1])
+        + n[1] * (w_2 * u[0] - w_0 * u[2])
+        + n[2] * (w_0 * u[1] - w_1 * u[0])
+    )
+    return start, start + along, moves, moves + turns
+
+
+@compiled(loops=_shadow_gap_loops)
 def shadow_gap(
     n: np.ndarray,
     p_a: np.ndarray,
@@ -241,13 +276,39 @@ def shadow_gap(
 
 
 @compiled
-def place_all(q: np.ndarray, r: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """All points (P, 3) and S (6, nv) at one configuration (nq,)."""
+def place_pairs(
+    q: np.ndarray, some: np.ndarray, r: Robot
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The axes of some pairs, and S, at one configuration (nq,).
+
+    Args:
+        q: (nq,) positions.
+        some: (k,) which pairs.
+        r: of the robot.
+
+    Returns:
+        (k, 3) each: where the axes of a start, and from there to their ends; likewise
+        of b [m]; (6, nv) `joint_motion`.
+    """
+    pairs, joints, count = r.pairs.value, 3 * len(r.order), len(some)
     in_plant = np.empty((1, len(q)))
     for i in range(len(q)):
         in_plant[0, r.positions[i]] = q[i]
-    points = place_points(link_poses(in_plant, r.tree.value), r.selection, r.first)
-    return points[0], joint_motion(points[:, : 3 * len(r.order)])[0]
+    X = link_poses(in_plant, r.tree.value)
+    S = joint_motion(place_points(X, r.selection[:joints], r.first[:joints]))[0]
+    ends = np.empty(4 * count, dtype=np.int64)
+    put(ends, 0, pairs.start_a[some])
+    put(ends, count, pairs.vector_a[some])
+    put(ends, 2 * count, pairs.start_b[some])
+    put(ends, 3 * count, pairs.vector_b[some])
+    at = place_points(X, r.selection[ends], r.first[ends])[0]
+    return (
+        at[:count],
+        at[count : 2 * count],
+        at[2 * count : 3 * count],
+        at[3 * count :],
+        S,
+    )
 
 
 @compiled
@@ -260,6 +321,7 @@ def sizes_of(sizes: CapsuleSizes, pairs: np.ndarray) -> CapsuleSizes:
         sizes.per_vv[pairs],
         sizes.uu_vv[pairs],
         sizes.radii[pairs],
+        sizes.balls[pairs],
         sizes.flat[pairs],
     )
 
@@ -303,13 +365,11 @@ def path_bounds(
             if not len(some):
                 continue
             t = (2 * part + 1) * half
-            points, S = place_all(displaced(start, t * x, r.turn), r)
-            p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
-            p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
+            p_a, u, p_b, v, S = place_pairs(displaced(start, t * x, r.turn), some, r)
             d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
             own = np.ascontiguousarray((S * x).T)
-            a = product(of.a_alone[some], own)
-            b = product(of.b_alone[some], own)
+            a = product(of.a_alone[of.own[some]], own)
+            b = product(of.b_alone[of.own[some]], own)
             bound = shadow_gap(n, p_a, u, a, p_b, v, b, half)
             bound -= pairs.sizes.radii[some] + 0.5 * half * half * curvature[some]
             for k in range(len(some)):
@@ -357,14 +417,8 @@ def gradients_at(
     for k in range(len(failed)):
         some = failed[k : k + 1]
         there = displaced(start, bounds.at[some[0]] * x, r.turn)
-        points, S = place_all(there, r)
-        _, n, p, _ = nearest_points(
-            points[pairs.start_a[some]],
-            points[pairs.vector_a[some]],
-            points[pairs.start_b[some]],
-            points[pairs.vector_b[some]],
-            sizes_of(pairs.sizes, some),
-        )
+        p_a, u, p_b, v, S = place_pairs(there, some, r)
+        _, n, p, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
         moves = pairs.moves[of.rows[some]]
         found = distance_gradient_about_origin(
             n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves
@@ -376,7 +430,7 @@ def gradients_at(
 @compiled
 def travel(x: np.ndarray, reaches: Held) -> np.ndarray:
     """(A6): how much joints that move by |x_j| can change the distances, (Np,) [m]."""
-    return times(reaches.value.farthest, np.abs(x))
+    return transposed_times(reaches.value.farthest, np.abs(x))
 
 
 class AdmissionGains(NamedTuple):

@@ -35,6 +35,7 @@ class CapsuleSizes(NamedTuple):
     per_vv: np.ndarray
     uu_vv: np.ndarray  # (N,) their products, 1 where one is a sphere [m^4]
     radii: np.ndarray  # (N,) sums of both radii [m]
+    balls: np.ndarray  # (N,) and of those of the balls about both [m]
     flat: np.ndarray  # (N,) bool, whether b is a half space
 
 
@@ -63,11 +64,65 @@ def capsule_sizes(
         per_vv=1.0 / np.where(vv > 0.0, vv, 1.0),
         uu_vv=np.where(product > 0.0, product, 1.0),
         radii=radius_a + radius_b,
+        balls=0.5 * (np.sqrt(uu) + np.sqrt(vv)) + (radius_a + radius_b),
         flat=np.zeros(len(uu), dtype=bool) if flat_b is None else flat_b,
     )
 
 
+def _nearest_points_loops(p_a, u, p_b, v, sizes):
+    count = len(p_a)
+    d, normal = np.empty(count), np.empty((count, 3))
+    nearest_a, nearest_b = np.empty((count, 3)), np.empty((count, 3))
+    for i in range(count):
+        u_0, u_1, u_2 = u[i, 0], u[i, 1], u[i, 2]
+        v_0, v_1, v_2 = v[i, 0], v[i, 1], v[i, 2]
+        r_0, r_1, r_2 = (
+            p_a[i, 0] - p_b[i, 0],
+            p_a[i, 1] - p_b[i, 1],
+            p_a[i, 2] - p_b[i, 2],
+        )
+        uv = u_0 * v_0 + u_1 * v_1 + u_2 * v_2
+        ur = u_0 * r_0 + u_1 * r_1 + u_2 * r_2
+        vr = v_0 * r_0 + v_1 * r_1 + v_2 * r_2
+        determinant = sizes.uu_vv[i] - uv * uv
+        if determinant < _NEARLY_PARALLEL * sizes.uu_vv[i]:
+            r = np.array([[r_0, r_1, r_2]])
+            s = _along_nearly_parallel(
+                u[i : i + 1], v[i : i + 1], r, sizes.uu[i], sizes.vv[i]
+            )
+        else:
+            s = (uv * vr - ur * sizes.vv[i]) / determinant
+        t = _to_unit((uv * _to_unit(s) + vr) * sizes.per_vv[i])
+        s = _to_unit((uv * t - ur) * sizes.per_uu[i])
+        for k in range(3):
+            nearest_a[i, k] = p_a[i, k] + s * u[i, k]
+            nearest_b[i, k] = p_b[i, k] + t * v[i, k]
+            normal[i, k] = nearest_a[i, k] - nearest_b[i, k]
+        n_0, n_1, n_2 = normal[i, 0], normal[i, 1], normal[i, 2]
+        axis_distance = np.sqrt(n_0 * n_0 + n_1 * n_1 + n_2 * n_2)
+        if axis_distance < _TOUCHING:
+            n = _perpendicular(u[i : i + 1], v[i : i + 1])
+            normal[i, 0], normal[i, 1], normal[i, 2] = n[0], n[1], n[2]
+        else:
+            for k in range(3):
+                normal[i, k] /= axis_distance
+        if sizes.flat[i]:
+            along = np.sqrt(sizes.per_vv[i])
+            axis_distance = -vr * along
+            for k in range(3):
+                normal[i, k] = -v[i, k] * along
+                nearest_b[i, k] = p_a[i, k] - axis_distance * normal[i, k]
+        d[i] = axis_distance - sizes.radii[i]
+    return d, normal, nearest_a, nearest_b
+
+
 @compiled
+def _to_unit(x):
+    """`clip_to_unit` of a number; NaN stays."""
+    return 0.0 if x < 0.0 else (1.0 if x > 1.0 else x)
+
+
+@compiled(loops=_nearest_points_loops)
 def nearest_points(
     p_a: np.ndarray,
     u: np.ndarray,

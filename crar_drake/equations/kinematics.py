@@ -152,8 +152,8 @@ def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.
 
     Args:
         X: (K, 4 N, 3) of `link_poses`.
-        selection: (P, 4 N) homogeneous points and vectors in their frames, each in the
-            columns of its frame, which begin at
+        selection: (P, 4) homogeneous points and vectors in their frames, whose rows
+            of X begin at
         first: (P,).
     """
     return sparse_product(selection, first, X)
@@ -283,7 +283,7 @@ class Robot(NamedTuple):
     n: int  # number of controlled joints' velocities
     turn: int  # where the root's orientation begins in both orders, if it is free, else
     # negative, see `equations.free_joints`; from n on, it is prescribed
-    selection: np.ndarray  # (P, 4 N) of `place_points`: the joints' axes, as in
+    selection: np.ndarray  # (P, 4) of `place_points`: the joints' axes, as in
     # `joint_motion`; the tasks' points; the axes of the tasks with an orientation;
     # and those of the watched shapes
     first: np.ndarray  # (P,) likewise

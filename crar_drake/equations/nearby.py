@@ -20,6 +20,7 @@ from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
+from crar_drake.equations.vectors import some_columns
 
 
 @compiled
@@ -39,12 +40,6 @@ def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarr
     r = robot.value
     pairs = r.pairs.value
     count = enough.shape[1]
-    radius = np.empty(count)
-    for i in range(count):
-        radius[i] = (
-            0.5 * (np.sqrt(pairs.sizes.uu[i]) + np.sqrt(pairs.sizes.vv[i]))
-            + pairs.sizes.radii[i]
-        )
     found = np.empty((len(q), count))
     for k in range(len(q)):
         X = link_poses(q[k : k + 1], r.tree.value)
@@ -56,7 +51,7 @@ def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarr
             apart = 0.0
             for c in range(3):
                 apart += (a[c] - b[c] + 0.5 * (u[c] - v[c])) ** 2
-            found[k, i] = np.sqrt(apart) - radius[i]
+            found[k, i] = np.sqrt(apart) - pairs.sizes.balls[i]
             some[i] = not found[k, i] >= enough[k, i]
         rows = np.flatnonzero(some)
         d, _, _, _ = nearest_points(
@@ -117,13 +112,14 @@ def some_reaches(reaches: Held, rows: np.ndarray) -> Held:
     of = reaches.value
     return hold(
         Reaches(
-            of.a_alone[rows],
-            of.b_alone[rows],
-            of.a[rows],
-            of.b[rows],
-            of.farthest[rows],
+            of.a_alone,
+            of.b_alone,
+            of.a,
+            of.b,
+            some_columns(of.farthest, rows),
             of.above,
             np.arange(len(rows)),
+            of.own[rows],
         )
     )
 

@@ -50,6 +50,7 @@ from crar_drake.equations.following import (
 )
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead import LookaheadMemory
+from crar_drake.equations.lookahead_rows import find_limits
 from crar_drake.equations.nearby import keeps_level
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart
@@ -174,8 +175,6 @@ class CleaningParameters:
             lookahead=LookaheadParameters(
                 horizon=self.horizon * period,
                 rho=self.rho,
-                rho_limits=1e-12,  # the bounds (A2) suffice
-                limit_margin=1e-9,
                 distance_margin=self.distance_margin,
                 admission_slack=self.admission_slack,
                 influence_distance=self.influence_distance,
@@ -263,7 +262,12 @@ class Follower:
                 f"robot {description.name} has watched shapes that are neither "
                 "capsules nor spheres; the admission examines these alone"
             )
-        self._kinematics = ControlModel.FromDescription(bare, tasks, time_step=period)
+        poses = [task for task in tasks if task.kind == "pose"]
+        self._poses = (
+            ControlModel.FromDescription(bare, poses, time_step=period)
+            if poses
+            else None
+        )
         self.law = ControlLaw(self.model, self.parameters.of_law(period))
         self._period = period
         self._rest = self.model.rest_positions()
@@ -310,9 +314,7 @@ class Follower:
                 numbers overflow.
         """
         frames, steps = len(reference), self.steps
-        targets = FrameTargets(
-            self._kinematics, self._rest, reference, steps, self._period
-        )
+        targets = self._targets(reference, steps)
         ways = ClearWays(
             self.law, configurations(self.model, self._rest, reference), self.rate
         )
@@ -413,9 +415,7 @@ class Follower:
         model = self.model
         inside = np.clip(q_0, model.lower, model.upper)
         still = np.zeros_like(q_0)
-        targets = FrameTargets(
-            self._kinematics, self._rest, inside[None], 1, self._period
-        )
+        targets = self._targets(inside[None], 1)
         now = self._start(inside, still)
         for step in range(_SETTLING):
             here = now.q
@@ -430,14 +430,26 @@ class Follower:
             "frame; begin later, or look whether the reference is of this robot"
         )
 
+    def _targets(self, reference: np.ndarray, steps: int) -> FrameTargets:
+        """Of some frames (T, n), with so many steps of the law in each."""
+        return FrameTargets(
+            self.model, self._poses, self._rest, reference, steps, self._period
+        )
+
     def _law_numbers(self) -> Held:
         """Of the law, with the weight of the feet's heights, which is not that of their
-        other coordinates."""
+        other coordinates; and without rows of the joint limits, which the bounds (A2)
+        keep: a cleaned joint may go up to its limit."""
         numbers, layout = self.law.mode.numbers.value, self.model.layout
+        limits = numbers.limits.value
+        nowhere = np.full(self.model.n, np.inf)
+        without_rows = find_limits(-nowhere, nowhere, limits.fastest)
+        limits = without_rows._replace(lower=limits.lower, upper=limits.upper)
         weights = self.model.row_weights.copy()
         heights = layout.linear_rows[: len(self.feet), 2]
         weights[heights] = self.parameters.foot_height_weight
-        return hold(numbers._replace(tasks=numbers.tasks._replace(weights=weights)))
+        tasks = numbers.tasks._replace(weights=weights)
+        return hold(numbers._replace(tasks=tasks, limits=hold(limits)))
 
     def _hands_of(self, description: RobotDescription) -> tuple[str, ...]:
         if not self.parameters.hands:

@@ -23,6 +23,7 @@ class FrameTargets:
     def __init__(
         self,
         model: ControlModel,
+        poses: ControlModel | None,
         rest: np.ndarray,
         reference: np.ndarray,
         steps: int,
@@ -30,7 +31,8 @@ class FrameTargets:
     ) -> None:
         """
         Args:
-            model: of the robot and its tasks, without pairs.
+            model: of the robot and its tasks, joints before poses.
+            poses: with those that are poses alone, without pairs; None if none is.
             rest: (nq,) its rest posture.
             reference: (T, n) positions of the controlled joints.
             steps: of the law in a frame.
@@ -43,7 +45,8 @@ class FrameTargets:
             q = np.vstack([between.reshape(-1, reference.shape[1]), reference[-1:]])
         self.q, self.v = q, np.diff(q, axis=0, prepend=q[:1]) / period
         self._a = np.diff(self.v, axis=0, append=self.v[-1:]) / period
-        self._model, self._rest, self._size = model, rest, _BLOCK * steps
+        self._model, self._poses, self._rest = model, poses, rest
+        self._size = _BLOCK * steps
         self._block, self._found = -1, np.zeros((0, 0))
 
     def at(self, first: int, last: int) -> np.ndarray:
@@ -57,15 +60,20 @@ class FrameTargets:
 
     def _of(self, some: slice) -> np.ndarray:
         """(k, layout.size) [x_d; v_d; a_d]."""
-        model, layout = self._model, self._model.layout
+        layout, poses = self._model.layout, self._poses
+        joints = layout.rows.joints
         q, v, a = self.q[some], self.v[some], self._a[some]
-        R, p, v_d, a_d = task_motion(
-            configurations(model, self._rest, q),
-            velocities(model, v),
-            velocities(model, a),
-            model.robot_by_pair,
-        )
-        return layout.pack(R, p, v_d, a_d, q[:, layout.rows.joints])
+        R, p = np.zeros((len(q), 0, 3, 3)), np.zeros((len(q), 0, 3))
+        v_d, a_d = v[:, joints], a[:, joints]
+        if poses is not None:
+            R, p, v_poses, a_poses = task_motion(
+                configurations(poses, self._rest, q),
+                velocities(poses, v),
+                velocities(poses, a),
+                poses.robot_by_pair,
+            )
+            v_d, a_d = np.hstack([v_d, v_poses]), np.hstack([a_d, a_poses])
+        return layout.pack(R, p, v_d, a_d, q[:, joints])
 
 
 def configurations(model: ControlModel, rest: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -85,7 +85,7 @@ def _on_way(start, x, d, mode: LookaheadMode) -> float:
         mode: of the pairs.
     """
     nearest = d.min()
-    low = 0.5 * (d[0] + d[1] - mode.reaches.value.farthest @ np.abs(x))
+    low = 0.5 * (d[0] + d[1] - np.abs(x) @ mode.reaches.value.farthest)
     # A bound is only as close as the level that was asked for: it is sought between one
     # that is shown and one that is not.
     slack, failed, shown = _FIRST_SLACK, 0.0, np.inf

@@ -78,17 +78,19 @@ class JointTree:
         """The frame that a body is fixed to, and its pose X_FB in it."""
         return self._at[int(body.index())]
 
-    def select(self, placed: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
-        """(P, 4 N): what picks points and vectors out of all frames' poses.
+    def select(
+        self, placed: Sequence[tuple[int, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What picks P points and vectors out of all frames' poses: (P, 4), (P,) of
+        `place_points`.
 
         Args:
             placed: of each its frame, and (4,) homogeneous coordinates there: [p; 1]
                 of a point, [u; 0] of a vector.
         """
-        selection = np.zeros((len(placed), 4 * len(self._parents)))
-        for row, (frame, coordinates) in zip(selection, placed, strict=True):
-            row[4 * frame : 4 * frame + 4] = coordinates
-        return selection
+        selection = np.array([coordinates for _, coordinates in placed])
+        first = np.array([4 * frame for frame, _ in placed], dtype=int)
+        return selection.reshape(-1, 4), first
 
     def _add(self, joint: Joint, plant: MultibodyPlant) -> None:
         """The frames of a joint, and where its child then is."""

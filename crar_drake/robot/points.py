@@ -79,8 +79,7 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
     carried = moved(pairs.bodies)
     moves = carried[pairs.body_a] - carried[pairs.body_b]
     pair_moves = np.ascontiguousarray(moves)
-    selection = joints.select(placed)
-    first = np.array([4 * frame for frame, _ in placed], dtype=int)
+    selection, first = joints.select(placed)
 
     def numbers(K: int, by_shape: bool) -> Held:
         """As `equations.kinematics` takes them."""

@@ -89,7 +89,8 @@ def find_reaches(
         b_alone.astype(float),
         reach_a,
         reach_b,
-        reach_a + reach_b,
+        np.ascontiguousarray((reach_a + reach_b).T),
         np.ascontiguousarray(above),
         pairs.closed_rows,
+        np.arange(len(reach_a)),
     )

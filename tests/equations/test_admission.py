@@ -30,7 +30,7 @@ from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import lookahead, lookahead_guard
+from crar_drake.equations import admission, lookahead, lookahead_guard
 from crar_drake.equations.admission import (
     AS_WISHED,
     CORRECTED,
@@ -376,9 +376,13 @@ def test_an_unlimited_slide_on_a_turning_joint_is_refused(limits) -> None:
 # --- A4, A5: the whole path ---------------------------------------------------------
 
 
+GAPS = [shadow_gap, admission._shadow_gap_loops]
+
+
+@pytest.mark.parametrize("gap", GAPS, ids=["as called", "loops"])
 @given(st.integers(0, 2**31))
 @settings(max_examples=100, deadline=None)
-def test_the_shadow_gap_is_the_smallest_of_linear_motion(seed: int) -> None:
+def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None:
     """By many instants, its ends among them."""
     rng = np.random.default_rng(seed)
     k, half = 3, 0.5
@@ -386,7 +390,7 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(seed: int) -> None:
     n /= np.linalg.norm(n, axis=1)[:, None]
     p_a, u, p_b, v = rng.normal(size=(4, k, 3))
     a, b = rng.normal(size=(2, k, 6)) * rng.choice([0.1, 3.0])
-    found = shadow_gap(n, p_a, u, a, p_b, v, b, half)
+    found = gap(n, p_a, u, a, p_b, v, b, half)
     gaps = []
     for t in np.linspace(-half, half, 41):
 

@@ -13,7 +13,7 @@ from pydrake.multibody.tree import (
 )
 
 from crar_drake.equations import kinematics
-from crar_drake.equations.kinematics import link_poses
+from crar_drake.equations.kinematics import link_poses, place_points
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree
@@ -70,9 +70,8 @@ def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
     placed = [(frame, origin) for frame in frames]
     for vectors in (joints.turns, joints.slides):
         placed += list(zip(frames, np.hstack([vectors, along]), strict=True))
-    selection = joints.select(placed)
     configured = configurations(plant)
-    points = selection @ link_poses(configured, joints.tree)
+    points = place_points(link_poses(configured, joints.tree), *joints.select(placed))
     for q, S in zip(configured, motion(points), strict=True):
         plant.SetPositions(context, q)
         for i in range(1, plant.num_bodies()):

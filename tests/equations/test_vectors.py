@@ -71,15 +71,17 @@ def of_factor(L: np.ndarray) -> np.ndarray:
     return np.tril(L) @ np.tril(L).T
 
 
-def four_per_row(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    A, first = np.zeros((rows, columns)), 4 * RNG.integers(columns // 4, size=rows)
-    for i, j in enumerate(first):
-        A[i, j : j + 4] = normal(4)
-    return A, first
-
-
 def sparse_case(K: int, rows: int, columns: int) -> tuple:
-    return *four_per_row(rows, columns), normal(K, columns, 3)
+    first = 4 * RNG.integers(columns // 4, size=rows)
+    return normal(rows, 4), first, normal(K, columns, 3)
+
+
+def whole_rows(A: np.ndarray, first: np.ndarray, columns: int) -> np.ndarray:
+    """A (N, 4) where its rows stand in a matrix (N, columns)."""
+    whole = np.zeros((len(A), columns))
+    for i, j in enumerate(first):
+        whole[i, j : j + 4] = A[i]
+    return whole
 
 
 # Per function: its arguments, and what it must give by another way.
@@ -169,7 +171,16 @@ CASES = {
     ),
     "sparse_product": (
         [sparse_case(1, 3, 4), sparse_case(2, 9, 20), sparse_case(2, 0, 8)],
-        lambda A, _, X: np.einsum("ij,kjc->kic", A, X),
+        lambda A, first, X: np.einsum(
+            "ij,kjc->kic", whole_rows(A, first, X.shape[1]), X
+        ),
+    ),
+    "some_columns": (
+        [
+            (normal(3, 7), np.array([6, 0, 2, 2])),
+            (normal(2, 4), np.zeros(0, dtype=int)),
+        ],
+        lambda A, some: np.array([[row[j] for j in some] for row in A.tolist()]),
     ),
     "smallest": (
         [

@@ -200,7 +200,7 @@ def test_bounds_hold_on_ways_of_a_free_root_past_the_world(model: ControlModel) 
         if clear[-1]:
             tight.append(smallest[-1] - bounds.low[-1])
         # And what moves is what the reaches say, at most.
-        travelled = reaches.farthest @ np.abs(x)
+        travelled = np.abs(x) @ reaches.farthest
         assert (np.abs(d[-1] - d[0]) <= travelled + 1e-12).all()
     assert len(tight) > 10
     assert WORLD_PAIR == model.description.pairs[-1]

@@ -32,6 +32,8 @@ _ORIENTATION_WEIGHT = 0.03
 # does, it goes from one way of the leg to another, as it is led to where the one ends:
 # from one sample to the next. Joints then go from so long before to so long after.
 _SUDDEN = 1200.0  # [rad/s^2]
+# So they do where a hip runs into a limit: a lookahead of so long brakes it before.
+_HORIZON = 0.04  # [s]
 _CHANGE = 0.05  # [s]
 
 
@@ -73,6 +75,7 @@ class LegSolver:
         self._v = np.array([joint.velocity_start() for joint in chain])
         lower = plant.GetPositionLowerLimits()[self._q]
         upper = plant.GetPositionUpperLimits()[self._q]
+        self._limits_of_hip = lower[-len(hip) :], upper[-len(hip) :]
         margin = np.minimum(_MARGIN, 0.25 * (upper - lower))
         self._lower, self._upper = lower + margin, upper - margin
         if len(hip) == 3 and all(isinstance(joint, RevoluteJoint) for joint in hip):
@@ -140,6 +143,7 @@ class LegSolver:
             self.positions.append(q[self._q].copy())
         joints = np.array(self.positions)
         sudden = sudden_turns(Rotation.from_matrix(found), self._rate)
+        sudden = around(sudden | self._runs_into_limits(joints), self._rate)
         if sudden.any():
             joints = bridge(joints, ~sudden, self._rate, _CHANGE)
             joints = np.clip(joints, self._lower, self._upper)
@@ -151,6 +155,13 @@ class LegSolver:
             knees[t] = self._shank.CalcPoseInWorld(context).translation()
         self._asked, self._found, self._knees = asked, found, knees
         return Rotation.from_matrix(found @ self._leg.foot.T), knees
+
+    def _runs_into_limits(self, joints: np.ndarray) -> np.ndarray:
+        """(T,) where a hip could not stop within its limits any more."""
+        low, high = self._limits_of_hip
+        hip = joints[:, -len(low) :]
+        rest = hip + _HORIZON * self._rate * np.gradient(hip, axis=0)
+        return ((rest < low) | (rest > high)).any(axis=1)
 
     def stopped(self, positions: np.ndarray) -> np.ndarray:
         """(n,) which joints from the knee up are at a limit: a foot that is to be
@@ -218,7 +229,7 @@ class LegSolver:
 
 
 def sudden_turns(turns: Rotation, rate: float) -> np.ndarray:
-    """(T,) where a foot turns more suddenly than any does, and a moment around it.
+    """(T,) where a foot turns more suddenly than any does.
 
     Args:
         turns: T of them.
@@ -227,7 +238,12 @@ def sudden_turns(turns: Rotation, rate: float) -> np.ndarray:
     sudden = np.zeros(len(turns), dtype=bool)
     speeds = rate * (turns[1:] * turns[:-1].inv()).as_rotvec()
     sudden[1:-1] = rate * np.linalg.norm(np.diff(speeds, axis=0), axis=1) > _SUDDEN
-    return binary_dilation(sudden, np.ones(2 * round(_CHANGE * rate) + 1))
+    return sudden
+
+
+def around(flags: np.ndarray, rate: float) -> np.ndarray:
+    """(T,) flags that are set a moment before and after those that are."""
+    return binary_dilation(flags, np.ones(2 * round(_CHANGE * rate) + 1))
 
 
 def _one_way(context, hip: list[RevoluteJoint]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.motion.held_feet import FootMotion
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES
-from crar_drake.motion.smooth_steps import bridge
+from crar_drake.motion.smooth_steps import led_over
 from crar_drake.robot.description import find_body, find_frame
 from crar_drake.robot.model import ControlModel
 
@@ -28,13 +28,13 @@ _FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one pl
 # A radian of the foot counts as much as this: where both cannot be had, the foot is
 # where it should be, and turned as it can be [m].
 _ORIENTATION_WEIGHT = 0.03
-# No foot of a filtered motion turns so suddenly. Where what its leg can have of that
-# does, it goes from one way of the leg to another, as it is led to where the one ends:
-# from one sample to the next. Joints then go from so long before to so long after.
+# No foot of a filtered motion turns so suddenly. Where its leg has it do so, one way of
+# the leg has come to its end, and the next sample has another.
 _SUDDEN = 1200.0  # [rad/s^2]
-# So they do where a hip runs into a limit: a lookahead of so long brakes it before.
-_HORIZON = 0.04  # [s]
-_CHANGE = 0.05  # [s]
+# A hip that runs into its limit is braked before, by the scenarios' lookaheads [s].
+_HORIZON = 0.04
+# In either case the joints change over from so long before to so long after [s].
+_CHANGE = 0.05
 
 
 class LegSolver:
@@ -75,7 +75,8 @@ class LegSolver:
         self._v = np.array([joint.velocity_start() for joint in chain])
         lower = plant.GetPositionLowerLimits()[self._q]
         upper = plant.GetPositionUpperLimits()[self._q]
-        self._limits_of_hip = lower[-len(hip) :], upper[-len(hip) :]
+        self._hip = slice(len(chain) - len(hip), None)
+        self._limits_of_hip = lower[self._hip], upper[self._hip]
         margin = np.minimum(_MARGIN, 0.25 * (upper - lower))
         self._lower, self._upper = lower + margin, upper - margin
         if len(hip) == 3 and all(isinstance(joint, RevoluteJoint) for joint in hip):
@@ -144,9 +145,7 @@ class LegSolver:
         joints = np.array(self.positions)
         sudden = sudden_turns(Rotation.from_matrix(found), self._rate)
         sudden = around(sudden | self._runs_into_limits(joints), self._rate)
-        if sudden.any():
-            joints = bridge(joints, ~sudden, self._rate, _CHANGE)
-            joints = np.clip(joints, self._lower, self._upper)
+        joints = np.clip(led_over(joints, sudden), self._lower, self._upper)
         for t in np.flatnonzero(sudden):
             q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
             q[self._q] = self.positions[t] = joints[t]
@@ -159,7 +158,7 @@ class LegSolver:
     def _runs_into_limits(self, joints: np.ndarray) -> np.ndarray:
         """(T,) where a hip could not stop within its limits any more."""
         low, high = self._limits_of_hip
-        hip = joints[:, -len(low) :]
+        hip = joints[:, self._hip]
         rest = hip + _HORIZON * self._rate * np.gradient(hip, axis=0)
         return ((rest < low) | (rest > high)).any(axis=1)
 

@@ -31,7 +31,10 @@ _CALM = 0.5
 # By what a torque passes its limit within a period the limit is lowered, and by so much
 # more of it [1], for other accelerations let it grow otherwise; so often at most, and
 # at most to this share of the limit [1].
-_GROWTH, _TRIES, _MOST_FREE = 1.2, 3, 0.5
+_GROWTH, _TRIES, _MOST_FREE = 1.2, 8, 0.3
+
+# What `nearest_accelerations` and rounding leave beyond a limit is no excess [1].
+_NO_EXCESS = 1e-4
 
 _NO_INERTIA = np.zeros((0, 0))
 
@@ -82,10 +85,10 @@ class EffortLimits:
         self.finite = bool(np.isfinite(self.limits).any())
         self._model, self._mode = model, mode
         self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
-        # Who brakes where limits are passed: the controlled joints; then all of them.
-        braking = [model.controlled]
+        # Who gives way where limits are passed: the controlled joints; then all.
+        self._giving_way = [model.controlled]
         if model.n_p:
-            braking.append(np.arange(model.plant.num_velocities()))
+            self._giving_way.append(model.order)
         plant_step = float(model.plant.time_step())
         self._braking = [
             hold(
@@ -98,23 +101,23 @@ class EffortLimits:
                     model.order,
                 )
             )
-            for joints in braking
+            for joints in self._giving_way
         ]
         # Of what `held_step` returns.
         nv = model.plant.num_velocities()
         nu = model.plant.num_actuated_dofs()
         ends = (0, nv, nv + nu, nv + nu + 2)
         self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
-        self._unbounded = (np.full(model.n, -np.inf), np.full(model.n, np.inf))
         ticks = gains.torque_ticks(float(model.plant.time_step()))
-        self._last_torque = self._period * (ticks - 1) / ticks
+        # After the control tick.
+        self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
 
     def compile(
         self, workspace: Workspace, measured: Measured, vdot: np.ndarray
     ) -> None:
         """Compiles what has yet to be, at the workspace's state."""
         wish = self._effort(workspace, vdot)
-        self._nearest(workspace, measured, wish, self.limits)
+        self._nearest(workspace, measured, wish, self.limits, self._model.controlled)
 
     def limited(
         self,
@@ -122,8 +125,6 @@ class EffortLimits:
         measured: Measured,
         vdot: np.ndarray,
         actuation: np.ndarray,
-        *,
-        braking: bool,
     ) -> Limited:
         """Accelerations near the wish that are within the limits and the mode's bounds,
         in this period's torque ticks, too; the wish where nothing is limited.
@@ -132,14 +133,11 @@ class EffortLimits:
             workspace: at the state of the control step, where it is left.
             measured: of the same state.
             vdot, actuation: (nv,), (nu,) the wish and its torque.
-            braking: whether the wish is to brake: then its torque is clipped, at most.
         """
         if not self.finite:
             return self._unlimited(measured, vdot, actuation, self._period)
         inertia = self._model.effort_per_acceleration(workspace)
         wish = Effort(vdot, actuation, inertia)
-        if braking:
-            return self._slowed(measured, wish, self.limits)
         limits = self.limits
         found = self._within(workspace, measured, wish, limits)
         for _ in range(_TRIES):
@@ -151,7 +149,7 @@ class EffortLimits:
             lowered = np.maximum(lowered, _MOST_FREE * self.limits)
             limits = np.where(excess > 0.0, lowered, limits)
             again = self._within(workspace, measured, wish, limits)
-            if again.torque_limit[1]:
+            if again.torque_limit[1] > _NO_EXCESS:
                 break
             found = again
         return found
@@ -171,40 +169,74 @@ class EffortLimits:
     def _within(
         self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
     ) -> Limited:
-        """The wish, or the nearest within these limits (nu,)."""
+        """The wish, or the nearest within these limits (nu,), as the mode allows it: of
+        the controlled joints, or where that is not enough, of all; or a share of the
+        wish, if that is more than the mode leaves of the nearest."""
         slowed = self._slowed(measured, wish, limits)
-        if slowed.torque_limit[0] == 1.0:
+        share, excess = slowed.torque_limit
+        if share == 1.0 and excess == 0.0:
             return slowed
-        return self._nearest(workspace, measured, wish, limits)
+        for joints in self._giving_way:
+            near = self._nearest(workspace, measured, wish, limits, joints)
+            found = self._admitted(workspace, measured, wish, limits, near)
+            if found.torque_limit[1] <= _NO_EXCESS:
+                break
+        if excess == 0.0 and share > found.torque_limit[0]:
+            scaled = self._admitted(workspace, measured, wish, limits, slowed)
+            if scaled.torque_limit[0] > found.torque_limit[0]:
+                return scaled
+        return found
 
     def _nearest(
-        self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        wish: Effort,
+        limits: np.ndarray,
+        joints: np.ndarray,
     ) -> Limited:
-        """The nearest accelerations within the limits, as the mode allows them."""
-        model, mode, T = self._model, self._mode, self._horizon
+        """The nearest accelerations within the limits of those joints that give way, or
+        what is left of them."""
+        model, n = self._model, self._model.n
+        bounds = np.full((2, len(joints)), np.inf)
+        bounds[0] = -np.inf
+        bounds[:, :n] = self._mode.acceleration_bounds(measured) or bounds[:, :n]
         near = nearest_accelerations(
             wish.vdot,
             wish.actuation,
             wish.inertia,
             measured.v,
-            model.controlled,
+            joints,
             limits,
-            *(mode.acceleration_bounds(measured) or self._unbounded),
-            T,
+            bounds[0],
+            bounds[1],
+            self._horizon,
             self._period,
         )
         found = wish._replace(
             vdot=near, actuation=model.inverse_dynamics(workspace, near)
         )
-        slowed = self._slowed(measured, found, limits)
-        actuation, limit = slowed.actuation, slowed.torque_limit
-        vdot, told = mode.admit_again(measured, slowed.vdot)
-        after = slowed.after
+        return self._slowed(measured, found, limits)
+
+    def _admitted(
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        wish: Effort,
+        limits: np.ndarray,
+        slowed: Limited,
+    ) -> Limited:
+        """What the mode admits of accelerations within the limits."""
+        model = self._model
+        actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
+        vdot, told = self._mode.admit_again(measured, slowed.vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
             after = self._unlimited(measured, vdot, actuation, self._period).after
-        limit[0] = share_of_wish(vdot, wish.vdot, measured.v, model.controlled, T)
+        limit[0] = share_of_wish(
+            vdot, wish.vdot, measured.v, model.controlled, self._horizon
+        )
         return Limited(vdot, actuation, limit, after, told)
 
     def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
@@ -238,20 +270,22 @@ class EffortLimits:
     def _excess_to_come(
         self, workspace: Workspace, measured: Measured, found: Limited
     ) -> np.ndarray | None:
-        """By how much (nu,) torques will be beyond the limits at the period's last
-        torque tick, while the accelerations are held; None if none will.
+        """By how much (nu,) torques will be beyond the limits at this period's torque
+        ticks, while the accelerations are held; None if none will.
 
         Coriolis forces and gravity change within a period.
         """
         limits = self.limits
-        if not self._last_torque or np.all(np.abs(found.actuation) <= _CALM * limits):
+        calm = np.all(np.abs(found.actuation) <= _CALM * limits)
+        if calm or not self._torque_times:
             return None
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)
-        there = self._unlimited(
-            measured, found.vdot, found.actuation, self._last_torque
-        )
-        plant.SetPositionsAndVelocities(context, there.after)
-        last = np.abs(self._model.inverse_dynamics(workspace, found.vdot))
+        most = np.zeros(len(limits))
+        for time in self._torque_times:
+            there = self._unlimited(measured, found.vdot, found.actuation, time)
+            plant.SetPositionsAndVelocities(context, there.after)
+            tau = self._model.inverse_dynamics(workspace, found.vdot)
+            most = np.maximum(most, np.abs(tau))
         plant.SetPositionsAndVelocities(context, here)
-        return np.maximum(last - limits, 0.0) if np.any(last > limits) else None
+        return np.maximum(most - limits, 0.0) if np.any(most > limits) else None

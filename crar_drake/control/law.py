@@ -404,7 +404,6 @@ class ControlLaw:
             measured,
             answer.vdot,
             model.inverse_dynamics(workspace, answer.vdot),
-            braking=status == STATUS_BRAKING,
         )
         diagnostics = resolved.diagnostics
         if told:

@@ -11,6 +11,7 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
     VectorLogSink,
 )
+from scipy.optimize import linprog
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control import effort_limits
@@ -18,6 +19,7 @@ from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import InputError
+from crar_drake.equations.admission import SCALED
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -367,14 +369,100 @@ def test_a_torque_that_will_pass_its_limit_is_lowered_from_what_it_is():
         v = rng.uniform(-4.0, 4.0, len(START))
         law.reset()
         solution = law.step(q, v, TARGET)
-        t, a = period - STEP, solution.acceleration
-        # Semi-implicit, as the plant steps: after nine steps of a tenth of the period.
-        last = np.concatenate([q + t * v + 0.5 * t * (t + STEP) * a, v + t * a])
-        plant.SetPositionsAndVelocities(workspace.plant_context, last)
-        torque = np.abs(law.model.inverse_dynamics(workspace, a))
-        assert torque.max() <= 60.0 + 1e-9
+        a = solution.acceleration
+        for ticks in range(1, 10):
+            # Semi-implicit, as the plant steps: after so many tenths of the period.
+            t = ticks * STEP
+            then = np.concatenate([q + t * v + 0.5 * t * (t + STEP) * a, v + t * a])
+            plant.SetPositionsAndVelocities(workspace.plant_context, then)
+            torque = np.abs(law.model.inverse_dynamics(workspace, a))
+            assert torque.max() <= 60.0 + 1e-9, (ticks, torque.max())
         grows += torque.max() > 59.0 and np.abs(solution.actuation).max() < 58.0
     assert grows
+
+
+@pytest.mark.parametrize("target", [TARGET, np.full_like(TARGET, np.nan)])
+def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(target):
+    """Even where neither the wish nor braking is, nor anything between them, and where
+    the wish is to brake, since the targets are lost. What there is within is found by a
+    linear program, of Drake's own inverse dynamics."""
+    effort = 8.0
+    law = Loop(
+        effort=effort,
+        respect_effort_limits=True,
+        period=STEP,
+        constraints="lookahead",
+    ).controller.law
+    model, workspace = law.model, law.model.MakeWorkspace()
+    rng, n, far = np.random.default_rng(0), len(START), 0
+    for _ in range(600):
+        q = START + 0.5 * rng.standard_normal(n)
+        v = rng.uniform(-1.0, 1.0, n) * rng.choice([0.5, 2.0, 6.0])
+        law.reset()
+        solution = law.step(q, v, target)
+        measured = model.measure(workspace, q, v)
+        still = model.inverse_dynamics(workspace, np.zeros(n))
+        inertia = model.effort_per_acceleration(workspace)
+        lowest, highest = law.mode.acceleration_bounds(measured)
+        within = linprog(
+            np.zeros(n),
+            np.vstack((inertia, -inertia)),
+            np.concatenate((0.999 * effort - still, 0.999 * effort + still)),
+            bounds=np.column_stack((lowest, highest)),
+        )
+        braking = still - inertia @ v / law.parameters.braking_horizon
+        # What is scaled to keep clear has braking's torque, whatever it is.
+        scaled = solution.admission[0] == SCALED
+        if within.status == 0 and not scaled:
+            assert solution.torque_limit[1] < 1e-4
+            far += np.abs(braking).max() > 1.05 * effort
+    assert far > 20
+
+
+def test_no_less_of_the_wish_is_left_than_the_way_to_braking_has():
+    """What is nearest may be where the robot may not go, and is scaled to nothing: a
+    share of the wish that is within the limits and clear is then taken instead."""
+    effort = 15.0
+    law, free = (
+        Loop(
+            effort=effort,
+            respect_effort_limits=respected,
+            period=STEP,
+            constraints="lookahead",
+        ).controller.law
+        for respected in (True, False)
+    )
+    model, workspace = law.model, law.model.MakeWorkspace()
+    T, rng, n, mattered = law.parameters.braking_horizon, np.random.default_rng(1), 4, 0
+    for _ in range(1500):
+        q = START + 0.8 * rng.standard_normal(n)
+        v = rng.uniform(-4.0, 4.0, n)
+        target = TARGET.copy()
+        target[:3] += 0.3 * rng.standard_normal(3)
+        for one in (law, free):
+            one.reset()
+        solution, wish = law.step(q, v, target), free.step(q, v, target)
+        if solution.torque_limit[0] == 1.0 or not wish.of_mode["admission"][3]:
+            continue
+        measured = model.measure(workspace, q, v)
+        still = model.inverse_dynamics(workspace, np.zeros(n))
+        inertia = model.effort_per_acceleration(workspace)
+        braking = still - inertia @ v / T
+        for share in np.linspace(1.0, 0.0, 21):
+            a = share * wish.acceleration - (1.0 - share) * v / T
+            torque = still + inertia @ a
+            next_braking = braking - STEP / T * (torque - still)
+            within = np.abs(torque).max() <= effort
+            stops = np.abs(next_braking).max() <= 0.8 * effort
+            if (
+                within
+                and stops
+                and np.array_equal(a, law.mode.admit_again(measured, a)[0])
+            ):
+                assert solution.torque_limit[0] > share - 1e-6
+                mattered += share > 0.1
+                break
+    assert mattered > 20
 
 
 # --- a user's own loop ------------------------------------------------------------

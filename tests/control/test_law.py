@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.multibody.tree import MultibodyForces
+from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, free_of_constraints, make_model, random_state
 
@@ -13,6 +14,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import InputError
+from crar_drake.equations.admission import SCALED
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.lookahead import lookahead_or_scaled
 from crar_drake.equations.resolved_acceleration import error_dynamics_residual
@@ -1027,3 +1029,41 @@ def test_prescribed_joints_brake_along_where_the_motors_cannot_carry_them():
     assert 0.0 < limited.acceleration[model.prescribed][0] < 290.0
     assert np.abs(limited.actuation[model.controlled]).max() <= 25.0
     assert limited.torque_limit[1] == 0.0  # and nothing was clipped
+
+
+def test_no_torque_is_clipped_where_prescribed_joints_that_give_way_help():
+    """The chain's joints have no room, and its motors too little for the rail's
+    acceleration and for its braking. What a rail that gives way leaves is found by a
+    linear program over all joints."""
+    effort = 15.0
+    text = chain_urdf("zzz", rail="y", limits=(-0.1, 0.1)).replace(
+        "<limit ", f'<limit effort="{effort}" '
+    )
+    text = text.replace(f'effort="{effort}" lower="-3"', 'effort="1e4" lower="-3"', 1)
+    model = make_model(text, prescribed_joints={"rail": "hold"})
+    law = ControlLaw(model, CrarParameters(blend_time=0.0))
+    rng, workspace, helped = np.random.default_rng(0), model.MakeWorkspace(), 0
+    motors = np.isfinite(law.parameters.effort_limits(model))
+    for _ in range(300):
+        q = np.concatenate((rng.uniform(-1.0, 1.0, 1), rng.uniform(-0.09, 0.09, 3)))
+        v = np.concatenate((rng.uniform(-3.0, 3.0, 1), rng.uniform(-0.3, 0.3, 3)))
+        prescribed = np.array([q[0], v[0], rng.uniform(-300.0, 300.0)])
+        law.reset()
+        solution = law.step(q, v, hold(model, at(model, q).p), prescribed)
+        measured = model.measure(workspace, q, v)
+        still = model.inverse_dynamics(workspace, np.zeros(4))[motors]
+        inertia = model.effort_per_acceleration(workspace)[motors]
+        bounds = np.tile([-np.inf, np.inf], (4, 1))
+        bounds[model.controlled] = np.transpose(law.mode.acceleration_bounds(measured))
+        within = linprog(
+            np.zeros(4),
+            np.vstack((inertia, -inertia)),
+            np.concatenate((0.99 * effort - still, 0.99 * effort + still)),
+            bounds=bounds,
+        )
+        if within.status == 0 and solution.of_mode["admission"][0] != SCALED:
+            assert solution.torque_limit[1] < 1e-3
+            rail = solution.acceleration[model.prescribed][0]
+            braking = -v[model.prescribed][0] / law.parameters.braking_horizon
+            helped += abs(rail - prescribed[2]) > 1.0 and abs(rail - braking) > 1.0
+    assert helped > 20

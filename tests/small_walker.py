@@ -41,7 +41,10 @@ def _joint(name, parent, child, axis, xyz="0 0 0", lower=-2.0, upper=2.0) -> str
 
 
 def walker(
-    folder: Path, ankle_roll: float = 0.3, knee: float | None = None
+    folder: Path,
+    ankle_roll: float = 0.3,
+    knee: float | None = None,
+    hips: bool = False,
 ) -> RobotDescription:
     """Writes the robot into a folder and loads it.
 
@@ -49,11 +52,14 @@ def walker(
         folder: exists.
         ankle_roll: limit of the ankles' roll to both sides [rad].
         knee: radius of a ball around each knee, which are then a pair [m].
+        hips: whether a joint about the vertical, below the pelvis, carries both legs.
     """
     parts = [_link("pelvis", _ball(0, 0, 0.0, 0.08), 8.0), _link("yaw", mass=0.5)]
     parts += [_link("torso", _ball(0, 0, 0.25, 0.1), 12.0)]
     parts += [_joint("waist_yaw", "pelvis", "yaw", "0 0 1", "0 0 0.05")]
     parts += [_joint("waist_pitch", "yaw", "torso", "0 1 0")]
+    if hips:
+        parts += [_link("hips", mass=0.5), _joint("hips_j", "pelvis", "hips", "0 0 1")]
     frames = {"waist": "pelvis", "neck": "neck", "head": "head"}
     parts += ['<frame name="neck" link="torso" xyz="0 0 0.4" rpy="0 0 0"/>']
     parts += ['<frame name="head" link="torso" xyz="0 0 0.55" rpy="0 0 0"/>']
@@ -73,7 +79,7 @@ def walker(
             ("ankle", "0 1 0", f"0 0 {-SHANK}", "", (-1.2, 1.0)),
             ("foot", "1 0 0", "0 0 0", sole, (-ankle_roll, ankle_roll)),
         ]
-        above = "pelvis"
+        above = "hips" if hips else "pelvis"
         for name, axis, xyz, shapes, limits in chain:
             link = f"{side}_{name}"
             parts += [

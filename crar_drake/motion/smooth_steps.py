@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import BPoly
 from scipy.ndimage import maximum_filter1d
 
 from crar_drake.motion.planted_feet import runs
@@ -89,3 +90,28 @@ def bridge(
             here = here + slope * t * (1.0 - smooth_step(-t / reach))
         filled[start:end] = here
     return filled
+
+
+def led_over(values: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Values that go through gaps as they come in, and as they go on after: quintics,
+    without curvature at the edges; beyond the ends constant.
+
+    Args:
+        values: (T, k).
+        gaps: (T,) where they are not kept.
+    """
+    led, last = values.copy(), len(values) - 1
+    for start, end in runs(gaps):
+        before, after = start - 1, end
+        if start == 0 or end > last:
+            led[start:end] = values[min(after, last) if start == 0 else before]
+            continue
+        coming = values[before] - values[max(before - 1, 0)]
+        going = values[min(after + 1, last)] - values[after]
+        ends = [
+            [values[before], coming, 0.0 * coming],
+            [values[after], going, 0.0 * going],
+        ]
+        curve = BPoly.from_derivatives([before, after], ends)
+        led[start:end] = curve(np.arange(start, end))
+    return led

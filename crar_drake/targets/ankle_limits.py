@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.tree import JacobianWrtVariable, Joint, RevoluteJoint
+from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
 from crar_drake.motion.held_feet import FootMotion
 from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.performer import SIDES
+from crar_drake.motion.smooth_steps import led_over
 from crar_drake.robot.description import find_body, find_frame
 from crar_drake.robot.model import ControlModel
 
@@ -25,6 +28,13 @@ _FROM_SINGULAR = 0.2  # [rad] that a hip keeps from where its axes are in one pl
 # A radian of the foot counts as much as this: where both cannot be had, the foot is
 # where it should be, and turned as it can be [m].
 _ORIENTATION_WEIGHT = 0.03
+# No foot of a filtered motion turns so suddenly. Where its leg has it do so, one way of
+# the leg has come to its end, and the next sample has another.
+_SUDDEN = 1200.0  # [rad/s^2]
+# A hip that runs into its limit is braked before, by the scenarios' lookaheads [s].
+_HORIZON = 0.04
+# In either case the joints change over from so long before to so long after [s].
+_CHANGE = 0.05
 
 
 class LegSolver:
@@ -58,14 +68,15 @@ class LegSolver:
         )
         self._leg = leg
         self._foot = find_frame(plant, description.task_frames[f"{side}_foot"])
-        base = find_body(plant, description.base)
         self._shank = find_frame(plant, description.task_frames[f"{side}_knee"])
-        chain = joints_between(model, self._foot.body(), base)
-        hip = joints_between(model, self._shank.body(), base)[1:]
+        chain = leg_joints(model, side, "foot")
+        hip = leg_joints(model, side, "knee")[1:]
         self._q = np.array([joint.position_start() for joint in chain])
         self._v = np.array([joint.velocity_start() for joint in chain])
         lower = plant.GetPositionLowerLimits()[self._q]
         upper = plant.GetPositionUpperLimits()[self._q]
+        self._hip = slice(len(chain) - len(hip), None)
+        self._limits_of_hip = lower[self._hip], upper[self._hip]
         margin = np.minimum(_MARGIN, 0.25 * (upper - lower))
         self._lower, self._upper = lower + margin, upper - margin
         if len(hip) == 3 and all(isinstance(joint, RevoluteJoint) for joint in hip):
@@ -75,6 +86,7 @@ class LegSolver:
             high = min(high, self._upper[-2])
             if low < high:
                 self._lower[-2], self._upper[-2] = low, high
+        self._rate = rate
         self.joints = chain
         self.positions: list[np.ndarray] = []
         # Hip and knee are not held back: the foot would not be where it should.
@@ -105,6 +117,7 @@ class LegSolver:
         asked = np.concatenate(asked, axis=1)
         q, found, knees = self._rest.copy(), np.empty_like(R_WF), np.empty((count, 3))
         before, self.positions = self.positions, []
+        plant, context = self._plant, self._context
         bounds = self._lower, self._upper
         for t in range(count):
             if (
@@ -127,10 +140,37 @@ class LegSolver:
             if before:
                 q[self._q] = np.clip(before[t], *bounds)
             found[t] = self._solve(q, foot.positions[t], R_WF[t], bounds)
-            knees[t] = self._shank.CalcPoseInWorld(self._context).translation()
+            knees[t] = self._shank.CalcPoseInWorld(context).translation()
             self.positions.append(q[self._q].copy())
+        joints = np.array(self.positions)
+        sudden = sudden_turns(Rotation.from_matrix(found), self._rate)
+        sudden = around(sudden | self._runs_into_limits(joints), self._rate)
+        joints = np.clip(led_over(joints, sudden), self._lower, self._upper)
+        for t in np.flatnonzero(sudden):
+            q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
+            q[self._q] = self.positions[t] = joints[t]
+            plant.SetPositions(context, q)
+            found[t] = self._foot.CalcPoseInWorld(context).rotation().matrix()
+            knees[t] = self._shank.CalcPoseInWorld(context).translation()
         self._asked, self._found, self._knees = asked, found, knees
         return Rotation.from_matrix(found @ self._leg.foot.T), knees
+
+    def _runs_into_limits(self, joints: np.ndarray) -> np.ndarray:
+        """(T,) where a hip could not stop within its limits any more."""
+        low, high = self._limits_of_hip
+        hip = joints[:, self._hip]
+        rest = hip + _HORIZON * self._rate * np.gradient(hip, axis=0)
+        return ((rest < low) | (rest > high)).any(axis=1)
+
+    def stopped(self, positions: np.ndarray) -> np.ndarray:
+        """(n,) which joints from the knee up are at a limit: a foot that is to be
+        elsewhere cannot count on them, while an ankle's lets it turn otherwise.
+
+        Args:
+            positions: (n,) of the leg's joints [rad].
+        """
+        near = (positions <= self._lower + _SAME) | (positions >= self._upper - _SAME)
+        return near & (self._share == 1.0)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """(6, n) of the foot in the world, [omega; p_dot] by the leg's joints.
@@ -187,6 +227,24 @@ class LegSolver:
         return step * min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
 
 
+def sudden_turns(turns: Rotation, rate: float) -> np.ndarray:
+    """(T,) where a foot turns more suddenly than any does.
+
+    Args:
+        turns: T of them.
+        rate: samples per second [Hz].
+    """
+    sudden = np.zeros(len(turns), dtype=bool)
+    speeds = rate * (turns[1:] * turns[:-1].inv()).as_rotvec()
+    sudden[1:-1] = rate * np.linalg.norm(np.diff(speeds, axis=0), axis=1) > _SUDDEN
+    return sudden
+
+
+def around(flags: np.ndarray, rate: float) -> np.ndarray:
+    """(T,) flags that are set a moment before and after those that are."""
+    return binary_dilation(flags, np.ones(2 * round(_CHANGE * rate) + 1))
+
+
 def _one_way(context, hip: list[RevoluteJoint]) -> tuple[float, float]:
     """Between which angles the middle joint of a hip stays on one side of its singular
     poses [rad].
@@ -206,6 +264,27 @@ def _one_way(context, hip: list[RevoluteJoint]) -> tuple[float, float]:
     angle = np.arctan2(middle @ np.cross(first, last), first @ last) % np.pi
     here = hip[1].get_angle(context)
     return here - angle + _FROM_SINGULAR, here + np.pi - angle - _FROM_SINGULAR
+
+
+def leg_joints(model: ControlModel, side: str, part: str) -> list[Joint]:
+    """Joints of one leg alone, from its foot or its knee up.
+
+    Where the base is above the waist, its joint turns both legs: as one of either it
+    would have two positions at once.
+
+    Args:
+        model: the robot.
+        side: of the leg.
+        part: "foot" or "knee", where it begins.
+    """
+    description, ways = model.description, {}
+    base = find_body(model.plant, description.base)
+    for each in SIDES:
+        frame = find_frame(model.plant, description.task_frames[f"{each}_{part}"])
+        ways[each] = joints_between(model, frame.body(), base)
+    (other,) = set(SIDES) - {side}
+    shared = {joint.index() for joint in ways[other]}
+    return [joint for joint in ways[side] if joint.index() not in shared]
 
 
 def joints_between(model: ControlModel, body, base) -> list[Joint]:

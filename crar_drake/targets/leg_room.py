@@ -80,8 +80,10 @@ class LegClearance:
                 lacking[t] = _ROOM - found.d[row]
                 q[model.root_positions[:4]] = quaternions[t]
                 for side in SIDES:
-                    g = found.dd_dq[row, self._columns[side]]
-                    effects[side][t] = _by_foot(self._solvers[side].jacobian(q), g)
+                    solver = self._solvers[side]
+                    free = ~solver.stopped(legs[side][t])
+                    g = found.dd_dq[row, self._columns[side]][free]
+                    effects[side][t] = _by_foot(solver.jacobian(q)[:, free], g)
         return LegRoom(lacking, effects)
 
 

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.multibody.tree import Frame, Joint, RevoluteJoint
+from pydrake.multibody.tree import Frame, RevoluteJoint
 
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.leg_shape import LegShape, TrunkShape
@@ -19,7 +19,7 @@ from crar_drake.robot_import.link_outlines import (
     link_outlines,
     links_outward,
 )
-from crar_drake.targets.ankle_limits import joints_between
+from crar_drake.targets.ankle_limits import joints_between, leg_joints
 
 LEG_FRAMES = ("hip", "knee", "foot")
 
@@ -229,12 +229,6 @@ def _leg_frames(model: ControlModel, side: str) -> tuple[Frame, Frame, Frame]:
     return hip, knee, foot
 
 
-def _from_knee_up(model: ControlModel, knee: Frame) -> list[Joint]:
-    """The joints from the knee up to the base."""
-    base = find_body(model.plant, model.description.base)
-    return joints_between(model, knee.body(), base)
-
-
 def _reach(model: ControlModel, side: str, context) -> float:
     """The least distance from where the hip is at rest that a leg, stretched out as far
     as its knee goes, reaches.
@@ -243,7 +237,7 @@ def _reach(model: ControlModel, side: str, context) -> float:
     """
     plant = model.plant
     hip, knee, foot = _leg_frames(model, side)
-    chain = _from_knee_up(model, knee)
+    chain = leg_joints(model, side, "knee")
     rest = model.rest_positions()
     plant.SetPositions(context, rest)
     p_H = hip.CalcPoseInWorld(context).translation()
@@ -272,7 +266,7 @@ def _shortest(model: ControlModel, side: str) -> float:
     """How near a leg, its other joints at rest, has its foot to its hip [m]."""
     plant, description = model.plant, model.description
     hip, knee, foot = _leg_frames(model, side)
-    chain = _from_knee_up(model, knee)
+    chain = leg_joints(model, side, "knee")
     links = links_outward(plant, chain[-1].child_body().body_frame())
     rows = [i for i, pair in enumerate(description.pairs) if set(pair) <= set(links)]
     bend, workspace = chain[0], model.MakeWorkspace()

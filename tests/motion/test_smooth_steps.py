@@ -5,6 +5,7 @@ import pytest
 
 from crar_drake.motion.smooth_steps import (
     bridge,
+    led_over,
     smooth_bound,
     smooth_flags,
     smooth_step,
@@ -71,3 +72,19 @@ def test_a_bridge_keeps_values_and_slopes():
     assert np.abs(np.diff(filled, 2, axis=0)).max() < 6.0 * largest / (0.15 * rate)
     np.testing.assert_allclose(filled[0], filled[3], atol=0.05)
     assert not bridge(values, np.zeros(300, dtype=bool), rate, 0.1).any()
+
+
+def test_gaps_are_led_over_as_one_comes_in_and_goes_on():
+    t = np.arange(40.0)
+    gaps = (t >= 10) & (t < 21)
+    # A quintic whose curvature is zero at samples 9 and 21 is found again.
+    s = (t - 9) / 12
+    way = np.column_stack([2.0 - 3.0 * t, smooth_step(s) + 0.5 * t])
+    np.testing.assert_allclose(
+        led_over(np.where(gaps[:, None], 9.0, way), gaps), way, atol=1e-10
+    )
+    ends = (t < 5) | (t >= 35)
+    led = led_over(way, ends)
+    assert (led[:5] == way[5]).all() and (led[35:] == way[34]).all()
+    np.testing.assert_array_equal(led[5:35], way[5:35])
+    np.testing.assert_array_equal(led_over(way, np.zeros(40, dtype=bool)), way)

@@ -315,21 +315,95 @@ def test_ankles_come_to_their_limits_as_slowly_as_a_lookahead_lets_them(model):
     assert np.abs(np.diff(q, axis=0)).max() * RATE > 3.0  # and fast
 
 
-def test_no_ankle_is_faster_than_its_limit(model):
+def test_a_foot_is_led_from_one_way_of_its_leg_to_another(model):
     """A foot that is asked to be pitched by 1.2 rad from one sample to the next."""
     legs, _ = body_shapes(model)
     solver = LegSolver(model, "left", legs["left"], RATE)
-    pitch = np.where(np.arange(60) < 10, 0.6, -0.6)
+    pitch = np.where(np.arange(60) < 30, 0.6, -0.6)
     foot = FootMotion(
         np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (60, 1)),
         Rotation.from_euler("y", pitch[:, None]).as_quat(),
         *np.zeros((2, 60), dtype=bool),
     )
-    turns, _ = solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
-    ankles = np.array(solver.positions)[:, :2]
-    assert np.abs(np.diff(ankles, axis=0)).max() * RATE == pytest.approx(0.9 * 20.0)
+    turns, knees = solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
     away = (turns * Rotation.from_quat(foot.turns).inv()).magnitude()
-    assert away[9] < 1e-3 and away[10] > 0.5 and away[40] < 1e-3
+    assert away[:20].max() < 1e-3 and away[45:].max() < 1e-3
+    speeds = RATE * (turns[1:] * turns[:-1].inv()).as_rotvec()
+    # A step of 1.2 rad in 0.1 s, with no curvature at its ends, would have 690 rad/s^2.
+    assert RATE * np.linalg.norm(np.diff(speeds, axis=0), axis=1).max() < 700.0
+    ankles = np.array(solver.positions)[:, :2]
+    assert np.abs(np.diff(ankles, axis=0)).max() * RATE < 0.9 * 20.0
+    # What it says of the knee and of the joints is of the same leg.
+    plant, context = model.plant, model.MakeWorkspace().plant_context
+    shank = find_frame(plant, model.description.task_frames["left_knee"])
+    q = model.rest_positions()
+    q[model.root_positions] = [1.0, *np.zeros(6)]
+    for found, knee in zip(solver.positions, knees, strict=True):
+        q[[joint.position_start() for joint in solver.joints]] = found
+        plant.SetPositions(context, q)
+        p = shank.CalcPoseInWorld(context).translation()
+        np.testing.assert_allclose(p, knee, atol=1e-9)
+
+
+def test_a_hip_comes_to_its_limit_as_a_lookahead_lets_it(model):
+    """A foot that is turned about the vertical at 5 rad/s beyond what its hip can."""
+    legs, _ = body_shapes(model)
+    solver = LegSolver(model, "left", legs["left"], RATE)
+    yaw = np.clip(np.arange(80) * 5.0 / RATE, 0.0, 2.5)
+    foot = FootMotion(
+        np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (80, 1)),
+        Rotation.from_euler("z", yaw[:, None]).as_quat(),
+        *np.zeros((2, 80), dtype=bool),
+    )
+    given = foot
+    for _ in range(6):  # as rounds in `retarget_legs`
+        turns, _ = solver.turns(np.zeros((80, 3)), Rotation.identity(80), given)
+        given = replace(given, turns=turns.as_quat())
+    (thigh,) = (k for k, j in enumerate(solver.joints) if j.name() == "left_thigh_j")
+    q = np.array(solver.positions)[:, thigh]
+    # Where braking over 40 ms, the scenarios' horizon, would end.
+    rest = q + 0.04 * np.gradient(q) * RATE
+    # Within a degree: led to its limit and stopped there, it would end 0.1 beyond.
+    assert rest.max() < 2.0 + np.deg2rad(1.0)
+    assert q.max() > 1.96  # it was led to its limit
+    assert np.diff(q).max() * RATE > 4.9  # and fast
+    away = (turns * Rotation.from_quat(foot.turns).inv()).magnitude()
+    assert away[:25].max() < 1e-3
+
+
+def test_a_joint_that_carries_both_legs_is_of_neither(tmp_path, performer):
+    """Else it would have two positions at once, and no foot be where it is said."""
+    low = ControlModel.FromDescription(walker(tmp_path, hips=True), TASKS)
+    beginning = {joint: p[:120] for joint, p in performer.positions.items()}
+    turns = {joint: R[:120] for joint, R in performer.orientations.items()}
+    performer = replace(performer, positions=beginning, orientations=turns, hands={})
+    found = retarget_whole_body(low, performer, segment_lengths(low), 6.0)
+    assert "hips_j" not in {joint.name() for joint in found.joints}
+    plant, context = low.plant, low.MakeWorkspace().plant_context
+    q = low.rest_positions()
+    joints = [joint.position_start() for joint in found.joints]
+    for t in range(0, 120, 10):
+        q[low.root_positions[:4]] = found.legs.root_turns[t, [3, 0, 1, 2]]
+        q[low.root_positions[4:]] = found.legs.root_positions[t]
+        q[joints] = found.positions[t]
+        plant.SetPositions(context, q)
+        for side, foot in found.legs.feet.items():
+            frame = find_frame(plant, low.description.task_frames[f"{side}_foot"])
+            p = frame.CalcPoseInWorld(context).translation()
+            np.testing.assert_allclose(p, foot.positions[t], atol=1e-3)
+
+
+def test_joints_at_their_limits_from_the_knee_up_part_no_legs(model):
+    legs, _ = body_shapes(model)
+    solver = LegSolver(model, "left", legs["left"], RATE)
+    moves = [joint.position_start() for joint in solver.joints]
+    at = model.plant.GetPositionUpperLimits()[moves]
+    names = [joint.name() for joint in solver.joints]
+    stopped = dict(zip(names, solver.stopped(at), strict=True))
+    assert stopped == {
+        name: "ankle" not in name and "foot" not in name for name in names
+    }
+    assert not solver.stopped(model.rest_positions()[moves]).any()
 
 
 def test_a_hip_stays_on_one_side_of_its_singular_poses(model):

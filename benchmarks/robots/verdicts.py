@@ -31,9 +31,7 @@ VERDICTS = {
     "G1": Verdict(0.0180),
     "TALOS": Verdict(0.0671),
     "TALOS, reduced": Verdict(0.0720),
-    "Romeo": Verdict(
-        0.0651, "partly: the arm rises half as far, the legs crouch low at 3 s"
-    ),
+    "Romeo": Verdict(0.0651, "partly: the arm rises half as far"),
     "iCub of 2016": Verdict(0.0438),
     "simple humanoid": Verdict(0.0913, "its model has no shapes to look at"),
     "human": Verdict(0.0084),
@@ -55,9 +53,7 @@ VERDICTS = {
     "iCub Genova 4": Verdict(0.0349),
     "G1, MJCF": Verdict(0.0190),
     "JVRC-1": Verdict(0.0377),
-    "Booster T1": Verdict(
-        0.0438, "partly: the arms do, it crouches with its knees apart"
-    ),
+    "Booster T1": Verdict(0.0348),
     "Booster T1, MJCF": Verdict(
         0.0361, "partly: the arms do, it crouches with its knees apart"
     ),

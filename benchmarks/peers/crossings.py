@@ -5,7 +5,7 @@
 The motions are `motions.random_crossings` of the shipped upper body, that nobody was
 tuned for. The peers keep the settings that `compare --tune` chose for hands swung
 through each other; of ours there are the defaults, the defaults with higher gains, the
-settings of the comparison, and the defaults with a shorter horizon.
+settings of the comparison, and some that are calmer than every peer.
 """
 
 from __future__ import annotations
@@ -34,8 +34,19 @@ from crar_drake.studies.tables import markdown_table
 
 TUNED_FOR = "crossing"
 HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0}
-# Braking in half the time, with weights that grow nearer to a contact.
-CLOSER = {"lookahead": {"horizon": 0.04, "rho": 1e-6}}
+# Calmer than every peer, with bounds instead of weights.
+CALM = {
+    "Gv": 50.0,
+    "K": 50.0,
+    "Kp": 900.0,
+    "damping": 0.01,
+    "lookahead": {
+        "horizon": 0.02,
+        "approach_rate": 50.0,
+        "guard_norm": "tasks",
+        "guard_damping": 0.3,
+    },
+}
 HEADER = (
     "controller",
     "held",
@@ -62,14 +73,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     each = dict.fromkeys(cases, PERIOD)
     compared = [
         *entries(cases),
-        Entry("lookahead, closer", OURS, dict.fromkeys(cases, CLOSER | COMPILED)),
+        Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM | COMPILED)),
     ]
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
     with whole_file(out / "crossings.json") as temporary:
         told = {name: [asdict(f) for f in each] for name, each in figures.items()}
         temporary.write_text(json.dumps(told, indent=1))
-    Console().print(markdown_table(HEADER, rows(figures)), markup=False, soft_wrap=True)
+    best = best_errors(figures)
+    rows = [row(name, each, best) for name, each in figures.items()]
+    Console().print(markdown_table(HEADER, rows), markup=False, soft_wrap=True)
 
 
 def entries(cases: Sequence[str]) -> list[Entry]:
@@ -87,28 +100,26 @@ def entries(cases: Sequence[str]) -> list[Entry]:
     return [Entry(name, peer, dict.fromkeys(cases, one)) for name, peer, one in chosen]
 
 
-def rows(figures: dict[str, list[Figures]]) -> list[list[str]]:
-    """A row per controller: medians over the motions, and the ratio of its error to
-    the least of all *peers* that hold there, motion by motion."""
+def best_errors(figures: dict[str, list[Figures]]) -> list[float]:
+    """Of each motion the least error of all *peers* that hold there [m], or NaN."""
     peers = [figures[peer.name] for peer in PEERS if peer.name in figures]
-    best = [
+    return [
         min((f.error for f in at if f.holds), default=np.nan)
         for at in zip(*peers, strict=True)
     ]
-    made = []
-    for name, each in figures.items():
-        ratios = [f.error / least for f, least in zip(each, best, strict=True)]
-        made.append(
-            [
-                name,
-                f"{sum(f.holds for f in each)} of {len(each)}",
-                f"{1e3 * min(f.smallest_distance for f in each):.1f} mm",
-                f"{1e3 * np.median([f.error for f in each]):.1f} mm",
-                f"{np.nanmedian(ratios):.2f}",
-                f"{np.median([f.rms_acceleration for f in each]):.1f} rad/s²",
-            ]
-        )
-    return made
+
+
+def row(name: str, each: Sequence[Figures], best: Sequence[float]) -> list[str]:
+    """Medians over the motions, and of the errors' ratios to `best_errors`."""
+    ratios = [f.error / least for f, least in zip(each, best, strict=True)]
+    return [
+        name,
+        f"{sum(f.holds for f in each)} of {len(each)}",
+        f"{1e3 * min(f.smallest_distance for f in each):.1f} mm",
+        f"{1e3 * np.median([f.error for f in each]):.1f} mm",
+        f"{np.nanmedian(ratios):.2f}",
+        f"{np.median([f.rms_acceleration for f in each]):.1f} rad/s²",
+    ]
 
 
 if __name__ == "__main__":

@@ -192,20 +192,27 @@ def lookahead(**choices: tuple) -> tuple[dict, ...]:
     return tuple(made)
 
 
-LOOKAHEAD = ("rho", "rho_limits", "limit_margin", "distance_margin")
+LOOKAHEAD = (
+    "horizon",
+    "approach_rate",
+    "guard_norm",
+    "guard_damping",
+    "distance_margin",
+)
 
 OURS = Peer(
     "lookahead",
     "run_crar",
     "",
     lookahead(
-        Gv=(100.0,),
-        K=(60.0, 80.0, 90.0, 100.0),
+        Gv=(60.0, 90.0),
+        K=(60.0,),
         Kp=(900.0,),
-        beta=(0.1, 0.2, 0.5),
-        rho=(0.01, 0.04, 0.06, 0.08),
-        rho_limits=(1e-3,),
-        limit_margin=(0.005,),
+        damping=(0.01, 0.02),
+        horizon=(0.02, 0.03),
+        approach_rate=(50.0, 70.0, 100.0),
+        guard_norm=("tasks",),
+        guard_damping=(0.05, 0.1, 0.2),
         distance_margin=(MARGIN,),
     ),
     python=True,

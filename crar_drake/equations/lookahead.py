@@ -56,6 +56,7 @@ from crar_drake.equations.lookahead_rows import (
     that_weigh,
     weighed_margins,
     with_resting,
+    without_rows,
 )
 from crar_drake.equations.references import Answer, Wanted, find_references
 from crar_drake.equations.vectors import smallest, times
@@ -127,13 +128,16 @@ def lookahead_step(
     )
     at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
     constraints = join_constraints(pairs, that_weigh(at_limits))
+    weighed_rows = constraints
+    if gains.approach_rate > 0.0:
+        weighed_rows = without_rows(constraints)
     s_0, qdot_c, W, _ = wish_velocity(
         references.J,
         references.v_r,
         references.a_r,
         qdot,
         references.posture,
-        constraints,
+        weighed_rows,
         gains,
         references.qdot_0,
         references.qddot_0,

@@ -142,9 +142,9 @@ def wish_velocity(
 
 @compiled
 def guard_norm(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
-    """N of (L7), (n, n): the identity, or the norm of (L6) itself,
+    """N of (L7), (n, n): the identity, or, with nu = lambda the norm of (L6) itself,
 
-        J^T J + lambda^2 I,
+        J^T J + nu^2 I,
 
     by which a change is small where it is so for the tasks, by their weights: what
     evades then moves a task of high weight the least.
@@ -155,7 +155,7 @@ def guard_norm(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
     """
     N = identity(J.shape[1])
     if gains.task_norm:
-        N = gains.damping**2 * N + gram(J)
+        N = gains.guard_damping**2 * N + gram(J)
     return N
 
 

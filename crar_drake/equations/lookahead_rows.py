@@ -21,6 +21,10 @@ from crar_drake.equations.vectors import times
 # A margin of a row smaller than this [m] weighs as this: weights stay finite.
 SMALLEST_MARGIN = 1e-4
 
+# What rows weigh that bound how fast something is approached: the guard's norm is of
+# the order of 1, so that what they give way is not seen.
+BOUNDING_WEIGHT = 1e6
+
 # A joint with one limit is weighted as if the other were so far away [rad or m].
 ONE_SIDED_RANGE = 2.0 * np.pi
 
@@ -48,6 +52,8 @@ class LookaheadGains(NamedTuple):
     slip_share: float  # of what was seen last, in the slip's low-pass
     fastest_wish: float = FASTEST_WISH  # of q_s [rad/s or m/s]
     task_norm: bool = False  # whether the guard's norm is that of the tasks
+    guard_damping: float = 0.0  # nu of that norm [m]
+    approach_rate: float = 0.0  # kappa [1/s]; 0: rows weigh by their margins instead
 
 
 class Limits(NamedTuple):
@@ -199,17 +205,23 @@ def row_weights(
 
 @compiled
 def retreat_speed(
-    h: np.ndarray, margin: float, gamma: float, fastest: float
+    h: np.ndarray, margin: float, gamma: float, fastest: float, kappa: float
 ) -> np.ndarray:
-    """r of (L7): gamma max(0, margin - h), but at most `fastest`; (C,) [m/s, rad/s].
+    """r of (L7): how fast a margin has to grow at least; (C,) [m/s, rad/s].
+
+    Inside the margin gamma (margin - h), but at most `fastest`; outside of it
+    -kappa (h - margin), which bounds how fast it is approached: so a velocity damper
+    (Faverjon and Tournassoud, 1987) has it.
 
     Args:
         h: (C,) margins [m or rad].
         margin: to be kept [m or rad].
         gamma: [1/s].
         fastest: [m/s or rad/s].
+        kappa: [1/s].
     """
-    return np.minimum(gamma * np.maximum(margin - h, 0.0), fastest)
+    inside = margin - h
+    return np.minimum(np.where(inside > 0.0, gamma, kappa) * inside, fastest)
 
 
 @compiled
@@ -232,15 +244,23 @@ def pair_constraints(
     """
     near = np.flatnonzero(h < gains.influence_distance)
     h, g = h[near], g[near]
+    if gains.approach_rate > 0.0:
+        weights = np.full(len(h), BOUNDING_WEIGHT)
+    else:
+        weights = row_weights(
+            weighed[near], gains.distance_margin, gains.rho, gains.alpha, gains.beta
+        )
     return Constraints(
         h,
         g,
         drift[near] + np.minimum(times(g, slip), 0.0),
-        row_weights(
-            weighed[near], gains.distance_margin, gains.rho, gains.alpha, gains.beta
-        ),
+        weights,
         retreat_speed(
-            h, gains.distance_margin, gains.retreat_rate, gains.retreat_speed
+            h,
+            gains.distance_margin,
+            gains.retreat_rate,
+            gains.retreat_speed,
+            gains.approach_rate,
         ),
     )
 
@@ -292,15 +312,23 @@ def limit_constraints(
     g = np.zeros((nl, len(slip)))
     for i in range(nl):
         g[i, joints[i]] = inward[i]
-    at = limits.at + inward * weighed
-    towards = -inward * limit_gradient(at, limits.potential)
+    if gains.approach_rate > 0.0:
+        weights = np.full(nl, BOUNDING_WEIGHT)
+    else:
+        at = limits.at + inward * weighed
+        towards = -inward * limit_gradient(at, limits.potential)
+        weights = gains.rho_limits * np.maximum(towards, 0.0)
     return Constraints(
         h,
         g,
         np.minimum(inward * slip[joints], 0.0),
-        gains.rho_limits * np.maximum(towards, 0.0),
+        weights,
         retreat_speed(
-            h, gains.limit_margin, gains.retreat_rate, gains.joint_retreat_speed
+            h,
+            gains.limit_margin,
+            gains.retreat_rate,
+            gains.joint_retreat_speed,
+            gains.approach_rate,
         ),
     )
 
@@ -315,6 +343,18 @@ def that_weigh(constraints: Constraints) -> Constraints:
         constraints.drift[some],
         constraints.weight[some],
         constraints.retreat[some],
+    )
+
+
+@compiled
+def without_rows(constraints: Constraints) -> Constraints:
+    """None of them."""
+    return Constraints(
+        constraints.h[:0],
+        constraints.g[:0],
+        constraints.drift[:0],
+        constraints.weight[:0],
+        constraints.retreat[:0],
     )
 
 

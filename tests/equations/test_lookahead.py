@@ -907,7 +907,14 @@ def test_margin_curvature_is_what_the_rows_rate_lacks() -> None:
 def test_retreat_is_proportional_to_what_a_margin_lacks_and_capped() -> None:
     h = np.array([-1.0, -0.01, 0.0, 0.004, 0.005, 0.3])
     np.testing.assert_allclose(
-        retreat_speed(h, 0.005, 20.0, 0.5), [0.5, 0.3, 0.1, 0.02, 0.0, 0.0], atol=1e-15
+        retreat_speed(h, 0.005, 20.0, 0.5, 0.0),
+        [0.5, 0.3, 0.1, 0.02, 0.0, 0.0],
+        atol=1e-15,
+    )
+    np.testing.assert_allclose(
+        retreat_speed(h, 0.005, 20.0, 0.5, 40.0),
+        [0.5, 0.3, 0.1, 0.02, 0.0, -11.8],
+        atol=1e-14,
     )
 
 
@@ -940,8 +947,8 @@ def test_the_guard_changes_tasks_of_high_weight_the_least():
     rows = Constraints(
         np.zeros(1), g[None], np.zeros(1), np.array([1e3]), np.array([s_0 @ g + 1.0])
     )
-    norm = guard_norm(J, GAINS._replace(task_norm=True))
-    np.testing.assert_allclose(norm, J.T @ J + DAMPING**2 * np.eye(5), atol=1e-9)
+    norm = guard_norm(J, GAINS._replace(task_norm=True, guard_damping=0.3))
+    np.testing.assert_allclose(norm, J.T @ J + 0.09 * np.eye(5), atol=1e-9)
     np.testing.assert_array_equal(guard_norm(J, GAINS), np.eye(5))
     s, _ = guard(s_0, rows, norm)
     along = np.linalg.solve(norm, g)

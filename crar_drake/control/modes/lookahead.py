@@ -63,7 +63,13 @@ class LookaheadParameters:
         influence_distance: pairs farther apart than this do not count [m].
         fastest_wish: how fast q_s is asked to move at most, in any joint [rad/s].
         guard_norm: in which the guard changes the wish the least: "joints", where all
-            joints weigh the same, or "tasks", where tasks do by their weights.
+            joints weigh the same, or "tasks", where tasks do by their weights, and
+        guard_damping: nu, what joints count beside them [m]; by default the
+            controller's damping.
+        approach_rate: kappa, the share of what is left of a margin that the robot may
+            come nearer by in a second [1/s]. Pairs and limits are then bounds of the
+            guard, and have no weight in stage 1; by default it is the other way round:
+            they weigh by their margins (rho, rho_limits), in both.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -82,6 +88,8 @@ class LookaheadParameters:
     lost_target: str = "brake"
     fastest_wish: float = FASTEST_WISH  # [rad/s]
     guard_norm: str = "joints"
+    guard_damping: float | None = None  # [m]
+    approach_rate: float | None = None  # [1/s]
 
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
@@ -170,6 +178,8 @@ class LookaheadMode(Mode):
             slip_share=float(share),
             fastest_wish=float(ahead.fastest_wish),
             task_norm=ahead.guard_norm == "tasks",
+            guard_damping=float(ahead.guard_damping or parameters.damping),
+            approach_rate=float(ahead.approach_rate or 0.0),
         )
         plant = model.plant
         reaches = find_reaches(
@@ -210,6 +220,13 @@ class LookaheadMode(Mode):
             raise ScenarioError(
                 f"controller.period: {parameters.period:g} s must be at most the "
                 f"braking horizon, {T:g} s (controller.lookahead.horizon)"
+            )
+        rate = parameters.lookahead.approach_rate or 0.0
+        if rate * parameters.period > 1.0 + 1e-9:
+            raise ScenarioError(
+                f"controller.lookahead.approach_rate: at a control period of "
+                f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
+                f"within a period; choose at most {1.0 / parameters.period:g}/s"
             )
         if parameters.metric != "identity":
             raise ScenarioError(

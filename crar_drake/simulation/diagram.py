@@ -213,9 +213,10 @@ def MakeCrarDiagram(
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
     "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
-    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); with
-    `meshcat` its visualiser and "playback_overlay". The default context starts at
-    rest in a valid pose near the first target.
+    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); without
+    contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser and
+    "playback_overlay". The default context starts at rest in a valid pose near the
+    first target.
 
     Exported outputs: "state", "query", "desired_tasks" and every output of the
     controller. There are no inputs.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.vectors import batched_product, cross_rows, sum_columns
+from crar_drake.equations.vectors import cross_rows, sum_columns
 
 # Below this distance [m] the magnitude of Eq. (23) is taken at this distance: at
 # d = 0 it is infinite, and for d < 0 the printed formula shrinks again.
@@ -75,7 +75,27 @@ def distance_gradient(
     return np.einsum("ci,cin->cn", normal, J_a - J_b)
 
 
-@compiled
+def _distance_gradient_loops(normal, point, S, moves):
+    K, Nc, nv = len(S), len(moves), S.shape[2]
+    g = np.zeros((K, Nc, nv))
+    for k in range(K):
+        for i in range(Nc):
+            n, p = normal[k * Nc + i], point[k * Nc + i]
+            m_0 = p[1] * n[2] - p[2] * n[1]
+            m_1 = p[2] * n[0] - p[0] * n[2]
+            m_2 = p[0] * n[1] - p[1] * n[0]
+            for j in range(nv):
+                if moves[i, j] == 0.0:
+                    continue  # most joints move both or neither
+                turns = m_0 * S[k, 0, j] + m_1 * S[k, 1, j] + m_2 * S[k, 2, j]
+                turns = (
+                    turns + n[0] * S[k, 3, j] + n[1] * S[k, 4, j] + n[2] * S[k, 5, j]
+                )
+                g[k, i, j] = turns * moves[i, j]
+    return g
+
+
+@compiled(loops=_distance_gradient_loops)
 def distance_gradient_about_origin(
     normal: np.ndarray, point: np.ndarray, S: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:
@@ -98,7 +118,7 @@ def distance_gradient_about_origin(
         (K, Nc, n) gradients [m/rad or 1].
     """
     wrench = np.concatenate((cross_rows(point, normal), normal), axis=1)
-    return batched_product(wrench, S) * moves
+    return wrench.reshape(len(S), -1, 6) @ S * moves
 
 
 @compiled

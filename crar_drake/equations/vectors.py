@@ -81,6 +81,22 @@ def largest(x: np.ndarray) -> float:
     return np.abs(x).max()
 
 
+def _is_finite_loops(x):
+    s = 0.0
+    for i in range(len(x)):
+        s += x[i] * x[i]
+    return math.isfinite(s)
+
+
+@compiled(loops=_is_finite_loops)
+def is_finite(x: np.ndarray) -> bool:
+    """Whether no entry of x (n,) is NaN or infinite, without asking each.
+
+    A sum of squares is finite unless an entry is not, or is beyond all sense.
+    """
+    return math.isfinite(x.dot(x))
+
+
 def _sum_loops(A):
     s = np.zeros(A.shape[0])
     for i in range(A.shape[0]):
@@ -356,23 +372,6 @@ def _product_loops(A, B):
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """A B of small matrices, contiguous or not; A may be sparse, B is finite."""
     return A @ B
-
-
-def _batched_product_loops(A, B):
-    K, N = len(B), len(A) // len(B)
-    C = np.zeros((K, N, B.shape[2]))
-    for k in range(K):
-        for i in range(N):
-            for a in range(A.shape[1]):
-                for j in range(B.shape[2]):
-                    C[k, i, j] += A[k * N + i, a] * B[k, a, j]
-    return C
-
-
-@compiled(loops=_batched_product_loops)
-def batched_product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A_k B_k (K, N, n) of A (K N, a), block below block, and B (K, a, n)."""
-    return A.reshape(len(B), -1, A.shape[1]) @ B
 
 
 def _sparse_product_loops(A, first, X):

@@ -117,6 +117,15 @@ CASES = {
         [(normal(k, n),) for k, n in ((0, 3), (1, 1), (3, 7), (9, 4), (11, 2))],
         lambda A: np.einsum("ki,kj->ij", A, A),
     ),
+    "is_finite": (
+        [
+            (normal(5),),
+            (np.zeros(0),),
+            (np.array([0.0, np.nan]),),
+            (np.array([-np.inf, np.inf, 1.0]),),
+        ],
+        lambda x: np.isfinite(x).all(),
+    ),
     "times": (
         [
             (normal(5, 3), normal(3)),
@@ -155,15 +164,6 @@ CASES = {
             (normal(2, 6)[:, 1:3], normal(2, 2)),
         ],
         lambda A, B: np.einsum("ij,jk->ik", A, B),
-    ),
-    "batched_product": (
-        [
-            (normal(K * N, a), normal(K, a, n))
-            for K, N, a, n in ((1, 5, 6, 3), (2, 4, 6, 7), (3, 1, 2, 2))
-        ],
-        lambda A, B: np.einsum(
-            "kia,kan->kin", A.reshape(len(B), len(A) // len(B), -1), B
-        ),
     ),
     "transposed": (
         [(normal(2, 3, 5),), (normal(1, 3, 3),), (normal(0, 3, 3),)],

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import CapsuleSizes, nearest_points
+from crar_drake.equations.capsule_distances import nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced, displacement
@@ -27,6 +27,7 @@ from crar_drake.equations.kinematics import (
     joint_motion,
     link_poses,
     place_points,
+    place_some,
 )
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import (
@@ -35,6 +36,7 @@ from crar_drake.equations.vectors import (
     product,
     put,
     put_at,
+    select_rows,
     transposed_times,
 )
 
@@ -154,25 +156,27 @@ def velocity_bounds(
 
 def _path_curvature_loops(x, pairs, reaches):
     curvature = np.empty(len(pairs))
+    of_shape = np.empty(2)
+    own = np.empty(len(x), dtype=np.int64)  # the joints that move the shape alone
     for k in range(len(pairs)):
         pair = reaches.own[pairs[k]]
-        of_a = _shape_curvature(x, reaches.a_alone[pair], reaches.a[pair], reaches)
-        of_b = _shape_curvature(x, reaches.b_alone[pair], reaches.b[pair], reaches)
-        curvature[k] = of_a + of_b
-    return curvature
-
-
-@compiled
-def _shape_curvature(x, alone, rho, reaches):
-    """Of one shape of (A3), whose rows of `Reaches` are `alone` and `rho`."""
-    curvature = 0.0
-    for i in range(len(x)):
-        if rho[i] == 0.0:
-            continue
-        before = 0.0
-        for j in range(len(x)):
-            before += alone[j] * abs(x[j]) * reaches.above[i, j]
-        curvature += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
+        for shape in range(2):
+            alone = reaches.b_alone[pair] if shape else reaches.a_alone[pair]
+            rho = reaches.b[pair] if shape else reaches.a[pair]
+            count = 0
+            for j in range(len(x)):
+                if alone[j] != 0.0:
+                    own[count] = j
+                    count += 1
+            of_shape[shape] = 0.0
+            for i in range(len(x)):
+                if rho[i] == 0.0:
+                    continue
+                before = 0.0
+                for j in own[:count]:
+                    before += abs(x[j]) * reaches.above[i, j]
+                of_shape[shape] += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
+        curvature[k] = of_shape[0] + of_shape[1]
     return curvature
 
 
@@ -201,6 +205,32 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
     own = reaches.b[pairs] * speed
     before = (reaches.b_alone[pairs] * speed) @ above
     return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
+
+
+def _own_velocities_loops(S, x, alone, pairs):
+    V = np.zeros((len(pairs), 6))
+    for k in range(len(pairs)):
+        moves = alone[pairs[k]]
+        for j in range(len(x)):
+            if moves[j] != 0.0:
+                for c in range(6):
+                    V[k, c] += S[c, j] * x[j]
+    return V
+
+
+@compiled(loops=_own_velocities_loops)
+def own_velocities(
+    S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
+    """Spatial velocities (k, 6) of shapes, seen from what carries both of a pair.
+
+    Args:
+        S: (6, nv) `joint_motion`.
+        x: (nv,) what each joint moves in a unit of time.
+        alone: (Np, nv) `a_alone` or `b_alone` of `Reaches`.
+        pairs: (k,) which.
+    """
+    return product(alone[pairs], np.ascontiguousarray((S * x).T))
 
 
 def _shadow_gap_loops(n, p_a, u, a, p_b, v, b, half):
@@ -277,53 +307,31 @@ def shadow_gap(
 
 @compiled
 def place_pairs(
-    q: np.ndarray, some: np.ndarray, r: Robot
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    q: np.ndarray, shapes: np.ndarray, r: Robot
+) -> tuple[np.ndarray, np.ndarray]:
     """The axes of some pairs, and S, at one configuration (nq,).
 
     Args:
         q: (nq,) positions.
-        some: (k,) which pairs.
+        shapes: (k,) which pairs of shapes.
         r: of the robot.
 
     Returns:
-        (k, 3) each: where the axes of a start, and from there to their ends; likewise
-        of b [m]; (6, nv) `joint_motion`.
+        (P, 3) the points of `Robot.selection`, of which only those of the axes are
+        found [m]; (6, nv) `joint_motion`.
     """
-    pairs, joints, count = r.pairs.value, 3 * len(r.order), len(some)
+    pairs, joints = r.pairs.value, 3 * len(r.order)
     in_plant = np.empty((1, len(q)))
     for i in range(len(q)):
         in_plant[0, r.positions[i]] = q[i]
     X = link_poses(in_plant, r.tree.value)
     S = joint_motion(place_points(X, r.selection[:joints], r.first[:joints]))[0]
-    ends = np.empty(4 * count, dtype=np.int64)
-    put(ends, 0, pairs.start_a[some])
-    put(ends, count, pairs.vector_a[some])
-    put(ends, 2 * count, pairs.start_b[some])
-    put(ends, 3 * count, pairs.vector_b[some])
-    at = place_points(X, r.selection[ends], r.first[ends])[0]
-    return (
-        at[:count],
-        at[count : 2 * count],
-        at[2 * count : 3 * count],
-        at[3 * count :],
-        S,
-    )
-
-
-@compiled
-def sizes_of(sizes: CapsuleSizes, pairs: np.ndarray) -> CapsuleSizes:
-    """Of some pairs."""
-    return CapsuleSizes(
-        sizes.uu[pairs],
-        sizes.vv[pairs],
-        sizes.per_uu[pairs],
-        sizes.per_vv[pairs],
-        sizes.uu_vv[pairs],
-        sizes.radii[pairs],
-        sizes.balls[pairs],
-        sizes.flat[pairs],
-    )
+    at = np.empty((len(r.first), 3))
+    place_some(at, X[0], r.selection, r.first, pairs.start_a[shapes])
+    place_some(at, X[0], r.selection, r.first, pairs.vector_a[shapes])
+    place_some(at, X[0], r.selection, r.first, pairs.start_b[shapes])
+    place_some(at, X[0], r.selection, r.first, pairs.vector_b[shapes])
+    return at, S
 
 
 @compiled
@@ -365,17 +373,25 @@ def path_bounds(
             if not len(some):
                 continue
             t = (2 * part + 1) * half
-            p_a, u, p_b, v, S = place_pairs(displaced(start, t * x, r.turn), some, r)
-            d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
-            own = np.ascontiguousarray((S * x).T)
-            a = product(of.a_alone[of.own[some]], own)
-            b = product(of.b_alone[of.own[some]], own)
-            bound = shadow_gap(n, p_a, u, a, p_b, v, b, half)
-            bound -= pairs.sizes.radii[some] + 0.5 * half * half * curvature[some]
+            shapes, own = pairs.shapes[some], of.own[some]
+            points, S = place_pairs(displaced(start, t * x, r.turn), shapes, r)
+            d, n, _, _ = nearest_points(points, pairs, shapes)
+            gap = shadow_gap(
+                n,
+                select_rows(points, pairs.start_a[shapes]),
+                select_rows(points, pairs.vector_a[shapes]),
+                own_velocities(S, x, of.a_alone, own),
+                select_rows(points, pairs.start_b[shapes]),
+                select_rows(points, pairs.vector_b[shapes]),
+                own_velocities(S, x, of.b_alone, own),
+                half,
+            )
             for k in range(len(some)):
                 pair = some[k]
-                if bound[k] >= level[pair]:
-                    low[pair] = min(low[pair], bound[k])
+                radii = pairs.sizes.radii[shapes[k]]
+                bound = gap[k] - (radii + 0.5 * half * half * curvature[pair])
+                if bound >= level[pair]:
+                    low[pair] = min(low[pair], bound)
                     continue
                 last = halving == _HALVINGS
                 if d[k] < level[pair] or last:
@@ -417,8 +433,9 @@ def gradients_at(
     for k in range(len(failed)):
         some = failed[k : k + 1]
         there = displaced(start, bounds.at[some[0]] * x, r.turn)
-        p_a, u, p_b, v, S = place_pairs(there, some, r)
-        _, n, p, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
+        shapes = pairs.shapes[some]
+        points, S = place_pairs(there, shapes, r)
+        _, n, p, _ = nearest_points(points, pairs, shapes)
         moves = pairs.moves[of.rows[some]]
         found = distance_gradient_about_origin(
             n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves

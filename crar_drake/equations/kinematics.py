@@ -159,6 +159,35 @@ def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.
     return sparse_product(selection, first, X)
 
 
+def _place_some_loops(at, X, selection, first, some):
+    for k in range(len(some)):
+        i = some[k]
+        j = first[i]
+        p, q, r, s = selection[i, 0], selection[i, 1], selection[i, 2], selection[i, 3]
+        for c in range(3):
+            first_two = p * X[j, c] + q * X[j + 1, c]
+            at[i, c] = first_two + r * X[j + 2, c] + s * X[j + 3, c]
+
+
+@compiled(loops=_place_some_loops)
+def place_some(
+    at: np.ndarray,
+    X: np.ndarray,
+    selection: np.ndarray,
+    first: np.ndarray,
+    some: np.ndarray,
+) -> None:
+    """`place_points` of some alone, in one configuration, in place.
+
+    Args:
+        at: (P, 3) where they are put.
+        X: (4 N, 3) of `link_poses`.
+        selection, first: (P, 4), (P,) as there.
+        some: (k,) which points.
+    """
+    at[some] = sparse_product(selection[some], first[some], X[np.newaxis])[0]
+
+
 def _joint_motion_loops(placed):
     K, nv = len(placed), placed.shape[1] // 3
     S = np.empty((K, 6, nv))
@@ -188,7 +217,23 @@ def joint_motion(placed: np.ndarray) -> np.ndarray:
     return transposed(S)
 
 
-@compiled
+def _task_jacobian_loops(p, S, tasks):
+    m, nv = tasks.carried.shape
+    J = tasks.of_joints.copy() if len(tasks.of_joints) else np.zeros((m, nv))
+    for i in range(m):
+        e_0, e_1, e_2 = tasks.fixed[i, 3], tasks.fixed[i, 4], tasks.fixed[i, 5]
+        at = tasks.of_rows[i]
+        w_0 = p[at, 1] * e_2 - p[at, 2] * e_1 + tasks.fixed[i, 0]
+        w_1 = p[at, 2] * e_0 - p[at, 0] * e_2 + tasks.fixed[i, 1]
+        w_2 = p[at, 0] * e_1 - p[at, 1] * e_0 + tasks.fixed[i, 2]
+        for j in range(nv):
+            if tasks.carried[i, j] != 0.0:
+                turning = w_0 * S[0, j] + w_1 * S[1, j] + w_2 * S[2, j]
+                J[i, j] += turning + e_0 * S[3, j] + e_1 * S[4, j] + e_2 * S[5, j]
+    return J
+
+
+@compiled(loops=_task_jacobian_loops)
 def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray:
     """Eq. (5): the task Jacobian J (m, nv), of v = J q_dot, from the joints' motion.
 
@@ -209,7 +254,43 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
     return J
 
 
-@compiled
+def _task_bias_loops(p, S, v, tasks, rows):
+    nv, T = len(v), len(tasks.carries)
+    own, change = np.empty((nv, 6)), np.empty((nv, 6))
+    for j in range(nv):
+        for c in range(6):
+            own[j, c] = S[c, j] * v[j]
+    moving = product(tasks.above, own)
+    for j in range(nv):
+        s_0, s_1, s_2 = own[j, 0], own[j, 1], own[j, 2]
+        t_0, t_1, t_2 = own[j, 3], own[j, 4], own[j, 5]
+        w_0, w_1, w_2 = moving[j, 0], moving[j, 1], moving[j, 2]
+        u_0, u_1, u_2 = moving[j, 3], moving[j, 4], moving[j, 5]
+        change[j, 0] = w_1 * s_2 - w_2 * s_1
+        change[j, 1] = w_2 * s_0 - w_0 * s_2
+        change[j, 2] = w_0 * s_1 - w_1 * s_0
+        change[j, 3] = (w_1 * t_2 - w_2 * t_1) + (u_1 * s_2 - u_2 * s_1)
+        change[j, 4] = (w_2 * t_0 - w_0 * t_2) + (u_2 * s_0 - u_0 * s_2)
+        change[j, 5] = (w_0 * t_1 - w_1 * t_0) + (u_0 * s_1 - u_1 * s_0)
+    A, link = product(tasks.carries, change), product(tasks.carries, own)
+    a_p = np.empty((T, 3))
+    for i in range(T):
+        x, y, z = p[i, 0], p[i, 1], p[i, 2]
+        w_0, w_1, w_2 = link[i, 0], link[i, 1], link[i, 2]
+        u_0 = link[i, 3] + (w_1 * z - w_2 * y)
+        u_1 = link[i, 4] + (w_2 * x - w_0 * z)
+        u_2 = link[i, 5] + (w_0 * y - w_1 * x)
+        turned = A[i, 3] + (A[i, 1] * z - A[i, 2] * y)
+        a_p[i, 0] = turned + (w_1 * u_2 - w_2 * u_1)
+        turned = A[i, 4] + (A[i, 2] * x - A[i, 0] * z)
+        a_p[i, 1] = turned + (w_2 * u_0 - w_0 * u_2)
+        turned = A[i, 5] + (A[i, 0] * y - A[i, 1] * x)
+        a_p[i, 2] = turned + (w_0 * u_1 - w_1 * u_0)
+    alpha = A[:, :3]
+    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
+
+
+@compiled(loops=_task_bias_loops)
 def task_bias(
     p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
 ) -> np.ndarray:

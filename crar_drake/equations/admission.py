@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import nearest_points
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced, displacement
@@ -26,7 +26,7 @@ from crar_drake.equations.kinematics import (
     Robot,
     joint_motion,
     link_poses,
-    place_points,
+    needed_by,
     place_some,
 )
 from crar_drake.equations.prediction import next_state
@@ -36,7 +36,6 @@ from crar_drake.equations.vectors import (
     product,
     put,
     put_at,
-    select_rows,
     transposed_times,
 )
 
@@ -233,11 +232,13 @@ def own_velocities(
     return product(alone[pairs], np.ascontiguousarray((S * x).T))
 
 
-def _shadow_gap_loops(n, p_a, u, a, p_b, v, b, half):
+def _shadow_gap_loops(n, at, pairs, some, a, b, half):
     gap = np.empty(len(n))
     for k in range(len(n)):
-        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p_a[k], u[k], a[k], half)
-        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p_b[k], v[k], b[k], half)
+        p, u = at[pairs.start_a[some[k]]], at[pairs.vector_a[some[k]]]
+        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p, u, a[k], half)
+        p, u = at[pairs.start_b[some[k]]], at[pairs.vector_b[some[k]]]
+        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p, u, b[k], half)
         gap[k] = min(
             min(a_0 - da_0, a_1 - da_1) - max(b_0 - db_0, b_1 - db_1),
             min(a_0 + da_0, a_1 + da_1) - max(b_0 + db_0, b_1 + db_1),
@@ -267,11 +268,10 @@ def _end_shadows(n, p, u, a, half):
 @compiled(loops=_shadow_gap_loops)
 def shadow_gap(
     n: np.ndarray,
-    p_a: np.ndarray,
-    u: np.ndarray,
+    at: np.ndarray,
+    pairs: ShapePairs,
+    some: np.ndarray,
     a: np.ndarray,
-    p_b: np.ndarray,
-    v: np.ndarray,
     b: np.ndarray,
     half: float,
 ) -> np.ndarray:
@@ -284,14 +284,19 @@ def shadow_gap(
 
     Args:
         n: (k, 3) unit directions.
-        p_a, u: (k, 3) where the axes of a start, and from there to their ends [m].
-        a: (k, 6) spatial velocities about the world's origin, for a unit of time.
-        p_b, v, b: likewise.
+        at: (P, 3) points, where the axes start and from there to their ends among
+            them [m].
+        pairs: of shapes.
+        some: (k,) which pairs.
+        a, b: (k, 6) spatial velocities of both shapes about the world's origin, for a
+            unit of time.
         half: the time is within [-half, half].
 
     Returns:
         (k,) a bound from below, to the first order [m].
     """
+    p_a, u = at[pairs.start_a[some]], at[pairs.vector_a[some]]
+    p_b, v = at[pairs.start_b[some]], at[pairs.vector_b[some]]
     w_a, w_b = a[:, :3], b[:, :3]
     a_0, b_0 = dot_rows(n, p_a), dot_rows(n, p_b)
     a_1, b_1 = a_0 + dot_rows(n, u), b_0 + dot_rows(n, v)
@@ -307,31 +312,28 @@ def shadow_gap(
 
 @compiled
 def place_pairs(
-    q: np.ndarray, shapes: np.ndarray, r: Robot
-) -> tuple[np.ndarray, np.ndarray]:
-    """The axes of some pairs, and S, at one configuration (nq,).
+    points: np.ndarray, q: np.ndarray, shapes: np.ndarray, r: Robot
+) -> np.ndarray:
+    """The axes of some pairs, in place, and S at one configuration.
 
     Args:
+        points: (P, 3) those of `Robot.selection`, finite: of these the axes' are put
+            where they are at q [m].
         q: (nq,) positions.
         shapes: (k,) which pairs of shapes.
         r: of the robot.
 
     Returns:
-        (P, 3) the points of `Robot.selection`, of which only those of the axes are
-        found [m]; (6, nv) `joint_motion`.
+        (6, nv) `joint_motion`, of the joints that move these shapes.
     """
-    pairs, joints = r.pairs.value, 3 * len(r.order)
+    tree = r.tree.value
     in_plant = np.empty((1, len(q)))
     for i in range(len(q)):
         in_plant[0, r.positions[i]] = q[i]
-    X = link_poses(in_plant, r.tree.value)
-    S = joint_motion(place_points(X, r.selection[:joints], r.first[:joints]))[0]
-    at = np.empty((len(r.first), 3))
-    place_some(at, X[0], r.selection, r.first, pairs.start_a[shapes])
-    place_some(at, X[0], r.selection, r.first, pairs.vector_a[shapes])
-    place_some(at, X[0], r.selection, r.first, pairs.start_b[shapes])
-    place_some(at, X[0], r.selection, r.first, pairs.vector_b[shapes])
-    return at, S
+    frames, some = needed_by(shapes, r.pairs.value, r.first, tree)
+    X = link_poses(in_plant, tree, frames)
+    place_some(points, X[0], r.selection, r.first, some)
+    return joint_motion(points[: 3 * len(r.order)].reshape(1, -1, 3))[0]
 
 
 @compiled
@@ -364,6 +366,7 @@ def path_bounds(
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
     put_at(curvature, examined, path_curvature(x, examined, of))
+    points = np.zeros((len(r.first), 3))
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
         parts, half = len(open_), 0.5 / len(open_)
@@ -374,15 +377,14 @@ def path_bounds(
                 continue
             t = (2 * part + 1) * half
             shapes, own = pairs.shapes[some], of.own[some]
-            points, S = place_pairs(displaced(start, t * x, r.turn), shapes, r)
+            S = place_pairs(points, displaced(start, t * x, r.turn), shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
             gap = shadow_gap(
                 n,
-                select_rows(points, pairs.start_a[shapes]),
-                select_rows(points, pairs.vector_a[shapes]),
+                points,
+                pairs,
+                shapes,
                 own_velocities(S, x, of.a_alone, own),
-                select_rows(points, pairs.start_b[shapes]),
-                select_rows(points, pairs.vector_b[shapes]),
                 own_velocities(S, x, of.b_alone, own),
                 half,
             )
@@ -429,12 +431,12 @@ def gradients_at(
     """
     pairs, of = r.pairs.value, reaches.value
     failed = np.flatnonzero(bounds.at >= 0.0)
-    g = np.zeros((len(failed), len(x)))
+    g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
     for k in range(len(failed)):
         some = failed[k : k + 1]
         there = displaced(start, bounds.at[some[0]] * x, r.turn)
         shapes = pairs.shapes[some]
-        points, S = place_pairs(there, shapes, r)
+        S = place_pairs(points, there, shapes, r)
         _, n, p, _ = nearest_points(points, pairs, shapes)
         moves = pairs.moves[of.rows[some]]
         found = distance_gradient_about_origin(

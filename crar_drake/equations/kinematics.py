@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import nearest_of_pairs
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
@@ -53,6 +53,7 @@ class Tree(NamedTuple):
     sine: np.ndarray  # (N, 4, 4) of the world, as the others, 0
     versine: np.ndarray
     slide: np.ndarray
+    every: np.ndarray  # (N,) True
     ancestors: np.ndarray  # (B, N) the frames 1, 2, 4, ... up, till all are the world
     free: np.ndarray  # (F, 2) of free joints: the first frame, and where in the plant's
     # positions their quaternion is, with the translation after it
@@ -93,7 +94,7 @@ def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
     return X
 
 
-def _link_poses_loops(q, tree):
+def _link_poses_loops(q, tree, needed):
     K, N = len(q), len(tree.parent)
     X = np.empty((K, 4 * N, 3))
     for k in range(K):
@@ -102,6 +103,8 @@ def _link_poses_loops(q, tree):
             for r in range(4):
                 X[k, r, c] = 1.0 if r == c else 0.0
         for i in range(1, N):
+            if not needed[i]:
+                continue
             at = q[k, tree.position[i]]
             s, versine = math.sin(at), 1.0 - math.cos(at)
             up, here = 4 * tree.parent[i], 4 * i
@@ -125,7 +128,7 @@ def _link_poses_loops(q, tree):
 
 
 @compiled(loops=_link_poses_loops)
-def link_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
+def link_poses(q: np.ndarray, tree: Tree, needed: np.ndarray) -> np.ndarray:
     """X (K, 4 N, 3): the frames' poses X_WL, transposed, one below the other [m].
 
     Of each frame three rows of R_WL^T, and then p_WL.
@@ -133,6 +136,7 @@ def link_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
     Args:
         q: (K, nq) positions of all joints in K configurations, in the plant's order.
         tree: of the robot.
+        needed: (N,) bool, which frames, parents with their children; `Tree.every`.
     """
     at = q[:, tree.position][..., np.newaxis, np.newaxis]
     fixed = tree.fixed
@@ -188,6 +192,46 @@ def place_some(
     at[some] = sparse_product(selection[some], first[some], X[np.newaxis])[0]
 
 
+@compiled
+def needed_by(
+    shapes: np.ndarray, pairs: ShapePairs, first: np.ndarray, tree: Tree
+) -> tuple[np.ndarray, np.ndarray]:
+    """What has to be placed to know where shapes are, and how joints move them.
+
+    Args:
+        shapes: (k,) which of the pairs.
+        pairs: of shapes.
+        first: (P,) of `place_points`, the joints' axes at its beginning.
+        tree: of the robot.
+
+    Returns:
+        (N,) bool, the frames: those that carry the shapes. The points: the axes of the
+        shapes, and of the joints that move these frames.
+    """
+    axes = 3 * (len(tree.parent) - 1)
+    frames = np.zeros(len(tree.parent), dtype=np.bool_)
+    points = np.empty(axes + 4 * len(shapes), dtype=np.int64)
+    count = 0
+    for of in shapes:
+        for point in (
+            pairs.start_a[of],
+            pairs.vector_a[of],
+            pairs.start_b[of],
+            pairs.vector_b[of],
+        ):
+            points[count] = point
+            count += 1
+            frame = first[point] // 4
+            while not frames[frame]:
+                frames[frame] = True
+                frame = tree.parent[frame]
+    for point in range(axes):
+        if frames[first[point] // 4]:
+            points[count] = point
+            count += 1
+    return frames, points[:count]
+
+
 def _joint_motion_loops(placed):
     K, nv = len(placed), placed.shape[1] // 3
     S = np.empty((K, 6, nv))
@@ -222,6 +266,8 @@ def _task_jacobian_loops(p, S, tasks):
     J = tasks.of_joints.copy() if len(tasks.of_joints) else np.zeros((m, nv))
     for i in range(m):
         e_0, e_1, e_2 = tasks.fixed[i, 3], tasks.fixed[i, 4], tasks.fixed[i, 5]
+        if not tasks.fixed[i].any():
+            continue  # of a joint
         at = tasks.of_rows[i]
         w_0 = p[at, 1] * e_2 - p[at, 2] * e_1 + tasks.fixed[i, 0]
         w_1 = p[at, 2] * e_0 - p[at, 0] * e_2 + tasks.fixed[i, 1]
@@ -256,37 +302,58 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
 
 def _task_bias_loops(p, S, v, tasks, rows):
     nv, T = len(v), len(tasks.carries)
-    own, change = np.empty((nv, 6)), np.empty((nv, 6))
+    is_pose, moves_one = np.zeros(T, dtype=np.bool_), np.zeros(nv, dtype=np.bool_)
+    for of in (rows.angular_tasks, rows.linear_tasks):
+        for i in of:
+            is_pose[i] = True
+            for j in range(nv):
+                moves_one[j] |= tasks.carries[i, j] != 0.0
+    own, change, moving = np.zeros((nv, 6)), np.empty((nv, 6)), np.empty(6)
     for j in range(nv):
+        if not moves_one[j]:
+            continue
         for c in range(6):
             own[j, c] = S[c, j] * v[j]
-    moving = product(tasks.above, own)
     for j in range(nv):
+        if not moves_one[j]:
+            continue
+        for c in range(6):
+            moving[c] = 0.0
+        for i in range(nv):
+            if tasks.above[j, i] != 0.0:
+                for c in range(6):
+                    moving[c] += own[i, c]
         s_0, s_1, s_2 = own[j, 0], own[j, 1], own[j, 2]
         t_0, t_1, t_2 = own[j, 3], own[j, 4], own[j, 5]
-        w_0, w_1, w_2 = moving[j, 0], moving[j, 1], moving[j, 2]
-        u_0, u_1, u_2 = moving[j, 3], moving[j, 4], moving[j, 5]
+        w_0, w_1, w_2 = moving[0], moving[1], moving[2]
+        u_0, u_1, u_2 = moving[3], moving[4], moving[5]
         change[j, 0] = w_1 * s_2 - w_2 * s_1
         change[j, 1] = w_2 * s_0 - w_0 * s_2
         change[j, 2] = w_0 * s_1 - w_1 * s_0
         change[j, 3] = (w_1 * t_2 - w_2 * t_1) + (u_1 * s_2 - u_2 * s_1)
         change[j, 4] = (w_2 * t_0 - w_0 * t_2) + (u_2 * s_0 - u_0 * s_2)
         change[j, 5] = (w_0 * t_1 - w_1 * t_0) + (u_0 * s_1 - u_1 * s_0)
-    A, link = product(tasks.carries, change), product(tasks.carries, own)
-    a_p = np.empty((T, 3))
+    alpha, a_p = np.zeros((T, 3)), np.zeros((T, 3))
+    A, link = np.empty(6), np.empty(6)
     for i in range(T):
+        if not is_pose[i]:
+            continue
+        for c in range(6):
+            A[c], link[c] = 0.0, 0.0
+        for j in range(nv):
+            if tasks.carries[i, j] != 0.0:
+                for c in range(6):
+                    A[c] += change[j, c]
+                    link[c] += own[j, c]
         x, y, z = p[i, 0], p[i, 1], p[i, 2]
-        w_0, w_1, w_2 = link[i, 0], link[i, 1], link[i, 2]
-        u_0 = link[i, 3] + (w_1 * z - w_2 * y)
-        u_1 = link[i, 4] + (w_2 * x - w_0 * z)
-        u_2 = link[i, 5] + (w_0 * y - w_1 * x)
-        turned = A[i, 3] + (A[i, 1] * z - A[i, 2] * y)
-        a_p[i, 0] = turned + (w_1 * u_2 - w_2 * u_1)
-        turned = A[i, 4] + (A[i, 2] * x - A[i, 0] * z)
-        a_p[i, 1] = turned + (w_2 * u_0 - w_0 * u_2)
-        turned = A[i, 5] + (A[i, 0] * y - A[i, 1] * x)
-        a_p[i, 2] = turned + (w_0 * u_1 - w_1 * u_0)
-    alpha = A[:, :3]
+        w_0, w_1, w_2 = link[0], link[1], link[2]
+        u_0 = link[3] + (w_1 * z - w_2 * y)
+        u_1 = link[4] + (w_2 * x - w_0 * z)
+        u_2 = link[5] + (w_0 * y - w_1 * x)
+        alpha[i, 0], alpha[i, 1], alpha[i, 2] = A[0], A[1], A[2]
+        a_p[i, 0] = A[3] + (A[1] * z - A[2] * y) + (w_1 * u_2 - w_2 * u_1)
+        a_p[i, 1] = A[4] + (A[2] * x - A[0] * z) + (w_2 * u_0 - w_0 * u_2)
+        a_p[i, 2] = A[5] + (A[0] * y - A[1] * x) + (w_0 * u_1 - w_1 * u_0)
     return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
 
 
@@ -378,7 +445,9 @@ class Robot(NamedTuple):
 def find_state(measured: Measured, r: Robot) -> State:
     """Eqs. (5), (6), (20): the numbers of a state."""
     tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
-    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
     S = joint_motion(points[:, : 3 * nv])
     pairs = r.pairs.value
     d, normal, p_WA = nearest_of_pairs(points, measured.asked, pairs)
@@ -403,7 +472,9 @@ def find_state(measured: Measured, r: Robot) -> State:
 @compiled
 def row_distances(measured: Measured, r: Robot) -> np.ndarray:
     """The signed distances of a state alone, (K, Nr) [m]."""
-    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
     d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
     return d.reshape(len(points), -1)
 

@@ -61,11 +61,11 @@ def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarr
         at least `enough` [m].
     """
     r = robot.value
-    pairs = r.pairs.value
+    pairs, tree = r.pairs.value, r.tree.value
     count = enough.shape[1]
     found = np.empty((len(q), count))
     for k in range(len(q)):
-        X = link_poses(q[k : k + 1], r.tree.value)
+        X = link_poses(q[k : k + 1], tree, tree.every)
         points = place_points(X, r.selection, r.first)[0]
         shapes = pairs.shapes[:count]
         d = ball_distances(points, pairs, shapes)

@@ -172,9 +172,17 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _transposed_times_loops(A, x):
-    y = np.zeros(A.shape[1])
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
+    m, n = A.shape
+    y = np.zeros(n)
+    # Four rows at once, in their order, as in `gram`.
+    by_four = m - m % 4
+    for i in range(0, by_four, 4):
+        a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
+        p, q, r, s = A[i], A[i + 1], A[i + 2], A[i + 3]
+        for j in range(n):
+            y[j] = y[j] + p[j] * a + q[j] * b + r[j] * c + s[j] * d
+    for i in range(by_four, m):
+        for j in range(n):
             y[j] += A[i, j] * x[i]
     return y
 

@@ -48,6 +48,7 @@ from crar_drake.equations.admission import (
     travel,
     velocity_bounds,
 )
+from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead_guard import admit
@@ -376,6 +377,15 @@ def test_an_unlimited_slide_on_a_turning_joint_is_refused(limits) -> None:
 # --- A4, A5: the whole path ---------------------------------------------------------
 
 
+def shape_pairs(start_a, vector_a, start_b, vector_b) -> ShapePairs:
+    """Of points, where the rest does not matter."""
+    nothing = np.zeros(0)
+    sizes = CapsuleSizes(*[nothing] * len(CapsuleSizes._fields))
+    return ShapePairs(
+        start_a, start_b, vector_a, vector_b, sizes, start_a, start_a, start_a, nothing
+    )
+
+
 GAPS = [shadow_gap, admission._shadow_gap_loops]
 
 
@@ -390,7 +400,8 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
     n /= np.linalg.norm(n, axis=1)[:, None]
     p_a, u, p_b, v = rng.normal(size=(4, k, 3))
     a, b = rng.normal(size=(2, k, 6)) * rng.choice([0.1, 3.0])
-    found = gap(n, p_a, u, a, p_b, v, b, half)
+    at, some = np.concatenate((p_a, u, p_b, v)), np.arange(k)
+    found = gap(n, at, shape_pairs(*(some + i * k for i in range(4))), some, a, b, half)
     gaps = []
     for t in np.linspace(-half, half, 41):
 

@@ -47,7 +47,9 @@ def configurations(plant: MultibodyPlant) -> np.ndarray:
 def test_link_poses_are_drakes(plant: MultibodyPlant, poses) -> None:
     joints, context = JointTree(plant), plant.CreateDefaultContext()
     configured = configurations(plant)
-    X = poses(configured, joints.tree).reshape(len(configured), -1, 4, 3)
+    X = poses(configured, joints.tree, joints.tree.every).reshape(
+        len(configured), -1, 4, 3
+    )
     for q, X_WL in zip(configured, X, strict=True):
         plant.SetPositions(context, q)
         for i in range(plant.num_bodies()):
@@ -71,7 +73,8 @@ def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
     for vectors in (joints.turns, joints.slides):
         placed += list(zip(frames, np.hstack([vectors, along]), strict=True))
     configured = configurations(plant)
-    points = place_points(link_poses(configured, joints.tree), *joints.select(placed))
+    X = link_poses(configured, joints.tree, joints.tree.every)
+    points = place_points(X, *joints.select(placed))
     for q, S in zip(configured, motion(points), strict=True):
         plant.SetPositions(context, q)
         for i in range(1, plant.num_bodies()):

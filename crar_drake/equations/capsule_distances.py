@@ -94,14 +94,11 @@ def _nearest_points_loops(at, pairs, some):
     sizes = pairs.sizes
     d, normal = np.empty(count), np.empty((count, 3))
     nearest_a, nearest_b = np.empty((count, 3)), np.empty((count, 3))
+    # Of a signed place Numba asks each time whether it counts from the end.
     for i in range(count):
-        of = some[i]
-        a, b, u, v = (
-            pairs.start_a[of],
-            pairs.start_b[of],
-            pairs.vector_a[of],
-            pairs.vector_b[of],
-        )
+        of = np.uintp(some[i])
+        a, b = np.uintp(pairs.start_a[of]), np.uintp(pairs.start_b[of])
+        u, v = np.uintp(pairs.vector_a[of]), np.uintp(pairs.vector_b[of])
         a_0, a_1, a_2 = at[a, 0], at[a, 1], at[a, 2]
         b_0, b_1, b_2 = at[b, 0], at[b, 1], at[b, 2]
         u_0, u_1, u_2 = at[u, 0], at[u, 1], at[u, 2]
@@ -112,9 +109,12 @@ def _nearest_points_loops(at, pairs, some):
         vr = v_0 * r_0 + v_1 * r_1 + v_2 * r_2
         determinant = sizes.uu_vv[of] - uv * uv
         if determinant < _NEARLY_PARALLEL * sizes.uu_vv[of]:
-            r = np.array([[r_0, r_1, r_2]])
             s = _along_nearly_parallel(
-                at[u : u + 1], at[v : v + 1], r, sizes.uu[of], sizes.vv[of]
+                np.array([[u_0, u_1, u_2]]),
+                np.array([[v_0, v_1, v_2]]),
+                np.array([[r_0, r_1, r_2]]),
+                sizes.uu[of],
+                sizes.vv[of],
             )
         else:
             s = (uv * vr - ur * sizes.vv[of]) / determinant
@@ -125,7 +125,7 @@ def _nearest_points_loops(at, pairs, some):
         n_0, n_1, n_2 = x_0 - y_0, x_1 - y_1, x_2 - y_2
         axis_distance = np.sqrt(n_0 * n_0 + n_1 * n_1 + n_2 * n_2)
         if axis_distance < _TOUCHING:
-            n = _perpendicular(at[u : u + 1], at[v : v + 1])
+            n = _perpendicular(np.array([[u_0, u_1, u_2]]), np.array([[v_0, v_1, v_2]]))
             n_0, n_1, n_2 = n[0], n[1], n[2]
         else:
             n_0, n_1, n_2 = (

@@ -24,10 +24,11 @@ from crar_drake.equations.vectors import dot_rows, put, put_at, some_columns
 
 def _ball_distances_loops(points, pairs, some):
     d = np.empty(len(some))
+    # Of a signed place Numba asks each time whether it counts from the end.
     for i in range(len(some)):
-        of = some[i]
-        a, b = pairs.start_a[of], pairs.start_b[of]
-        u, v = pairs.vector_a[of], pairs.vector_b[of]
+        of = np.uintp(some[i])
+        a, b = np.uintp(pairs.start_a[of]), np.uintp(pairs.start_b[of])
+        u, v = np.uintp(pairs.vector_a[of]), np.uintp(pairs.vector_b[of])
         x = points[a, 0] - points[b, 0] + 0.5 * (points[u, 0] - points[v, 0])
         y = points[a, 1] - points[b, 1] + 0.5 * (points[u, 1] - points[v, 1])
         z = points[a, 2] - points[b, 2] + 0.5 * (points[u, 2] - points[v, 2])

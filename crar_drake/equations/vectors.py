@@ -400,13 +400,16 @@ def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 def _sparse_product_loops(A, first, X):
     C = np.empty((len(X), len(A), 3))
+    one = np.uintp(1)
     for k in range(len(X)):
         for i in range(len(A)):
-            j = first[i]
+            # Of a signed place Numba asks each time whether it counts from the end.
+            j = np.uintp(first[i])
+            x, y, z = j + one, j + one + one, j + one + one + one
             p, q, r, s = A[i, 0], A[i, 1], A[i, 2], A[i, 3]
             for c in range(3):
-                first_two = p * X[k, j, c] + q * X[k, j + 1, c]
-                C[k, i, c] = first_two + r * X[k, j + 2, c] + s * X[k, j + 3, c]
+                first_two = p * X[k, j, c] + q * X[k, x, c]
+                C[k, i, c] = first_two + r * X[k, y, c] + s * X[k, z, c]
     return C
 
 

@@ -41,6 +41,7 @@ from crar_drake.equations.admission import (
     farther,
     gradients_at,
     next_path,
+    own_velocities,
     path_bounds,
     path_curvature,
     scale_step,
@@ -413,6 +414,20 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
         of_a, of_b = shadows(p_a, u, a), shadows(p_b, v, b)
         gaps.append(of_a.min(axis=0) - of_b.max(axis=0))
     np.testing.assert_allclose(found, np.min(gaps, axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "found", [own_velocities, admission._own_velocities_loops], ids=["called", "loops"]
+)
+def test_a_shapes_own_velocity_is_of_the_joints_that_move_it_alone(found) -> None:
+    rng = np.random.default_rng(3)
+    S, x, pairs = rng.normal(size=(6, 5)), rng.normal(size=5), np.array([3, 0])
+    alone = rng.integers(2, size=(4, 5)).astype(float)
+    expected = [
+        sum((x[j] * S[:, j] for j in np.flatnonzero(alone[pair])), np.zeros(6))
+        for pair in pairs
+    ]
+    np.testing.assert_allclose(found(S, x, alone, pairs), expected, atol=1e-14)
 
 
 def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:

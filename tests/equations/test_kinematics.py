@@ -13,7 +13,8 @@ from pydrake.multibody.tree import (
 )
 
 from crar_drake.equations import kinematics
-from crar_drake.equations.kinematics import link_poses, place_points
+from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
+from crar_drake.equations.kinematics import link_poses, needed_by, place_points
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree
@@ -22,6 +23,7 @@ from crar_drake.robot.task import Task
 
 # Both bodies of each function: of NumPy, or what is compiled in its place; and loops.
 POSES = [link_poses, kinematics._link_poses_loops]
+PLACES = [kinematics.place_some, kinematics._place_some_loops]
 MOTIONS = [kinematics.joint_motion, kinematics._joint_motion_loops]
 
 
@@ -85,6 +87,44 @@ def test_joint_motion_is_drakes_jacobian_about_the_worlds_origin(
             )
             carried = joints.moved_by[joints.place(body)[0]]
             np.testing.assert_allclose(S * carried, expected, atol=1e-11)
+
+
+@pytest.mark.parametrize("poses", POSES, ids=["as called", "loops"])
+@pytest.mark.parametrize("place", PLACES, ids=["as called", "loops"])
+def test_what_is_needed_by_shapes_is_placed_as_all_is(plant, poses, place) -> None:
+    """And nothing else is: by the frames of two pairs, one against the world."""
+    tree = JointTree(plant).tree
+    rng, N = np.random.default_rng(5), len(tree.parent)
+    axes = np.tile(np.arange(1, N), 3)
+    ends = np.array([N - 1, N // 2, 0, N // 2])  # the frames of a and b, of two pairs
+    first = 4 * np.concatenate((axes, ends, ends))
+    selection = rng.normal(size=(len(first), 4))
+    start = 3 * (N - 1) + np.arange(4)
+    nothing = np.zeros(0)
+    pairs = ShapePairs(
+        *(start[::2], start[1::2], start[::2] + 4, start[1::2] + 4),
+        CapsuleSizes(*[nothing] * len(CapsuleSizes._fields)),
+        *[np.arange(2)] * 2,
+        *[nothing] * 2,
+    )
+    for shapes, of_frames in (([1], ends[2:]), ([0, 1], ends), ([], [])):
+        frames, some = needed_by(np.array(shapes, dtype=int), pairs, first, tree)
+        carrying = set()
+        for frame in of_frames:
+            while frame not in carrying:
+                carrying.add(int(frame))
+                frame = tree.parent[frame]
+        assert set(np.flatnonzero(frames)) == carrying
+        q = configurations(plant)[:1]
+        whole = place_points(link_poses(q, tree, tree.every), selection, first)[0]
+        points = np.full((len(first), 3), np.nan)
+        place(points, poses(q, tree, frames)[0], selection, first, some)
+        placed = np.isfinite(points).all(axis=1)
+        np.testing.assert_allclose(points[placed], whole[placed], atol=1e-12)
+        of_axes = np.isin(axes, list(carrying))
+        np.testing.assert_array_equal(placed[: len(axes)], of_axes)
+        of_shapes = np.isin(np.arange(4) // 2, shapes)
+        np.testing.assert_array_equal(placed[len(axes) :], np.tile(of_shapes, 2))
 
 
 def test_every_kind_of_joint_is_among_the_cases() -> None:

@@ -22,18 +22,12 @@ from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced, displacement
-from crar_drake.equations.kinematics import (
-    Robot,
-    joint_motion,
-    link_poses,
-    needed_by,
-    place_some,
-)
+from crar_drake.equations.kinematics import Robot
+from crar_drake.equations.placed_shapes import own_velocities, place_pairs
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import (
     cross_rows,
     dot_rows,
-    product,
     put,
     put_at,
     transposed_times,
@@ -206,32 +200,6 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
     return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
-def _own_velocities_loops(S, x, alone, pairs):
-    V = np.zeros((len(pairs), 6))
-    for k in range(len(pairs)):
-        moves = alone[pairs[k]]
-        for j in range(len(x)):
-            if moves[j] != 0.0:
-                for c in range(6):
-                    V[k, c] += S[c, j] * x[j]
-    return V
-
-
-@compiled(loops=_own_velocities_loops)
-def own_velocities(
-    S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
-) -> np.ndarray:
-    """Spatial velocities (k, 6) of shapes, seen from what carries both of a pair.
-
-    Args:
-        S: (6, nv) `joint_motion`.
-        x: (nv,) what each joint moves in a unit of time.
-        alone: (Np, nv) `a_alone` or `b_alone` of `Reaches`.
-        pairs: (k,) which.
-    """
-    return product(alone[pairs], np.ascontiguousarray((S * x).T))
-
-
 def _shadow_gap_loops(n, at, pairs, some, a, b, half):
     gap = np.empty(len(n))
     for k in range(len(n)):
@@ -308,32 +276,6 @@ def shadow_gap(
         np.minimum(a_0 - da_0, a_1 - da_1) - np.maximum(b_0 - db_0, b_1 - db_1),
         np.minimum(a_0 + da_0, a_1 + da_1) - np.maximum(b_0 + db_0, b_1 + db_1),
     )
-
-
-@compiled
-def place_pairs(
-    points: np.ndarray, q: np.ndarray, shapes: np.ndarray, r: Robot
-) -> np.ndarray:
-    """The axes of some pairs, in place, and S at one configuration.
-
-    Args:
-        points: (P, 3) those of `Robot.selection`, finite: of these the axes' are put
-            where they are at q [m].
-        q: (nq,) positions.
-        shapes: (k,) which pairs of shapes.
-        r: of the robot.
-
-    Returns:
-        (6, nv) `joint_motion`, of the joints that move these shapes.
-    """
-    tree = r.tree.value
-    in_plant = np.empty((1, len(q)))
-    for i in range(len(q)):
-        in_plant[0, r.positions[i]] = q[i]
-    frames, some = needed_by(shapes, r.pairs.value, r.first, tree)
-    X = link_poses(in_plant, tree, frames)
-    place_some(points, X[0], r.selection, r.first, some)
-    return joint_motion(points[: 3 * len(r.order)].reshape(1, -1, 3))[0]
 
 
 @compiled

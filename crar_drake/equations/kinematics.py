@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import ShapePairs, nearest_of_pairs
+from crar_drake.equations.capsule_distances import nearest_of_pairs
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.tasks import TaskRows, rotation_from_quaternion, stack_rows
@@ -161,75 +161,6 @@ def place_points(X: np.ndarray, selection: np.ndarray, first: np.ndarray) -> np.
         first: (P,).
     """
     return sparse_product(selection, first, X)
-
-
-def _place_some_loops(at, X, selection, first, some):
-    for k in range(len(some)):
-        i = some[k]
-        j = first[i]
-        p, q, r, s = selection[i, 0], selection[i, 1], selection[i, 2], selection[i, 3]
-        for c in range(3):
-            first_two = p * X[j, c] + q * X[j + 1, c]
-            at[i, c] = first_two + r * X[j + 2, c] + s * X[j + 3, c]
-
-
-@compiled(loops=_place_some_loops)
-def place_some(
-    at: np.ndarray,
-    X: np.ndarray,
-    selection: np.ndarray,
-    first: np.ndarray,
-    some: np.ndarray,
-) -> None:
-    """`place_points` of some alone, in one configuration, in place.
-
-    Args:
-        at: (P, 3) where they are put.
-        X: (4 N, 3) of `link_poses`.
-        selection, first: (P, 4), (P,) as there.
-        some: (k,) which points.
-    """
-    at[some] = sparse_product(selection[some], first[some], X[np.newaxis])[0]
-
-
-@compiled
-def needed_by(
-    shapes: np.ndarray, pairs: ShapePairs, first: np.ndarray, tree: Tree
-) -> tuple[np.ndarray, np.ndarray]:
-    """What has to be placed to know where shapes are, and how joints move them.
-
-    Args:
-        shapes: (k,) which of the pairs.
-        pairs: of shapes.
-        first: (P,) of `place_points`, the joints' axes at its beginning.
-        tree: of the robot.
-
-    Returns:
-        (N,) bool, the frames: those that carry the shapes. The points: the axes of the
-        shapes, and of the joints that move these frames.
-    """
-    axes = 3 * (len(tree.parent) - 1)
-    frames = np.zeros(len(tree.parent), dtype=np.bool_)
-    points = np.empty(axes + 4 * len(shapes), dtype=np.int64)
-    count = 0
-    for of in shapes:
-        for point in (
-            pairs.start_a[of],
-            pairs.vector_a[of],
-            pairs.start_b[of],
-            pairs.vector_b[of],
-        ):
-            points[count] = point
-            count += 1
-            frame = first[point] // 4
-            while not frames[frame]:
-                frames[frame] = True
-                frame = tree.parent[frame]
-    for point in range(axes):
-        if frames[first[point] // 4]:
-            points[count] = point
-            count += 1
-    return frames, points[:count]
 
 
 def _joint_motion_loops(placed):

@@ -30,7 +30,12 @@ from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import admission, lookahead, lookahead_guard
+from crar_drake.equations import (
+    admission,
+    lookahead,
+    lookahead_guard,
+    placed_shapes,
+)
 from crar_drake.equations.admission import (
     AS_WISHED,
     CORRECTED,
@@ -41,7 +46,6 @@ from crar_drake.equations.admission import (
     farther,
     gradients_at,
     next_path,
-    own_velocities,
     path_bounds,
     path_curvature,
     scale_step,
@@ -54,6 +58,7 @@ from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
+from crar_drake.equations.placed_shapes import own_velocities
 from crar_drake.errors import ModelError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -417,7 +422,9 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
 
 
 @pytest.mark.parametrize(
-    "found", [own_velocities, admission._own_velocities_loops], ids=["called", "loops"]
+    "found",
+    [own_velocities, placed_shapes._own_velocities_loops],
+    ids=["called", "loops"],
 )
 def test_a_shapes_own_velocity_is_of_the_joints_that_move_it_alone(found) -> None:
     rng = np.random.default_rng(3)

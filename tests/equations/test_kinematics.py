@@ -12,9 +12,10 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from crar_drake.equations import kinematics
+from crar_drake.equations import kinematics, placed_shapes
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
-from crar_drake.equations.kinematics import link_poses, needed_by, place_points
+from crar_drake.equations.kinematics import link_poses, place_points
+from crar_drake.equations.placed_shapes import needed_by
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.kinematics import JointTree
@@ -23,7 +24,7 @@ from crar_drake.robot.task import Task
 
 # Both bodies of each function: of NumPy, or what is compiled in its place; and loops.
 POSES = [link_poses, kinematics._link_poses_loops]
-PLACES = [kinematics.place_some, kinematics._place_some_loops]
+PLACES = [placed_shapes.place_some, placed_shapes._place_some_loops]
 MOTIONS = [kinematics.joint_motion, kinematics._joint_motion_loops]
 
 

@@ -109,7 +109,7 @@ class EffortLimits:
         nu = model.plant.num_actuated_dofs()
         ends = (0, nv, nv + nu, nv + nu + 2)
         self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
-        ticks = gains.torque_ticks(float(model.plant.time_step()))
+        ticks = gains.torque_ticks(plant_step)
         # After the control tick.
         self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
 
@@ -277,8 +277,9 @@ class EffortLimits:
         Coriolis forces and gravity change within a period.
         """
         limits = self.limits
-        calm = np.all(np.abs(found.actuation) <= _CALM * limits)
-        if calm or not self._torque_times:
+        if not self._torque_times:
+            return None
+        if np.all(np.abs(found.actuation) <= _CALM * limits):
             return None
         plant, context = self._model.plant, workspace.plant_context
         here = plant.GetPositionsAndVelocities(context)

@@ -117,7 +117,6 @@ class LegSolver:
         asked = np.concatenate(asked, axis=1)
         q, found, knees = self._rest.copy(), np.empty_like(R_WF), np.empty((count, 3))
         before, self.positions = self.positions, []
-        plant, context = self._plant, self._context
         bounds = self._lower, self._upper
         for t in range(count):
             if (
@@ -139,8 +138,8 @@ class LegSolver:
                 )
             if before:
                 q[self._q] = np.clip(before[t], *bounds)
-            found[t] = self._solve(q, foot.positions[t], R_WF[t], bounds)
-            knees[t] = self._shank.CalcPoseInWorld(context).translation()
+            self._solve(q, foot.positions[t], R_WF[t], bounds)
+            found[t], knees[t] = self._foot_and_knee(q)
             self.positions.append(q[self._q].copy())
         joints = np.array(self.positions)
         sudden = sudden_turns(Rotation.from_matrix(found), self._rate)
@@ -149,9 +148,7 @@ class LegSolver:
         for t in np.flatnonzero(sudden):
             q[self._root[:4]], q[self._root[4:]] = R_WB[t], root_positions[t]
             q[self._q] = self.positions[t] = joints[t]
-            plant.SetPositions(context, q)
-            found[t] = self._foot.CalcPoseInWorld(context).rotation().matrix()
-            knees[t] = self._shank.CalcPoseInWorld(context).translation()
+            found[t], knees[t] = self._foot_and_knee(q)
         self._asked, self._found, self._knees = asked, found, knees
         return Rotation.from_matrix(found @ self._leg.foot.T), knees
 
@@ -189,9 +186,16 @@ class LegSolver:
             world,
         )[:, self._v]
 
-    def _solve(self, q, p, R, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def _foot_and_knee(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(3, 3) orientation of the foot, (3,) position of the knee [m]."""
+        self._plant.SetPositions(self._context, q)
+        X_WF = self._foot.CalcPoseInWorld(self._context)
+        knee = self._shank.CalcPoseInWorld(self._context).translation()
+        return X_WF.rotation().matrix(), knee
+
+    def _solve(self, q, p, R, bounds: tuple[np.ndarray, np.ndarray]) -> None:
         """R_WF nearest to R within bounds of the leg's joints, from and into q."""
-        plant, context, wanted = self._plant, self._context, RotationMatrix(R)
+        context, wanted = self._context, RotationMatrix(R)
         for _ in range(_ITERATIONS):
             J = self.jacobian(q)
             X = self._foot.CalcPoseInWorld(context)
@@ -203,8 +207,6 @@ class LegSolver:
             q[self._q] = np.clip(q[self._q] + step, *bounds)
             if np.abs(step).max() < 1e-5:
                 break
-        plant.SetPositions(context, q)
-        return self._foot.CalcPoseInWorld(context).rotation().matrix()
 
     def _step(self, J, error, q, bounds: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """A damped step; what a joint at its bound cannot do, the others must."""

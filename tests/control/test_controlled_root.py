@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 from floating_robots import (
-    APART,
-    SLIDES,
     TASKS,
-    TURNS,
     description,
     make_floater,
     on_six_joints,
@@ -15,27 +12,29 @@ from floating_robots import (
     stay_apart,
     write_floater,
 )
+from floating_runs import (
+    FLOOR,
+    HORIZON,
+    PERIOD,
+    by_drake,
+    check_log,
+    first_accelerations,
+    hands_scenario,
+    nearest_in_braking,
+)
 from scipy.spatial.transform import Rotation
-from spy_meshcat import SpyMeshcat
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
+from crar_drake.results.certificate import Moves
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.playback import record_log
-from crar_drake.results.plots import plot_run
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import RootPose
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.run import run_scenario
-from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.targets.start_pose import solve_start_pose
-
-PERIOD = 5e-3
-HORIZON = CrarParameters().braking_horizon
-FLOOR = 4e-3  # the default distance margin, less the slack
 
 
 @pytest.fixture(scope="module")
@@ -48,25 +47,8 @@ def test_it_is_moved_as_six_joints_would_be(constraints: str) -> None:
     """From rest and not turned, the tasks ask for the same accelerations."""
     pairs = description().pairs[:-1]
     free = make_floater("controlled", pairs=pairs, root_pose=RootPose())
-    jointed = on_six_joints()
     gains = CrarParameters(period=PERIOD, constraints=constraints, blend_time=0.0)
-    q, found = stay_apart(free), []
-    arms = [name for name in jointed.joint_names if name not in (*SLIDES, *TURNS)]
-    goal = free.tasks_at(q)
-    goal[:6] += [0.02, 0.05, -0.02, -0.03, -0.07, 0.01]
-    for model, names in (
-        (free, [f"body.{v}" for v in ("vx", "vy", "vz", "wx", "wy", "wz")]),
-        (jointed, [*SLIDES, *TURNS]),
-    ):
-        at = np.zeros(model.plant.num_positions())
-        at[root_entries(free)[0][:1]] = 1.0 if model is free else 0.0
-        for name, value in zip(arms, APART, strict=True):
-            joint = model.plant.GetJointByName(name)
-            at[joint.position_start()] = value
-        still = np.zeros(len(model.order))
-        solution = ControlLaw(model, gains).step(at, still, goal)
-        every = dict(zip(model.velocity_names, solution.acceleration, strict=True))
-        found.append([every[name] for name in [*arms, *names]])
+    found = first_accelerations(free, on_six_joints(), gains, stay_apart(free))
     assert np.abs(found[0][-6:]).max() > 0.01, "the root is not asked for anything"
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-8)
 
@@ -82,15 +64,8 @@ def test_a_step_ends_where_it_says_at_any_attitude(flying) -> None:
         goal = flying.tasks_at(q)
         goal[:6] += 0.1
         solution = law.step(q, v, goal)
-        there, u = q.copy(), v.copy()
-        for _ in range(5):
-            u = u + 1e-3 * solution.acceleration
-            there = moves.step(there, u, 1e-3)
-        at = root_entries(flying)[0][:4]
-        there[at] /= np.linalg.norm(there[at])
-        np.testing.assert_allclose(
-            solution.position_command, np.concatenate([there, u]), atol=1e-9
-        )
+        there = np.concatenate(by_drake(moves, flying, q, v, solution.acceleration))
+        np.testing.assert_allclose(solution.position_command, there, atol=1e-9)
         assert np.abs(solution.root_force[by]).max() > 1.0
         assert np.count_nonzero(solution.root_force) <= 6
 
@@ -202,10 +177,7 @@ def test_what_is_claimed_is_true(flying) -> None:
         assert solution.admission[3] == 1.0
         # Against the world to the third order in a period, see docs/lookahead.md.
         for judge, slack in ((own, 1e-6), (every, 1e-4)):
-            smallest = min(
-                judge.nearest(moves.along(q, u * HORIZON * v), 1.0)[0]
-                for u in np.linspace(0.0, 1.0, PATH_POINTS)
-            )
+            smallest = nearest_in_braking(judge, moves, q, v)
             assert smallest >= FLOOR - slack
         nearest = min(nearest, smallest)
     assert nearest < 0.01, "nothing came near"
@@ -235,11 +207,8 @@ def test_weak_motors_are_not_asked_for_more(flying) -> None:
             weak.inverse_dynamics(*at), solution.actuation, atol=1e-9
         )
         np.testing.assert_allclose(weak.root_force(*at), solution.root_force, atol=1e-9)
-        path = [
-            referee.nearest(moves.along(q_next, u * HORIZON * v_next), 1.0)[0]
-            for u in np.linspace(0.0, 1.0, PATH_POINTS)
-        ]
-        assert min(path) >= FLOOR - 1e-4
+        nearest = nearest_in_braking(referee, moves, q_next, v_next)
+        assert nearest >= FLOOR - 1e-4
 
 
 def test_lost_targets_make_it_brake(flying) -> None:
@@ -281,43 +250,19 @@ def test_names_and_sizes(flying) -> None:
         make_floater("controlled", prescribed_joints={"left_j0": "waist.x"})
 
 
-SCENARIO = """
-robot: ROBOT
-tasks: [{frame: left_hand}, {frame: right_hand}]
-keyframes:
-  left_hand: [{time: 0.0, xyz: LEFT}, {time: 0.8, xyz: LEFT_THEN}]
-  right_hand: [{time: 0.0, xyz: RIGHT}, {time: 0.8, xyz: RIGHT_THEN}]
-controller: {period: 5.0e-3, constraints: lookahead}
-log_period: 5.0e-3
-"""
-
-
 def test_a_run_is_simulated_logged_and_judged(flying, tmp_path) -> None:
     """In closed loop, with Drake's plant: what pushes the root is connected."""
     write_floater(tmp_path, "controlled", "[0.3, -0.5, 0.8]")
-    text = SCENARIO.replace("ROBOT", str(tmp_path))
-    left, right = flying.layout.unpack(flying.tasks_at(stay_apart(flying))).p
-    for name, value in (
-        ("LEFT_THEN", left + [0.5, 0.2, 0.3]),
-        ("LEFT", left),
-        ("RIGHT_THEN", right + [0.5, 0.2, 0.3]),
-        ("RIGHT", right),
-    ):
-        text = text.replace(f"xyz: {name}}}", f"xyz: {value.tolist()}}}")
-    result = run_scenario(parse_scenario(text, "t"), tmp_path / "out", record=False)
+    hands = flying.layout.unpack(flying.tasks_at(stay_apart(flying))).p
+    then = hands + [0.5, 0.2, 0.3]
+    scenario = hands_scenario(tmp_path, hands, then)
+    result = run_scenario(scenario, tmp_path / "out", record=False)
     log = SimulationLog.load(result.files[0])
     assert log.controlled_names.tolist() == flying.joint_names[:6]
     np.testing.assert_allclose(np.linalg.norm(log.q[:, :4], axis=1), 1.0, atol=1e-12)
     assert np.linalg.norm(log.q[-1, 4:7] - log.q[0, 4:7]) > 0.3
     assert np.abs(log.task_error[-1]).max() < 0.02
-    assert result.summary.violated_samples == 0
-    model = result.setup.model
-    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    verdict = judge_certificate(log, referee, CrarParameters(period=5e-3), 1e-3)
-    assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
-    plot_run(log, tmp_path / "plot.png")
-    record_log(log, tmp_path / "page.html", meshcat=SpyMeshcat())
-    assert (tmp_path / "page.html").stat().st_size > 1e5
+    check_log(result, log, tmp_path)
 
 
 def test_feet_need_a_root_that_is_prescribed() -> None:

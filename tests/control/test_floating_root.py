@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from floating_robots import make_floater, root_entries, stay_apart, wxyz
+from floating_runs import FLOOR, HORIZON, PERIOD, nearest_in_braking
 from scipy.spatial.transform import Rotation
 from tumbling import Tumbling
 
@@ -10,13 +11,9 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import STATUS_BRAKING, InputError
-from crar_drake.results.certificate import PATH_POINTS, Moves
+from crar_drake.results.certificate import Moves
 from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel
-
-PERIOD = 5e-3
-HORIZON = CrarParameters().braking_horizon
-FLOOR = 4e-3  # the default distance margin, less the slack
 
 
 @pytest.fixture(scope="module")
@@ -202,10 +199,7 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
         (*_, solution), (q, v, _) = found[k], found[k + 1]
         assert solution.admission[3] == 1.0
         for judge, floor in ((own, solution.admission[2]), (referee, 0.0)):
-            smallest = min(
-                judge.nearest(moves.along(q, u * HORIZON * v), 1.0)[0]
-                for u in np.linspace(0.0, 1.0, PATH_POINTS)
-            )
+            smallest = nearest_in_braking(judge, moves, q, v)
             assert smallest >= max(floor, FLOOR) - 1e-6
         nearest = min(nearest, smallest)
         rest = (q[floating.controlled_positions], v[floating.controlled])

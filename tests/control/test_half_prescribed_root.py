@@ -4,7 +4,6 @@ is prescribed; the tasks move the rest."""
 import numpy as np
 import pytest
 from floating_robots import (
-    APART,
     SLIDES,
     TASKS,
     TURNS,
@@ -17,8 +16,18 @@ from floating_robots import (
     write_floater,
     wxyz,
 )
+from floating_runs import (
+    FLOOR,
+    HORIZON,
+    PERIOD,
+    STEP,
+    by_drake,
+    check_log,
+    first_accelerations,
+    hands_scenario,
+    nearest_in_braking,
+)
 from scipy.spatial.transform import Rotation
-from spy_meshcat import SpyMeshcat
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
@@ -28,21 +37,15 @@ from crar_drake.equations.admission import AS_WISHED, SCALED
 from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
-from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
+from crar_drake.results.certificate import Moves
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.playback import record_log
-from crar_drake.results.plots import plot_run
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import ROOTS, RootPose
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.run import run_scenario
-from crar_drake.simulation.scenario import parse_scenario
 from crar_drake.targets.start_pose import solve_start_pose
 
-PERIOD, STEP = 5e-3, 1e-3
-HORIZON = CrarParameters().braking_horizon
-FLOOR = 4e-3  # the default distance margin, less the slack
 POSITION, ORIENTATION = HALVES = ("prescribed_position", "prescribed_orientation")
 # Of the root's seven positions and its six velocities, which are prescribed.
 GIVEN = {
@@ -56,16 +59,6 @@ def given(model: ControlModel, q, v, a) -> np.ndarray:
     """`desired_prescribed` out of a root's seven positions and six rates."""
     positions, rates = GIVEN[model.description.root]
     return np.concatenate([q[positions], v[rates], a[rates]])
-
-
-def by_drake(moves: Moves, model: ControlModel, q, v, vdot, steps: int = 5):
-    """One control period on, by the steps of Drake's discrete plant."""
-    for _ in range(steps):
-        v = v + PERIOD / steps * vdot
-        q = moves.step(q, v, PERIOD / steps)
-    at = root_entries(model)[0][:4]
-    q[at] /= np.linalg.norm(q[at])
-    return q, v
 
 
 @pytest.mark.parametrize("root", HALVES)
@@ -102,26 +95,10 @@ def test_it_is_moved_as_six_joints_would_be(root: str, constraints: str) -> None
     """Three of them prescribed, and told to accelerate: from rest and not turned, the
     tasks ask the others and the arms for the same."""
     half = make_floater(root, pairs=OWN, root_pose=RootPose())
-    moved, free = (SLIDES, TURNS) if root == POSITION else (TURNS, SLIDES)
-    jointed = on_six_joints(moved)
+    jointed = on_six_joints(SLIDES if root == POSITION else TURNS)
     gains = CrarParameters(period=PERIOD, constraints=constraints, blend_time=0.0)
-    q = stay_apart(half)
-    arms = [name for name in jointed.joint_names if name not in free]
-    goal = half.tasks_at(q)
-    goal[:6] += [0.02, 0.05, -0.02, -0.03, -0.07, 0.01]
-    names = [f"body.{v}" for v in ("vx", "vy", "vz", "wx", "wy", "wz")]
-    found = []
-    for model, root_names in ((half, names), (jointed, [*SLIDES, *TURNS])):
-        at = np.zeros(model.plant.num_positions())
-        at[root_entries(half)[0][:1]] = 1.0 if model is half else 0.0
-        for name, value in zip(arms, APART, strict=True):
-            at[model.plant.GetJointByName(name).position_start()] = value
-        told = model.prescribed_at(at)
-        told[-3:] = [0.7, -0.5, 0.9]
-        still = np.zeros(len(model.order))
-        solution = ControlLaw(model, gains).step(at, still, goal, told)
-        every = dict(zip(model.velocity_names, solution.acceleration, strict=True))
-        found.append([every[name] for name in [*arms, *root_names]])
+    q, told = stay_apart(half), [0.7, -0.5, 0.9]
+    found = first_accelerations(half, jointed, gains, q, told)
     own = slice(-3, None) if root == POSITION else slice(-6, -3)
     assert np.abs(found[0][own]).min() > 1e-3, "the root is not asked for anything"
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-8)
@@ -276,10 +253,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
             continue
         # Against the world to the third order in a period, see docs/lookahead.md.
         for judge, slack in ((own, 1e-6), (every, 1e-4)):
-            smallest = min(
-                judge.nearest(moves.along(q, u * HORIZON * v), 1.0)[0]
-                for u in np.linspace(0.0, 1.0, PATH_POINTS)
-            )
+            smallest = nearest_in_braking(judge, moves, q, v)
             assert smallest >= FLOOR - slack
         nearest = min(nearest, smallest)
     assert scaled > 3, "nothing was scaled"
@@ -416,24 +390,12 @@ def test_a_start_is_found_with_what_is_given(root: str) -> None:
     )
 
 
-SCENARIO = """
-robot: ROBOT
-tasks: [{frame: left_hand}, {frame: right_hand}]
-keyframes:
-  left_hand: [{time: 0.0, xyz: LEFT}, {time: 0.8, xyz: LEFT_THEN}]
-  right_hand: [{time: 0.0, xyz: RIGHT}, {time: 0.8, xyz: RIGHT_THEN}]
-controller: {period: 5.0e-3, constraints: MODE}
-log_period: 5.0e-3
-"""
-
-
 @pytest.mark.parametrize("constraints", ["lookahead", "paper", "none"])
 @pytest.mark.parametrize("root", HALVES)
 def test_a_run_is_simulated_logged_and_judged(root, constraints, tmp_path) -> None:
     """In closed loop, with Drake's plant: one half stays where it rests, and hands that
     go where arms alone do not reach move the other."""
     write_floater(tmp_path, root, "[0.3, -0.5, 0.8]")
-    text = SCENARIO.replace("ROBOT", str(tmp_path)).replace("MODE", constraints)
     model = make_floater(root)
     rest = stay_apart(model)
     at = root_entries(model)[0]
@@ -443,14 +405,7 @@ def test_a_run_is_simulated_logged_and_judged(root, constraints, tmp_path) -> No
         then = rest[at[4:]] + turn.apply(hands - rest[at[4:]])
     else:
         then = hands + [0.5, 0.2, 0.3]
-    for name, value in (
-        ("LEFT_THEN", then[0]),
-        ("LEFT", hands[0]),
-        ("RIGHT_THEN", then[1]),
-        ("RIGHT", hands[1]),
-    ):
-        text = text.replace(f"xyz: {name}}}", f"xyz: {value.tolist()}}}")
-    scenario = parse_scenario(text, "t")
+    scenario = hands_scenario(tmp_path, hands, then, constraints)
     result = run_scenario(scenario, tmp_path / "out", record=False)
     log = SimulationLog.load(result.files[0])
     # The log's quaternions are unit ones; the given half stays, the other goes.
@@ -463,15 +418,5 @@ def test_a_run_is_simulated_logged_and_judged(root, constraints, tmp_path) -> No
     assert goes[-1] > 0.3
     assert log.controlled_names.tolist() == model.joint_names[:6]
     assert np.abs(log.task_error[-1]).max() < 0.02
-    if constraints != "lookahead":
-        return
-    assert result.summary.violated_samples == 0
-    setup = result.setup.model
-    pairs = setup.description.pairs
-    referee = Referee(setup.plant, setup.scene_graph, pairs)
-    verdict = judge_certificate(log, referee, scenario.controller, STEP)
-    assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
-    plot_run(log, tmp_path / "plot.png")
-    spy = SpyMeshcat()
-    record_log(log, tmp_path / "page.html", meshcat=spy)
-    assert (tmp_path / "page.html").stat().st_size > 1e5
+    if constraints == "lookahead":
+        check_log(result, log, tmp_path)

@@ -11,21 +11,18 @@ from floating_robots import (
     stay_apart,
     write_floater,
 )
+from floating_runs import check_log, hands_scenario
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
-from spy_meshcat import SpyMeshcat
 from tumbling import Tumbling
 
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
-from crar_drake.results.certificate import judge_certificate
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.playback import record_log
-from crar_drake.results.plots import plot_run
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 from crar_drake.run import RunResult, run_scenario
@@ -123,39 +120,16 @@ def test_noise_turns_the_root_as_it_turns_joints() -> None:
         assert np.std(deviations, axis=0) == pytest.approx(1e-3, rel=0.08)
 
 
-SCENARIO = """
-robot: ROBOT
-tasks:
-- {frame: left_hand}
-- {frame: right_hand}
-keyframes:
-  left_hand:
-  - {time: 0.0, xyz: LEFT}
-  - {time: 0.3, xyz: LEFT_THEN}
-  right_hand:
-  - {time: 0.0, xyz: RIGHT}
-  - {time: 0.3, xyz: RIGHT}
-controller: {period: 5.0e-3}
-log_period: 5.0e-3
-"""
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> RunResult:
     """Keyframes: the root is held at a skew pose, and one hand moves."""
     folder = tmp_path_factory.mktemp("floater")
     write_floater(folder, "prescribed", "[2.3, -1.5, 0.8]")
-    text = SCENARIO.replace("ROBOT", str(folder))
     model = make_floater(root_pose=load_robot_description(folder).root_pose)
-    q = stay_apart(model)
-    left, right = model.layout.unpack(model.tasks_at(q)).p
-    for name, value in (
-        ("LEFT_THEN", left + [0.05, 0.02, 0.03]),
-        ("LEFT", left),
-        ("RIGHT", right),
-    ):
-        text = text.replace(f"xyz: {name}}}", f"xyz: {value.tolist()}}}")
-    return run_scenario(parse_scenario(text, "test"), folder / "out", record=False)
+    hands = model.layout.unpack(model.tasks_at(stay_apart(model))).p
+    then = [hands[0] + [0.05, 0.02, 0.03], hands[1]]
+    scenario = hands_scenario(folder, hands, then, duration=0.3)
+    return run_scenario(scenario, folder / "out", record=False)
 
 
 def test_a_run_leaves_a_log_that_is_judged_and_drawn(run: RunResult, tmp_path) -> None:
@@ -186,15 +160,10 @@ def test_a_run_leaves_a_log_that_is_judged_and_drawn(run: RunResult, tmp_path) -
     column = log.velocity_names.tolist().index("left_j0")
     torque = log.actuation[:, log.actuator_names == "left_j0"].ravel()
     assert np.abs(torque * log.v[:, column]).max() > 0.0
-    assert run.summary.mean_power > 0.0 and run.summary.violated_samples == 0
+    assert run.summary.mean_power > 0.0
     referee = Referee(plant, scene_graph, run.setup.model.description.pairs)
     assert referee.violations(log.q, log.v).num_violated == 0
-    verdict = judge_certificate(log, referee, CrarParameters(period=5e-3), 1e-3)
-    assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
-    plot_run(log, tmp_path / "plot.png")
-    spy = SpyMeshcat()
-    record_log(log, tmp_path / "page.html", meshcat=spy)
-    assert (tmp_path / "page.html").stat().st_size > 1e5
+    check_log(run, log, tmp_path)
 
 
 def test_prescribed_joints_that_a_motion_moves_need_one(run: RunResult) -> None:

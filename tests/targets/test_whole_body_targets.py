@@ -290,16 +290,22 @@ def test_an_ankle_that_cannot_roll_turns_the_foot_as_far_as_it_can(description, 
     assert np.abs(turns[-1].magnitude()) < 1e-4
 
 
+def turning_foot(leg, axis: str, angles: np.ndarray) -> FootMotion:
+    """In the air, under the hip, turned about an axis by so much [rad]."""
+    count = len(angles)
+    return FootMotion(
+        np.tile(leg.hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (count, 1)),
+        Rotation.from_euler(axis, angles[:, None]).as_quat(),
+        *np.zeros((2, count), dtype=bool),
+    )
+
+
 def test_ankles_come_to_their_limits_as_slowly_as_a_lookahead_lets_them(model):
     """A foot that is pitched at 4 rad/s to beyond what its ankle can."""
     legs, _ = body_shapes(model)
     solver = LegSolver(model, "left", legs["left"], RATE)
     pitch = np.clip(np.arange(60) * 4.0 / RATE, 0.0, 1.6)
-    foot = FootMotion(
-        np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (60, 1)),
-        Rotation.from_euler("y", pitch[:, None]).as_quat(),
-        *np.zeros((2, 60), dtype=bool),
-    )
+    foot = turning_foot(legs["left"], "y", pitch)
     solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
     ankle = solver.joints[:2]
     q = np.array(solver.positions)[:, : len(ankle)]
@@ -320,11 +326,7 @@ def test_a_foot_is_led_from_one_way_of_its_leg_to_another(model):
     legs, _ = body_shapes(model)
     solver = LegSolver(model, "left", legs["left"], RATE)
     pitch = np.where(np.arange(60) < 30, 0.6, -0.6)
-    foot = FootMotion(
-        np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (60, 1)),
-        Rotation.from_euler("y", pitch[:, None]).as_quat(),
-        *np.zeros((2, 60), dtype=bool),
-    )
+    foot = turning_foot(legs["left"], "y", pitch)
     turns, knees = solver.turns(np.zeros((60, 3)), Rotation.identity(60), foot)
     away = (turns * Rotation.from_quat(foot.turns).inv()).magnitude()
     assert away[:20].max() < 1e-3 and away[45:].max() < 1e-3
@@ -350,11 +352,7 @@ def test_a_hip_comes_to_its_limit_as_a_lookahead_lets_it(model):
     legs, _ = body_shapes(model)
     solver = LegSolver(model, "left", legs["left"], RATE)
     yaw = np.clip(np.arange(80) * 5.0 / RATE, 0.0, 2.5)
-    foot = FootMotion(
-        np.tile(legs["left"].hip - [0.0, 0.0, 0.9 * (THIGH + SHANK)], (80, 1)),
-        Rotation.from_euler("z", yaw[:, None]).as_quat(),
-        *np.zeros((2, 80), dtype=bool),
-    )
+    foot = turning_foot(legs["left"], "z", yaw)
     given = foot
     for _ in range(6):  # as rounds in `retarget_legs`
         turns, _ = solver.turns(np.zeros((80, 3)), Rotation.identity(80), given)

@@ -31,8 +31,8 @@ from crar_drake.control.step import (
     Solution,
     Targets,
     check_finite,
-    is_finite,
 )
+from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
@@ -382,7 +382,7 @@ class CrarController(LeafSystem):
     def _EvalSolution(self, context: Context) -> Solution:
         """The held solution, or that of a tick whose update has not come yet."""
         held = self._GetHeld(context)
-        now, then = self._Tick(context), (held.memory.tick, held.torque_tick)
+        now, then = self._Tick(context.get_time()), (held.memory.tick, held.torque_tick)
         newer = now > then and self._plant_is_discrete
         # An older tick: the user set the time back.
         if held.solution is None or newer or now < then:
@@ -394,11 +394,12 @@ class CrarController(LeafSystem):
         state.get_mutable_abstract_state(self._held_index).set_value(step)
 
     def _CalcStep(self, context: Context, value: AbstractValue) -> None:
-        tick, torque_tick = self._Tick(context)
+        time = context.get_time()
+        tick, torque_tick = self._Tick(time)
         held = self._GetHeld(context)
         x = self._EvalPort(self._state_port, context)
         if not is_finite(x):
-            check_finite(self._state_name, x, context.get_time())
+            check_finite(self._state_name, x, time)
         solve = value.get_value()
         workspace = solve.workspace
         q, v = x[: self._nq], x[self._nq :]
@@ -413,13 +414,11 @@ class CrarController(LeafSystem):
             nominal_posture=self._EvalPosture(context, q),
             names=self._target_names,
         )
-        step = self.law.solve(
-            workspace, memory, tick, context.get_time(), q, v, targets
-        )
+        step = self.law.solve(workspace, memory, tick, time, q, v, targets)
         if torque_tick:
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
-            memory = replace(step.memory, qdot=None, qddot=None, governed=None)
+            memory = replace(step.memory, v=None, vdot=None, governed=None)
             step = replace(step, memory=memory, torque_tick=torque_tick)
         solve.step = step
 
@@ -444,10 +443,10 @@ class CrarController(LeafSystem):
     def _GetHeld(self, context: Context) -> ControlStep:
         return context.get_abstract_state(self._held_index).get_value()
 
-    def _Tick(self, context: Context) -> tuple[int, int]:
+    def _Tick(self, time: float) -> tuple[int, int]:
         """Number of the control tick, and of the torque tick since then."""
         # The time of a tick is a multiple of the period up to rounding.
-        ticks = math.floor(context.get_time() / self._torque_period + 1e-6)
+        ticks = math.floor(time / self._torque_period + 1e-6)
         return divmod(ticks, self._torque_ticks)
 
 

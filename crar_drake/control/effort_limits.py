@@ -174,7 +174,7 @@ class EffortLimits:
         the controlled joints, or where that is not enough, of all; or a share of the
         wish, if that is more than the mode leaves of the nearest."""
         slowed = self._slowed(measured, wish, limits)
-        share, excess = slowed.torque_limit
+        share, excess = slowed.torque_limit.tolist()  # an array is slow to unpack
         if share == 1.0 and excess == 0.0:
             return slowed
         for joints in self._giving_way:
@@ -266,7 +266,7 @@ class EffortLimits:
     ) -> Limited:
         q, v = measured.q[0], measured.v
         found = held_step(q, v, *wish, limits, time, holding)
-        return Limited(*[found[part] for part in self._parts])
+        return Limited(*map(found.__getitem__, self._parts))
 
     def _excess_to_come(
         self, workspace: Workspace, measured: Measured, found: Limited

@@ -27,7 +27,6 @@ from crar_drake.control.step import (
     Solution,
     Targets,
     check_finite,
-    is_finite,
 )
 from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.free_joints import has_orientation
@@ -42,10 +41,15 @@ from crar_drake.equations.references import (
     find_error,
 )
 from crar_drake.equations.tasks import unpack_tasks
+from crar_drake.equations.vectors import is_finite
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
+_STATUS = {
+    status: np.array([status])
+    for status in (STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING)
+}
 
 
 class ControlLaw:
@@ -276,9 +280,9 @@ class ControlLaw:
             posture = here + blend[0] * (posture - here)
         wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
         before = None
-        if memory.qdot is not None:
+        if memory.v is not None:
             follows = tick == memory.tick + 1
-            before = Before(follows, memory.qdot, memory.qddot, memory.kept)
+            before = Before(follows, memory.v, memory.vdot, memory.kept)
         resolved = mode.resolve(workspace, measured, wanted, before)
         if governed is not None and not np.array_equal(governed, targets.tasks):
             error = self._error(measured, targets.tasks)
@@ -301,8 +305,8 @@ class ControlLaw:
                 tick,
                 start_time,
                 start,
-                qdot=v[model.controlled],
-                qddot=solution.acceleration[model.controlled],
+                v=v,
+                vdot=solution.acceleration,
                 kept=resolved.kept,
                 governed=governed,
             ),
@@ -415,7 +419,7 @@ class ControlLaw:
             constraint_weights=answer.W,
             position_command=after,
             constrained_velocity=answer.qdot_c,
-            status=np.array([status]),
+            status=_STATUS[status],
             torque_limit=torque_limit,
             root_force=model.root_force(workspace, vdot),
             of_mode=diagnostics,

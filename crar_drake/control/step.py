@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from crar_drake.equations.references import BlendStart
+from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import CrarError
 
 # Values of the controller's output port "status".
@@ -63,8 +63,8 @@ class Memory:
         tick: number of the control step that wrote it; -1 before the first.
         start_time: when blending began [s], None if it has yet to.
         start: what was measured then; None if it has yet to begin.
-        qdot, qddot: (n,) measured velocity and commanded acceleration of the
-            controlled joints in that step; None where the targets were lost.
+        v, vdot: (nv,) measured velocities and commanded accelerations of that step;
+            None where the targets were lost.
         kept: the constraint mode's own.
         governed: (layout.size,) the targets as they were governed; None without a
             governor, and where the targets were lost.
@@ -73,8 +73,8 @@ class Memory:
     tick: int = -1
     start_time: float | None = None
     start: BlendStart | None = None
-    qdot: np.ndarray | None = None
-    qddot: np.ndarray | None = None
+    v: np.ndarray | None = None
+    vdot: np.ndarray | None = None
     kept: Any = None
     governed: np.ndarray | None = None
 
@@ -153,12 +153,6 @@ class ControlStep:
 
     def __deepcopy__(self, memo: dict) -> ControlStep:
         return self  # Drake copies states often; nothing here is ever changed.
-
-
-def is_finite(value: np.ndarray) -> bool:
-    """Whether no entry is NaN or infinite; a third of the time of asking each."""
-    # A sum of squares is finite unless an entry is not, or is beyond all sense.
-    return math.isfinite(value.dot(value))
 
 
 def check_finite(name: str, value: np.ndarray, time: float) -> None:

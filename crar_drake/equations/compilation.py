@@ -123,8 +123,8 @@ def compiled(function: Callable | None = None, *, loops: Callable | None = None)
 class Held:
     """A value, of any type that the equations take, that stays where it is.
 
-    Handing a function arrays takes a microsecond for each where it is compiled; a
-    `Held` takes as long as one, whatever is in it. Made by `hold`.
+    Handing a compiled function a tuple takes a microsecond for each of its arrays; a
+    `Held` takes as long as two, whatever is in it. Made by `hold`.
 
     Attributes:
         value: usually a NamedTuple of arrays.
@@ -151,6 +151,9 @@ if IS_COMPILED:
 
     class Held(structref.StructRefProxy):
         """As above, where Numba keeps the value."""
+
+        # Asked twice of every argument: the inherited property takes a Python call.
+        _numba_type_ = structref.StructRefProxy._type
 
         def __new__(cls, value: Any):
             return hold(value)

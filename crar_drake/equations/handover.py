@@ -1,8 +1,7 @@
-"""What Python hands to a compiled step: one vector, and one comes back.
+"""What Python hands to a compiled step, array by array.
 
-Every array that goes into compiled code takes half a microsecond, one that comes back
-twice as much, and a tuple of them as much as several: with the arrays of `Measured`,
-`Wanted` and `Answer` that is a tenth of a step.
+An array goes into compiled code in a fifth of a microsecond, a tuple of arrays or a
+`Held` takes ten times as long, and so does joining arrays to one before.
 """
 
 from __future__ import annotations
@@ -10,76 +9,43 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.equations.compilation import compiled
-from crar_drake.equations.kinematics import Measured, Robot
+from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.references import BlendStart, Wanted
 
 
-def hand_over(measured: Measured, wanted: Wanted, *kept: np.ndarray) -> np.ndarray:
-    """State, targets and what the step before left, one after the other.
+def hand_over(measured: Measured, wanted: Wanted) -> tuple:
+    """State and targets as arguments of a compiled step, which begins with `take_over`
+    of all but the first three.
 
-    Args:
-        measured: the state; what was asked of SceneGraph is not among it.
-        wanted: the targets.
-        kept: arrays of any shape, see `take_over`.
+    Returns:
+        (nq,) q, (nv,) v and what was asked of SceneGraph; then the targets.
     """
-    start = wanted.start
-    return np.concatenate(
-        (
-            measured.q[0],
-            measured.v,
-            wanted.blend,
-            start.R.ravel(),
-            start.p.ravel(),
-            start.q_p,
-            start.q,
-            wanted.prescribed,
-            wanted.tasks,
-            *(x.ravel() for x in kept),
-            wanted.posture,
-        )
+    return (
+        measured.q[0],
+        measured.v,
+        measured.asked,
+        wanted.tasks,
+        wanted.prescribed,
+        wanted.posture,
+        *wanted.start,
+        *wanted.blend,
     )
 
 
 @compiled
-def take_over(given: np.ndarray, r: Robot, num_kept: int) -> tuple[Wanted, np.ndarray]:
-    """The targets out of `hand_over`, and what the step before left.
-
-    The state comes first, q (nq,) and v (nv,) in the plant's order.
-
-    Args:
-        given: by `hand_over`.
-        r: of the robot.
-        num_kept: how many numbers the step before left.
-
-    Returns:
-        The targets; (num_kept,), all that was kept, one after the other.
-    """
-    rows = r.rows.value
-    nq, nv = len(r.positions), len(r.order)
-    n_p = nv - r.n
-    nq_p = n_p + (1 if r.turn >= r.n else 0)  # an orientation has a position more
-    Na, Nl = len(rows.angular_tasks), len(rows.linear_tasks)
-    Nj = len(rows.joint_rows)
-    blend = nq + nv
-    R = blend + 3
-    p = R + 9 * Na
-    q_p = p + 3 * Nl
-    q = q_p + nq_p
-    prescribed = q + Nj
-    tasks = prescribed + nq_p + 2 * n_p
-    kept = tasks + 10 * Na + 9 * Nl + 3 * Nj  # x_d, v_d and a_d, see `TaskLayout`
-    posture = kept + num_kept
-    start = BlendStart(
-        given[R:p].reshape(Na, 3, 3),
-        given[p:q_p].reshape(Nl, 3),
-        given[q_p:q],
-        given[q:prescribed],
+def take_over(
+    tasks: np.ndarray,
+    prescribed: np.ndarray,
+    posture: np.ndarray,
+    R: np.ndarray,
+    p: np.ndarray,
+    q_p: np.ndarray,
+    q: np.ndarray,
+    s: float,
+    s_dot: float,
+    s_ddot: float,
+) -> Wanted:
+    """The targets out of `hand_over`."""
+    return Wanted(
+        tasks, prescribed, posture, BlendStart(R, p, q_p, q), (s, s_dot, s_ddot)
     )
-    wanted = Wanted(
-        given[tasks:kept],
-        given[prescribed:tasks],
-        given[posture:],
-        start,
-        (given[blend], given[blend + 1], given[blend + 2]),
-    )
-    return wanted, given[kept:posture]

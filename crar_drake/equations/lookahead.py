@@ -215,43 +215,67 @@ def scale_acceleration(
     return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])
 
 
+class LookaheadLaw(NamedTuple):
+    """All that stays from step to step."""
+
+    robot: Held  # of a `Robot` with a row for each pair of shapes
+    mode: Held  # of `LookaheadNumbers`
+
+
 @compiled
 def lookahead_or_scaled(
-    given: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
     asked: np.ndarray,
+    tasks: np.ndarray,
+    prescribed: np.ndarray,
+    posture: np.ndarray,
+    R: np.ndarray,
+    p: np.ndarray,
+    q_p: np.ndarray,
+    q_t: np.ndarray,
+    s: float,
+    s_dot: float,
+    s_ddot: float,
+    v_before: np.ndarray,
+    vdot_before: np.ndarray,
+    kept: np.ndarray,
     accelerations: np.ndarray,
-    robot: Held,
-    mode: Held,
+    law: Held,
 ) -> np.ndarray:
-    """`lookahead_step`, from one vector to one; or `scale_acceleration`, which is next
-    to nothing to compile beside it and would else be half as much again.
+    """`lookahead_step`, from arrays to one; or `scale_acceleration`, which is next to
+    nothing to compile beside it and would else be half as much again.
 
     Args:
-        given: of `handover.hand_over`, with `LookaheadMemory`; of the present state
-            alone where there are accelerations.
-        asked: of `Measured`, in both configurations.
+        q, v, asked: of the state, in the plant's order, see `handover.hand_over`; what
+            was asked in both configurations.
+        tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot: the targets, of
+            `handover.hand_over`; any where there are accelerations.
+        v_before, vdot_before: (nv,), (nv,) velocities one period ago, and what was
+            commanded then, in the plant's order.
+        kept: (n + 2 Nr + nl,) slip and margins of `LookaheadMemory`.
         accelerations: (nv,) that are to be scaled; (0,) for a step.
-        robot, mode: of `lookahead_step`.
+        law: holds `LookaheadLaw`.
 
     Returns:
         One after the other: of a step (nv,) accelerations, (m,) errors, (n,) W, (n,)
         q_dot_c, (n,) slip, (2 Nr + nl,) weighed margins, (2,) margins, (4,) how it was
         admitted, and the distances; else (nv,) accelerations and (4,) of `admit`.
     """
-    r = robot.value
-    nq, nv, n = len(r.positions), len(r.order), r.n
-    q, v = given[:nq], given[nq : nq + nv]
-    both = with_resting(q, v, r, mode.value.gains.T)
-    measured = Measured(both, v, asked)
+    robot, mode = law.value.robot, law.value.mode
+    r, n = robot.value, robot.value.n
+    measured = Measured(with_resting(q, v, r, mode.value.gains.T), v, asked)
     if len(accelerations):
         return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
-    num_rows = len(r.pairs.value.members) + len(mode.value.limits.value.joints)
-    wanted, kept = take_over(given, r, 3 * n + num_rows)
-    before = LookaheadMemory(
-        kept[:n], kept[n : 2 * n], kept[2 * n : 3 * n], kept[3 * n :]
-    )
+    controlled = r.order[:n]
     answer, slip, weighed, margins, admission = lookahead_step(
-        measured, wanted, robot, mode, before
+        measured,
+        take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
+        robot,
+        mode,
+        LookaheadMemory(
+            v_before[controlled], vdot_before[controlled], kept[:n], kept[n:]
+        ),
     )
     return np.concatenate(
         (

@@ -239,37 +239,60 @@ def paper_step(
     return answer, PaperMemory(weights.limit_proximity, weights.pair_proximity, qdot_c)
 
 
+class PaperLaw(NamedTuple):
+    """All that stays from step to step."""
+
+    robot: Held  # of a `Robot`
+    mode: Held  # of `PaperNumbers`
+
+
 @compiled
 def paper_control(
-    given: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
     asked: np.ndarray,
+    tasks: np.ndarray,
+    prescribed: np.ndarray,
+    posture: np.ndarray,
+    R: np.ndarray,
+    p: np.ndarray,
+    q_p: np.ndarray,
+    q_t: np.ndarray,
+    s: float,
+    s_dot: float,
+    s_ddot: float,
+    kept: np.ndarray,
     inertia: np.ndarray,
-    robot: Held,
-    mode: Held,
+    law: Held,
 ) -> np.ndarray:
-    """`paper_step`, from one vector to one.
+    """`paper_step`, from arrays to one.
 
     Args:
-        given: of `handover.hand_over`, with `PaperMemory`, whose q_dot_c is NaN before
-            the first step.
-        asked: of `Measured`.
-        inertia, robot, mode: of `paper_step`.
+        q, v, asked, tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot: state
+            and targets, of `handover.hand_over`.
+        kept: (2 n + Nc n,) `PaperMemory`, whose q_dot_c is NaN before the first step.
+        inertia: of `paper_step`.
+        law: holds `PaperLaw`.
 
     Returns:
         One after the other: (nv,) accelerations, (m,) errors, (n,) W, what the next
         step is to be given, of which (n,) q_dot_c is the last, and (Nc,) distances.
     """
-    r = robot.value
-    nq, nv, n = len(r.positions), len(r.order), r.n
+    robot, mode = law.value.robot, law.value.mode
+    r, n = robot.value, robot.value.n
     Nc = len(r.pairs.value.moves)
-    pairs, end = n + Nc * n, 2 * n + Nc * n
-    wanted, kept = take_over(given, r, end)
+    pairs = n + Nc * n
     qdot_c = kept[pairs:]
     if np.isnan(qdot_c[0]):
         qdot_c = qdot_c[:0]
-    before = PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c)
-    measured = Measured(given[:nq].reshape(1, nq), given[nq : nq + nv], asked)
-    answer, kept_now = paper_step(measured, wanted, inertia, robot, mode, before)
+    answer, kept_now = paper_step(
+        Measured(q.reshape(1, -1), v, asked),
+        take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
+        inertia,
+        robot,
+        mode,
+        PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c),
+    )
     return np.concatenate(
         (
             answer.vdot,

@@ -81,6 +81,22 @@ def largest(x: np.ndarray) -> float:
     return np.abs(x).max()
 
 
+def _is_finite_loops(x):
+    s = 0.0
+    for i in range(len(x)):
+        s += x[i] * x[i]
+    return math.isfinite(s)
+
+
+@compiled(loops=_is_finite_loops)
+def is_finite(x: np.ndarray) -> bool:
+    """Whether no entry of x (n,) is NaN or infinite, without asking each.
+
+    A sum of squares is finite unless an entry is not, or is beyond all sense.
+    """
+    return math.isfinite(x.dot(x))
+
+
 def _sum_loops(A):
     s = np.zeros(A.shape[0])
     for i in range(A.shape[0]):

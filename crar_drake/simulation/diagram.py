@@ -7,12 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import (
-    CollisionFilterDeclaration,
-    GeometrySet,
-    Meshcat,
-    SceneGraph,
-)
+from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain
@@ -218,9 +213,10 @@ def MakeCrarDiagram(
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
     "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
-    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); with
-    `meshcat` its visualiser and "playback_overlay". The default context starts at
-    rest in a valid pose near the first target.
+    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); without
+    contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser and
+    "playback_overlay". The default context starts at rest in a valid pose near the
+    first target.
 
     Exported outputs: "state", "query", "desired_tasks" and every output of the
     controller. There are no inputs.
@@ -244,7 +240,7 @@ def MakeCrarDiagram(
     _lift_limits(plant, scenario.simulated_robot)
     plant.Finalize()
     if not scenario.simulated_robot.contact:
-        _filter_contact(scene_graph)
+        _touch_nothing(builder, plant, scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
@@ -319,12 +315,15 @@ def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:
         plant.RemoveAllJointActuatorEffortLimits()
 
 
-def _filter_contact(scene_graph: SceneGraph) -> None:
-    inspector = scene_graph.model_inspector()
-    everything = GeometrySet(inspector.GetAllGeometryIds())
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeWithin(everything)
-    )
+def _touch_nothing(
+    builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph
+) -> None:
+    """Lets the plant ask an empty scene what touches: in each step its own would first
+    have to place every shape."""
+    port = plant.get_geometry_query_input_port()
+    builder.Disconnect(scene_graph.get_query_output_port(), port)
+    nothing = builder.AddNamedSystem("nothing_to_touch", SceneGraph())
+    builder.Connect(nothing.get_query_output_port(), port)
 
 
 def _add_visualization(

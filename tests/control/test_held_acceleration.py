@@ -279,7 +279,7 @@ def test_a_run_may_begin_between_control_ticks(time_step, monkeypatch):
     solve, calls = ControlLaw.solve, []
 
     def recorded(self, workspace, memory, tick, time, q, v, targets):
-        calls.append((tick, round(time, 6), memory.qdot is None))
+        calls.append((tick, round(time, 6), memory.v is None))
         return solve(self, workspace, memory, tick, time, q, v, targets)
 
     monkeypatch.setattr(ControlLaw, "solve", recorded)

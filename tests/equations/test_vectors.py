@@ -117,6 +117,15 @@ CASES = {
         [(normal(k, n),) for k, n in ((0, 3), (1, 1), (3, 7), (9, 4), (11, 2))],
         lambda A: np.einsum("ki,kj->ij", A, A),
     ),
+    "is_finite": (
+        [
+            (normal(5),),
+            (np.zeros(0),),
+            (np.array([0.0, np.nan]),),
+            (np.array([-np.inf, np.inf, 1.0]),),
+        ],
+        lambda x: np.isfinite(x).all(),
+    ),
     "times": (
         [
             (normal(5, 3), normal(3)),

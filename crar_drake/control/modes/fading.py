@@ -113,7 +113,7 @@ class FadingMode(Mode):
             return replace(resolved, kept=Fading(resolved.kept, None, 0))
         if begins or fading.difference is not None and fading.steps < _SETTLING:
             done = 0 if begins else fading.steps
-            fading = Fading(None, before.qddot - vdot[controlled], done)
+            fading = Fading(None, (before.vdot - vdot)[controlled], done)
         if fading.difference is None:
             return replace(resolved, kept=Fading(resolved.kept, None, 0))
         time = max(fading.steps + 1 - _SETTLING, 0) * self._period

@@ -16,14 +16,18 @@ from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.handover import hand_over
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import acceleration_bounds, lookahead_or_scaled
+from crar_drake.equations.lookahead import (
+    LookaheadLaw,
+    acceleration_bounds,
+    lookahead_or_scaled,
+)
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.lookahead_rows import (
     FASTEST_WISH,
     LookaheadGains,
     find_limits,
 )
-from crar_drake.equations.references import Answer, TaskGains, Wanted
+from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -36,6 +40,13 @@ LOST_TARGET = ("brake", "error")
 GUARD_NORMS = ("joints", "tasks")
 
 _NOT_GIVEN = np.zeros(0)
+_NOTHING_WANTED = Wanted(
+    _NOT_GIVEN,
+    _NOT_GIVEN,
+    _NOT_GIVEN,
+    BlendStart(np.zeros((0, 3, 3)), np.zeros((0, 3)), _NOT_GIVEN, _NOT_GIVEN),
+    (1.0, 0.0, 0.0),
+)
 
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
@@ -144,8 +155,10 @@ class LookaheadMode(Mode):
         limits = find_limits(model.lower, model.upper, fastest)
         self.robot = model.robot_ahead
         num_rows = len(self.robot.value.pairs.value.members) + len(limits.joints)
-        self._nothing = np.zeros(model.n)
-        self._kept_first = np.concatenate((self._nothing, np.full(num_rows, np.inf)))
+        self._still = np.zeros(model.n + model.n_p)
+        self._kept_first = np.concatenate(
+            (np.zeros(model.n), np.full(num_rows, np.inf))
+        )
         # Of what `lookahead_or_scaled` returns, but for the distances at its end.
         n, nv = model.n, model.n + model.n_p
         ends = np.cumsum([0, nv, model.m, n, n, n + num_rows, 2, 4]).tolist()
@@ -196,6 +209,7 @@ class LookaheadMode(Mode):
                 model.pairs.shape_pairs,
             )
         )
+        self._law = hold(LookaheadLaw(self.robot, self.numbers))
 
     @staticmethod
     def check(parameters: "CrarParameters") -> None:
@@ -225,20 +239,15 @@ class LookaheadMode(Mode):
         wanted: Wanted,
         before: Before | None,
     ) -> Resolved:
-        model = self._model
         if before is None or not before.follows:
-            last = (measured.v[model.controlled], self._nothing, self._kept_first)
+            last = (measured.v, self._still, self._kept_first)
         else:
-            last = (before.qdot, before.qddot, before.kept)
+            last = (before.v, before.vdot, before.kept)
         found = lookahead_or_scaled(
-            hand_over(measured, wanted, *last),
-            measured.asked,
-            _NOT_GIVEN,
-            self.robot,
-            self.numbers,
+            *hand_over(measured, wanted), *last, _NOT_GIVEN, self._law
         )
-        vdot, error, W, qdot_c, kept, margins, admission = (
-            found[part] for part in self._parts
+        vdot, error, W, qdot_c, kept, margins, admission = map(
+            found.__getitem__, self._parts
         )
         told = {"resting_margins": margins, "admission": admission}
         answer = Answer(vdot, error, found[self._distances], W, qdot_c)
@@ -250,8 +259,8 @@ class LookaheadMode(Mode):
     def admit_again(
         self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        state = np.concatenate((measured.q[0], measured.v))
+        last = (measured.v, self._still, self._kept_first)
         found = lookahead_or_scaled(
-            state, measured.asked, vdot, self.robot, self.numbers
+            *hand_over(measured, _NOTHING_WANTED), *last, vdot, self._law
         )
         return found[: len(vdot)], {"admission": found[len(vdot) :]}

@@ -25,14 +25,14 @@ class Before:
 
     Attributes:
         follows: whether it was one period ago; else it is older.
-        qdot: (n,) velocities of the controlled joints then [rad/s].
-        qddot: (n,) accelerations that were commanded [rad/s^2].
+        v: (nv,) measured velocities of the whole plant then [rad/s].
+        vdot: (nv,) accelerations that were commanded [rad/s^2].
         kept: `Resolved.kept` of then.
     """
 
     follows: bool
-    qdot: np.ndarray
-    qddot: np.ndarray
+    v: np.ndarray
+    vdot: np.ndarray
     kept: Any
 
 

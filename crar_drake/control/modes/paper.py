@@ -13,7 +13,12 @@ from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.handover import hand_over
 from crar_drake.equations.joint_limits import limit_potential
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.paper import PaperGains, PaperNumbers, paper_control
+from crar_drake.equations.paper import (
+    PaperGains,
+    PaperLaw,
+    PaperNumbers,
+    paper_control,
+)
 from crar_drake.equations.references import Answer, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -37,7 +42,8 @@ class PaperMode(Mode):
         self._with_inertia = parameters.metric == "inertia"
         limits = limit_potential(model.lower, model.upper)
         numbers = paper_gains(parameters, len(model.pairs))
-        self._numbers = hold(PaperNumbers(gains, limits, numbers, self._constrained))
+        mode = hold(PaperNumbers(gains, limits, numbers, self._constrained))
+        self._law = hold(PaperLaw(model.robot_by_pair, mode))
         # Of what `paper_control` returns, but for the distances at its end.
         n, nv = model.n, model.n + model.n_p
         kept = n + len(model.pairs) * n
@@ -62,11 +68,10 @@ class PaperMode(Mode):
             # Eq. (10) is a difference over one period: here there is none.
             kept = np.concatenate((kept[: -model.n], self._none))
         found = paper_control(
-            hand_over(measured, wanted, kept),
-            measured.asked,
+            *hand_over(measured, wanted),
+            kept,
             model.inertia_matrix(workspace) if self._with_inertia else _NO_MATRIX,
-            model.robot_by_pair,
-            self._numbers,
+            self._law,
         )
         _, a, b, c, d, end = self._ends
         answer = Answer(found[:a], found[a:b], found[end:], found[b:c], found[d:end])

@@ -240,7 +240,9 @@ def what_distances_are_of(
 ) -> tuple[np.ndarray, np.ndarray, ShapePairs]:
     """Points, S and pairs, as `find_state` has them; holds a `Robot`."""
     r = robot.value
-    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
     return points, joint_motion(points[:, : 3 * len(r.order)]), r.pairs.value
 
 

@@ -18,21 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import CapsuleSizes, nearest_points
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced, displacement
-from crar_drake.equations.kinematics import (
-    Robot,
-    joint_motion,
-    link_poses,
-    place_points,
-)
+from crar_drake.equations.kinematics import Robot
+from crar_drake.equations.placed_shapes import own_velocities, place_pairs
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import (
     cross_rows,
     dot_rows,
-    product,
     put,
     put_at,
     transposed_times,
@@ -154,25 +149,27 @@ def velocity_bounds(
 
 def _path_curvature_loops(x, pairs, reaches):
     curvature = np.empty(len(pairs))
+    of_shape = np.empty(2)
+    own = np.empty(len(x), dtype=np.int64)  # the joints that move the shape alone
     for k in range(len(pairs)):
         pair = reaches.own[pairs[k]]
-        of_a = _shape_curvature(x, reaches.a_alone[pair], reaches.a[pair], reaches)
-        of_b = _shape_curvature(x, reaches.b_alone[pair], reaches.b[pair], reaches)
-        curvature[k] = of_a + of_b
-    return curvature
-
-
-@compiled
-def _shape_curvature(x, alone, rho, reaches):
-    """Of one shape of (A3), whose rows of `Reaches` are `alone` and `rho`."""
-    curvature = 0.0
-    for i in range(len(x)):
-        if rho[i] == 0.0:
-            continue
-        before = 0.0
-        for j in range(len(x)):
-            before += alone[j] * abs(x[j]) * reaches.above[i, j]
-        curvature += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
+        for shape in range(2):
+            alone = reaches.b_alone[pair] if shape else reaches.a_alone[pair]
+            rho = reaches.b[pair] if shape else reaches.a[pair]
+            count = 0
+            for j in range(len(x)):
+                if alone[j] != 0.0:
+                    own[count] = j
+                    count += 1
+            of_shape[shape] = 0.0
+            for i in range(len(x)):
+                if rho[i] == 0.0:
+                    continue
+                before = 0.0
+                for j in own[:count]:
+                    before += abs(x[j]) * reaches.above[i, j]
+                of_shape[shape] += rho[i] * abs(x[i]) * (abs(x[i]) + 2.0 * before)
+        curvature[k] = of_shape[0] + of_shape[1]
     return curvature
 
 
@@ -203,11 +200,13 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
     return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
-def _shadow_gap_loops(n, p_a, u, a, p_b, v, b, half):
+def _shadow_gap_loops(n, at, pairs, some, a, b, half):
     gap = np.empty(len(n))
     for k in range(len(n)):
-        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p_a[k], u[k], a[k], half)
-        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p_b[k], v[k], b[k], half)
+        p, u = at[pairs.start_a[some[k]]], at[pairs.vector_a[some[k]]]
+        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p, u, a[k], half)
+        p, u = at[pairs.start_b[some[k]]], at[pairs.vector_b[some[k]]]
+        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p, u, b[k], half)
         gap[k] = min(
             min(a_0 - da_0, a_1 - da_1) - max(b_0 - db_0, b_1 - db_1),
             min(a_0 + da_0, a_1 + da_1) - max(b_0 + db_0, b_1 + db_1),
@@ -237,11 +236,10 @@ def _end_shadows(n, p, u, a, half):
 @compiled(loops=_shadow_gap_loops)
 def shadow_gap(
     n: np.ndarray,
-    p_a: np.ndarray,
-    u: np.ndarray,
+    at: np.ndarray,
+    pairs: ShapePairs,
+    some: np.ndarray,
     a: np.ndarray,
-    p_b: np.ndarray,
-    v: np.ndarray,
     b: np.ndarray,
     half: float,
 ) -> np.ndarray:
@@ -254,14 +252,19 @@ def shadow_gap(
 
     Args:
         n: (k, 3) unit directions.
-        p_a, u: (k, 3) where the axes of a start, and from there to their ends [m].
-        a: (k, 6) spatial velocities about the world's origin, for a unit of time.
-        p_b, v, b: likewise.
+        at: (P, 3) points, where the axes start and from there to their ends among
+            them [m].
+        pairs: of shapes.
+        some: (k,) which pairs.
+        a, b: (k, 6) spatial velocities of both shapes about the world's origin, for a
+            unit of time.
         half: the time is within [-half, half].
 
     Returns:
         (k,) a bound from below, to the first order [m].
     """
+    p_a, u = at[pairs.start_a[some]], at[pairs.vector_a[some]]
+    p_b, v = at[pairs.start_b[some]], at[pairs.vector_b[some]]
     w_a, w_b = a[:, :3], b[:, :3]
     a_0, b_0 = dot_rows(n, p_a), dot_rows(n, p_b)
     a_1, b_1 = a_0 + dot_rows(n, u), b_0 + dot_rows(n, v)
@@ -272,57 +275,6 @@ def shadow_gap(
     return np.minimum(
         np.minimum(a_0 - da_0, a_1 - da_1) - np.maximum(b_0 - db_0, b_1 - db_1),
         np.minimum(a_0 + da_0, a_1 + da_1) - np.maximum(b_0 + db_0, b_1 + db_1),
-    )
-
-
-@compiled
-def place_pairs(
-    q: np.ndarray, some: np.ndarray, r: Robot
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The axes of some pairs, and S, at one configuration (nq,).
-
-    Args:
-        q: (nq,) positions.
-        some: (k,) which pairs.
-        r: of the robot.
-
-    Returns:
-        (k, 3) each: where the axes of a start, and from there to their ends; likewise
-        of b [m]; (6, nv) `joint_motion`.
-    """
-    pairs, joints, count = r.pairs.value, 3 * len(r.order), len(some)
-    in_plant = np.empty((1, len(q)))
-    for i in range(len(q)):
-        in_plant[0, r.positions[i]] = q[i]
-    X = link_poses(in_plant, r.tree.value)
-    S = joint_motion(place_points(X, r.selection[:joints], r.first[:joints]))[0]
-    ends = np.empty(4 * count, dtype=np.int64)
-    put(ends, 0, pairs.start_a[some])
-    put(ends, count, pairs.vector_a[some])
-    put(ends, 2 * count, pairs.start_b[some])
-    put(ends, 3 * count, pairs.vector_b[some])
-    at = place_points(X, r.selection[ends], r.first[ends])[0]
-    return (
-        at[:count],
-        at[count : 2 * count],
-        at[2 * count : 3 * count],
-        at[3 * count :],
-        S,
-    )
-
-
-@compiled
-def sizes_of(sizes: CapsuleSizes, pairs: np.ndarray) -> CapsuleSizes:
-    """Of some pairs."""
-    return CapsuleSizes(
-        sizes.uu[pairs],
-        sizes.vv[pairs],
-        sizes.per_uu[pairs],
-        sizes.per_vv[pairs],
-        sizes.uu_vv[pairs],
-        sizes.radii[pairs],
-        sizes.balls[pairs],
-        sizes.flat[pairs],
     )
 
 
@@ -356,6 +308,7 @@ def path_bounds(
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
     put_at(curvature, examined, path_curvature(x, examined, of))
+    points = np.zeros((len(r.first), 3))
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
         parts, half = len(open_), 0.5 / len(open_)
@@ -365,17 +318,24 @@ def path_bounds(
             if not len(some):
                 continue
             t = (2 * part + 1) * half
-            p_a, u, p_b, v, S = place_pairs(displaced(start, t * x, r.turn), some, r)
-            d, n, _, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
-            own = np.ascontiguousarray((S * x).T)
-            a = product(of.a_alone[of.own[some]], own)
-            b = product(of.b_alone[of.own[some]], own)
-            bound = shadow_gap(n, p_a, u, a, p_b, v, b, half)
-            bound -= pairs.sizes.radii[some] + 0.5 * half * half * curvature[some]
+            shapes, own = pairs.shapes[some], of.own[some]
+            S = place_pairs(points, displaced(start, t * x, r.turn), shapes, r)
+            d, n, _, _ = nearest_points(points, pairs, shapes)
+            gap = shadow_gap(
+                n,
+                points,
+                pairs,
+                shapes,
+                own_velocities(S, x, of.a_alone, own),
+                own_velocities(S, x, of.b_alone, own),
+                half,
+            )
             for k in range(len(some)):
                 pair = some[k]
-                if bound[k] >= level[pair]:
-                    low[pair] = min(low[pair], bound[k])
+                radii = pairs.sizes.radii[shapes[k]]
+                bound = gap[k] - (radii + 0.5 * half * half * curvature[pair])
+                if bound >= level[pair]:
+                    low[pair] = min(low[pair], bound)
                     continue
                 last = halving == _HALVINGS
                 if d[k] < level[pair] or last:
@@ -413,12 +373,13 @@ def gradients_at(
     """
     pairs, of = r.pairs.value, reaches.value
     failed = np.flatnonzero(bounds.at >= 0.0)
-    g = np.zeros((len(failed), len(x)))
+    g, points = np.zeros((len(failed), len(x))), np.zeros((len(r.first), 3))
     for k in range(len(failed)):
         some = failed[k : k + 1]
         there = displaced(start, bounds.at[some[0]] * x, r.turn)
-        p_a, u, p_b, v, S = place_pairs(there, some, r)
-        _, n, p, _ = nearest_points(p_a, u, p_b, v, sizes_of(pairs.sizes, some))
+        shapes = pairs.shapes[some]
+        S = place_pairs(points, there, shapes, r)
+        _, n, p, _ = nearest_points(points, pairs, shapes)
         moves = pairs.moves[of.rows[some]]
         found = distance_gradient_about_origin(
             n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves

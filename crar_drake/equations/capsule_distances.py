@@ -69,50 +69,80 @@ def capsule_sizes(
     )
 
 
-def _nearest_points_loops(p_a, u, p_b, v, sizes):
-    count = len(p_a)
+class ShapePairs(NamedTuple):
+    """The shapes of Nr rows, in K configurations of P points each.
+
+    A row is a watched pair, of which the nearest shapes count, or a pair of its shapes.
+    The shape pairs of one watched pair stand side by side: those in closed form, whose
+    axes are among the points, and others whose nearest points are asked elsewhere. Of
+    those in closed form, Ns, all are looked at or some, K Nf.
+    """
+
+    start_a: np.ndarray  # (K Ns,) where the axes of a start, among all points
+    start_b: np.ndarray
+    vector_a: np.ndarray  # (K Ns,) the vectors from there to their ends
+    vector_b: np.ndarray
+    sizes: CapsuleSizes  # (K Ns,)
+    shapes: np.ndarray  # (K Nf,) which of these are looked at
+    order: np.ndarray  # (K N,) where each is among these and then the others
+    members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
+    moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
+
+
+def _nearest_points_loops(at, pairs, some):
+    count = len(some)
+    sizes = pairs.sizes
     d, normal = np.empty(count), np.empty((count, 3))
     nearest_a, nearest_b = np.empty((count, 3)), np.empty((count, 3))
+    # Of a signed place Numba asks each time whether it counts from the end.
     for i in range(count):
-        u_0, u_1, u_2 = u[i, 0], u[i, 1], u[i, 2]
-        v_0, v_1, v_2 = v[i, 0], v[i, 1], v[i, 2]
-        r_0, r_1, r_2 = (
-            p_a[i, 0] - p_b[i, 0],
-            p_a[i, 1] - p_b[i, 1],
-            p_a[i, 2] - p_b[i, 2],
-        )
+        of = np.uintp(some[i])
+        a, b = np.uintp(pairs.start_a[of]), np.uintp(pairs.start_b[of])
+        u, v = np.uintp(pairs.vector_a[of]), np.uintp(pairs.vector_b[of])
+        a_0, a_1, a_2 = at[a, 0], at[a, 1], at[a, 2]
+        b_0, b_1, b_2 = at[b, 0], at[b, 1], at[b, 2]
+        u_0, u_1, u_2 = at[u, 0], at[u, 1], at[u, 2]
+        v_0, v_1, v_2 = at[v, 0], at[v, 1], at[v, 2]
+        r_0, r_1, r_2 = a_0 - b_0, a_1 - b_1, a_2 - b_2
         uv = u_0 * v_0 + u_1 * v_1 + u_2 * v_2
         ur = u_0 * r_0 + u_1 * r_1 + u_2 * r_2
         vr = v_0 * r_0 + v_1 * r_1 + v_2 * r_2
-        determinant = sizes.uu_vv[i] - uv * uv
-        if determinant < _NEARLY_PARALLEL * sizes.uu_vv[i]:
-            r = np.array([[r_0, r_1, r_2]])
+        determinant = sizes.uu_vv[of] - uv * uv
+        if determinant < _NEARLY_PARALLEL * sizes.uu_vv[of]:
             s = _along_nearly_parallel(
-                u[i : i + 1], v[i : i + 1], r, sizes.uu[i], sizes.vv[i]
+                np.array([[u_0, u_1, u_2]]),
+                np.array([[v_0, v_1, v_2]]),
+                np.array([[r_0, r_1, r_2]]),
+                sizes.uu[of],
+                sizes.vv[of],
             )
         else:
-            s = (uv * vr - ur * sizes.vv[i]) / determinant
-        t = _to_unit((uv * _to_unit(s) + vr) * sizes.per_vv[i])
-        s = _to_unit((uv * t - ur) * sizes.per_uu[i])
-        for k in range(3):
-            nearest_a[i, k] = p_a[i, k] + s * u[i, k]
-            nearest_b[i, k] = p_b[i, k] + t * v[i, k]
-            normal[i, k] = nearest_a[i, k] - nearest_b[i, k]
-        n_0, n_1, n_2 = normal[i, 0], normal[i, 1], normal[i, 2]
+            s = (uv * vr - ur * sizes.vv[of]) / determinant
+        t = _to_unit((uv * _to_unit(s) + vr) * sizes.per_vv[of])
+        s = _to_unit((uv * t - ur) * sizes.per_uu[of])
+        x_0, x_1, x_2 = a_0 + s * u_0, a_1 + s * u_1, a_2 + s * u_2
+        y_0, y_1, y_2 = b_0 + t * v_0, b_1 + t * v_1, b_2 + t * v_2
+        n_0, n_1, n_2 = x_0 - y_0, x_1 - y_1, x_2 - y_2
         axis_distance = np.sqrt(n_0 * n_0 + n_1 * n_1 + n_2 * n_2)
         if axis_distance < _TOUCHING:
-            n = _perpendicular(u[i : i + 1], v[i : i + 1])
-            normal[i, 0], normal[i, 1], normal[i, 2] = n[0], n[1], n[2]
+            n = _perpendicular(np.array([[u_0, u_1, u_2]]), np.array([[v_0, v_1, v_2]]))
+            n_0, n_1, n_2 = n[0], n[1], n[2]
         else:
-            for k in range(3):
-                normal[i, k] /= axis_distance
-        if sizes.flat[i]:
-            along = np.sqrt(sizes.per_vv[i])
-            axis_distance = -vr * along
-            for k in range(3):
-                normal[i, k] = -v[i, k] * along
-                nearest_b[i, k] = p_a[i, k] - axis_distance * normal[i, k]
-        d[i] = axis_distance - sizes.radii[i]
+            n_0, n_1, n_2 = (
+                n_0 / axis_distance,
+                n_1 / axis_distance,
+                n_2 / axis_distance,
+            )
+        if sizes.flat[of]:
+            along = np.sqrt(sizes.per_vv[of])
+            height = -vr * along
+            axis_distance = height
+            n_0, n_1, n_2 = -v_0 * along, -v_1 * along, -v_2 * along
+            y_0, y_1, y_2 = a_0 - height * n_0, a_1 - height * n_1, a_2 - height * n_2
+        d[i] = axis_distance - sizes.radii[of]
+        normal[i, 0], normal[i, 1], normal[i, 2] = n_0, n_1, n_2
+        nearest_a[i, 0], nearest_a[i, 1], nearest_a[i, 2] = x_0, x_1, x_2
+        nearest_b[i, 0], nearest_b[i, 1], nearest_b[i, 2] = y_0, y_1, y_2
     return d, normal, nearest_a, nearest_b
 
 
@@ -124,11 +154,7 @@ def _to_unit(x):
 
 @compiled(loops=_nearest_points_loops)
 def nearest_points(
-    p_a: np.ndarray,
-    u: np.ndarray,
-    p_b: np.ndarray,
-    v: np.ndarray,
-    sizes: CapsuleSizes,
+    at: np.ndarray, pairs: ShapePairs, some: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Distances, normals and witness points of N pairs of capsules.
 
@@ -140,9 +166,10 @@ def nearest_points(
     space's, everywhere.
 
     Args:
-        p_a, p_b: (N, 3) where the axes start [m].
-        u, v: (N, 3) from there to their ends [m].
-        sizes: of the capsules.
+        at: (K P, 3) points, where the axes start [m] and from there to their ends
+            among them [m].
+        pairs: of the capsules.
+        some: (N,) which of the pairs.
 
     Returns:
         (N,) signed distance [m]; (N, 3) unit normal from b towards a; (N, 3)
@@ -150,6 +177,9 @@ def nearest_points(
         gradient is the same at the axis as at the surface, since the offset between
         them is along the normal.
     """
+    p_a, u = at[pairs.start_a[some]], at[pairs.vector_a[some]]
+    p_b, v = at[pairs.start_b[some]], at[pairs.vector_b[some]]
+    sizes = CapsuleSizes(*(x[some] for x in pairs.sizes))
     r = p_a - p_b
     uv, ur, vr = dot_rows(u, v), dot_rows(u, r), dot_rows(v, r)
     # Nearest point of the infinite lines, as a fraction of axis a: Cramer's rule.
@@ -249,25 +279,13 @@ def capsule_distances(
     sizes = capsule_sizes(
         np.linalg.norm(u, axis=1), radius_a, np.linalg.norm(v, axis=1), radius_b
     )
-    return nearest_points(p_a0, u, p_b0, v, sizes)
-
-
-class ShapePairs(NamedTuple):
-    """The shapes of Nr rows, in K configurations of P points each.
-
-    A row is a watched pair, of which the nearest shapes count, or a pair of its shapes.
-    The shape pairs of one watched pair stand side by side: those in closed form, whose
-    axes are among the points, and others whose nearest points are asked elsewhere.
-    """
-
-    start_a: np.ndarray  # (K Nf,) where the axes of a start, among all points
-    start_b: np.ndarray
-    vector_a: np.ndarray  # (K Nf,) the vectors from there to their ends
-    vector_b: np.ndarray
-    sizes: CapsuleSizes  # (K Nf,)
-    order: np.ndarray  # (K N,) where each is among these and then the others
-    members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
-    moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
+    every = np.arange(len(u))
+    a, b, along_a, along_b = (every + i * len(u) for i in range(4))
+    members = every[:, np.newaxis]
+    pairs = ShapePairs(
+        a, b, along_a, along_b, sizes, every, every, members, np.zeros((len(u), 0))
+    )
+    return nearest_points(np.concatenate((p_a0, p_b0, u, v)), pairs, every)
 
 
 @compiled
@@ -286,14 +304,7 @@ def nearest_of_pairs(
         (K Nr,) signed distances [m]; (K Nr, 3) unit normals from b to a; (K Nr, 3)
         points fixed to a on the line of the shortest distance [m].
     """
-    at = points.reshape(-1, 3)
-    d, normal, p_WA, _ = nearest_points(
-        at[pairs.start_a],
-        at[pairs.vector_a],
-        at[pairs.start_b],
-        at[pairs.vector_b],
-        pairs.sizes,
-    )
+    d, normal, p_WA, _ = nearest_points(points.reshape(-1, 3), pairs, pairs.shapes)
     if len(asked):
         order = pairs.order
         d = np.concatenate((d, asked[:, 0]))[order]

@@ -76,22 +76,19 @@ def distance_gradient(
 
 
 def _distance_gradient_loops(normal, point, S, moves):
-    K, Nc, nv = len(S), len(moves), S.shape[2]
-    g = np.zeros((K, Nc, nv))
+    K, Nc, n = len(S), len(moves), S.shape[2]
+    g = np.zeros((K, Nc, n))
     for k in range(K):
         for i in range(Nc):
-            n, p = normal[k * Nc + i], point[k * Nc + i]
-            m_0 = p[1] * n[2] - p[2] * n[1]
-            m_1 = p[2] * n[0] - p[0] * n[2]
-            m_2 = p[0] * n[1] - p[1] * n[0]
-            for j in range(nv):
-                if moves[i, j] == 0.0:
-                    continue  # most joints move both or neither
-                turns = m_0 * S[k, 0, j] + m_1 * S[k, 1, j] + m_2 * S[k, 2, j]
-                turns = (
-                    turns + n[0] * S[k, 3, j] + n[1] * S[k, 4, j] + n[2] * S[k, 5, j]
-                )
-                g[k, i, j] = turns * moves[i, j]
+            row = k * Nc + i
+            x, y, z = point[row, 0], point[row, 1], point[row, 2]
+            n_0, n_1, n_2 = normal[row, 0], normal[row, 1], normal[row, 2]
+            w_0, w_1, w_2 = y * n_2 - z * n_1, z * n_0 - x * n_2, x * n_1 - y * n_0
+            for j in range(n):
+                if moves[i, j] != 0.0:
+                    turning = w_0 * S[k, 0, j] + w_1 * S[k, 1, j] + w_2 * S[k, 2, j]
+                    rate = turning + n_0 * S[k, 3, j] + n_1 * S[k, 4, j]
+                    g[k, i, j] = moves[i, j] * (rate + n_2 * S[k, 5, j])
     return g
 
 

@@ -53,6 +53,7 @@ class Tree(NamedTuple):
     sine: np.ndarray  # (N, 4, 4) of the world, as the others, 0
     versine: np.ndarray
     slide: np.ndarray
+    every: np.ndarray  # (N,) True
     ancestors: np.ndarray  # (B, N) the frames 1, 2, 4, ... up, till all are the world
     free: np.ndarray  # (F, 2) of free joints: the first frame, and where in the plant's
     # positions their quaternion is, with the translation after it
@@ -93,7 +94,7 @@ def free_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
     return X
 
 
-def _link_poses_loops(q, tree):
+def _link_poses_loops(q, tree, needed):
     K, N = len(q), len(tree.parent)
     X = np.empty((K, 4 * N, 3))
     for k in range(K):
@@ -102,6 +103,8 @@ def _link_poses_loops(q, tree):
             for r in range(4):
                 X[k, r, c] = 1.0 if r == c else 0.0
         for i in range(1, N):
+            if not needed[i]:
+                continue
             at = q[k, tree.position[i]]
             s, versine = math.sin(at), 1.0 - math.cos(at)
             up, here = 4 * tree.parent[i], 4 * i
@@ -125,7 +128,7 @@ def _link_poses_loops(q, tree):
 
 
 @compiled(loops=_link_poses_loops)
-def link_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
+def link_poses(q: np.ndarray, tree: Tree, needed: np.ndarray) -> np.ndarray:
     """X (K, 4 N, 3): the frames' poses X_WL, transposed, one below the other [m].
 
     Of each frame three rows of R_WL^T, and then p_WL.
@@ -133,6 +136,7 @@ def link_poses(q: np.ndarray, tree: Tree) -> np.ndarray:
     Args:
         q: (K, nq) positions of all joints in K configurations, in the plant's order.
         tree: of the robot.
+        needed: (N,) bool, which frames, parents with their children; `Tree.every`.
     """
     at = q[:, tree.position][..., np.newaxis, np.newaxis]
     fixed = tree.fixed
@@ -188,7 +192,25 @@ def joint_motion(placed: np.ndarray) -> np.ndarray:
     return transposed(S)
 
 
-@compiled
+def _task_jacobian_loops(p, S, tasks):
+    m, nv = tasks.carried.shape
+    J = tasks.of_joints.copy() if len(tasks.of_joints) else np.zeros((m, nv))
+    for i in range(m):
+        e_0, e_1, e_2 = tasks.fixed[i, 3], tasks.fixed[i, 4], tasks.fixed[i, 5]
+        if not tasks.fixed[i].any():
+            continue  # of a joint
+        at = tasks.of_rows[i]
+        w_0 = p[at, 1] * e_2 - p[at, 2] * e_1 + tasks.fixed[i, 0]
+        w_1 = p[at, 2] * e_0 - p[at, 0] * e_2 + tasks.fixed[i, 1]
+        w_2 = p[at, 0] * e_1 - p[at, 1] * e_0 + tasks.fixed[i, 2]
+        for j in range(nv):
+            if tasks.carried[i, j] != 0.0:
+                turning = w_0 * S[0, j] + w_1 * S[1, j] + w_2 * S[2, j]
+                J[i, j] += turning + e_0 * S[3, j] + e_1 * S[4, j] + e_2 * S[5, j]
+    return J
+
+
+@compiled(loops=_task_jacobian_loops)
 def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray:
     """Eq. (5): the task Jacobian J (m, nv), of v = J q_dot, from the joints' motion.
 
@@ -209,7 +231,64 @@ def task_jacobian(p: np.ndarray, S: np.ndarray, tasks: TaskPoints) -> np.ndarray
     return J
 
 
-@compiled
+def _task_bias_loops(p, S, v, tasks, rows):
+    nv, T = len(v), len(tasks.carries)
+    is_pose, moves_one = np.zeros(T, dtype=np.bool_), np.zeros(nv, dtype=np.bool_)
+    for of in (rows.angular_tasks, rows.linear_tasks):
+        for i in of:
+            is_pose[i] = True
+            for j in range(nv):
+                moves_one[j] |= tasks.carries[i, j] != 0.0
+    own, change, moving = np.zeros((nv, 6)), np.empty((nv, 6)), np.empty(6)
+    for j in range(nv):
+        if not moves_one[j]:
+            continue
+        for c in range(6):
+            own[j, c] = S[c, j] * v[j]
+    for j in range(nv):
+        if not moves_one[j]:
+            continue
+        for c in range(6):
+            moving[c] = 0.0
+        for i in range(nv):
+            if tasks.above[j, i] != 0.0:
+                for c in range(6):
+                    moving[c] += own[i, c]
+        s_0, s_1, s_2 = own[j, 0], own[j, 1], own[j, 2]
+        t_0, t_1, t_2 = own[j, 3], own[j, 4], own[j, 5]
+        w_0, w_1, w_2 = moving[0], moving[1], moving[2]
+        u_0, u_1, u_2 = moving[3], moving[4], moving[5]
+        change[j, 0] = w_1 * s_2 - w_2 * s_1
+        change[j, 1] = w_2 * s_0 - w_0 * s_2
+        change[j, 2] = w_0 * s_1 - w_1 * s_0
+        change[j, 3] = (w_1 * t_2 - w_2 * t_1) + (u_1 * s_2 - u_2 * s_1)
+        change[j, 4] = (w_2 * t_0 - w_0 * t_2) + (u_2 * s_0 - u_0 * s_2)
+        change[j, 5] = (w_0 * t_1 - w_1 * t_0) + (u_0 * s_1 - u_1 * s_0)
+    alpha, a_p = np.zeros((T, 3)), np.zeros((T, 3))
+    A, link = np.empty(6), np.empty(6)
+    for i in range(T):
+        if not is_pose[i]:
+            continue
+        for c in range(6):
+            A[c], link[c] = 0.0, 0.0
+        for j in range(nv):
+            if tasks.carries[i, j] != 0.0:
+                for c in range(6):
+                    A[c] += change[j, c]
+                    link[c] += own[j, c]
+        x, y, z = p[i, 0], p[i, 1], p[i, 2]
+        w_0, w_1, w_2 = link[0], link[1], link[2]
+        u_0 = link[3] + (w_1 * z - w_2 * y)
+        u_1 = link[4] + (w_2 * x - w_0 * z)
+        u_2 = link[5] + (w_0 * y - w_1 * x)
+        alpha[i, 0], alpha[i, 1], alpha[i, 2] = A[0], A[1], A[2]
+        a_p[i, 0] = A[3] + (A[1] * z - A[2] * y) + (w_1 * u_2 - w_2 * u_1)
+        a_p[i, 1] = A[4] + (A[2] * x - A[0] * z) + (w_2 * u_0 - w_0 * u_2)
+        a_p[i, 2] = A[5] + (A[0] * y - A[1] * x) + (w_0 * u_1 - w_1 * u_0)
+    return stack_rows(alpha[rows.angular_tasks], a_p[rows.linear_tasks], rows)
+
+
+@compiled(loops=_task_bias_loops)
 def task_bias(
     p: np.ndarray, S: np.ndarray, v: np.ndarray, tasks: TaskPoints, rows: TaskRows
 ) -> np.ndarray:
@@ -297,7 +376,9 @@ class Robot(NamedTuple):
 def find_state(measured: Measured, r: Robot) -> State:
     """Eqs. (5), (6), (20): the numbers of a state."""
     tasks, rows, nv = r.tasks.value, r.rows.value, len(r.order)
-    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
     S = joint_motion(points[:, : 3 * nv])
     pairs = r.pairs.value
     d, normal, p_WA = nearest_of_pairs(points, measured.asked, pairs)
@@ -322,7 +403,9 @@ def find_state(measured: Measured, r: Robot) -> State:
 @compiled
 def row_distances(measured: Measured, r: Robot) -> np.ndarray:
     """The signed distances of a state alone, (K, Nr) [m]."""
-    points = place_points(link_poses(measured.q, r.tree.value), r.selection, r.first)
+    tree = r.tree.value
+    X = link_poses(measured.q, tree, tree.every)
+    points = place_points(X, r.selection, r.first)
     d, _, _ = nearest_of_pairs(points, measured.asked, r.pairs.value)
     return d.reshape(len(points), -1)
 

@@ -38,6 +38,7 @@ from crar_drake.equations.kinematics import (
 )
 from crar_drake.equations.lookahead_guard import (
     admit,
+    damped_gram,
     guard,
     guard_norm,
     share_within,
@@ -131,8 +132,10 @@ def lookahead_step(
     weighed_rows = constraints
     if gains.approach_rate > 0.0:
         weighed_rows = without_rows(constraints)
+    normal = damped_gram(references.J, gains)
     s_0, qdot_c, W, _ = wish_velocity(
         references.J,
+        normal,
         references.v_r,
         references.a_r,
         qdot,
@@ -142,7 +145,7 @@ def lookahead_step(
         references.qdot_0,
         references.qddot_0,
     )
-    norm = guard_norm(references.J, gains)
+    norm = guard_norm(normal, gains)
     s_1, _ = guard(s_0, constraints, norm)
     s, s_p, admission = admit(
         s_0, s_p, s_1, state.q, v, state.d, constraints, norm, r, numbers

@@ -66,8 +66,40 @@ class LookaheadNumbers(NamedTuple):
 
 
 @compiled
+def damped_gram(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
+    """J^T J + lambda^2 I (n, n) of the weighted task Jacobian J (m, n)."""
+    normal = gram(J)
+    add_to_diagonal(normal, np.full(len(normal), gains.damping**2))
+    return normal
+
+
+@compiled
+def guard_norm(normal: np.ndarray, gains: LookaheadGains) -> np.ndarray:
+    """N of (L7), (n, n): the identity, or
+
+        J^T J + nu^2 I,
+
+    with nu = lambda the norm of (L6) itself, by which a change is small where it is so
+    for the tasks, by their weights: what evades then moves a task of high weight the
+    least.
+
+    Args:
+        normal: (n, n) `damped_gram`.
+        gains: of the mode.
+    """
+    if not gains.task_norm:
+        return identity(len(normal))
+    if gains.guard_damping == gains.damping:
+        return normal
+    N = normal.copy()
+    add_to_diagonal(N, np.full(len(N), gains.guard_damping**2 - gains.damping**2))
+    return N
+
+
+@compiled
 def wish_velocity(
     J: np.ndarray,
+    normal: np.ndarray,
     v_r: np.ndarray,
     a_r: np.ndarray,
     qdot: np.ndarray,
@@ -94,6 +126,7 @@ def wish_velocity(
 
     Args:
         J: (m, n) task Jacobian.
+        normal: (n, n) of it, `damped_gram`.
         v_r: (m,) v_d + K e less the prescribed joints' share.
         a_r: (m,) Eq. (14) less bias and the prescribed joints' share.
         qdot: (n,) present velocity [rad/s].
@@ -110,8 +143,6 @@ def wish_velocity(
     g, drift = constraints.g, constraints.drift
     root = gains.damping * np.sqrt(constraints.weight)
     rows = root[:, np.newaxis] * g
-    normal = gram(J)
-    add_to_diagonal(normal, np.full(n, damping2))
     factor = cholesky(normal)
 
     right = transposed_times(J, v_r)
@@ -138,25 +169,6 @@ def wish_velocity(
     for row in np.flatnonzero(active):
         W += constraints.weight[row] * g[row] * g[row]
     return s_0, qdot_c, W, first + second
-
-
-@compiled
-def guard_norm(J: np.ndarray, gains: LookaheadGains) -> np.ndarray:
-    """N of (L7), (n, n): the identity, or, with nu = lambda the norm of (L6) itself,
-
-        J^T J + nu^2 I,
-
-    by which a change is small where it is so for the tasks, by their weights: what
-    evades then moves a task of high weight the least.
-
-    Args:
-        J: (m, n) task Jacobian, weighted.
-        gains: of the mode.
-    """
-    N = identity(J.shape[1])
-    if gains.task_norm:
-        N = gains.guard_damping**2 * N + gram(J)
-    return N
 
 
 @compiled

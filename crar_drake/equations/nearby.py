@@ -13,14 +13,38 @@ from crar_drake.equations.admission import (
     Reaches,
     farther,
     path_bounds,
-    sizes_of,
     travel,
 )
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
-from crar_drake.equations.vectors import some_columns
+from crar_drake.equations.vectors import dot_rows, put, put_at, some_columns
+
+
+def _ball_distances_loops(points, pairs, some):
+    d = np.empty(len(some))
+    # Of a signed place Numba asks each time whether it counts from the end.
+    for i in range(len(some)):
+        of = np.uintp(some[i])
+        a, b = np.uintp(pairs.start_a[of]), np.uintp(pairs.start_b[of])
+        u, v = np.uintp(pairs.vector_a[of]), np.uintp(pairs.vector_b[of])
+        x = points[a, 0] - points[b, 0] + 0.5 * (points[u, 0] - points[v, 0])
+        y = points[a, 1] - points[b, 1] + 0.5 * (points[u, 1] - points[v, 1])
+        z = points[a, 2] - points[b, 2] + 0.5 * (points[u, 2] - points[v, 2])
+        d[i] = np.sqrt(x * x + y * y + z * z) - pairs.sizes.balls[of]
+    return d
+
+
+@compiled(loops=_ball_distances_loops)
+def ball_distances(
+    points: np.ndarray, pairs: ShapePairs, some: np.ndarray
+) -> np.ndarray:
+    """How far the balls about two shapes are apart, (N,) [m]; as `nearest_points`."""
+    p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
+    p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
+    apart = p_a - p_b + 0.5 * (u - v)
+    return np.sqrt(dot_rows(apart, apart)) - pairs.sizes.balls[some]
 
 
 @compiled
@@ -38,31 +62,18 @@ def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarr
         at least `enough` [m].
     """
     r = robot.value
-    pairs = r.pairs.value
+    pairs, tree = r.pairs.value, r.tree.value
     count = enough.shape[1]
     found = np.empty((len(q), count))
     for k in range(len(q)):
-        X = link_poses(q[k : k + 1], r.tree.value)
+        X = link_poses(q[k : k + 1], tree, tree.every)
         points = place_points(X, r.selection, r.first)[0]
-        some = np.zeros(count, dtype=np.bool_)
-        for i in range(count):
-            a, u = points[pairs.start_a[i]], points[pairs.vector_a[i]]
-            b, v = points[pairs.start_b[i]], points[pairs.vector_b[i]]
-            apart = 0.0
-            for c in range(3):
-                apart += (a[c] - b[c] + 0.5 * (u[c] - v[c])) ** 2
-            found[k, i] = np.sqrt(apart) - pairs.sizes.balls[i]
-            some[i] = not found[k, i] >= enough[k, i]
-        rows = np.flatnonzero(some)
-        d, _, _, _ = nearest_points(
-            points[pairs.start_a[rows]],
-            points[pairs.vector_a[rows]],
-            points[pairs.start_b[rows]],
-            points[pairs.vector_b[rows]],
-            sizes_of(pairs.sizes, rows),
-        )
-        for j in range(len(rows)):
-            found[k, rows[j]] = d[j]
+        shapes = pairs.shapes[:count]
+        d = ball_distances(points, pairs, shapes)
+        rows = np.flatnonzero(~(d >= enough[k]))
+        near, _, _, _ = nearest_points(points, pairs, shapes[rows])
+        put_at(d, rows, near)
+        put(found[k], 0, d)
     return found
 
 
@@ -81,11 +92,12 @@ def some_shapes(robot: Held, rows: np.ndarray) -> Held:
     both = np.concatenate((rows, rows + len(pairs.moves)))
     every = np.arange(2 * count)
     some = ShapePairs(
-        pairs.start_a[both],
-        pairs.start_b[both],
-        pairs.vector_a[both],
-        pairs.vector_b[both],
-        sizes_of(pairs.sizes, both),
+        pairs.start_a,
+        pairs.start_b,
+        pairs.vector_a,
+        pairs.vector_b,
+        pairs.sizes,
+        pairs.shapes[both],
         every,
         every.reshape(-1, 1),
         pairs.moves[rows],

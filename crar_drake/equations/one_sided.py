@@ -10,10 +10,12 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.vectors import (
+    add_to,
     cholesky,
     cholesky_solve,
     gram,
     largest,
+    select_rows,
     times,
     transposed_times,
 )
@@ -52,10 +54,10 @@ def one_sided_minimum(
     while passes < _PASSES:
         passes += 1
         A = np.flatnonzero(active)
-        some = rows[A]
-        y = cholesky_solve(
-            cholesky(M + gram(some)), right + transposed_times(some, wish[A])
-        )
+        some = select_rows(rows, A)
+        normal = gram(some)
+        add_to(normal, M)
+        y = cholesky_solve(cholesky(normal), right + transposed_times(some, wish[A]))
         violated = times(rows, y) < wish
         if (violated == active).all():
             return y, active, passes

@@ -188,9 +188,17 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _transposed_times_loops(A, x):
-    y = np.zeros(A.shape[1])
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
+    m, n = A.shape
+    y = np.zeros(n)
+    # Four rows at once, in their order, as in `gram`.
+    by_four = m - m % 4
+    for i in range(0, by_four, 4):
+        a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
+        p, q, r, s = A[i], A[i + 1], A[i + 2], A[i + 3]
+        for j in range(n):
+            y[j] = y[j] + p[j] * a + q[j] * b + r[j] * c + s[j] * d
+    for i in range(by_four, m):
+        for j in range(n):
             y[j] += A[i, j] * x[i]
     return y
 
@@ -203,36 +211,36 @@ def transposed_times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def _cholesky_loops(A):
     n = len(A)
-    # Its transpose, whose rows are what the innermost loops go along: whole ones, for
-    # what begins with 0 runs several times as fast, and what is too much is ignored.
-    U = np.empty((n, n))
-    for j in range(n):
-        row = U[j]
-        for i in range(n):
-            row[i] = A[i, j]
-        # Four rows above at once, in their order: each row is read and written a
-        # quarter as often.
-        by_four = j - j % 4
-        for k in range(0, by_four, 4):
-            x_0, x_1, x_2, x_3 = U[k], U[k + 1], U[k + 2], U[k + 3]
-            a, b, c, d = x_0[j], x_1[j], x_2[j], x_3[j]
-            if a == 0.0 and b == 0.0 and c == 0.0 and d == 0.0:
-                continue  # joints that no row couples
-            for i in range(n):
-                first = row[i] - x_0[i] * a - x_1[i] * b
-                row[i] = first - x_2[i] * c - x_3[i] * d
-        for k in range(by_four, j):
-            x_0 = U[k]
-            a = x_0[j]
-            if a == 0.0:
-                continue
-            for i in range(n):
-                row[i] -= x_0[i] * a
-        pivot = math.sqrt(row[j]) if row[j] > 0.0 else np.nan
-        for i in range(n):
-            row[i] /= pivot
-        row[j] = pivot
-    return U.T
+    L = np.zeros((n, n))
+    # A row of L begins where that of A does: most joints are coupled to few.
+    first = np.empty(n, dtype=np.int64)
+    for i in range(n):
+        row, begin = L[i], 0
+        while begin < i and A[i, begin] == 0.0:
+            begin += 1
+        first[i] = begin
+        pivot = A[i, i]
+        # Two columns at once: the row is read half as often, and neither sum waits.
+        by_two = i - (i - begin) % 2
+        for j in range(begin, by_two, 2):
+            x, y = L[j], L[j + 1]
+            a, b = A[i, j], A[i, j + 1]
+            for k in range(max(begin, min(first[j], first[j + 1])), j):
+                a -= row[k] * x[k]
+                b -= row[k] * y[k]
+            a /= x[j]
+            b = (b - a * y[j]) / y[j + 1]
+            row[j], row[j + 1] = a, b
+            pivot = pivot - a * a - b * b
+        for j in range(by_two, i):
+            a, x = A[i, j], L[j]
+            for k in range(max(begin, first[j]), j):
+                a -= row[k] * x[k]
+            a /= x[j]
+            row[j] = a
+            pivot -= a * a
+        row[i] = math.sqrt(pivot) if pivot > 0.0 else np.nan
+    return L
 
 
 @compiled(loops=_cholesky_loops)
@@ -262,16 +270,33 @@ def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
     return A.take(some, axis=1)
 
 
+def _select_loops(A, some):
+    B = np.empty((len(some), A.shape[1]))
+    for k in range(len(some)):
+        row = A[some[k]]
+        for j in range(len(row)):
+            B[k, j] = row[j]
+    return B
+
+
+@compiled(loops=_select_loops)
+def select_rows(A: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """A[some] (k, m) of A (n, m)."""
+    return A[some]
+
+
 def _cholesky_solve_loops(L, b):
     x, n = b.copy(), len(b)
-    for k in range(n):
-        x[k] /= L[k, k]
-        for i in range(k + 1, n):
-            x[i] -= L[i, k] * x[k]
+    for i in range(n):
+        a, row = x[i], L[i]
+        for k in range(i):
+            a -= row[k] * x[k]
+        x[i] = a / row[i]
     for i in range(n - 1, -1, -1):
+        a = x[i]
         for k in range(i + 1, n):
-            x[i] -= L[k, i] * x[k]
-        x[i] /= L[i, i]
+            a -= L[k, i] * x[k]
+        x[i] = a / L[i, i]
     return x
 
 
@@ -356,6 +381,21 @@ def add_to_diagonal(A: np.ndarray, x: np.ndarray) -> None:
     A.flat[:: len(A) + 1] += x
 
 
+def _add_to_loops(A, B):
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            A[i, j] += B[i, j]
+
+
+@compiled(loops=_add_to_loops)
+def add_to(A: np.ndarray, B: np.ndarray) -> None:
+    """A += B, in place; A, B (n, m).
+
+    Of a sum of matrices Numba goes through the entries one by one.
+    """
+    A += B
+
+
 def _product_loops(A, B):
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
@@ -376,13 +416,16 @@ def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 def _sparse_product_loops(A, first, X):
     C = np.empty((len(X), len(A), 3))
+    one = np.uintp(1)
     for k in range(len(X)):
         for i in range(len(A)):
-            j = first[i]
+            # Of a signed place Numba asks each time whether it counts from the end.
+            j = np.uintp(first[i])
+            x, y, z = j + one, j + one + one, j + one + one + one
             p, q, r, s = A[i, 0], A[i, 1], A[i, 2], A[i, 3]
             for c in range(3):
-                first_two = p * X[k, j, c] + q * X[k, j + 1, c]
-                C[k, i, c] = first_two + r * X[k, j + 2, c] + s * X[k, j + 3, c]
+                first_two = p * X[k, j, c] + q * X[k, x, c]
+                C[k, i, c] = first_two + r * X[k, y, c] + s * X[k, z, c]
     return C
 
 

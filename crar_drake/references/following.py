@@ -46,7 +46,6 @@ from crar_drake.equations.following import (
     FollowerNumbers,
     OnTheWay,
     follow_steps,
-    is_on,
 )
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead import LookaheadMemory
@@ -324,27 +323,29 @@ class Follower:
         q[0] = start = now.q[self.model.controlled_positions]
         admitted, share = np.zeros(frames), np.ones(frames)
         clear, asked = np.ones(frames, dtype=bool), np.zeros(frames, dtype=int)
+        on_it = False  # as far as is known: the steps end where it comes to be so
         for frame in range(1, frames):
             k, last, began = (frame - 1) * steps, frame * steps, now
             until_on_it = True
             while k < last:
-                if until_on_it and self._is_on(now, targets, k):
+                if on_it:
                     until_on_it = False
                     if ways.clear(frame - 1):
                         now = self._start(targets.q[last], targets.v[last])
                         break
                 found = self._take(now, targets, k, last, until_on_it, watched)
                 now, k = found.end, k + found.steps
+                on_it = k < last
                 asked[frame] += found.asked
                 admitted[frame] = max(admitted[frame], found.how)
                 share[frame] = min(share[frame], found.share)
                 clear[frame] &= found.clear
             if asked[frame] and not self._goes_clear(began.q, now.q):
-                now = self._brake(began)
+                now, on_it = self._brake(began), False
                 admitted[frame], share[frame] = SCALED, 0.0
             # At a limit, rounding may lead beyond it.
             here = now.q[self.model.controlled_positions]
-            q[frame] = np.clip(here, self.model.lower, self.model.upper)
+            q[frame] = np.minimum(np.maximum(here, self.model.lower), self.model.upper)
             if progress is not None:
                 progress(frame)
         moved = float(np.abs(start - reference[0]).max())
@@ -358,9 +359,6 @@ class Follower:
         return OnTheWay(
             configurations(self.model, self._rest, q), velocities(self.model, v), memory
         )
-
-    def _is_on(self, now: OnTheWay, targets: FrameTargets, k: int) -> bool:
-        return is_on(now, targets.q[k], targets.v[k], self._numbers)
 
     def _take(
         self,

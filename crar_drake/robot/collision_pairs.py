@@ -272,6 +272,7 @@ class WatchedPairs:
             vector_a=repeated(vector + self._axis_a, num_points),
             vector_b=repeated(vector + self._axis_b, num_points),
             sizes=type(sizes)(*(np.tile(x, K) for x in sizes)),
+            shapes=np.arange(K * len(self._closed)),
             order=np.argsort(stands),
             members=repeated(members, N),
             moves=np.ascontiguousarray(moves),

@@ -156,6 +156,7 @@ class JointTree:
             sine,
             versine,
             slide,
+            np.ones(N, dtype=bool),
             np.array(ancestors, dtype=int).reshape(-1, N),
             np.array(self._free, dtype=int).reshape(-1, 2),
         )

@@ -30,7 +30,12 @@ from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations import admission, lookahead, lookahead_guard
+from crar_drake.equations import (
+    admission,
+    lookahead,
+    lookahead_guard,
+    placed_shapes,
+)
 from crar_drake.equations.admission import (
     AS_WISHED,
     CORRECTED,
@@ -48,10 +53,12 @@ from crar_drake.equations.admission import (
     travel,
     velocity_bounds,
 )
+from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
+from crar_drake.equations.placed_shapes import own_velocities
 from crar_drake.errors import ModelError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
@@ -376,6 +383,15 @@ def test_an_unlimited_slide_on_a_turning_joint_is_refused(limits) -> None:
 # --- A4, A5: the whole path ---------------------------------------------------------
 
 
+def shape_pairs(start_a, vector_a, start_b, vector_b) -> ShapePairs:
+    """Of points, where the rest does not matter."""
+    nothing = np.zeros(0)
+    sizes = CapsuleSizes(*[nothing] * len(CapsuleSizes._fields))
+    return ShapePairs(
+        start_a, start_b, vector_a, vector_b, sizes, start_a, start_a, start_a, nothing
+    )
+
+
 GAPS = [shadow_gap, admission._shadow_gap_loops]
 
 
@@ -390,7 +406,8 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
     n /= np.linalg.norm(n, axis=1)[:, None]
     p_a, u, p_b, v = rng.normal(size=(4, k, 3))
     a, b = rng.normal(size=(2, k, 6)) * rng.choice([0.1, 3.0])
-    found = gap(n, p_a, u, a, p_b, v, b, half)
+    at, some = np.concatenate((p_a, u, p_b, v)), np.arange(k)
+    found = gap(n, at, shape_pairs(*(some + i * k for i in range(4))), some, a, b, half)
     gaps = []
     for t in np.linspace(-half, half, 41):
 
@@ -402,6 +419,22 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
         of_a, of_b = shadows(p_a, u, a), shadows(p_b, v, b)
         gaps.append(of_a.min(axis=0) - of_b.max(axis=0))
     np.testing.assert_allclose(found, np.min(gaps, axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [own_velocities, placed_shapes._own_velocities_loops],
+    ids=["called", "loops"],
+)
+def test_a_shapes_own_velocity_is_of_the_joints_that_move_it_alone(found) -> None:
+    rng = np.random.default_rng(3)
+    S, x, pairs = rng.normal(size=(6, 5)), rng.normal(size=5), np.array([3, 0])
+    alone = rng.integers(2, size=(4, 5)).astype(float)
+    expected = [
+        sum((x[j] * S[:, j] for j in np.flatnonzero(alone[pair])), np.zeros(6))
+        for pair in pairs
+    ]
+    np.testing.assert_allclose(found(S, x, alone, pairs), expected, atol=1e-14)
 
 
 def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:

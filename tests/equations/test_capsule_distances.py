@@ -434,6 +434,7 @@ def test_the_nearest_shapes_of_each_watched_pair(others):
         sizes=capsule_sizes(
             length_a, np.tile(radius_a, K), length_b, np.tile(radius_b, K)
         ),
+        shapes=np.arange(4 * K),
         order=np.array(order),
         members=np.array(members),
         moves=np.zeros((3, 1)),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from crar_drake.equations import collisions
 from crar_drake.equations.collisions import (
     DISTANCE_CLAMP,
     collision_gradient,
@@ -138,7 +139,12 @@ def test_distance_gradient_is_the_printed_one():
     )
 
 
-def test_distance_gradient_about_origin_is_that_of_the_witness_points():
+@pytest.mark.parametrize(
+    "gradient",
+    [distance_gradient_about_origin, collisions._distance_gradient_loops],
+    ids=["as called", "loops"],
+)
+def test_distance_gradient_about_origin_is_that_of_the_witness_points(gradient):
     """Each point's Jacobian, column by column: J_v + J_omega x p, for witness points
     at different places of the line, each on its own link; two configurations."""
     rng = np.random.default_rng(4)
@@ -158,7 +164,7 @@ def test_distance_gradient_about_origin_is_that_of_the_witness_points():
     moves = carries_a - carries_b
     for point in (p_a.reshape(-1, 3), p_b.reshape(-1, 3)):
         np.testing.assert_allclose(
-            distance_gradient_about_origin(normal.reshape(-1, 3), point, S, moves),
+            gradient(normal.reshape(-1, 3), point, S, moves),
             expected,
             atol=1e-13,
         )

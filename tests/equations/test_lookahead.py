@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.joint_limits import limit_gradient, limit_potential
 from crar_drake.equations.lookahead_guard import (
+    damped_gram,
     guard,
     guard_norm,
     share_within,
@@ -106,7 +107,16 @@ def solve(
 ) -> Solution:
     posture = np.zeros(len(qdot)) if posture is None else posture
     s_0, qdot_c, W, first = wish_velocity(
-        J, v_r, a_r, qdot, posture, constraints, gains, NONE, NONE
+        J,
+        damped_gram(J, gains),
+        v_r,
+        a_r,
+        qdot,
+        posture,
+        constraints,
+        gains,
+        NONE,
+        NONE,
     )
     s, second = guard(s_0, constraints, np.eye(len(qdot)))
     return Solution(s, s_0, (s - qdot) / T, qdot_c, W, first + second)
@@ -501,6 +511,7 @@ def test_the_step_is_continuous_in_all_that_is_given() -> None:
             rows = pair_rows(a.h + 0.01 * t, a.g + 0.1 * t, a.drift - 0.1 * t)
             s_0, _, W, _ = wish_velocity(
                 a.J,
+                damped_gram(a.J, GAINS),
                 *mixed,
                 np.zeros(7),
                 rows,
@@ -947,9 +958,12 @@ def test_the_guard_changes_tasks_of_high_weight_the_least():
     rows = Constraints(
         np.zeros(1), g[None], np.zeros(1), np.array([1e3]), np.array([s_0 @ g + 1.0])
     )
-    norm = guard_norm(J, GAINS._replace(task_norm=True, guard_damping=0.3))
+    normal = damped_gram(J, GAINS)
+    norm = guard_norm(normal, GAINS._replace(task_norm=True, guard_damping=0.3))
     np.testing.assert_allclose(norm, J.T @ J + 0.09 * np.eye(5), atol=1e-9)
-    np.testing.assert_array_equal(guard_norm(J, GAINS), np.eye(5))
+    its_own = guard_norm(normal, GAINS._replace(task_norm=True, guard_damping=DAMPING))
+    np.testing.assert_allclose(its_own, J.T @ J + DAMPING**2 * np.eye(5), atol=1e-9)
+    np.testing.assert_array_equal(guard_norm(normal, GAINS), np.eye(5))
     s, _ = guard(s_0, rows, norm)
     along = np.linalg.solve(norm, g)
     expected = along * 1e3 / (1.0 + 1e3 * g @ along)

@@ -182,6 +182,13 @@ CASES = {
         ],
         lambda A, some: np.array([[row[j] for j in some] for row in A.tolist()]),
     ),
+    "select_rows": (
+        [
+            (normal(3, 7), np.array([2, 0, 2, 1])),
+            (normal(2, 4), np.zeros(0, dtype=int)),
+        ],
+        lambda A, some: np.reshape([A.tolist()[i] for i in some], (-1, A.shape[1])),
+    ),
     "smallest": (
         [
             (normal(9), np.array([[0, 1, 2], [8, 7, 8], [3, 3, 3], [6, 4, 5]])),
@@ -193,7 +200,7 @@ CASES = {
     ),
 }
 # These are tested apart: one is no function of equal results, the others have none.
-APART = {"cholesky", "add_to_diagonal", "put", "put_at"}
+APART = {"cholesky", "add_to", "add_to_diagonal", "put", "put_at"}
 
 
 def test_every_function_with_loops_is_tested():
@@ -278,6 +285,14 @@ def test_add_to_diagonal_works_in_place_on_the_diagonal_only(which):
     A, x = normal(5, 5), normal(5)
     expected = A + np.diag(x)
     assert form("add_to_diagonal", which)(A, x) is None
+    np.testing.assert_array_equal(A, expected)
+
+
+@pytest.mark.parametrize("which", FORMS)
+def test_add_to_works_in_place(which):
+    A, B = normal(3, 5), normal(3, 5)
+    expected = A + B
+    assert form("add_to", which)(A, B) is None
     np.testing.assert_array_equal(A, expected)
 
 

@@ -1,0 +1,135 @@
+"""Where some pairs of shapes are in one configuration, and how joints move them.
+
+Of a whole robot's pairs few are looked at closely, and only the links that carry their
+shapes are placed for them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.capsule_distances import ShapePairs
+from crar_drake.equations.compilation import compiled
+from crar_drake.equations.kinematics import Robot, Tree, joint_motion, link_poses
+from crar_drake.equations.vectors import product, sparse_product
+
+
+def _place_some_loops(at, X, selection, first, some):
+    for k in range(len(some)):
+        i = some[k]
+        j = first[i]
+        p, q, r, s = selection[i, 0], selection[i, 1], selection[i, 2], selection[i, 3]
+        for c in range(3):
+            first_two = p * X[j, c] + q * X[j + 1, c]
+            at[i, c] = first_two + r * X[j + 2, c] + s * X[j + 3, c]
+
+
+@compiled(loops=_place_some_loops)
+def place_some(
+    at: np.ndarray,
+    X: np.ndarray,
+    selection: np.ndarray,
+    first: np.ndarray,
+    some: np.ndarray,
+) -> None:
+    """`place_points` of some alone, in one configuration, in place.
+
+    Args:
+        at: (P, 3) where they are put.
+        X: (4 N, 3) of `link_poses`.
+        selection, first: (P, 4), (P,) as there.
+        some: (k,) which points.
+    """
+    at[some] = sparse_product(selection[some], first[some], X[np.newaxis])[0]
+
+
+@compiled
+def needed_by(
+    shapes: np.ndarray, pairs: ShapePairs, first: np.ndarray, tree: Tree
+) -> tuple[np.ndarray, np.ndarray]:
+    """What has to be placed to know where shapes are, and how joints move them.
+
+    Args:
+        shapes: (k,) which of the pairs.
+        pairs: of shapes.
+        first: (P,) of `place_points`, the joints' axes at its beginning.
+        tree: of the robot.
+
+    Returns:
+        (N,) bool, the frames: those that carry the shapes. The points: the axes of the
+        shapes, and of the joints that move these frames.
+    """
+    axes = 3 * (len(tree.parent) - 1)
+    frames = np.zeros(len(tree.parent), dtype=np.bool_)
+    points = np.empty(axes + 4 * len(shapes), dtype=np.int64)
+    count = 0
+    for of in shapes:
+        for point in (
+            pairs.start_a[of],
+            pairs.vector_a[of],
+            pairs.start_b[of],
+            pairs.vector_b[of],
+        ):
+            points[count] = point
+            count += 1
+            frame = first[point] // 4
+            while not frames[frame]:
+                frames[frame] = True
+                frame = tree.parent[frame]
+    for point in range(axes):
+        if frames[first[point] // 4]:
+            points[count] = point
+            count += 1
+    return frames, points[:count]
+
+
+@compiled
+def place_pairs(
+    points: np.ndarray, q: np.ndarray, shapes: np.ndarray, r: Robot
+) -> np.ndarray:
+    """The axes of some pairs, in place, and S at one configuration.
+
+    Args:
+        points: (P, 3) those of `Robot.selection`, finite: of these the axes' are put
+            where they are at q [m].
+        q: (nq,) positions.
+        shapes: (k,) which pairs of shapes.
+        r: of the robot.
+
+    Returns:
+        (6, nv) `joint_motion`, of the joints that move these shapes.
+    """
+    tree = r.tree.value
+    in_plant = np.empty((1, len(q)))
+    for i in range(len(q)):
+        in_plant[0, r.positions[i]] = q[i]
+    frames, some = needed_by(shapes, r.pairs.value, r.first, tree)
+    X = link_poses(in_plant, tree, frames)
+    place_some(points, X[0], r.selection, r.first, some)
+    return joint_motion(points[: 3 * len(r.order)].reshape(1, -1, 3))[0]
+
+
+def _own_velocities_loops(S, x, alone, pairs):
+    V = np.zeros((len(pairs), 6))
+    for k in range(len(pairs)):
+        moves = alone[pairs[k]]
+        for j in range(len(x)):
+            if moves[j] != 0.0:
+                for c in range(6):
+                    V[k, c] += S[c, j] * x[j]
+    return V
+
+
+@compiled(loops=_own_velocities_loops)
+def own_velocities(
+    S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
+    """Spatial velocities (k, 6) of shapes, seen from what carries both of a pair.
+
+    Args:
+        S: (6, nv) `joint_motion`.
+        x: (nv,) what each joint moves in a unit of time.
+        alone: (Np, nv) `a_alone` or `b_alone` of `Reaches`.
+        pairs: (k,) which.
+    """
+    return product(alone[pairs], np.ascontiguousarray((S * x).T))

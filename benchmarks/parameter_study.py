@@ -63,6 +63,11 @@ def variations() -> dict[str, CrarParameters]:
         "q_s is asked 8 rad/s at most": ahead(fastest_wish=8.0),
         "q_s is asked 30 rad/s at most": ahead(fastest_wish=30.0),
         "guard in the norm of the tasks": ahead(guard_norm="tasks"),
+        "the same, ν = 0.3 m": ahead(guard_norm="tasks", guard_damping=0.3),
+        "bounds, κ = 50/s": ahead(approach_rate=50.0),
+        "bounds, κ = 50/s, in the norm of the tasks": ahead(
+            approach_rate=50.0, guard_norm="tasks"
+        ),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),
         "doubled gains (Gv, K = 60, Kp = 900, T = 1/60 s)": replace(

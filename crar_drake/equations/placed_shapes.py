@@ -45,7 +45,7 @@ def place_some(
 
 @compiled
 def needed_by(
-    shapes: np.ndarray, pairs: ShapePairs, first: np.ndarray, tree: Tree
+    shapes: np.ndarray, pairs: ShapePairs, first: np.ndarray, tree: Tree, nv: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """What has to be placed to know where shapes are, and how joints move them.
 
@@ -54,12 +54,14 @@ def needed_by(
         pairs: of shapes.
         first: (P,) of `place_points`, the joints' axes at its beginning.
         tree: of the robot.
+        nv: number of velocities, each with three points. (A free joint has six of
+            them, and two frames.)
 
     Returns:
         (N,) bool, the frames: those that carry the shapes. The points: the axes of the
         shapes, and of the joints that move these frames.
     """
-    axes = 3 * (len(tree.parent) - 1)
+    axes = 3 * nv
     frames = np.zeros(len(tree.parent), dtype=np.bool_)
     points = np.empty(axes + 4 * len(shapes), dtype=np.int64)
     count = 0
@@ -103,7 +105,7 @@ def place_pairs(
     in_plant = np.empty((1, len(q)))
     for i in range(len(q)):
         in_plant[0, r.positions[i]] = q[i]
-    frames, some = needed_by(shapes, r.pairs.value, r.first, tree)
+    frames, some = needed_by(shapes, r.pairs.value, r.first, tree, len(r.order))
     X = link_poses(in_plant, tree, frames)
     place_some(points, X[0], r.selection, r.first, some)
     return joint_motion(points[: 3 * len(r.order)].reshape(1, -1, 3))[0]

@@ -109,7 +109,7 @@ def test_what_is_needed_by_shapes_is_placed_as_all_is(plant, poses, place) -> No
         *[nothing] * 2,
     )
     for shapes, of_frames in (([1], ends[2:]), ([0, 1], ends), ([], [])):
-        frames, some = needed_by(np.array(shapes, dtype=int), pairs, first, tree)
+        frames, some = needed_by(np.array(shapes, dtype=int), pairs, first, tree, N - 1)
         carrying = set()
         for frame in of_frames:
             while frame not in carrying:

@@ -261,6 +261,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     best = best_errors(
         {name: [Figures(**f) for f in each] for name, each in controllers.items()}
     )
+    best = best[: len(cases)]  # `crossings` may have been run for more
     rows = [row(f"weight {weight:g}", each, best) for weight, each in judged.items()]
     Console().print(markdown_table(HEADER, rows), markup=False, soft_wrap=True)
 

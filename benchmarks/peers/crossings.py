@@ -10,9 +10,11 @@ settings of the comparison, and some that are calmer than every peer.
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -58,17 +60,8 @@ HEADER = (
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = parser_of(__doc__.splitlines()[0], "out/crossings")
-    parser.add_argument("--seeds", type=int, default=12, help="how many motions")
-    arguments = parser.parse_args(argv)
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
-    out = arguments.out.resolve()
+    arguments, out, cases, judge = asked(__doc__.splitlines()[0], argv)
     folder = out / "problem"
-    write_problem(folder)
-    cases = write_crossings(folder, range(arguments.seeds))
-    data = json.loads((folder / "problem.json").read_text())
-    judge = Judge(data["robot"], data["joints"], data["tasks"])
     figures = {}
     each = dict.fromkeys(cases, PERIOD)
     compared = [
@@ -83,6 +76,33 @@ def main(argv: Sequence[str] | None = None) -> None:
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
     Console().print(markdown_table(HEADER, rows), markup=False, soft_wrap=True)
+
+
+def asked(
+    what: str, argv: Sequence[str] | None
+) -> tuple[argparse.Namespace, Path, list[str], Judge]:
+    """Writes the motions that a benchmark of crossings is asked for.
+
+    Args:
+        what: the benchmark, in a line.
+        argv: its arguments.
+
+    Returns:
+        The arguments; the folder of all, with the problem in `problem`; the cases; who
+        judges them.
+    """
+    parser = parser_of(what, "out/crossings")
+    parser.add_argument("--seeds", type=int, default=12, help="how many motions")
+    arguments = parser.parse_args(argv)
+    if arguments.seeds < 1:
+        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
+    out = arguments.out.resolve()
+    folder = out / "problem"
+    write_problem(folder)
+    cases = write_crossings(folder, range(arguments.seeds))
+    data = json.loads((folder / "problem.json").read_text())
+    judge = Judge(data["robot"], data["joints"], data["tasks"])
+    return arguments, out, cases, judge
 
 
 def entries(cases: Sequence[str]) -> list[Entry]:

@@ -30,10 +30,11 @@ from rich.console import Console
 from rich.progress import track
 from scipy.interpolate import BSpline
 
-from benchmarks.peers.compare import PERIOD, PeerError, parser_of, run_command
-from benchmarks.peers.crossings import HEADER, best_errors, row
+from benchmarks.peers.compare import PERIOD, PeerError, run_command
+from benchmarks.peers.crossings import HEADER, asked, best_errors, row
+from benchmarks.peers.driver import Problem
 from benchmarks.peers.judge import Figures, Judge
-from benchmarks.peers.problem import SAMPLE, write_crossings, write_problem
+from benchmarks.peers.problem import SAMPLE
 from crar_drake.robot.description import find_frame
 from crar_drake.studies.tables import markdown_table
 
@@ -76,24 +77,20 @@ class Foresight:
         every: (T,) when a controller would be asked [s].
     """
 
-    def __init__(self, judge: Judge, data: dict, motion: dict[str, np.ndarray]) -> None:
+    def __init__(
+        self, judge: Judge, problem: Problem, motion: dict[str, np.ndarray]
+    ) -> None:
         """
         Args:
             judge: of the problem.
-            data: its `problem.json`.
+            problem: whose motion it is.
             motion: time (T,), p (T, tasks, 3) and q_start (n,) of one of its files.
         """
         self._judge, self._model = judge, judge.model
         self._workspace = self._model.MakeWorkspace()
-        frames = self._model.description.task_frames
-        self._frames = [
-            find_frame(self._model.plant, frames[task]) for task in data["tasks"]
-        ]
-        self._lower, self._upper = (
-            np.array([sign * np.inf if x is None else x for x in data[key]])
-            for sign, key in ((-1.0, "lower"), (1.0, "upper"))
-        )
-        self._fastest = np.array(data["velocity_limits"])
+        self._frames = [find_frame(self._model.plant, link) for link in problem.links]
+        self._lower, self._upper = problem.lower, problem.upper
+        self._fastest = problem.velocity_limits
         self._motion = motion
         self._end = end = float(motion["time"][-1])
         time = np.linspace(0.0, end, round(end / _EVERY) + 1)
@@ -232,15 +229,8 @@ class Foresight:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = parser_of(__doc__.splitlines()[0], "out/crossings")
-    parser.add_argument("--seeds", type=int, default=12, help="how many motions")
-    arguments = parser.parse_args(argv)
-    if arguments.seeds < 1:
-        parser.error(f"--seeds {arguments.seeds}: must be at least 1")
-    out = arguments.out.resolve()
-    folder, runs = out / "problem", out / "runs"
-    write_problem(folder)
-    cases = write_crossings(folder, range(arguments.seeds))
+    _, out, cases, judge = asked(__doc__.splitlines()[0], argv)
+    problem, runs = Problem(out / "problem"), out / "runs"
     recorded = {
         (name, case): runs / f"{name} {case}.npz" for case in cases for name in STARTS
     }
@@ -249,12 +239,12 @@ def main(argv: Sequence[str] | None = None) -> None:
             raise PeerError(
                 f"{path} is not there: run benchmarks.peers.crossings first"
             )
-    data = json.loads((folder / "problem.json").read_text())
-    judge = Judge(data["robot"], data["joints"], data["tasks"])
     judged: dict[float, list[Figures]] = {weight: [] for weight in WEIGHTS}
     for case in track(cases, "motions"):
         starts = [np.load(recorded[name, case])["q"] for name in STARTS]
-        foresight = Foresight(judge, data, dict(np.load(folder / f"{case}.npz")))
+        foresight = Foresight(
+            judge, problem, dict(np.load(problem.folder / f"{case}.npz"))
+        )
         for weight, found in foresight.trade(starts):
             judged[weight].append(judge.figures(found))
     controllers = json.loads((out / "crossings.json").read_text())

@@ -54,10 +54,10 @@ from crar_drake.equations.lookahead_rows import (
     pair_margins,
     resting_velocity,
     slip_velocity,
+    some_of,
     that_weigh,
     weighed_margins,
     with_resting,
-    without_rows,
 )
 from crar_drake.equations.references import Answer, Wanted, find_references
 from crar_drake.equations.vectors import smallest, times
@@ -131,7 +131,7 @@ def lookahead_step(
     constraints = join_constraints(pairs, that_weigh(at_limits))
     weighed_rows = constraints
     if gains.approach_rate > 0.0:
-        weighed_rows = without_rows(constraints)
+        weighed_rows = some_of(constraints, np.arange(0))
     normal = damped_gram(references.J, gains)
     s_0, qdot_c, W, _ = wish_velocity(
         references.J,

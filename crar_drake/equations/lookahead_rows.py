@@ -334,9 +334,8 @@ def limit_constraints(
 
 
 @compiled
-def that_weigh(constraints: Constraints) -> Constraints:
-    """Without the rows whose weight is 0, which change nothing: half of the limits'."""
-    some = np.flatnonzero(constraints.weight > 0.0)
+def some_of(constraints: Constraints, some: np.ndarray) -> Constraints:
+    """Of the rows those (k,) that are named."""
     return Constraints(
         constraints.h[some],
         constraints.g[some],
@@ -347,15 +346,9 @@ def that_weigh(constraints: Constraints) -> Constraints:
 
 
 @compiled
-def without_rows(constraints: Constraints) -> Constraints:
-    """None of them."""
-    return Constraints(
-        constraints.h[:0],
-        constraints.g[:0],
-        constraints.drift[:0],
-        constraints.weight[:0],
-        constraints.retreat[:0],
-    )
+def that_weigh(constraints: Constraints) -> Constraints:
+    """Without the rows whose weight is 0, which change nothing: half of the limits'."""
+    return some_of(constraints, np.flatnonzero(constraints.weight > 0.0))
 
 
 @compiled

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.peers import foresight
+from benchmarks.peers.driver import Problem
 from benchmarks.peers.foresight import Foresight
 from benchmarks.peers.judge import Judge
 from benchmarks.peers.problem import write_crossings, write_problem
@@ -32,7 +33,7 @@ def test_a_crossing_is_followed_clear_of_contact(folder, monkeypatch):
     cut = {"time": motion["time"][:LONG], "p": motion["p"][part], "q_start": q_start}
     reference = motion["q_reference"][part]
     monkeypatch.setattr(foresight, "WEIGHTS", (0.1, 1.6))
-    case = Foresight(judge, data, cut)
+    case = Foresight(judge, Problem(folder), cut)
     (_, close), (_, calm) = case.trade([reference])
     figures = [judge.figures(found) for found in (close, calm)]
 

@@ -38,9 +38,8 @@ from crar_drake.equations.references import (
     BlendStart,
     TaskGains,
     Wanted,
-    find_error,
+    error_from_targets,
 )
-from crar_drake.equations.tasks import unpack_tasks
 from crar_drake.equations.vectors import is_finite
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
@@ -370,9 +369,10 @@ class ControlLaw:
 
     def _error(self, measured: Measured, tasks: np.ndarray) -> np.ndarray:
         """Eq. (11) against any targets, (m,)."""
-        rows = self.model.layout.rows
-        state, desired = self.model.state_here(measured), unpack_tasks(tasks, rows)
-        return find_error(state.q, state.R, state.p, desired, rows)
+        state = self.model.state_here(measured)
+        return error_from_targets(
+            state.q, state.R, state.p, tasks, self.model.layout.rows
+        )
 
     @property
     def brakes_without_targets(self) -> bool:

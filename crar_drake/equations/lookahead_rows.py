@@ -220,8 +220,8 @@ def retreat_speed(
         fastest: [m/s or rad/s].
         kappa: [1/s].
     """
-    inside = margin - h
-    return np.minimum(np.where(inside > 0.0, gamma, kappa) * inside, fastest)
+    inside, outside = np.maximum(margin - h, 0.0), np.maximum(h - margin, 0.0)
+    return np.minimum(gamma * inside - kappa * outside, fastest)
 
 
 @compiled

@@ -78,14 +78,16 @@ def _lowest_on_way(M, right, rows, wish, x, way):
     """
     gap, rate = wish - times(rows, x), times(rows, way)
     active = gap > 0.0
-    force = np.where(active, rate * gap, 0.0)
-    slope = (way * (times(M, x) - right)).sum() - force.sum()
-    curvature = (way * times(M, way)).sum()
-    curvature += np.where(active, rate * rate, 0.0).sum()
+    force, stiffness = 0.0, 0.0
     at = np.full(len(rate), np.inf)
     for j in range(len(rate)):
+        if active[j]:
+            force += rate[j] * gap[j]
+            stiffness += rate[j] * rate[j]
         if active[j] == (rate[j] > 0.0) and rate[j] != 0.0:
             at[j] = max(gap[j] / rate[j], 0.0)
+    slope = (way * (times(M, x) - right)).sum() - force
+    curvature = (way * times(M, way)).sum() + stiffness
     share = 0.0
     for _ in range(len(at)):
         j = np.argmin(at)

@@ -83,6 +83,12 @@ class Whole(JITCodeLibrary):
         self._linking_libraries = []
         super().finalize()
 
+    def _optimize_final_module(self) -> None:
+        """In one go: the cheap one that Numba sends ahead gains nothing here."""
+        passes, builder = self._codegen._module_pass_manager()
+        with self._recorded_timings.record("Module passes", builder):
+            passes.run(self._final_module, builder)
+
 
 def _link(libraries: list, module: binding.ModuleRef) -> None:
     """Links libraries, and those that parts among them call, each once.

@@ -411,7 +411,10 @@ class ControlModel:
                 translation, in the world, or one of them.
         """
         q, at = q.copy(), self.controlled_positions
-        q[at] = displaced(q[at], by, self.turn if self.turn < self.n else PLAIN)
+        if 0 <= self.turn < self.n:
+            q[at] = displaced(q[at], by, self.turn)
+        else:  # not worth compiling
+            q[at] += by
         return q
 
     def tasks_at(self, q: np.ndarray, workspace: Workspace | None = None) -> np.ndarray:

@@ -8,9 +8,9 @@ import numpy as np
 
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.joint_limits import limit_potential
-from crar_drake.equations.paper import PaperGains, constraint_weights
-from crar_drake.equations.references import find_error
-from crar_drake.equations.weighted_inverse import damped_inverse, inverse_times
+from crar_drake.equations.paper import PaperGains
+from crar_drake.equations.references import error_from_targets
+from crar_drake.equations.start_step import start_step
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import ModelState
 
@@ -22,9 +22,9 @@ _LARGEST_STEP = 0.1  # [rad] of one iteration
 _ITERATIONS = 300
 _ROUNDS = 10  # in which pairs are found that hold up a step
 
-# Of the weights alone; what they do not take is NaN.
+# Of `start_step` alone; what it does not take is NaN.
 _GAINS = PaperGains(
-    damping=math.nan,
+    damping=0.05,
     Gv=math.nan,
     GvN=math.nan,
     Gv_near=math.nan,
@@ -58,12 +58,14 @@ def solve_start_pose(
     """
     workspace = model.MakeWorkspace()
     zero = np.zeros(model.plant.num_velocities())
-    desired = model.layout.unpack(tasks)
+    tasks = np.array(tasks, dtype=float)
     S = model.row_weights
+    limits = limit_potential(model.lower, model.upper)
+    gains = _GAINS._replace(limit_share=composite_index(len(model.pairs)))
 
     def at(q: np.ndarray) -> tuple[ModelState, np.ndarray]:
         state = model.evaluate(workspace, q, zero)
-        error = find_error(state.q, state.R, state.p, desired, model.layout.rows)
+        error = error_from_targets(state.q, state.R, state.p, tasks, model.layout.rows)
         return state, S * error
 
     q = model.rest_positions()
@@ -76,13 +78,16 @@ def solve_start_pose(
     upper = np.maximum(model.upper - _MARGIN_LIMIT, state.q)
     within = lower[: model.num_joints], upper[: model.num_joints]
     for _ in range(_ITERATIONS):
-        W = _weights(model, state)
-        for _ in range(2):
-            J_star = damped_inverse(S[:, None] * state.J, W, 0.05)
-            step = inverse_times(J_star, error)
-            # What a joint that is stopped cannot do, the others must.
-            W[(state.q <= lower) & (step < 0.0)] = 1e9
-            W[(state.q >= upper) & (step > 0.0)] = 1e9
+        step = start_step(
+            state.q,
+            S[:, None] * state.J,
+            error,
+            state.d,
+            np.ascontiguousarray(state.dd_dq),
+            (lower, upper),
+            limits,
+            gains,
+        )
         step *= min(1.0, _LARGEST_STEP / max(np.abs(step).max(), 1e-12))
         step = _kept_apart(step, state, least_distance)
         for share in (1.0, 0.5, 0.25, 0.1, 0.02):
@@ -122,19 +127,3 @@ def _kept_apart(
         lacking = room[held] - slope[held] @ step
         free = step + np.linalg.lstsq(slope[held], lacking, rcond=1e-6)[0]
     return free
-
-
-def _weights(model: ControlModel, state: ModelState) -> np.ndarray:
-    """Eq. (27) with every joint counted as approaching, and gentle decay."""
-    dd_dq = np.ascontiguousarray(state.dd_dq)
-    gains = _GAINS._replace(limit_share=composite_index(len(model.pairs)))
-    # Before, nothing was near.
-    return constraint_weights(
-        state.q,
-        state.d,
-        dd_dq,
-        np.zeros(model.n),
-        np.zeros(dd_dq.shape),
-        limit_potential(model.lower, model.upper),
-        gains,
-    ).W

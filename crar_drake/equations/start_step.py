@@ -1,4 +1,4 @@
-"""A step from a pose towards targets, while nothing moves: Eqs. (9), (27), (34)."""
+"""A step of a pose towards targets, before anything moves, by Eqs. (11), (27), (34)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def start_step(
     limits: LimitPotential,
     gains: PaperGains,
 ) -> np.ndarray:
-    """Eq. (9) with the J* of Eq. (34): (n,) displacements [rad or m].
+    """J* e, by the inverse of Eq. (34): (n,) displacements [rad or m].
 
     W is that of Eq. (27) with every constraint counted as being approached; joints
     that the first such step takes out of their room are stopped in a second one, so

@@ -72,6 +72,9 @@ def test_a_joint_at_its_end_stays_and_the_others_do_its_part(task, end):
     assert abs(found[joint]) < 1e-7 < abs(free[joint])
     # Three joints do what three rows ask for, but for the damping.
     assert np.linalg.norm(error - J @ found) < 0.2 * np.linalg.norm(error)
+    room[end][joint] += 0.1 if end == 0 else -0.1  # it is beyond already
+    beyond = start_step(Q, J, error, *NO_PAIRS, tuple(room), limits, GAINS)
+    np.testing.assert_array_equal(beyond, found)
     other = [LOWER.copy(), UPPER.copy()]
     other[1 - end][joint] = Q[joint]
     inward = start_step(Q, J, error, *NO_PAIRS, tuple(other), limits, GAINS)

@@ -183,6 +183,32 @@ def test_the_minimum_has_no_gradient(problem: OneSided) -> None:
     assert passes < 60
 
 
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e9])
+def test_the_minimum_scales_with_all_that_is_wished(seed: int, scale: float) -> None:
+    """Least squares of c b and c wish have c times the solution, whatever its size."""
+    problem = OneSided(seed, n=6, num_rows=12, nearly_parallel=False, stiffest=10.0)
+    x, violated, passes = problem.solve()
+    problem.b, problem.wish = scale * problem.b, scale * problem.wish
+    scaled, still_violated, still_passes = problem.solve()
+    largest = np.abs(x).max()
+    np.testing.assert_allclose(scaled / scale, x, rtol=0.0, atol=1e-9 * largest)
+    np.testing.assert_array_equal(still_violated, violated)
+    assert still_passes == passes
+
+
+def test_passes_are_counted() -> None:
+    """Of x^2 - 2 x: the minimum 1 breaks no row, x >= 2, and this and then x <= 1.2."""
+    M, right, x = np.eye(1), np.ones(1), np.ones(1)
+
+    def passes(rows: list[float], wish: list[float]) -> int:
+        return one_sided_minimum(M, right, np.array([rows]).T, np.array(wish), x)[2]
+
+    assert passes([1.0], [0.5]) == 0
+    assert passes([1.0], [2.0]) == 1
+    assert passes([1.0, -1.0], [2.0, -1.2]) == 2  # the first pass leads to 1.5
+
+
 @given(one_sided_problems)
 @settings(max_examples=200, deadline=None)
 def test_the_minimum_is_that_of_slacks(problem: OneSided) -> None:
@@ -391,6 +417,8 @@ def test_the_lowest_on_the_way_is_that_of_a_search(seed: int) -> None:
     way = 2.0 * rng.uniform() * down / (down @ down) ** 0.5
     rows[0] -= (rows[0] @ way) / (way @ way) * way  # this one does not change
     wish[0] = rows[0] @ x + 0.5
+    # Nor does this one, to the last bit; and it just holds.
+    rows, wish = np.vstack([rows, np.zeros(n)]), np.append(wish, 0.0)
     found = _lowest_on_way(M, right, rows, wish, x, way)
     sought = minimize_scalar(value, (0.0, 1.0), tol=1e-10)
     assert found > 0.0

@@ -35,6 +35,9 @@ def variations() -> dict[str, CrarParameters]:
     def ahead(**changes) -> CrarParameters:
         return replace(default, lookahead=replace(LookaheadParameters(), **changes))
 
+    def seen(**changes) -> CrarParameters:
+        return ahead(preview=0.12, **changes)
+
     return {
         "defaults": default,
         "ρ = 1e-5": ahead(rho=1e-5),
@@ -67,6 +70,15 @@ def variations() -> dict[str, CrarParameters]:
         "bounds, κ = 50/s": ahead(approach_rate=50.0),
         "bounds, κ = 50/s, in the norm of the tasks": ahead(
             approach_rate=50.0, guard_norm="tasks"
+        ),
+        "the same, of limits 10/s": ahead(
+            approach_rate=50.0, guard_norm="tasks", limit_approach_rate=10.0
+        ),
+        "preview of 0.12 s": seen(),
+        "the same, ρ = 2.2e-4 m s²": seen(smoothness=2.2e-4),
+        "the same, pulls as from 0.1 m at most": seen(farthest_pull=0.1),
+        "preview of 0.12 s, T = 0.03 s, λ = 0.02": replace(
+            seen(horizon=0.03), damping=0.02
         ),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),

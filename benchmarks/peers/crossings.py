@@ -5,7 +5,7 @@
 The motions are `motions.random_crossings` of the shipped upper body, that nobody was
 tuned for. The peers keep the settings that `compare --tune` chose for hands swung
 through each other; of ours there are the defaults, the defaults with higher gains, the
-settings of the comparison, and some that are calmer than every peer.
+settings of the comparison, some that are calmer than every peer, and a preview.
 """
 
 from __future__ import annotations
@@ -49,6 +49,16 @@ CALM = {
         "guard_damping": 0.3,
     },
 }
+# Sees the next moment; 5 mm are what it keeps, and not what it keeps but for a slack.
+PREVIEWED = {
+    "damping": 0.02,
+    "lookahead": {
+        "preview": 0.12,
+        "horizon": 0.03,
+        "distance_margin": 0.0052,
+        "admission_slack": 0.0002,
+    },
+}
 HEADER = (
     "controller",
     "held",
@@ -67,6 +77,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     compared = [
         *entries(cases),
         Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM | COMPILED)),
+        Entry("lookahead, preview", OURS, dict.fromkeys(cases, PREVIEWED | COMPILED)),
     ]
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]

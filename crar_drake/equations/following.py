@@ -188,7 +188,7 @@ def follow_steps(
                 rows, robot, some = near_for_a_while(q, far, numbers)
             near, room, watching, its_law = watched_nearby(q, v, fastest, robot, some)
             watched[rows[near]] = True
-            answer, slip, _, _, told = lookahead_step(
+            answer, slip, _, _, told, plan = lookahead_step(
                 measured, wanted, watching, its_law, memory
             )
             asked += 1
@@ -206,7 +206,9 @@ def follow_steps(
         how, share = max(how, told[0]), min(share, told[1])
         clear = clear and told[3] == 1.0
         # Rows are those of other pairs in the next step: nothing is known of them.
-        memory = LookaheadMemory(moving[:n], vdot[r.order][:n], slip, memory.weighed)
+        memory = LookaheadMemory(
+            moving[:n], vdot[r.order][:n], slip, memory.weighed, plan
+        )
         q, v = next_state(q, v, vdot, period, period, PLAIN)
         steps += 1
     return Followed(OnTheWay(q, v, memory), steps, asked, how, share, clear)

@@ -59,6 +59,7 @@ from crar_drake.equations.lookahead_rows import (
     weighed_margins,
     with_resting,
 )
+from crar_drake.equations.preview import preview_plan, previewed_wish
 from crar_drake.equations.references import Answer, Wanted, find_references
 from crar_drake.equations.vectors import smallest, times
 
@@ -70,6 +71,7 @@ class LookaheadMemory(NamedTuple):
     qddot: np.ndarray  # (n,) commanded [rad/s^2]
     slip: np.ndarray  # (n,) `slip_velocity` [rad/s]
     weighed: np.ndarray  # (2 Nr + nl,) `weighed_margins` [m, rad]; (0,) of other rows
+    plan: np.ndarray  # (N n,) `plan_accelerations` [rad/s^2]; (0,) at a start
 
 
 @compiled
@@ -79,7 +81,7 @@ def lookahead_step(
     robot: Held,
     mode: Held,
     before: LookaheadMemory,
-) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(L3)-(L9) in their order: one control step of the mode.
 
     Args:
@@ -92,7 +94,8 @@ def lookahead_step(
 
     Returns:
         The answer; (n,) slip; (2 Nr + nl,) `weighed_margins`; (2,) the smallest
-        distance [m] and the smallest margin to a limit [rad] at q_s; (4,) of `admit`.
+        distance [m] and the smallest margin to a limit [rad] at q_s; (4,) of `admit`;
+        (N n,) the plan, where there is a preview.
     """
     r, numbers = robot.value, mode.value
     limits, gains = numbers.limits.value, numbers.gains
@@ -133,18 +136,23 @@ def lookahead_step(
     if gains.approach_rate > 0.0:
         weighed_rows = some_of(constraints, np.arange(0))
     normal = damped_gram(references.J, gains)
-    s_0, qdot_c, W, _ = wish_velocity(
-        references.J,
-        normal,
-        references.v_r,
-        references.a_r,
-        qdot,
-        references.posture,
-        weighed_rows,
-        gains,
-        references.qdot_0,
-        references.qddot_0,
-    )
+    preview, plan = numbers.preview.value, before.plan
+    if len(preview.times):
+        plan = preview_plan(state, references, wanted.posture, before.plan, r, numbers)
+        s_0, qdot_c, W = previewed_wish(plan, qdot, gains, preview)
+    else:
+        s_0, qdot_c, W, _ = wish_velocity(
+            references.J,
+            normal,
+            references.v_r,
+            references.a_r,
+            qdot,
+            references.posture,
+            weighed_rows,
+            gains,
+            references.qdot_0,
+            references.qddot_0,
+        )
     norm = guard_norm(normal, gains)
     s_1, _ = guard(s_0, constraints, norm)
     s, s_p, admission = admit(
@@ -165,7 +173,7 @@ def lookahead_step(
         join_joints((s - qdot) / T, qddot_p, r.order), references.error, d, W, qdot_c
     )
     weighed = np.concatenate((by_pairs, by_limits))
-    return answer, slip, weighed, margins, admission
+    return answer, slip, weighed, margins, admission, plan
 
 
 @compiled
@@ -257,28 +265,33 @@ def lookahead_or_scaled(
             `handover.hand_over`; any where there are accelerations.
         v_before, vdot_before: (nv,), (nv,) velocities one period ago, and what was
             commanded then, in the plant's order.
-        kept: (n + 2 Nr + nl,) slip and margins of `LookaheadMemory`.
+        kept: (n + 2 Nr + nl + N n,) slip, margins and plan of `LookaheadMemory`.
         accelerations: (nv,) that are to be scaled; (0,) for a step.
         law: holds `LookaheadLaw`.
 
     Returns:
         One after the other: of a step (nv,) accelerations, (m,) errors, (n,) W, (n,)
-        q_dot_c, (n,) slip, (2 Nr + nl,) weighed margins, (2,) margins, (4,) how it was
-        admitted, and the distances; else (nv,) accelerations and (4,) of `admit`.
+        q_dot_c, (n,) slip, (2 Nr + nl,) weighed margins, (N n,) plan, (2,) margins,
+        (4,) how it was admitted, and the distances; else (nv,) accelerations and (4,)
+        of `admit`.
     """
     robot, mode = law.value.robot, law.value.mode
     r, n = robot.value, robot.value.n
     measured = Measured(with_resting(q, v, r, mode.value.gains.T), v, asked)
     if len(accelerations):
         return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
-    controlled = r.order[:n]
-    answer, slip, weighed, margins, admission = lookahead_step(
+    controlled, planned = r.order[:n], n * len(mode.value.preview.value.times)
+    answer, slip, weighed, margins, admission, plan = lookahead_step(
         measured,
         take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
         robot,
         mode,
         LookaheadMemory(
-            v_before[controlled], vdot_before[controlled], kept[:n], kept[n:]
+            v_before[controlled],
+            vdot_before[controlled],
+            kept[:n],
+            kept[n : len(kept) - planned],
+            kept[len(kept) - planned :],
         ),
     )
     return np.concatenate(
@@ -289,6 +302,7 @@ def lookahead_or_scaled(
             answer.qdot_c,
             slip,
             weighed,
+            plan,
             margins,
             admission,
             answer.d,

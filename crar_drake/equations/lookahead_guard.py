@@ -63,6 +63,7 @@ class LookaheadNumbers(NamedTuple):
     admission: AdmissionGains
     reaches: Held  # of `Reaches`
     members: np.ndarray  # (Nc, most) the rows of each watched pair; the first fills up
+    preview: Held  # of `Preview`
 
 
 @compiled

@@ -54,6 +54,7 @@ class LookaheadGains(NamedTuple):
     task_norm: bool = False  # whether the guard's norm is that of the tasks
     guard_damping: float = 0.0  # nu of that norm [m]
     approach_rate: float = 0.0  # kappa [1/s]; 0: rows weigh by their margins instead
+    limit_approach_rate: float = 0.0  # kappa of limits [1/s]
 
 
 class Limits(NamedTuple):
@@ -328,7 +329,7 @@ def limit_constraints(
             gains.limit_margin,
             gains.retreat_rate,
             gains.joint_retreat_speed,
-            gains.approach_rate,
+            gains.limit_approach_rate,
         ),
     )
 

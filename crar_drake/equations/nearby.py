@@ -148,6 +148,7 @@ def with_reaches(numbers: Held, reaches: Held) -> Held:
             n.admission,
             reaches,
             np.arange(count).reshape(-1, 1),
+            n.preview,
         )
     )
 

@@ -106,6 +106,8 @@ class References(NamedTuple):
         error: (m,) Eq. (11) against the targets as given, without weights.
         qdot_0, qddot_0: (n,) what the damped inverse is damped towards at the
             velocity and the acceleration level, `undamped_preference`; (0,) for 0.
+        e, e_dot: (m,) Eq. (11) against the blended targets, and how fast it changes.
+        a_ff: (m,) a_r without feedback.
     """
 
     J: np.ndarray
@@ -116,6 +118,9 @@ class References(NamedTuple):
     error: np.ndarray
     qdot_0: np.ndarray = _NONE
     qddot_0: np.ndarray = _NONE
+    e: np.ndarray = _NONE
+    e_dot: np.ndarray = _NONE
+    a_ff: np.ndarray = _NONE
 
 
 @compiled
@@ -221,16 +226,20 @@ def find_references(
     a_r = reference_acceleration(desired.a, desired.v, v_task, e, gains.Kp, gains.Kv)
     J, J_p = np.ascontiguousarray(state.J[:, :n]), state.J[:, n:]
     v_r = v_r - times(J_p, qdot_p)
-    a_r = a_r - times(J_p, qddot_p) - state.Jdot_qdot
+    besides = times(J_p, qddot_p) + state.Jdot_qdot
+    a_r, a_ff, e_dot = a_r - besides, desired.a - besides, desired.v - v_task
     qdot_0 = undamped_preference(v_r, n, rows)
     qddot_0 = undamped_preference(a_r, n, rows)
     S = gains.weights
     if len(S):
         J, v_r, a_r = S[:, np.newaxis] * J, S * v_r, S * a_r
+        e, e_dot, a_ff = S * e, S * e_dot, S * a_ff
     posture = np.zeros(n)
     if len(wanted.posture):
         posture = posture_acceleration(wanted.posture, state.q[:n], qdot, gains.posture)
-    return References(J, v_r, a_r, posture, qddot_p, error, qdot_0, qddot_0)
+    return References(
+        J, v_r, a_r, posture, qddot_p, error, qdot_0, qddot_0, e, e_dot, a_ff
+    )
 
 
 class Answer(NamedTuple):

@@ -355,7 +355,7 @@ class Follower:
     def _start(self, q: np.ndarray, v: np.ndarray) -> OnTheWay:
         """On the way from a state (n,), (n,) of the controlled joints."""
         still = np.zeros_like(v)
-        memory = LookaheadMemory(v, still, still, np.zeros(0))
+        memory = LookaheadMemory(v, still, still, np.zeros(0), np.zeros(0))
         return OnTheWay(
             configurations(self.model, self._rest, q), velocities(self.model, v), memory
         )

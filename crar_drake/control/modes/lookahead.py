@@ -27,6 +27,7 @@ from crar_drake.equations.lookahead_rows import (
     LookaheadGains,
     find_limits,
 )
+from crar_drake.equations.preview import make_preview
 from crar_drake.equations.references import Answer, BlendStart, TaskGains, Wanted
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -50,6 +51,11 @@ _NOTHING_WANTED = Wanted(
 
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
+
+# How fast margins may be used up where there is a preview [1/s]: of pairs, which it
+# sees coming, and of limits, which motions of others run into again and again.
+_PREVIEW_APPROACH = 200.0
+_PREVIEW_LIMIT_APPROACH = 10.0
 
 
 @dataclass
@@ -80,7 +86,18 @@ class LookaheadParameters:
         approach_rate: kappa, the share of what is left of a margin that the robot may
             come nearer by in a second [1/s]. Pairs and limits are then bounds of the
             guard, and have no weight in stage 1; by default it is the other way round:
-            they weigh by their margins (rho, rho_limits), in both.
+            they weigh by their margins (rho, rho_limits), in both. With a preview they
+            are bounds always, by default with 200/s, or 1 / period if that is less.
+        limit_approach_rate: the same of joint limits alone [1/s]; by default the
+            approach rate, and with a preview 10/s.
+        preview: how far ahead accelerations are planned [s], see `equations.preview`;
+            by default not at all. K, Kp and Kv are then the gains of prescribed joints
+            alone, and GvN damps what tasks leave free.
+        smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
+            beside a task error of 1 m [m s^2]: the less, the more closely targets are
+            followed.
+        farthest_pull: of the preview, the error from which on a task pulls no more than
+            from there [m or rad].
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -101,6 +118,10 @@ class LookaheadParameters:
     guard_norm: str = "joints"
     guard_damping: float | None = None  # [m]
     approach_rate: float | None = None  # [1/s]
+    limit_approach_rate: float | None = None  # [1/s]
+    preview: float | None = None  # [s]
+    smoothness: float = 1.1e-4  # [m s^2]
+    farthest_pull: float = 0.03  # [m or rad]
 
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
@@ -122,6 +143,19 @@ class LookaheadParameters:
                 f"controller.lookahead.influence_distance: {self.influence_distance} "
                 f"must be more than distance_margin, {self.distance_margin}"
             )
+
+    def approach_rates(self, period: float) -> tuple[float, float]:
+        """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.
+
+        Args:
+            period: of the controller [s].
+        """
+        of_pairs, of_limits = self.approach_rate, self.limit_approach_rate
+        if self.preview is not None:
+            fastest = 1.0 / period
+            of_pairs = of_pairs or min(_PREVIEW_APPROACH, fastest)
+            of_limits = of_limits or min(_PREVIEW_LIMIT_APPROACH, fastest)
+        return float(of_pairs or 0.0), float(of_limits or of_pairs or 0.0)
 
 
 class LookaheadMode(Mode):
@@ -169,10 +203,24 @@ class LookaheadMode(Mode):
         )
         # Of what `lookahead_or_scaled` returns, but for the distances at its end.
         n, nv = model.n, model.n + model.n_p
-        ends = np.cumsum([0, nv, model.m, n, n, n + num_rows, 2, 4]).tolist()
+        preview = make_preview(
+            ahead.preview or 0.0,
+            ahead.smoothness,
+            parameters.null_space_gain,
+            parameters.posture_gain,
+            ahead.distance_margin,
+            ahead.limit_margin,
+            parameters.period,
+            ahead.farthest_pull,
+        )
+        planned = n * len(preview.times)
+        self._kept_first = np.concatenate((self._kept_first, np.zeros(planned)))
+        kept = n + num_rows + planned
+        ends = np.cumsum([0, nv, model.m, n, n, kept, 2, 4]).tolist()
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
         self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
+        rates = ahead.approach_rates(parameters.period)
         numbers = LookaheadGains(
             T=float(self.horizon),
             Gv=float(parameters.Gv),
@@ -192,7 +240,8 @@ class LookaheadMode(Mode):
             fastest_wish=float(ahead.fastest_wish),
             task_norm=ahead.guard_norm == "tasks",
             guard_damping=float(ahead.guard_damping or parameters.damping),
-            approach_rate=float(ahead.approach_rate or 0.0),
+            approach_rate=rates[0],
+            limit_approach_rate=rates[1],
         )
         plant = model.plant
         reaches = find_reaches(
@@ -217,6 +266,7 @@ class LookaheadMode(Mode):
                 self.admission,
                 self.reaches,
                 model.pairs.shape_pairs,
+                hold(preview),
             )
         )
         self._law = hold(LookaheadLaw(self.robot, self.numbers))
@@ -235,12 +285,20 @@ class LookaheadMode(Mode):
                 f"controller.period: {parameters.period:g} s must be at most the "
                 f"braking horizon, {T:g} s (controller.lookahead.horizon)"
             )
-        rate = parameters.lookahead.approach_rate or 0.0
-        if rate * parameters.period > 1.0 + 1e-9:
+        ahead = parameters.lookahead
+        for name in ("approach_rate", "limit_approach_rate"):
+            rate = getattr(ahead, name) or 0.0
+            if rate * parameters.period > 1.0 + 1e-9:
+                raise ScenarioError(
+                    f"controller.lookahead.{name}: at a control period of "
+                    f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
+                    f"within a period; choose at most {1.0 / parameters.period:g}/s"
+                )
+        bounds = ahead.approach_rate is not None or ahead.preview is not None
+        if ahead.limit_approach_rate is not None and not bounds:
             raise ScenarioError(
-                f"controller.lookahead.approach_rate: at a control period of "
-                f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
-                f"within a period; choose at most {1.0 / parameters.period:g}/s"
+                "controller.lookahead.limit_approach_rate: without approach_rate or "
+                "preview limits weigh by their margins (rho_limits)"
             )
         if parameters.metric != "identity":
             raise ScenarioError(

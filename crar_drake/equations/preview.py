@@ -1,0 +1,448 @@
+"""The preview: a wish that has seen what comes next, (L10)-(L13).
+
+Feedback on the present error alone begins to evade an obstacle when it is there, and
+then needs high gains to make up for it. Here the accelerations of the next moment,
+some 0.2 s, are chosen as a whole: those that follow the targets, as they are expected
+to go on, the closest with the least acceleration, and past the obstacles. Only the
+first of them is wished for, and all are chosen anew at the next step.
+`docs/lookahead.md` has the derivation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.equations.capsule_distances import nearest_points
+from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.free_joints import displaced
+from crar_drake.equations.kinematics import Robot, State
+from crar_drake.equations.lookahead_guard import LookaheadNumbers
+from crar_drake.equations.lookahead_rows import LookaheadGains, resting_velocity
+from crar_drake.equations.one_sided import one_sided_minimum
+from crar_drake.equations.placed_shapes import place_pairs
+from crar_drake.equations.references import References
+from crar_drake.equations.vectors import (
+    add_to_diagonal,
+    cholesky,
+    cholesky_solve,
+    cholesky_solve_matrix,
+    gram,
+    identity,
+    largest,
+    product,
+    put,
+    times,
+    transposed_times,
+)
+
+# The instants are at these shares of the preview: close together at first, for only
+# the first acceleration is used, and what is farther ahead is known less well.
+_INSTANTS = np.array([1.0, 3.0, 6.0, 10.0, 16.0]) / 16.0
+# What a row weighs beside an error of 1 m: a contact gives way to no target.
+_ROW_WEIGHT = 300.0
+# Pairs farther apart than this at an instant have no row there [m]; the same of joints
+# and their limits [rad].
+_NEAR = 0.1
+_NEAR_LIMIT = 0.3
+
+
+class Preview(NamedTuple):
+    """What the preview is made with, by `make_preview`; N instants, 0 if it is off.
+
+    Attributes:
+        times: (N,) tau, the instants, from now on [s].
+        lengths: (N,) of the parts of constant acceleration that end there [s].
+        weights: (N,) of the errors at the instants [s].
+        moved: (N, N) C, how far an acceleration of 1 in part j has led at instant i
+            [s^2].
+        errors: (N, N) C^T diag(weights) C.
+        tasks: (N, 3) C^T diag(weights) [1, tau, tau^2/2].
+        efforts: (N,) rho^2 of each part.
+        pull: (N, N) H, the null space's share of (L12) [1].
+        damping, stiffness: of the null space [1/s], [1/s^2].
+        margin: that pairs [m], and
+        limit_margin: that joints are to keep [rad].
+        period: of the controller [s].
+    """
+
+    times: np.ndarray
+    lengths: np.ndarray
+    weights: np.ndarray
+    moved: np.ndarray
+    errors: np.ndarray
+    tasks: np.ndarray
+    efforts: np.ndarray
+    pull: np.ndarray
+    damping: float
+    stiffness: float
+    margin: float
+    limit_margin: float
+    period: float
+    farthest: float
+
+
+def make_preview(
+    duration: float,
+    smoothness: float,
+    damping: float,
+    stiffness: float,
+    margin: float,
+    limit_margin: float,
+    period: float,
+    farthest: float,
+) -> Preview:
+    """The preview's numbers, which stay the same.
+
+    Args:
+        duration: how far ahead is looked [s]; 0 for no preview.
+        smoothness: rho, what an acceleration of 1 rad/s^2 of a joint counts beside an
+            error of 1 m [m s^2].
+        damping, stiffness: of the null space [1/s], [1/s^2].
+        margin, limit_margin: what is to be kept [m], [rad].
+        period: of the controller [s].
+    """
+    at = duration * _INSTANTS if duration > 0.0 else np.zeros(0)
+    at = np.maximum(at, period * (1.0 + np.arange(len(at))))
+    lengths = np.diff(at, prepend=0.0)
+    # A trapezoidal rule over the preview.
+    weights = 0.5 * (lengths + np.append(lengths[1:], np.zeros(min(1, len(at)))))
+    begun = np.tri(len(at))
+    moved = begun * lengths * (at[:, np.newaxis] - at + 0.5 * lengths)
+    weighed = moved.T * weights
+    pull = damping * begun * lengths + stiffness * moved
+    return Preview(
+        at,
+        lengths,
+        weights,
+        moved,
+        np.ascontiguousarray(weighed @ moved),
+        weighed @ np.column_stack([np.ones(len(at)), at, 0.5 * at**2]),
+        smoothness**2 * lengths,
+        pull,
+        float(damping),
+        float(stiffness),
+        float(margin),
+        float(limit_margin),
+        float(period),
+        float(farthest),
+    )
+
+
+@compiled
+def shifted_plan(plan: np.ndarray, preview: Preview, n: int) -> np.ndarray:
+    """The last plan, from now on, (N, n) [rad/s^2]: 0 beyond its end.
+
+    Args:
+        plan: (N n,) of one period ago; (0,) at a start.
+        preview: its numbers.
+        n: number of controlled joints.
+    """
+    N = len(preview.times)
+    shifted = np.zeros((N, n))
+    if not len(plan):
+        return shifted
+    for i in range(N):
+        middle = preview.times[i] - 0.5 * preview.lengths[i] + preview.period
+        for j in range(N):
+            if middle <= preview.times[j]:
+                for k in range(n):
+                    shifted[i, k] = plan[j * n + k]
+                break
+    return shifted
+
+
+@compiled
+def expected_motion(
+    v: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray, preview: Preview
+) -> np.ndarray:
+    """(L10): x (N, nv), how far the joints have moved at the instants [rad or m].
+
+        x_i = tau_i q_dot + sum_j C_ij q_ddot_j,
+
+    of the prescribed joints with the one acceleration that they have now.
+
+    Args:
+        v: (nv,) velocities.
+        qddot_p: (n_p,) of the prescribed joints.
+        plan: (N, n) accelerations of the others.
+        preview: of the law.
+    """
+    N, n = plan.shape
+    x = np.zeros((N, len(v)))
+    for i in range(N):
+        tau = preview.times[i]
+        for k in range(len(v)):
+            x[i, k] = tau * v[k]
+            if k >= n:
+                x[i, k] += 0.5 * tau * tau * qddot_p[k - n]
+                continue
+            for j in range(i + 1):
+                x[i, k] += preview.moved[i, j] * plan[j, k]
+    return x
+
+
+@compiled
+def rows_ahead(
+    state: State,
+    x: np.ndarray,
+    plan: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    influence_distance: float,
+    r: Robot,
+    reaches: Held,
+    preview: Preview,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(L11): what the plan has to keep of pairs and limits, linear about the last one.
+
+    Where the last plan leads at instant i, a pair has the distance d and the gradient
+    g; what the new plan changes of it is g sum_j C_ij (q_ddot_j - last_j).
+
+    Args:
+        state: of the robot.
+        x: (N, nv) `expected_motion` of the last plan.
+        plan: (N, n) the last plan.
+        lower, upper: (n,) joint limits [rad].
+        influence_distance: pairs that are farther apart now have no row [m].
+        r, reaches: of the robot.
+        preview: of the law.
+
+    Returns:
+        (C, N n) rows and (C,) the least of each that is asked for.
+    """
+    pairs, of = r.pairs.value, reaches.value
+    N, n = plan.shape
+    nv = x.shape[1]
+    now = state.d[:, of.rows]
+    nearby = np.empty(len(of.rows), dtype=np.int64)
+    count = 0
+    for k in range(len(nearby)):
+        if min(now[0, k], now[1, k]) < influence_distance:
+            nearby[count] = k
+            count += 1
+    nearby = nearby[:count]
+    shapes = pairs.shapes[nearby]
+    moves = pairs.moves[of.rows[nearby]]
+    points = np.zeros((len(r.first), 3))
+    most = N * (count + 2 * n)
+    rows, least = np.zeros((most, N * n)), np.empty(most)
+    found = 0
+    for i in range(N):
+        if count:
+            S = place_pairs(points, displaced(state.q, x[i], r.turn), shapes, r)
+            d, normal, p, _ = nearest_points(points, pairs, shapes)
+            g = distance_gradient_about_origin(
+                normal, p, np.ascontiguousarray(S).reshape(1, 6, nv), moves
+            )[0]
+            for k in range(count):
+                if not d[k] < _NEAR:
+                    continue
+                lacks = preview.margin - d[k]
+                for j in range(i + 1):
+                    rate = preview.moved[i, j] * g[k, :n]
+                    put(rows[found], j * n, rate)
+                    lacks += (rate * plan[j]).sum()
+                least[found] = lacks
+                found += 1
+        for c in range(n):
+            at = state.q[c] + x[i, c]
+            without = at
+            for j in range(i + 1):
+                without -= preview.moved[i, j] * plan[j, c]
+            if at < lower[c] + _NEAR_LIMIT:
+                for j in range(i + 1):
+                    rows[found, j * n + c] = preview.moved[i, j]
+                least[found] = lower[c] + preview.limit_margin - without
+                found += 1
+            if at > upper[c] - _NEAR_LIMIT:
+                for j in range(i + 1):
+                    rows[found, j * n + c] = -preview.moved[i, j]
+                least[found] = without - upper[c] + preview.limit_margin
+                found += 1
+    return rows[:found], least[:found]
+
+
+@compiled
+def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarray:
+    """What rows count of tasks that are far off, sqrt(min(1, farthest / |e|)): (m,).
+
+    With it squares of errors grow linearly from `farthest` on (Huber, 1964): a target
+    out of reach pulls no more than one that is so far away.
+
+    Args:
+        e: (m,) weighted task errors [rad, m].
+        of_rows: (m,) the task of each row.
+        farthest: [rad, m].
+    """
+    squares = np.zeros(len(e))
+    for i in range(len(e)):
+        squares[of_rows[i]] += e[i] * e[i]
+    shares = np.ones(len(e))
+    for i in range(len(e)):
+        away = np.sqrt(squares[of_rows[i]])
+        if away > farthest:
+            shares[i] = np.sqrt(farthest / away)
+    return shares
+
+
+@compiled
+def plan_accelerations(
+    references: References,
+    of_rows: np.ndarray,
+    task_damping: float,
+    posture_error: np.ndarray,
+    qdot: np.ndarray,
+    plan: np.ndarray,
+    rows: np.ndarray,
+    least: np.ndarray,
+    preview: Preview,
+) -> np.ndarray:
+    """(L12), (L13): the accelerations of the parts, (N n,) [rad/s^2].
+
+    The task error at an instant, to the second order in tau, is
+
+        e_i = e + tau_i e_dot + tau_i^2 / 2 a_ff - J sum_j C_ij q_ddot_j,
+
+    with a_ff what the present targets accelerate by, less the bias. The plan is
+
+        argmin sum_i w_i |e_i|^2 + rho^2 sum_j length_j |q_ddot_j + N z_j|^2
+               + rows,     z_j = D q_dot_j + k (q_j - q_nominal),
+
+    where N = lambda^2 (J^T J + lambda^2 I)^-1 leaves z to what tasks do not need.
+
+    Args:
+        references: what the tasks ask for.
+        of_rows: (m,) the task of each row.
+        task_damping: lambda [m].
+        posture_error: (n,) q - q_nominal, or zeros [rad].
+        qdot: (n,) velocities.
+        plan: (N, n) the last one, where the search for the minimum begins.
+        rows, least: of `rows_ahead`.
+        preview: of the law.
+    """
+    N, n = plan.shape
+    shares = task_shares(references.e, of_rows, preview.farthest)
+    J = shares[:, np.newaxis] * references.J
+    damping2 = task_damping**2
+    JJ = gram(J)
+    normal = JJ.copy()
+    add_to_diagonal(normal, np.full(n, damping2))
+    free = damping2 * cholesky_solve_matrix(cholesky(normal), identity(n))
+    free_twice = product(free, free)
+    M, right = np.zeros((N * n, N * n)), np.zeros(N * n)
+    towards = (
+        transposed_times(J, shares * references.e),
+        transposed_times(J, shares * references.e_dot),
+        transposed_times(J, shares * references.a_ff),
+    )
+    pulled = preview.damping * qdot + preview.stiffness * posture_error
+    moving = preview.stiffness * qdot
+    once = (times(free, pulled), times(free, moving))
+    twice = (times(free_twice, pulled), times(free_twice, moving))
+    H, efforts = preview.pull, preview.efforts
+    for i in range(N):
+        here = slice(i * n, (i + 1) * n)
+        share = efforts[i] * once[0] + (efforts[i] * preview.times[i]) * once[1]
+        for k in range(N):
+            both = efforts[k] * H[k, i]
+            share += both * twice[0] + (both * preview.times[k]) * twice[1]
+        put(
+            right,
+            i * n,
+            preview.tasks[i, 0] * towards[0]
+            + preview.tasks[i, 1] * towards[1]
+            + preview.tasks[i, 2] * towards[2]
+            - share,
+        )
+        for j in range(N):
+            both = 0.0
+            for k in range(N):
+                both += H[k, i] * efforts[k] * H[k, j]
+            one = efforts[i] * H[i, j] + H[j, i] * efforts[j]
+            M[here, j * n : (j + 1) * n] = (
+                preview.errors[i, j] * JJ + one * free + both * free_twice
+            )
+    add_to_diagonal(M, np.repeat(efforts, n))
+    root = np.sqrt(_ROW_WEIGHT)
+    rows, least = root * rows, root * least
+    x = plan.copy().reshape(-1)
+    if not (times(rows, x) < least).any():
+        x = cholesky_solve(cholesky(M), right)
+    found, _, _ = one_sided_minimum(M, right, rows, least, x)
+    return found
+
+
+@compiled
+def preview_plan(
+    state: State,
+    references: References,
+    posture: np.ndarray,
+    before: np.ndarray,
+    r: Robot,
+    numbers: LookaheadNumbers,
+) -> np.ndarray:
+    """(L10)-(L13) in their order, (N n,) [rad/s^2].
+
+    Args:
+        state: of the robot.
+        references: what the tasks ask for.
+        posture: (n,) nominal one, or (0,) [rad].
+        before: (N n,) the plan of one period ago, or (0,).
+        r, numbers: of the robot and the mode.
+    """
+    preview, limits = numbers.preview.value, numbers.limits.value
+    n = r.n
+    plan = shifted_plan(before, preview, n)
+    x = expected_motion(state.v, references.qddot_p, plan, preview)
+    rows, least = rows_ahead(
+        state,
+        x,
+        plan,
+        limits.lower,
+        limits.upper,
+        numbers.gains.influence_distance,
+        r,
+        numbers.reaches,
+        preview,
+    )
+    posture_error = np.zeros(n)
+    if len(posture):
+        posture_error = state.q[:n] - posture
+    return plan_accelerations(
+        references,
+        r.tasks.value.of_rows,
+        numbers.gains.damping,
+        posture_error,
+        state.v[:n],
+        plan,
+        rows,
+        least,
+        preview,
+    )
+
+
+@compiled
+def previewed_wish(
+    plan: np.ndarray, qdot: np.ndarray, gains: LookaheadGains, preview: Preview
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The wish of the plan, what `lookahead_guard.wish_velocity` is without one.
+
+    Args:
+        plan: (N n,) `plan_accelerations`.
+        qdot: (n,) velocities [rad/s].
+        gains, preview: of the mode.
+
+    Returns:
+        (n,) s_0 of the first acceleration; (n,) the velocity it has led to at the first
+        instant [rad/s]; (n,) ones: nothing is weighed.
+    """
+    n = len(qdot)
+    first = plan[:n]
+    s_0 = resting_velocity(qdot, first, gains.T)
+    fastest = largest(s_0)
+    if fastest > gains.fastest_wish:
+        s_0 *= gains.fastest_wish / fastest
+    return s_0, qdot + preview.lengths[0] * first, np.ones(n)

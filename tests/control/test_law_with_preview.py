@@ -1,0 +1,200 @@
+"""The law with a preview: whole steps, of all kinds of tasks, and what it is for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.task import Task, pose_tasks
+from crar_drake.run import run_scenario
+from crar_drake.simulation.scenario import Scenario
+
+PERIOD = 5e-3
+AHEAD = LookaheadParameters(preview=0.12, horizon=0.03)
+PREVIEW = CrarParameters(period=PERIOD, blend_time=0.0, damping=0.02, lookahead=AHEAD)
+WITHOUT = CrarParameters(period=PERIOD, blend_time=0.0)
+HANDS = ["left_wrist", "right_wrist"]
+
+
+def upper_body(tasks) -> ControlModel:
+    return ControlModel.FromDescription(
+        load_robot_description("upper_body"), tasks, time_step=PERIOD
+    )
+
+
+@pytest.fixture(scope="module")
+def model() -> ControlModel:
+    return upper_body(position_tasks(HANDS))
+
+
+def follow(model: ControlModel, parameters: CrarParameters, targets: np.ndarray):
+    """The exact model's states (K, nq + nv), and what the law answered."""
+    law = ControlLaw(model, parameters)
+    q = model.rest_positions()
+    still, v = model.prescribed_at(q), np.zeros(model.plant.num_velocities())
+    states, answers = [], []
+    for target in targets:
+        answers.append(law.step(q, v, target, still))
+        command = answers[-1].position_command
+        q, v = command[: len(q)], command[len(q) :]
+        states.append(command)
+    return np.array(states), answers
+
+
+def swung(model: ControlModel, seconds: float) -> np.ndarray:
+    """Both wrists' targets, to and fro through each other, with their derivatives."""
+    p = model.layout.unpack(model.tasks_at(model.rest_positions())).p
+    front = p.mean(axis=0) + [0.25, 0.0, 0.2]
+    half = np.array([[0.0, 0.2, 0.0], [0.0, -0.2, 0.05]])
+    time = np.arange(0.0, seconds, PERIOD)
+    omega = 2.0 * np.pi * 0.8
+    # From the rest posture to the swing by a smooth step of its own.
+    x = np.clip(time / 1.0, 0.0, 1.0)
+    w = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    places = (1.0 - w)[:, None, None] * p + w[:, None, None] * (
+        front + np.cos(omega * time)[:, None, None] * half
+    )
+    v = np.gradient(places, PERIOD, axis=0)
+    a = np.gradient(v, PERIOD, axis=0)
+    none = np.empty((0, 3, 3))
+    return np.array(
+        [
+            model.layout.pack(none, *each)
+            for each in zip(
+                places,
+                v.reshape(len(time), -1),
+                a.reshape(len(time), -1),
+                strict=True,
+            )
+        ]
+    )
+
+
+def distances(model: ControlModel, states: np.ndarray) -> np.ndarray:
+    workspace, nq = model.MakeWorkspace(), model.plant.num_positions()
+    return np.array([model.evaluate_distances(workspace, x[:nq]).d for x in states])
+
+
+def test_hands_that_cross_come_as_near_as_they_may(model):
+    targets = swung(model, 3.0)
+    states, answers = follow(model, PREVIEW, targets)
+    assert 4e-3 - 1e-9 <= distances(model, states).min() < 6e-3
+    assert all(each.admission[3] == 1.0 for each in answers)
+
+
+def test_a_target_out_of_reach_is_waited_for_at_rest(model):
+    """And one that is within is reached: nothing shakes, nothing is left over."""
+    p = model.layout.unpack(model.tasks_at(model.rest_positions())).p
+    for away, error in (([0.2, 0.0, 0.2], 1e-3), ([2.0, 0.0, 0.0], None)):
+        target = model.layout.pack(np.empty((0, 3, 3)), p + away)
+        states, answers = follow(model, PREVIEW, np.tile(target, (600, 1)))
+        v = states[:, model.plant.num_positions() :]
+        assert np.abs(v[-1]).max() < 0.05
+        if error is not None:
+            assert np.abs(answers[-1].task_error).max() < error
+
+
+@pytest.mark.parametrize("period", [1e-3, 0.01, 0.02])
+def test_teleports_leave_every_state_clear(period):
+    """Targets that jump through the body, at periods up to the horizon."""
+    model = ControlModel.FromDescription(
+        load_robot_description("upper_body"), position_tasks(HANDS), time_step=period
+    )
+    rng = np.random.default_rng(5)
+    p = model.layout.unpack(model.tasks_at(model.rest_positions())).p.mean(axis=0)
+    targets = np.repeat(
+        [
+            model.layout.pack(np.empty((0, 3, 3)), p + rng.uniform(-0.5, 0.5, (2, 3)))
+            for _ in range(25)
+        ],
+        12,
+        axis=0,
+    )
+    states, answers = follow(model, replace(PREVIEW, period=period), targets)
+    assert all(each.admission[3] == 1.0 for each in answers)
+    assert 4e-3 - 1e-9 <= distances(model, states).min() < 0.02  # and it was near
+    q = states[:, : model.plant.num_positions()][:, model.controlled_positions]
+    assert (q >= model.lower - 1e-9).all() and (q <= model.upper + 1e-9).all()
+
+
+def test_poses_and_joints_are_followed():
+    poses = pose_tasks(["left_wrist"], 0.2)
+    joint = Task(kind="joint", joint="right_elbow")
+    model = upper_body([*poses, joint])
+    rest = model.rest_positions()
+    goal = rest.copy()
+    rng = np.random.default_rng(1)
+    goal[model.controlled_positions] += 0.2 * rng.uniform(-1.0, 1.0, model.n)
+    goal[model.controlled_positions] = np.clip(
+        goal[model.controlled_positions], model.lower + 0.05, model.upper - 0.05
+    )
+    target = model.tasks_at(goal)
+    _, answers = follow(model, PREVIEW, np.tile(target, (500, 1)))
+    assert np.abs(answers[0].task_error).max() > 0.02
+    assert np.abs(answers[-1].task_error).max() < 2e-3
+
+
+def test_it_is_the_same_again_bit_for_bit(model):
+    targets = swung(model, 2.0)
+    first, _ = follow(model, PREVIEW, targets)
+    again, _ = follow(model, PREVIEW, targets)
+    np.testing.assert_array_equal(first, again)
+
+
+def test_after_a_gap_the_plan_is_forgotten(model):
+    targets = swung(model, 1.6)
+    law = ControlLaw(model, PREVIEW)
+    q = model.rest_positions()
+    still, v = model.prescribed_at(q), np.zeros(model.plant.num_velocities())
+    for target in targets:
+        command = law.step(q, v, target, still).position_command
+        q, v = command[: len(q)], command[len(q) :]
+    follows = law.step(q, v, targets[-1], still)
+    law.reset()
+    begins = law.step(q, v, targets[-1], still)
+    fresh = ControlLaw(model, PREVIEW).step(q, v, targets[-1], still)
+    np.testing.assert_array_equal(begins.acceleration, fresh.acceleration)
+    assert (follows.acceleration != begins.acceleration).any()
+
+
+def test_the_whole_diagram_keeps_its_constraints():
+    scenario = Scenario(
+        robot="upper_body",
+        motion="dance",
+        experiment="upper-body",
+        duration=1.5,
+        controller=replace(PREVIEW, blend_time=0.5),
+    )
+    run = run_scenario(scenario)
+    assert run.log.signed_distances.min() >= 4e-3 - 1e-6
+    assert (run.log.admission[:, 3] == 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("ahead", "said"),
+    [
+        ({"preview": -0.1}, "preview"),
+        ({"preview": 0.1, "smoothness": 0.0}, "smoothness"),
+        ({"preview": 0.1, "limit_approach_rate": 300.0}, "limit_approach_rate.*200/s"),
+        ({"limit_approach_rate": 10.0}, "limit_approach_rate.*without approach_rate"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(ahead, said):
+    parameters = replace(WITHOUT, lookahead=LookaheadParameters(**ahead))
+    with pytest.raises(ScenarioError, match=said):
+        parameters.validate()
+
+
+def test_bounds_of_a_preview_fit_the_period():
+    assert AHEAD.approach_rates(5e-3) == (200.0, 10.0)
+    assert AHEAD.approach_rates(0.02) == (50.0, 10.0)
+    assert AHEAD.approach_rates(0.2) == (5.0, 5.0)
+    given = replace(AHEAD, approach_rate=30.0)
+    assert given.approach_rates(1e-3) == (30.0, 10.0)
+    assert LookaheadParameters().approach_rates(1e-3) == (0.0, 0.0)
+    assert LookaheadParameters(approach_rate=7.0).approach_rates(1e-3) == (7.0, 7.0)

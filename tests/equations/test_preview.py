@@ -1,0 +1,345 @@
+"""The preview's equations (L10)-(L13), against sums of squares written out, differences
+of distances, and Drake's solver."""
+
+import numpy as np
+import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.linalg import lstsq, null_space
+
+from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.equations.kinematics import Measured, find_state
+from crar_drake.equations.lookahead_rows import LookaheadGains, with_resting
+from crar_drake.equations.preview import (
+    expected_motion,
+    make_preview,
+    plan_accelerations,
+    previewed_wish,
+    rows_ahead,
+    shifted_plan,
+    task_shares,
+)
+from crar_drake.equations.references import References
+
+PERIOD, DURATION, RHO, D, K = 5e-3, 0.16, 2e-4, 12.0, 9.0
+MARGIN, LIMIT_MARGIN, FAR = 5e-3, 0.02, 0.04
+PREVIEW = make_preview(DURATION, RHO, D, K, MARGIN, LIMIT_MARGIN, PERIOD, FAR)
+N = len(PREVIEW.times)
+
+
+def positions(plan: np.ndarray, fine: int = 4000) -> np.ndarray:
+    """Where a joint is at the instants that starts at rest at 0, by small steps."""
+    time = np.linspace(0.0, PREVIEW.times[-1], fine * 16 + 1)
+    part = np.minimum(
+        np.searchsorted(PREVIEW.times, 0.5 * (time[1:] + time[:-1])), N - 1
+    )
+    h = time[1]
+    v = np.concatenate([[0.0], np.cumsum(plan[part]) * h])
+    q = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * h])
+    return np.interp(PREVIEW.times, time, q)
+
+
+def references(rng: np.random.Generator, m: int, n: int, size: float) -> References:
+    none = np.zeros(0)
+    return References(
+        rng.normal(size=(m, n)),
+        none,
+        none,
+        none,
+        none,
+        none,
+        none,
+        none,
+        size * rng.normal(size=m),
+        rng.normal(size=m),
+        10.0 * rng.normal(size=m),
+    )
+
+
+def squares(found, shares, damping, posture_error, qdot, plan) -> np.ndarray:
+    """The residuals whose squares (L12) sums, one by one, at a plan (N n,)."""
+    n = found.J.shape[1]
+    plan = plan.reshape(N, n)
+    J = shares[:, np.newaxis] * found.J
+    u, sigma, vt = np.linalg.svd(J.T @ J + damping**2 * np.eye(n))
+    free = vt.T @ np.diag(damping**2 / sigma) @ u.T
+    lengths = np.diff(PREVIEW.times, prepend=0.0)
+    weights = np.append(0.5 * (lengths[1:] + lengths[:-1]), 0.5 * lengths[-1])
+    moved = np.column_stack([positions(plan[:, c]) for c in range(n)])
+    residuals = []
+    for i, tau in enumerate(PREVIEW.times):
+        e = found.e + tau * found.e_dot + 0.5 * tau**2 * found.a_ff
+        residuals.append(np.sqrt(weights[i]) * (shares * e - J @ moved[i]))
+        speed = qdot + lengths[: i + 1] @ plan[: i + 1]
+        z = D * speed + K * (posture_error + tau * qdot + moved[i])
+        residuals.append(RHO * np.sqrt(lengths[i]) * (plan[i] + free @ z))
+    return np.concatenate(residuals)
+
+
+def test_the_instants_are_apart_by_a_period_at_least():
+    np.testing.assert_allclose(PREVIEW.times, [0.01, 0.03, 0.06, 0.1, 0.16])
+    late = make_preview(0.1, RHO, D, K, MARGIN, LIMIT_MARGIN, 0.02, FAR)
+    np.testing.assert_allclose(late.times, [0.02, 0.04, 0.06, 0.08, 0.1])
+    assert (
+        len(make_preview(0.0, RHO, D, K, MARGIN, LIMIT_MARGIN, PERIOD, FAR).times) == 0
+    )
+
+
+def test_a_plan_is_shifted_by_a_period():
+    plan = np.arange(1.0, 2.0 * N + 1.0)
+    shifted = shifted_plan(plan, PREVIEW, 2)
+    before = plan.reshape(N, 2)
+    # The middles of the parts, 5, 20, 45, 80 and 130 ms, and a period of 5 ms later.
+    np.testing.assert_array_equal(shifted, before[[0, 1, 2, 3, 4]])
+    late = make_preview(DURATION, RHO, D, K, MARGIN, LIMIT_MARGIN, 0.04, FAR)
+    # Parts of 40 ms: what was next is now, and of what comes last nothing is known.
+    np.testing.assert_array_equal(
+        shifted_plan(plan, late, 2), [*before[1:5], [0.0, 0.0]]
+    )
+    assert not shifted_plan(np.zeros(0), PREVIEW, 2).any()
+
+
+def test_expected_motion_is_that_of_the_accelerations():
+    rng = np.random.default_rng(1)
+    plan, v, qddot_p = rng.normal(size=(N, 3)), rng.normal(size=5), rng.normal(size=2)
+    x = expected_motion(v, qddot_p, plan, PREVIEW)
+    for c in range(3):
+        expected = PREVIEW.times * v[c] + positions(plan[:, c])
+        np.testing.assert_allclose(x[:, c], expected, atol=1e-6)
+    for c in range(2):
+        at = PREVIEW.times
+        np.testing.assert_allclose(x[:, 3 + c], at * v[3 + c] + at**2 / 2 * qddot_p[c])
+
+
+@pytest.mark.parametrize(("m", "n"), [(6, 4), (3, 5)])
+def test_a_plan_without_rows_is_the_least_sum_of_squares(m, n):
+    """Of residuals written out, with every motion by small steps: m > n and m < n."""
+    rng = np.random.default_rng(m)
+    found = references(rng, m, n, 0.02)
+    of_rows, damping = np.arange(m) // 3, 0.3
+    shares = task_shares(found.e, of_rows, FAR)
+    qdot, posture_error = rng.normal(size=n), rng.normal(size=n)
+
+    def residuals(plan):
+        return squares(found, shares, damping, posture_error, qdot, plan)
+
+    at_zero = residuals(np.zeros(N * n))
+    A = np.column_stack([residuals(unit) - at_zero for unit in np.eye(N * n)])
+    expected = lstsq(A, -at_zero)[0]
+    plan = plan_accelerations(
+        found,
+        of_rows,
+        damping,
+        posture_error,
+        qdot,
+        np.zeros((N, n)),
+        np.zeros((0, N * n)),
+        np.zeros(0),
+        PREVIEW,
+    )
+    assert np.abs(plan).max() > 1.0
+    np.testing.assert_allclose(plan, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_what_tasks_leave_free_comes_to_rest_at_the_posture():
+    """Step by step a redundant arm goes where its nullspace is pulled to."""
+    rng = np.random.default_rng(4)
+    n, J = 3, rng.normal(size=(1, 3))
+    free = null_space(J)
+    q, qdot, goal = np.zeros(n), np.zeros(n), free @ [0.3, -0.2]
+    none = np.zeros(0)
+    plan = np.zeros((N, n))
+    for _ in range(round(7.0 / PERIOD)):
+        found = References(
+            J, none, none, none, none, none, none, none, -J @ q, -J @ qdot, np.zeros(1)
+        )
+        plan = plan_accelerations(
+            found,
+            np.zeros(1, dtype=int),
+            0.05,
+            q - goal,
+            qdot,
+            plan.reshape(N, n),
+            np.zeros((0, N * n)),
+            none,
+            PREVIEW,
+        )
+        qdot = qdot + PERIOD * plan[:n]
+        q = q + PERIOD * qdot
+    np.testing.assert_allclose(q, goal, atol=5e-3)
+
+
+def test_a_task_that_is_far_pulls_no_more_than_from_afar():
+    """The pull of Huber's function: e up to `farthest`, and from then on its length."""
+    of_rows = np.array([0, 0, 0, 1, 1, 1])
+    e = np.array([0.01, 0.0, 0.02, 0.3, 0.0, -0.4])
+    shares = task_shares(e, of_rows, FAR)
+    np.testing.assert_array_equal(shares[:3], 1.0)
+    pull = shares**2 * e
+    np.testing.assert_allclose(pull[3:], FAR * np.array([0.6, 0.0, -0.8]))
+    # Continuous, where it begins.
+    for length in (FAR * (1 - 1e-9), FAR * (1 + 1e-9)):
+        assert task_shares(np.array([length]), np.array([0]), FAR) == pytest.approx(1.0)
+
+
+def problem_with_rows(rng):
+    found = references(rng, 6, 4, 0.02)
+    rows, least = rng.normal(size=(5, N * 4)), rng.normal(size=5)
+    arguments = (np.arange(6) // 3, 0.3, rng.normal(size=4), rng.normal(size=4))
+    return found, 1e-3 * rows, 1e-3 * least, arguments
+
+
+def test_rows_are_kept_with_the_least_sum_of_squares():
+    """Against Drake's Clarabel with the rows hard: they give way by next to nothing."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        found, rows, least, (of_rows, damping, error, qdot) = problem_with_rows(rng)
+        shares = task_shares(found.e, of_rows, FAR)
+        at_zero = squares(found, shares, damping, error, qdot, np.zeros(N * 4))
+        A = np.column_stack(
+            [
+                squares(found, shares, damping, error, qdot, unit) - at_zero
+                for unit in np.eye(N * 4)
+            ]
+        )
+        program = MathematicalProgram()
+        x = program.NewContinuousVariables(N * 4)
+        scale = 1e4
+        program.AddQuadraticCost(
+            2.0 * scale * A.T @ A, 2.0 * scale * A.T @ at_zero, x, is_convex=True
+        )
+        program.AddLinearConstraint(rows, least, np.full(5, np.inf), x)
+        result = ClarabelSolver().Solve(program)
+        assert result.is_success()
+        given = (found, of_rows, damping, error, qdot)
+        plans = [
+            plan_accelerations(*given, start, rows, least, PREVIEW)
+            for start in (np.zeros((N, 4)), 50.0 * rng.normal(size=(N, 4)))
+        ]
+        # Wherever the search begins.
+        np.testing.assert_allclose(plans[0], plans[1], rtol=1e-6, atol=1e-6)
+        assert (rows @ plans[0] - least).min() > -1e-4
+        np.testing.assert_allclose(plans[0], result.GetSolution(x), rtol=0.1, atol=1.0)
+
+
+@pytest.fixture(scope="module")
+def model() -> ControlModel:
+    return ControlModel.FromDescription(
+        load_robot_description("upper_body"), position_tasks(["left_wrist"])
+    )
+
+
+def crossed(model: ControlModel, rng: np.random.Generator):
+    """A state with the hands near each other, that moves."""
+    q = model.rest_positions()
+    at = dict(
+        zip(model.joint_names, np.flatnonzero(model.controlled_positions), strict=True)
+    )
+    for name, angle in (
+        ("left_shoulder_pitch", -0.35),
+        ("right_shoulder_pitch", -0.35),
+        ("left_shoulder_yaw", -0.5),
+        ("right_shoulder_yaw", 0.5),
+        ("left_elbow", -1.6),
+        ("right_elbow", -1.6),
+    ):
+        q[at[name]] = angle + 0.1 * rng.normal()
+    v = np.zeros(model.plant.num_velocities())
+    v[model.controlled] = rng.normal(size=model.n)
+    return q, v
+
+
+def test_rows_are_how_distances_and_limits_change(model):
+    """By central differences of distances at the instants, and exactly of limits."""
+    rng = np.random.default_rng(2)
+    robot = model.robot_ahead
+    r, n = robot.value, model.n
+    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
+    numbers = ControlLaw(model, parameters).mode.numbers.value
+    workspace = model.MakeWorkspace()
+    q, v = crossed(model, rng)
+    state = find_state(Measured(with_resting(q, v, r, 0.08), v, np.zeros((0, 7))), r)
+    last = 5.0 * rng.normal(size=(N, n))
+    limits = numbers.limits.value
+
+    def places(plan):
+        x = expected_motion(state.v, np.zeros(model.n_p), plan, PREVIEW)
+        ahead = np.repeat(q[np.newaxis], N, axis=0)
+        ahead[:, r.positions] += x
+        return ahead
+
+    def distances(plan):
+        return np.array(
+            [model.evaluate_distances(workspace, at).d for at in places(plan)]
+        )
+
+    x = expected_motion(state.v, np.zeros(model.n_p), last, PREVIEW)
+    rows, least = rows_ahead(
+        state, x, last, limits.lower, limits.upper, 0.3, r, numbers.reaches, PREVIEW
+    )
+    way = rng.normal(size=(N, n))
+    step = 1e-4
+    there, change = distances(last), distances(last + step * way)
+    change = (change - distances(last - step * way)) / (2.0 * step)
+    expected = {}
+    for d, rate in zip(there.ravel(), change.ravel(), strict=True):
+        if d < 0.1:
+            expected[round(float(MARGIN - d), 9)] = rate
+    at = places(last)[:, model.controlled_positions]
+    moves = (places(last + way) - places(last))[:, model.controlled_positions]
+    for i in range(N):
+        for c in range(n):
+            low, high = at[i, c] - model.lower[c], model.upper[c] - at[i, c]
+            if low < 0.3:
+                expected[round(float(LIMIT_MARGIN - low), 9)] = moves[i, c]
+            if high < 0.3:
+                expected[round(float(LIMIT_MARGIN - high), 9)] = -moves[i, c]
+    assert len(rows) == len(expected) > 10
+    missing = least - rows @ last.ravel()
+    for row, lack in zip(rows, missing, strict=True):
+        rate = expected[min(expected, key=lambda known: abs(known - lack))]
+        assert row @ way.ravel() == pytest.approx(rate, abs=1e-6)
+    for lack in expected:
+        assert np.abs(missing - lack).min() < 1e-8
+
+
+def test_pairs_that_are_far_have_no_rows(model):
+    r = model.robot_ahead.value
+    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
+    numbers = ControlLaw(model, parameters).mode.numbers.value
+    q, v = crossed(model, np.random.default_rng(2))
+    state = find_state(Measured(with_resting(q, v, r, 0.08), v, np.zeros((0, 7))), r)
+    x = expected_motion(state.v, np.zeros(model.n_p), np.zeros((N, model.n)), PREVIEW)
+    free = np.full(model.n, np.inf)
+    counts = [
+        len(
+            rows_ahead(
+                state,
+                x,
+                np.zeros((N, model.n)),
+                -free,
+                free,
+                influence,
+                r,
+                numbers.reaches,
+                PREVIEW,
+            )[0]
+        )
+        for influence in (0.0, 0.085, 0.3)
+    ]
+    assert counts[0] == 0 < counts[1] < counts[2]
+
+
+def test_the_wish_is_the_first_acceleration_and_bounded():
+    plan, qdot = np.arange(8.0), np.array([0.5, -0.5])
+    gains = LookaheadGains(0.04, *[0.0] * 14)._replace(fastest_wish=0.6)
+    s_0, planned, W = previewed_wish(plan, qdot, gains, PREVIEW)
+    wish = qdot + 0.04 * plan[:2]
+    np.testing.assert_allclose(s_0, wish)
+    np.testing.assert_allclose(planned, qdot + PREVIEW.times[0] * plan[:2])
+    np.testing.assert_array_equal(W, 1.0)
+    slower, _, _ = previewed_wish(
+        plan, qdot, gains._replace(fastest_wish=0.25), PREVIEW
+    )
+    np.testing.assert_allclose(slower, 0.5 * wish)

@@ -227,6 +227,9 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--constraints", choices=list(MODES), default="lookahead")
     parser.add_argument(
+        "--preview", action="store_true", help="attack the law with a preview"
+    )
+    parser.add_argument(
         "--steps",
         type=count,
         help=f"control steps a case, at least; {EXACT_STEPS} by default, "
@@ -262,6 +265,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 options.periods,
                 [plant],
                 constraints=options.constraints,
+                preview=options.preview,
                 steps=steps,
                 seed=options.seed,
             )

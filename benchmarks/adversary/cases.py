@@ -28,6 +28,7 @@ class Case:
         constraints: of the law.
         steps: control steps, at least.
         seed: of all dice.
+        preview: whether the law plans ahead, as in the benchmark of crossings.
     """
 
     robot: str
@@ -37,6 +38,7 @@ class Case:
     constraints: str = "lookahead"
     steps: int = 5000
     seed: int = 0
+    preview: bool = False
 
 
 @dataclass

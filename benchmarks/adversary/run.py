@@ -13,7 +13,7 @@ from benchmarks.adversary.cases import Case, Result, law_digest
 from benchmarks.adversary.drive import Drive, drive_exact, drive_torque
 from benchmarks.adversary.judge import Verdict
 from benchmarks.adversary.robots import Subject, load_subject
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.errors import ScenarioError
 
 DURATION = 1.0  # of an episode [s], but
@@ -89,6 +89,12 @@ def play(
         ScenarioError: the law refuses its parameters.
     """
     parameters = CrarParameters(constraints=case.constraints, period=case.period)
+    if case.preview:
+        parameters = replace(
+            parameters,
+            damping=0.02,
+            lookahead=LookaheadParameters(preview=0.12, horizon=0.03),
+        )
     model = subject.model(task_set)
     episode = make_episode(
         case.attack, model, subject.judge, parameters, num_steps, lineage

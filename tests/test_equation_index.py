@@ -21,7 +21,11 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.parameters import CrarParameters, TargetGovernor
+from crar_drake.control.parameters import (
+    CrarParameters,
+    LookaheadParameters,
+    TargetGovernor,
+)
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -124,7 +128,7 @@ def test_every_equation_of_the_lookahead_is_listed():
     # Where an equation is set apart, its number ends the line.
     printed = set(re.findall(r"  \(L(\d+)\)$", text, flags=re.MULTILINE))
     listed = set().union(*(own_numbers("L", row.equations) for row in ROWS))
-    assert listed == {int(n) for n in printed} == set(range(1, 10))
+    assert listed == {int(n) for n in printed} == set(range(1, 14))
 
 
 def test_every_equation_of_the_admission_is_listed():
@@ -197,6 +201,7 @@ MODES = [
         "respect_effort_limits": True,
         "governor": TargetGovernor(speed=1.0, angular_speed=1.0),
     },
+    {"constraints": "lookahead", "lookahead": LookaheadParameters(preview=0.1)},
 ]
 TASKS = [
     Task(frame="left_wrist", kind="pose", orientation_weight=0.2),

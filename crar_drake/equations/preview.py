@@ -20,7 +20,11 @@ from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Robot, State
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
-from crar_drake.equations.lookahead_rows import LookaheadGains, resting_velocity
+from crar_drake.equations.lookahead_rows import (
+    Limits,
+    LookaheadGains,
+    resting_velocity,
+)
 from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.placed_shapes import place_pairs
 from crar_drake.equations.references import References
@@ -185,27 +189,53 @@ def expected_motion(
 
 
 @compiled
+def possible_motion(
+    x: np.ndarray, q: np.ndarray, limits: Limits, fastest: float, preview: Preview
+) -> np.ndarray:
+    """A motion (N, nv) that is no faster, and no farther than to the joint limits.
+
+    What is linear about the last plan says nothing far from where robots can be, and a
+    plan that has been led there would lead the next one on.
+
+    Args:
+        x: (N, nv) `expected_motion` [rad or m].
+        q: (n,) positions of the controlled joints.
+        limits: theirs.
+        fastest: [rad/s or m/s].
+        preview: of the law.
+    """
+    possible = x.copy()
+    for c in range(len(q)):
+        before = 0.0
+        for i in range(len(x)):
+            most = fastest * preview.lengths[i]
+            at = min(max(x[i, c], before - most), before + most)
+            # Where a joint is beyond its limit already, that is where it may be.
+            at = max(at, min(limits.lower[c] - q[c], 0.0))
+            at = min(at, max(limits.upper[c] - q[c], 0.0))
+            possible[i, c] = before = at
+    return possible
+
+
+@compiled
 def rows_ahead(
     state: State,
     x: np.ndarray,
-    plan: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    limits: Limits,
     influence_distance: float,
     r: Robot,
     reaches: Held,
     preview: Preview,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L11): what the plan has to keep of pairs and limits, linear about the last one.
+    """(L11): what a plan has to keep of pairs and limits.
 
-    Where the last plan leads at instant i, a pair has the distance d and the gradient
-    g; what the new plan changes of it is g sum_j C_ij (q_ddot_j - last_j).
+    Where x leads at instant i, a pair has the distance d and the gradient g; another
+    plan, to x_i', changes it by g (x_i' - x_i).
 
     Args:
         state: of the robot.
-        x: (N, nv) `expected_motion` of the last plan.
-        plan: (N, n) the last plan.
-        lower, upper: (n,) joint limits [rad].
+        x: (N, nv) `possible_motion` of the last plan.
+        limits: of the joints.
         influence_distance: pairs that are farther apart now have no row [m].
         r, reaches: of the robot.
         preview: of the law.
@@ -214,8 +244,7 @@ def rows_ahead(
         (C, N n) rows and (C,) the least of each that is asked for.
     """
     pairs, of = r.pairs.value, reaches.value
-    N, n = plan.shape
-    nv = x.shape[1]
+    N, nv, n = len(x), len(state.v), r.n
     now = state.d[:, of.rows]
     nearby = np.empty(len(of.rows), dtype=np.int64)
     count = 0
@@ -231,6 +260,7 @@ def rows_ahead(
     rows, least = np.zeros((most, N * n)), np.empty(most)
     found = 0
     for i in range(N):
+        unmoved = preview.times[i] * state.v[:n]  # without any acceleration
         if count:
             S = place_pairs(points, displaced(state.q, x[i], r.turn), shapes, r)
             d, normal, p, _ = nearest_points(points, pairs, shapes)
@@ -240,34 +270,32 @@ def rows_ahead(
             for k in range(count):
                 if not d[k] < _NEAR:
                     continue
-                lacks = preview.margin - d[k]
+                gradient = g[k, :n]
                 for j in range(i + 1):
-                    rate = preview.moved[i, j] * g[k, :n]
-                    put(rows[found], j * n, rate)
-                    lacks += (rate * plan[j]).sum()
-                least[found] = lacks
+                    put(rows[found], j * n, preview.moved[i, j] * gradient)
+                change = (gradient * (x[i, :n] - unmoved)).sum()
+                least[found] = preview.margin - d[k] + change
                 found += 1
         for c in range(n):
-            at = state.q[c] + x[i, c]
-            without = at
-            for j in range(i + 1):
-                without -= preview.moved[i, j] * plan[j, c]
-            if at < lower[c] + _NEAR_LIMIT:
+            low, high = limits.lower[c] - state.q[c], limits.upper[c] - state.q[c]
+            if x[i, c] < low + _NEAR_LIMIT:
                 for j in range(i + 1):
                     rows[found, j * n + c] = preview.moved[i, j]
-                least[found] = lower[c] + preview.limit_margin - without
+                least[found] = low + preview.limit_margin - unmoved[c]
                 found += 1
-            if at > upper[c] - _NEAR_LIMIT:
+            if x[i, c] > high - _NEAR_LIMIT:
                 for j in range(i + 1):
                     rows[found, j * n + c] = -preview.moved[i, j]
-                least[found] = without - upper[c] + preview.limit_margin
+                least[found] = preview.limit_margin - high + unmoved[c]
                 found += 1
     return rows[:found], least[:found]
 
 
 @compiled
 def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarray:
-    """What rows count of tasks that are far off, sqrt(min(1, farthest / |e|)): (m,).
+    """(L13): what rows count of tasks that are far off: (m,).
+
+        sqrt(min(1, farthest / |e|))
 
     With it squares of errors grow linearly from `farthest` on (Huber, 1964): a target
     out of reach pulls no more than one that is so far away.
@@ -300,7 +328,7 @@ def plan_accelerations(
     least: np.ndarray,
     preview: Preview,
 ) -> np.ndarray:
-    """(L12), (L13): the accelerations of the parts, (N n,) [rad/s^2].
+    """(L12): the accelerations of the parts, (N n,) [rad/s^2].
 
     The task error at an instant, to the second order in tau, is
 
@@ -397,16 +425,9 @@ def preview_plan(
     n = r.n
     plan = shifted_plan(before, preview, n)
     x = expected_motion(state.v, references.qddot_p, plan, preview)
+    x = possible_motion(x, state.q[:n], limits, numbers.gains.fastest_wish, preview)
     rows, least = rows_ahead(
-        state,
-        x,
-        plan,
-        limits.lower,
-        limits.upper,
-        numbers.gains.influence_distance,
-        r,
-        numbers.reaches,
-        preview,
+        state, x, limits, numbers.gains.influence_distance, r, numbers.reaches, preview
     )
     posture_error = np.zeros(n)
     if len(posture):

@@ -418,6 +418,18 @@ def run(tmp_path, *more):
     )
 
 
+def test_the_law_with_a_preview_is_attacked_too(tmp_path):
+    found = [
+        run_case(Case("jaw", "teleport", 0.02, steps=120, preview=preview))
+        for preview in (False, True)
+    ]
+    assert not any(result.error or result.violated for result in found)
+    assert found[0].clearance != found[1].clearance
+    assert run(tmp_path, "--preview") == 0
+    whole = json.loads((tmp_path / "adversary.json").read_text())
+    assert all(result["case"]["preview"] for result in whole["results"])
+
+
 def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):
     code = run(tmp_path, "--constraints", "none")
     assert code == 1

@@ -162,6 +162,25 @@ def test_after_a_gap_the_plan_is_forgotten(model):
     assert (follows.acceleration != begins.acceleration).any()
 
 
+def test_a_plan_that_went_astray_is_left(model):
+    """Whatever the last plan was: else one led the next on, to 1e29 rad/s^2."""
+    p = model.layout.unpack(model.tasks_at(model.rest_positions())).p
+    target = model.layout.pack(np.empty((0, 3, 3)), p + [0.2, 0.0, 0.2])
+    law, rng = ControlLaw(model, PREVIEW), np.random.default_rng(7)
+    q = model.rest_positions()
+    still, v = model.prescribed_at(q), np.zeros(model.plant.num_velocities())
+    for k in range(400):
+        solution = law.step(q, v, target, still)
+        command = solution.position_command
+        q, v = command[: len(q)], command[len(q) :]
+        if k == 20:
+            kept = law._step.memory.kept.copy()
+            kept[-5 * model.n :] = 1e8 * rng.normal(size=5 * model.n)
+            law._step.memory.kept = kept
+    assert np.abs(solution.task_error).max() < 1e-3
+    assert np.abs(solution.acceleration).max() < 1.0
+
+
 def test_the_whole_diagram_keeps_its_constraints():
     scenario = Scenario(
         robot="upper_body",

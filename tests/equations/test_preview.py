@@ -15,6 +15,7 @@ from crar_drake.equations.preview import (
     expected_motion,
     make_preview,
     plan_accelerations,
+    possible_motion,
     previewed_wish,
     rows_ahead,
     shifted_plan,
@@ -275,9 +276,7 @@ def test_rows_are_how_distances_and_limits_change(model):
         )
 
     x = expected_motion(state.v, np.zeros(model.n_p), last, PREVIEW)
-    rows, least = rows_ahead(
-        state, x, last, limits.lower, limits.upper, 0.3, r, numbers.reaches, PREVIEW
-    )
+    rows, least = rows_ahead(state, x, limits, 0.3, r, numbers.reaches, PREVIEW)
     way = rng.normal(size=(N, n))
     step = 1e-4
     there, change = distances(last), distances(last + step * way)
@@ -304,6 +303,31 @@ def test_rows_are_how_distances_and_limits_change(model):
         assert np.abs(missing - lack).min() < 1e-8
 
 
+def test_a_motion_that_no_robot_makes_is_not_believed(model):
+    """Of any plan: within the limits, or where the joint is now, and no faster."""
+    parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
+    limits = ControlLaw(model, parameters).mode.numbers.value.limits.value
+    rng = np.random.default_rng(3)
+    for size in (1.0, 1e8):
+        q = model.rest_positions()[model.controlled_positions]
+        q[3] = model.upper[3] + 0.1  # beyond its limit
+        x = size * rng.normal(size=(N, model.n + 2))
+        possible = possible_motion(x, q, limits, 10.0, PREVIEW)
+        at = q + possible[:, : model.n]
+        assert (at <= np.maximum(model.upper, q) + 1e-12).all()
+        assert (at >= np.minimum(model.lower, q) - 1e-12).all()
+        speed = np.diff(possible[:, : model.n], axis=0, prepend=0.0)
+        assert (np.abs(speed) <= 10.0 * PREVIEW.lengths[:, np.newaxis] + 1e-12).all()
+        np.testing.assert_array_equal(possible[:, model.n :], x[:, model.n :])
+    slow = 0.01 * rng.normal(size=(N, model.n))
+    bounded = np.isfinite(model.lower)
+    middle = np.zeros(model.n)
+    middle[bounded] = 0.5 * (model.lower[bounded] + model.upper[bounded])
+    np.testing.assert_array_equal(
+        possible_motion(slow, middle, limits, 10.0, PREVIEW), slow
+    )
+
+
 def test_pairs_that_are_far_have_no_rows(model):
     r = model.robot_ahead.value
     parameters = CrarParameters(lookahead=LookaheadParameters(preview=DURATION))
@@ -312,20 +336,9 @@ def test_pairs_that_are_far_have_no_rows(model):
     state = find_state(Measured(with_resting(q, v, r, 0.08), v, np.zeros((0, 7))), r)
     x = expected_motion(state.v, np.zeros(model.n_p), np.zeros((N, model.n)), PREVIEW)
     free = np.full(model.n, np.inf)
+    limits = numbers.limits.value._replace(lower=-free, upper=free)
     counts = [
-        len(
-            rows_ahead(
-                state,
-                x,
-                np.zeros((N, model.n)),
-                -free,
-                free,
-                influence,
-                r,
-                numbers.reaches,
-                PREVIEW,
-            )[0]
-        )
+        len(rows_ahead(state, x, limits, influence, r, numbers.reaches, PREVIEW)[0])
         for influence in (0.0, 0.085, 0.3)
     ]
     assert counts[0] == 0 < counts[1] < counts[2]

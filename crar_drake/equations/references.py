@@ -226,8 +226,9 @@ def find_references(
     a_r = reference_acceleration(desired.a, desired.v, v_task, e, gains.Kp, gains.Kv)
     J, J_p = np.ascontiguousarray(state.J[:, :n]), state.J[:, n:]
     v_r = v_r - times(J_p, qdot_p)
-    besides = times(J_p, qddot_p) + state.Jdot_qdot
-    a_r, a_ff, e_dot = a_r - besides, desired.a - besides, desired.v - v_task
+    carried = times(J_p, qddot_p)
+    a_r = a_r - carried - state.Jdot_qdot
+    a_ff, e_dot = desired.a - carried - state.Jdot_qdot, desired.v - v_task
     qdot_0 = undamped_preference(v_r, n, rows)
     qddot_0 = undamped_preference(a_r, n, rows)
     S = gains.weights

@@ -2,10 +2,11 @@
 
     python -m benchmarks.peers.crossings --seeds 12
 
-The motions are `motions.random_crossings` of the shipped upper body, that nobody was
-tuned for. The peers keep the settings that `compare --tune` chose for hands swung
-through each other; of ours there are the defaults, the defaults with higher gains, the
-settings of the comparison, some that are calmer than every peer, and a preview.
+The motions are `motions.random_crossings` of the shipped upper body. The peers keep the
+settings that `compare --tune` chose for hands swung through each other; of ours there
+are the defaults, the defaults with higher gains, the settings of the comparison, some
+that are calmer than every peer, and a preview, whose settings were chosen on these
+motions.
 """
 
 from __future__ import annotations

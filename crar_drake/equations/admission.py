@@ -19,11 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
-from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.kinematics import Robot
-from crar_drake.equations.placed_shapes import own_velocities, place_pairs
+from crar_drake.equations.placed_shapes import (
+    distances_at,
+    own_velocities,
+    place_pairs,
+)
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import (
     cross_rows,
@@ -378,13 +381,9 @@ def gradients_at(
         some = failed[k : k + 1]
         there = displaced(start, bounds.at[some[0]] * x, r.turn)
         shapes = pairs.shapes[some]
-        S = place_pairs(points, there, shapes, r)
-        _, n, p, _ = nearest_points(points, pairs, shapes)
         moves = pairs.moves[of.rows[some]]
-        found = distance_gradient_about_origin(
-            n, p, np.ascontiguousarray(S).reshape(1, 6, -1), moves
-        )
-        put(g[k], 0, found[0, 0])
+        _, found = distances_at(points, there, shapes, moves, r)
+        put(g[k], 0, found[0])
     return failed, g
 
 

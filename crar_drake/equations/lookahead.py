@@ -82,7 +82,7 @@ def lookahead_step(
     mode: Held,
     before: LookaheadMemory,
 ) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(L3)-(L9) in their order: one control step of the mode.
+    """(L3)-(L13) in their order: one control step of the mode.
 
     Args:
         measured: the state, and q_s.
@@ -132,15 +132,15 @@ def lookahead_step(
     )
     at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
     constraints = join_constraints(pairs, that_weigh(at_limits))
-    weighed_rows = constraints
-    if gains.approach_rate > 0.0:
-        weighed_rows = some_of(constraints, np.arange(0))
     normal = damped_gram(references.J, gains)
     preview, plan = numbers.preview.value, before.plan
     if len(preview.times):
         plan = preview_plan(state, references, wanted.posture, before.plan, r, numbers)
         s_0, qdot_c, W = previewed_wish(plan, qdot, gains, preview)
     else:
+        weighed_rows = constraints
+        if gains.approach_rate > 0.0:
+            weighed_rows = some_of(constraints, np.arange(0))
         s_0, qdot_c, W, _ = wish_velocity(
             references.J,
             normal,

@@ -98,6 +98,18 @@ def guard_norm(normal: np.ndarray, gains: LookaheadGains) -> np.ndarray:
 
 
 @compiled
+def bounded_wish(
+    qdot: np.ndarray, qddot: np.ndarray, gains: LookaheadGains
+) -> np.ndarray:
+    """s_0 of a wished acceleration (n,), scaled to fastest_wish in any joint; (n,)."""
+    s_0 = resting_velocity(qdot, qddot, gains.T)
+    fastest = largest(s_0)
+    if fastest > gains.fastest_wish:
+        s_0 *= gains.fastest_wish / fastest
+    return s_0
+
+
+@compiled
 def wish_velocity(
     J: np.ndarray,
     normal: np.ndarray,
@@ -162,10 +174,7 @@ def wish_velocity(
     alpha, active, second = one_sided_minimum(
         normal, right, rows, -root * towards / T, cholesky_solve(factor, right)
     )
-    s_0 = resting_velocity(qdot, alpha + z, T)
-    fastest = largest(s_0)
-    if fastest > gains.fastest_wish:
-        s_0 *= gains.fastest_wish / fastest
+    s_0 = bounded_wish(qdot, alpha + z, gains)
     W = np.ones(n)
     for row in np.flatnonzero(active):
         W += constraints.weight[row] * g[row] * g[row]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import ShapePairs
+from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
+from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.kinematics import Robot, Tree, joint_motion, link_poses
 from crar_drake.equations.vectors import product, sparse_product
@@ -109,6 +110,22 @@ def place_pairs(
     X = link_poses(in_plant, tree, frames)
     place_some(points, X[0], r.selection, r.first, some)
     return joint_motion(points[: 3 * len(r.order)].reshape(1, -1, 3))[0]
+
+
+@compiled
+def distances_at(
+    points: np.ndarray, q: np.ndarray, shapes: np.ndarray, moves: np.ndarray, r: Robot
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of some pairs, and their gradients, Eq. (20): (k,) [m], (k, nv).
+
+    Args:
+        points, q, shapes, r: of `place_pairs`, in place likewise.
+        moves: (k, nv) of these pairs, see `distance_gradient_about_origin`.
+    """
+    S = place_pairs(points, q, shapes, r)
+    d, n, p, _ = nearest_points(points, r.pairs.value, shapes)
+    S = np.ascontiguousarray(S).reshape(1, 6, -1)
+    return d, distance_gradient_about_origin(n, p, S, moves)[0]
 
 
 def _own_velocities_loops(S, x, alone, pairs):

@@ -14,19 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import nearest_points
-from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Robot, State
-from crar_drake.equations.lookahead_guard import LookaheadNumbers
+from crar_drake.equations.lookahead_guard import LookaheadNumbers, bounded_wish
 from crar_drake.equations.lookahead_rows import (
     Limits,
     LookaheadGains,
-    resting_velocity,
+    limit_margins,
 )
 from crar_drake.equations.one_sided import one_sided_minimum
-from crar_drake.equations.placed_shapes import place_pairs
+from crar_drake.equations.placed_shapes import distances_at
 from crar_drake.equations.references import References
 from crar_drake.equations.vectors import (
     add_to_diagonal,
@@ -35,7 +33,6 @@ from crar_drake.equations.vectors import (
     cholesky_solve_matrix,
     gram,
     identity,
-    largest,
     product,
     put,
     times,
@@ -67,9 +64,7 @@ class Preview(NamedTuple):
         efforts: (N,) rho^2 of each part.
         pull: (N, N) H, the null space's share of (L12) [1].
         damping, stiffness: of the null space [1/s], [1/s^2].
-        margin: that pairs [m], and
-        limit_margin: that joints are to keep [rad].
-        period: of the controller [s].
+        farthest: of (L13) [rad or m].
     """
 
     times: np.ndarray
@@ -82,9 +77,6 @@ class Preview(NamedTuple):
     pull: np.ndarray
     damping: float
     stiffness: float
-    margin: float
-    limit_margin: float
-    period: float
     farthest: float
 
 
@@ -93,8 +85,6 @@ def make_preview(
     smoothness: float,
     damping: float,
     stiffness: float,
-    margin: float,
-    limit_margin: float,
     period: float,
     farthest: float,
 ) -> Preview:
@@ -105,14 +95,14 @@ def make_preview(
         smoothness: rho, what an acceleration of 1 rad/s^2 of a joint counts beside an
             error of 1 m [m s^2].
         damping, stiffness: of the null space [1/s], [1/s^2].
-        margin, limit_margin: what is to be kept [m], [rad].
         period: of the controller [s].
+        farthest: the error from which on a task pulls no more [rad or m].
     """
-    at = duration * _INSTANTS if duration > 0.0 else np.zeros(0)
-    at = np.maximum(at, period * (1.0 + np.arange(len(at))))
+    instants = _INSTANTS if duration > 0.0 else _INSTANTS[:0]
+    at = np.maximum(duration * instants, period * (1.0 + np.arange(len(instants))))
     lengths = np.diff(at, prepend=0.0)
     # A trapezoidal rule over the preview.
-    weights = 0.5 * (lengths + np.append(lengths[1:], np.zeros(min(1, len(at)))))
+    weights = 0.5 * (lengths + np.append(lengths, 0.0)[1:])
     begun = np.tri(len(at))
     moved = begun * lengths * (at[:, np.newaxis] - at + 0.5 * lengths)
     weighed = moved.T * weights
@@ -128,28 +118,28 @@ def make_preview(
         pull,
         float(damping),
         float(stiffness),
-        float(margin),
-        float(limit_margin),
-        float(period),
         float(farthest),
     )
 
 
 @compiled
-def shifted_plan(plan: np.ndarray, preview: Preview, n: int) -> np.ndarray:
+def shifted_plan(
+    plan: np.ndarray, preview: Preview, n: int, period: float
+) -> np.ndarray:
     """The last plan, from now on, (N, n) [rad/s^2]: 0 beyond its end.
 
     Args:
         plan: (N n,) of one period ago; (0,) at a start.
         preview: its numbers.
         n: number of controlled joints.
+        period: of the controller [s].
     """
     N = len(preview.times)
     shifted = np.zeros((N, n))
     if not len(plan):
         return shifted
     for i in range(N):
-        middle = preview.times[i] - 0.5 * preview.lengths[i] + preview.period
+        middle = preview.times[i] - 0.5 * preview.lengths[i] + period
         for j in range(N):
             if middle <= preview.times[j]:
                 for k in range(n):
@@ -222,7 +212,7 @@ def rows_ahead(
     state: State,
     x: np.ndarray,
     limits: Limits,
-    influence_distance: float,
+    gains: LookaheadGains,
     r: Robot,
     reaches: Held,
     preview: Preview,
@@ -236,7 +226,8 @@ def rows_ahead(
         state: of the robot.
         x: (N, nv) `possible_motion` of the last plan.
         limits: of the joints.
-        influence_distance: pairs that are farther apart now have no row [m].
+        gains: of the mode: pairs that are farther apart now than its influence distance
+            have no row.
         r, reaches: of the robot.
         preview: of the law.
 
@@ -244,50 +235,34 @@ def rows_ahead(
         (C, N n) rows and (C,) the least of each that is asked for.
     """
     pairs, of = r.pairs.value, reaches.value
-    N, nv, n = len(x), len(state.v), r.n
+    N, n, count = len(x), r.n, len(limits.joints)
     now = state.d[:, of.rows]
-    nearby = np.empty(len(of.rows), dtype=np.int64)
-    count = 0
-    for k in range(len(nearby)):
-        if min(now[0, k], now[1, k]) < influence_distance:
-            nearby[count] = k
-            count += 1
-    nearby = nearby[:count]
-    shapes = pairs.shapes[nearby]
-    moves = pairs.moves[of.rows[nearby]]
+    nearby = np.flatnonzero(np.minimum(now[0], now[1]) < gains.influence_distance)
+    shapes, moves = pairs.shapes[nearby], pairs.moves[of.rows[nearby]]
     points = np.zeros((len(r.first), 3))
-    most = N * (count + 2 * n)
-    rows, least = np.zeros((most, N * n)), np.empty(most)
-    found = 0
+    rows = np.zeros((N * (len(nearby) + count), N * n))
+    least, found = np.empty(len(rows)), 0
     for i in range(N):
         unmoved = preview.times[i] * state.v[:n]  # without any acceleration
-        if count:
-            S = place_pairs(points, displaced(state.q, x[i], r.turn), shapes, r)
-            d, normal, p, _ = nearest_points(points, pairs, shapes)
-            g = distance_gradient_about_origin(
-                normal, p, np.ascontiguousarray(S).reshape(1, 6, nv), moves
-            )[0]
-            for k in range(count):
-                if not d[k] < _NEAR:
-                    continue
+        if len(nearby):
+            there = displaced(state.q, x[i], r.turn)
+            d, g = distances_at(points, there, shapes, moves, r)
+            for k in np.flatnonzero(d < _NEAR):
                 gradient = g[k, :n]
                 for j in range(i + 1):
                     put(rows[found], j * n, preview.moved[i, j] * gradient)
                 change = (gradient * (x[i, :n] - unmoved)).sum()
-                least[found] = preview.margin - d[k] + change
+                least[found] = gains.distance_margin - d[k] + change
                 found += 1
-        for c in range(n):
-            low, high = limits.lower[c] - state.q[c], limits.upper[c] - state.q[c]
-            if x[i, c] < low + _NEAR_LIMIT:
-                for j in range(i + 1):
-                    rows[found, j * n + c] = preview.moved[i, j]
-                least[found] = low + preview.limit_margin - unmoved[c]
-                found += 1
-            if x[i, c] > high - _NEAR_LIMIT:
-                for j in range(i + 1):
-                    rows[found, j * n + c] = -preview.moved[i, j]
-                least[found] = preview.limit_margin - high + unmoved[c]
-                found += 1
+        at_limits = limit_margins(state.q[:n] + x[i, :n], limits)
+        at_unmoved = limit_margins(state.q[:n] + unmoved, limits)
+        for k in np.flatnonzero(at_limits < _NEAR_LIMIT):
+            for j in range(i + 1):
+                rows[found, j * n + limits.joints[k]] = (
+                    limits.inward[k] * preview.moved[i, j]
+                )
+            least[found] = gains.limit_margin - at_unmoved[k]
+            found += 1
     return rows[:found], least[:found]
 
 
@@ -396,7 +371,7 @@ def plan_accelerations(
     add_to_diagonal(M, np.repeat(efforts, n))
     root = np.sqrt(_ROW_WEIGHT)
     rows, least = root * rows, root * least
-    x = plan.copy().reshape(-1)
+    x = plan.reshape(-1)
     if not (times(rows, x) < least).any():
         x = cholesky_solve(cholesky(M), right)
     found, _, _ = one_sided_minimum(M, right, rows, least, x)
@@ -422,20 +397,18 @@ def preview_plan(
         r, numbers: of the robot and the mode.
     """
     preview, limits = numbers.preview.value, numbers.limits.value
-    n = r.n
-    plan = shifted_plan(before, preview, n)
+    n, gains = r.n, numbers.gains
+    plan = shifted_plan(before, preview, n, gains.period)
     x = expected_motion(state.v, references.qddot_p, plan, preview)
-    x = possible_motion(x, state.q[:n], limits, numbers.gains.fastest_wish, preview)
-    rows, least = rows_ahead(
-        state, x, limits, numbers.gains.influence_distance, r, numbers.reaches, preview
-    )
+    x = possible_motion(x, state.q[:n], limits, gains.fastest_wish, preview)
+    rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
     posture_error = np.zeros(n)
     if len(posture):
         posture_error = state.q[:n] - posture
     return plan_accelerations(
         references,
         r.tasks.value.of_rows,
-        numbers.gains.damping,
+        gains.damping,
         posture_error,
         state.v[:n],
         plan,
@@ -462,8 +435,5 @@ def previewed_wish(
     """
     n = len(qdot)
     first = plan[:n]
-    s_0 = resting_velocity(qdot, first, gains.T)
-    fastest = largest(s_0)
-    if fastest > gains.fastest_wish:
-        s_0 *= gains.fastest_wish / fastest
-    return s_0, qdot + preview.lengths[0] * first, np.ones(n)
+    planned = qdot + preview.lengths[0] * first
+    return bounded_wish(qdot, first, gains), planned, np.ones(n)

@@ -25,7 +25,7 @@ from crar_drake.equations.references import References
 
 PERIOD, DURATION, RHO, D, K = 5e-3, 0.16, 2e-4, 12.0, 9.0
 MARGIN, LIMIT_MARGIN, FAR = 5e-3, 0.02, 0.04
-PREVIEW = make_preview(DURATION, RHO, D, K, MARGIN, LIMIT_MARGIN, PERIOD, FAR)
+PREVIEW = make_preview(DURATION, RHO, D, K, PERIOD, FAR)
 N = len(PREVIEW.times)
 
 
@@ -80,25 +80,23 @@ def squares(found, shares, damping, posture_error, qdot, plan) -> np.ndarray:
 
 def test_the_instants_are_apart_by_a_period_at_least():
     np.testing.assert_allclose(PREVIEW.times, [0.01, 0.03, 0.06, 0.1, 0.16])
-    late = make_preview(0.1, RHO, D, K, MARGIN, LIMIT_MARGIN, 0.02, FAR)
+    late = make_preview(0.1, RHO, D, K, 0.02, FAR)
     np.testing.assert_allclose(late.times, [0.02, 0.04, 0.06, 0.08, 0.1])
-    assert (
-        len(make_preview(0.0, RHO, D, K, MARGIN, LIMIT_MARGIN, PERIOD, FAR).times) == 0
-    )
+    assert len(make_preview(0.0, RHO, D, K, PERIOD, FAR).times) == 0
 
 
 def test_a_plan_is_shifted_by_a_period():
     plan = np.arange(1.0, 2.0 * N + 1.0)
-    shifted = shifted_plan(plan, PREVIEW, 2)
+    shifted = shifted_plan(plan, PREVIEW, 2, PERIOD)
     before = plan.reshape(N, 2)
     # The middles of the parts, 5, 20, 45, 80 and 130 ms, and a period of 5 ms later.
     np.testing.assert_array_equal(shifted, before[[0, 1, 2, 3, 4]])
-    late = make_preview(DURATION, RHO, D, K, MARGIN, LIMIT_MARGIN, 0.04, FAR)
+    late = make_preview(DURATION, RHO, D, K, 0.04, FAR)
     # Parts of 40 ms: what was next is now, and of what comes last nothing is known.
     np.testing.assert_array_equal(
-        shifted_plan(plan, late, 2), [*before[1:5], [0.0, 0.0]]
+        shifted_plan(plan, late, 2, 0.04), [*before[1:5], [0.0, 0.0]]
     )
-    assert not shifted_plan(np.zeros(0), PREVIEW, 2).any()
+    assert not shifted_plan(np.zeros(0), PREVIEW, 2, PERIOD).any()
 
 
 def test_expected_motion_is_that_of_the_accelerations():
@@ -276,7 +274,9 @@ def test_rows_are_how_distances_and_limits_change(model):
         )
 
     x = expected_motion(state.v, np.zeros(model.n_p), last, PREVIEW)
-    rows, least = rows_ahead(state, x, limits, 0.3, r, numbers.reaches, PREVIEW)
+    gains = numbers.gains
+    assert (gains.distance_margin, gains.limit_margin) == (MARGIN, LIMIT_MARGIN)
+    rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, PREVIEW)
     way = rng.normal(size=(N, n))
     step = 1e-4
     there, change = distances(last), distances(last + step * way)
@@ -335,10 +335,20 @@ def test_pairs_that_are_far_have_no_rows(model):
     q, v = crossed(model, np.random.default_rng(2))
     state = find_state(Measured(with_resting(q, v, r, 0.08), v, np.zeros((0, 7))), r)
     x = expected_motion(state.v, np.zeros(model.n_p), np.zeros((N, model.n)), PREVIEW)
-    free = np.full(model.n, np.inf)
-    limits = numbers.limits.value._replace(lower=-free, upper=free)
+    limits = numbers.limits.value
+    limits = limits._replace(joints=limits.joints[:0])  # with rows of pairs alone
+    limits = limits._replace(inward=limits.inward[:0], at=limits.at[:0])
+    given = (r, numbers.reaches, PREVIEW)
     counts = [
-        len(rows_ahead(state, x, limits, influence, r, numbers.reaches, PREVIEW)[0])
+        len(
+            rows_ahead(
+                state,
+                x,
+                limits,
+                numbers.gains._replace(influence_distance=influence),
+                *given,
+            )[0]
+        )
         for influence in (0.0, 0.085, 0.3)
     ]
     assert counts[0] == 0 < counts[1] < counts[2]

@@ -159,7 +159,7 @@ class LookaheadParameters:
 
 
 class LookaheadMode(Mode):
-    """(L1)-(L9) of `equations.lookahead`.
+    """(L1)-(L13) of `equations.lookahead`.
 
     Attributes:
         robot: holds the `Robot` with a row for each pair of shapes, in two
@@ -198,29 +198,26 @@ class LookaheadMode(Mode):
         self.robot = model.robot_ahead
         num_rows = len(self.robot.value.pairs.value.members) + len(limits.joints)
         self._still = np.zeros(model.n + model.n_p)
-        self._kept_first = np.concatenate(
-            (np.zeros(model.n), np.full(num_rows, np.inf))
-        )
-        # Of what `lookahead_or_scaled` returns, but for the distances at its end.
         n, nv = model.n, model.n + model.n_p
         preview = make_preview(
             ahead.preview or 0.0,
             ahead.smoothness,
             parameters.null_space_gain,
             parameters.posture_gain,
-            ahead.distance_margin,
-            ahead.limit_margin,
             parameters.period,
             ahead.farthest_pull,
         )
         planned = n * len(preview.times)
-        self._kept_first = np.concatenate((self._kept_first, np.zeros(planned)))
-        kept = n + num_rows + planned
+        self._kept_first = np.concatenate(
+            (np.zeros(n), np.full(num_rows, np.inf), np.zeros(planned))
+        )
+        # Of what `lookahead_or_scaled` returns, but for the distances at its end.
+        kept = len(self._kept_first)
         ends = np.cumsum([0, nv, model.m, n, n, kept, 2, 4]).tolist()
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
         self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
-        rates = ahead.approach_rates(parameters.period)
+        of_pairs, of_limits = ahead.approach_rates(parameters.period)
         numbers = LookaheadGains(
             T=float(self.horizon),
             Gv=float(parameters.Gv),
@@ -240,8 +237,8 @@ class LookaheadMode(Mode):
             fastest_wish=float(ahead.fastest_wish),
             task_norm=ahead.guard_norm == "tasks",
             guard_damping=float(ahead.guard_damping or parameters.damping),
-            approach_rate=rates[0],
-            limit_approach_rate=rates[1],
+            approach_rate=of_pairs,
+            limit_approach_rate=of_limits,
         )
         plant = model.plant
         reaches = find_reaches(

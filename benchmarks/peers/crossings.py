@@ -30,7 +30,12 @@ from benchmarks.peers.compare import (
 )
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import OURS, PEERS
-from benchmarks.peers.problem import write_crossings, write_problem
+from benchmarks.peers.problem import (
+    ROBOT,
+    ROBOTS,
+    write_crossings,
+    write_problem,
+)
 from benchmarks.peers.tuning import load_settings
 from crar_drake.files import whole_file
 from crar_drake.studies.tables import markdown_table
@@ -104,14 +109,21 @@ def asked(
         judges them.
     """
     parser = parser_of(what, "out/crossings")
+    parser.add_argument(
+        "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
+    )
     parser.add_argument("--seeds", type=int, default=12, help="how many motions")
+    parser.add_argument("--first", type=int, default=0, help="the first one's seed")
     arguments = parser.parse_args(argv)
     if arguments.seeds < 1:
         parser.error(f"--seeds {arguments.seeds}: must be at least 1")
+    if arguments.first < 0:
+        parser.error(f"--first {arguments.first}: must not be negative")
     out = arguments.out.resolve()
     folder = out / "problem"
-    write_problem(folder)
-    cases = write_crossings(folder, range(arguments.seeds))
+    robot, first = arguments.robot, arguments.first
+    write_problem(folder, robot)
+    cases = write_crossings(folder, range(first, first + arguments.seeds), robot)
     data = json.loads((folder / "problem.json").read_text())
     judge = Judge(data["robot"], data["joints"], data["tasks"])
     return arguments, out, cases, judge

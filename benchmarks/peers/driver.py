@@ -55,6 +55,7 @@ class Problem:
     Attributes:
         folder: where the robot's files lie.
         robot: name of the shipped robot that they are made from.
+        base: its link that stands in the world.
         joints: (n) names, in the order of all arrays.
         lower, upper: (n,) position limits [rad], infinite where there are none.
         velocity_limits: (n,) [rad/s].
@@ -67,6 +68,7 @@ class Problem:
         self.folder = folder
         data = json.loads((folder / "problem.json").read_text())
         self.robot: str = data["robot"]
+        self.base: str = data["base"]
         self.joints: list[str] = data["joints"]
         self.lower = np.array([-np.inf if x is None else x for x in data["lower"]])
         self.upper = np.array([np.inf if x is None else x for x in data["upper"]])

@@ -202,6 +202,7 @@ def write_references(
     rest = dict.fromkeys(robot.joint_names, 0.0) | description.rest_posture
     problem = {
         "robot": description.name,
+        "base": description.base,
         "joints": list(robot.joint_names),
         "lower": finite_or_none(robot.lower),
         "upper": finite_or_none(robot.upper),

@@ -62,7 +62,7 @@ APART = 0.02
 SHALLOWEST, DEEPEST = 0.01, 0.1
 FASTEST_JOINT = 4.0
 FREE_JOINT = 1.5
-TRIES = 3000  # a motion
+TRIES = 30000  # a motion; hardly any two poses of some robots are far enough apart
 
 
 @dataclass(frozen=True)

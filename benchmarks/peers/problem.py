@@ -31,7 +31,12 @@ from crar_drake import (
 )
 from crar_drake.files import whole_file
 
-ROBOT = "upper_body"
+ROBOT = "upper_body"  # of `CASES`
+ROBOTS = {
+    "upper_body": EXPERIMENTS["upper-body"],
+    "g1": EXPERIMENTS["upper-body"],
+    "obstacle_arm": ["tool"],
+}  # to the points that are tasks
 SAMPLE = 1e-3  # [s]
 START_DEPTH = 0.015  # [m] of the start in penetration
 CASES = {
@@ -41,29 +46,30 @@ CASES = {
 }
 
 
-def write_problem(folder: Path) -> None:
-    """Writes the robot and all cases."""
+def write_problem(folder: Path, robot: str = ROBOT) -> None:
+    """Writes a robot of `ROBOTS`, and all cases if it is `ROBOT`."""
     folder.mkdir(parents=True, exist_ok=True)
-    shipped = load_robot_description(ROBOT)
-    tasks = EXPERIMENTS["upper-body"]
-    links = [shipped.task_frames[task] for task in tasks]
+    shipped, tasks = load_robot_description(robot), ROBOTS[robot]
+    links = [robot_files.unscoped(shipped.task_frames[task]) for task in tasks]
     write_robot(folder, shipped, links)
     description = describe(folder, shipped)
     model = ControlModel.FromDescription(description, position_tasks(tasks))
     problem = {
-        "robot": ROBOT,
-        "base": shipped.base,
+        "robot": robot,
+        "base": description.base,
         "joints": list(model.joint_names),
         "lower": finite_or_none(model.lower),
         "upper": finite_or_none(model.upper),
         "velocity_limits": model.plant.GetVelocityUpperLimits().tolist(),
         "tasks": tasks,
         "task_links": links,
-        "pairs": shipped.pairs,
+        "pairs": description.pairs,
         "rest": model.rest_positions().tolist(),
-        "cases": CASES,
+        "cases": CASES if robot == ROBOT else {},
     }
     _write(folder / "problem.json", json.dumps(problem, indent=1))
+    if robot != ROBOT:
+        return
     for name, motion in joint_motions(model).items():
         _write_case(folder / f"{name}.npz", model, motion)
 
@@ -82,22 +88,24 @@ def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> 
             joint: robot.rest_posture.get(joint, 0.0)
             for joint in robot.prescribed_joints
         },
+        links,
     )
     _write(folder / "robot.urdf", robot_files.drake_urdf(urdf))
     _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(urdf))
     _write(folder / "robot_mujoco.xml", robot_files.mjcf(urdf, links))
-    _write(folder / "collisions.json", json.dumps(robot.pairs, indent=1))
+    _write(folder / "collisions.json", json.dumps(_unscoped_pairs(robot), indent=1))
 
 
-def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
+def write_crossings(
+    folder: Path, seeds: Iterable[int], robot: str = ROBOT
+) -> list[str]:
     """Writes a random crossing for each seed, to a folder that has the problem.
 
     Returns:
         The names of the cases.
     """
     model = ControlModel.FromDescription(
-        describe(folder, load_robot_description(ROBOT)),
-        position_tasks(EXPERIMENTS["upper-body"]),
+        describe(folder, load_robot_description(robot)), position_tasks(ROBOTS[robot])
     )
     workspace, rest = model.MakeWorkspace(), model.rest_positions()
 
@@ -132,9 +140,12 @@ def describe(folder: Path, shipped: RobotDescription) -> RobotDescription:
     return RobotDescription(
         name="peers",
         model="robot.urdf",
-        base=shipped.base,
-        task_frames=shipped.task_frames,
-        pairs=shipped.pairs,
+        base=robot_files.root_link(robot_files.read(folder / "robot.urdf")),
+        task_frames={
+            task: robot_files.unscoped(frame)
+            for task, frame in shipped.task_frames.items()
+        },
+        pairs=_unscoped_pairs(shipped),
         rest_posture={
             joint: angle
             for joint, angle in shipped.rest_posture.items()
@@ -142,6 +153,10 @@ def describe(folder: Path, shipped: RobotDescription) -> RobotDescription:
         },
         folder=str(folder),
     )
+
+
+def _unscoped_pairs(robot: RobotDescription) -> list[list[str]]:
+    return [[robot_files.unscoped(link) for link in pair] for pair in robot.pairs]
 
 
 def joint_motions(model: ControlModel) -> dict[str, motions.JointMotion]:

@@ -1,9 +1,10 @@
 """One robot in the three dialects that the peers read, all made from one URDF.
 
 Drake knows capsules in a URDF (`drake:capsule`), Pinocchio as a cylinder that is named
-in `collision_checking`, MuJoCo in its own format. The prescribed joints of the waist
-are welded where the rest posture has them, so that every peer has the same joints;
-what is only drawn is left out.
+in `collision_checking`, MuJoCo in its own format. Several models that a scene welds to
+the world become one. The prescribed joints of the waist are welded where the rest
+posture has them, so that every peer has the same joints; what is only drawn is left
+out.
 """
 
 from __future__ import annotations
@@ -14,21 +15,70 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import Rotation
 
 DRAKE = "http://drake.mit.edu"
 CAPSULE = f"{{{DRAKE}}}capsule"
 WIDE = 100.0  # [rad] limits of a joint that has none
+WORLD = "world"  # as Drake calls it
+ROOT = "scene"  # the link in its place, since the other two have a world of their own
 
 
-def simplified_urdf(urdf: Path, welded: Mapping[str, float]) -> ET.Element:
-    """The robot of a URDF without visuals, with some sliding joints welded.
+def unscoped(name: str) -> str:
+    """A link's name without its model's: the models of a scene become one."""
+    return name.rpartition("::")[2]
+
+
+def read(model: Path) -> ET.Element:
+    """A URDF, or the models of a scene that are welded to the world, as one robot.
 
     Args:
-        urdf: with capsules and spheres as its only collision shapes.
-        welded: sliding joint to the position where it is fixed [m].
+        model: a URDF, or Drake's model directives with `add_model` and `add_weld`
+            only, each model in the same folder.
+
+    Raises:
+        ValueError: a scene of other directives, or of two links with one name.
     """
-    robot = ET.parse(urdf).getroot()
+    if model.suffix == ".urdf":
+        return ET.parse(model).getroot()
+    robot = ET.Element("robot", {"name": model.parent.name})
+    for directive in yaml.safe_load(model.read_text())["directives"]:
+        ((kind, given),) = directive.items()
+        if kind == "add_model":
+            robot.extend(ET.parse(model.parent / Path(given["file"]).name).getroot())
+        elif kind == "add_weld" and given["parent"] == WORLD:
+            child = unscoped(given["child"])
+            weld = _fixed(robot, f"{child}_weld", WORLD, child)
+            at = given.get("X_PC", {}).get("translation", (0.0, 0.0, 0.0))
+            ET.SubElement(weld, "origin", {"xyz": _numbers(at)})
+        else:
+            raise ValueError(f"{model}: {kind} is not a weld to the world")
+    names = [link.get("name") for link in robot.findall("link")]
+    if len(set(names)) < len(names):
+        raise ValueError(f"{model}: two links have the same name")
+    return robot
+
+
+def root_link(robot: ET.Element) -> str:
+    """The link that is nobody's child."""
+    children = {joint.find("child").get("link") for joint in robot.findall("joint")}
+    (root,) = {link.get("name") for link in robot.findall("link")} - children
+    return root
+
+
+def simplified_urdf(
+    model: Path, welded: Mapping[str, float], points: Iterable[str] = ()
+) -> ET.Element:
+    """The robot of a model without visuals, with some joints welded and one root link.
+
+    Args:
+        model: what `read` takes, with capsules and spheres as its only collision
+            shapes.
+        welded: joint to the position where it is fixed [m or rad].
+        points: frames of Drake's that become links.
+    """
+    robot = read(model)
     for unused in [*robot.findall("material"), *robot.findall("transmission")]:
         if unused.tag == "transmission" and unused.find("joint").get("name") in welded:
             robot.remove(unused)
@@ -40,6 +90,20 @@ def simplified_urdf(urdf: Path, welded: Mapping[str, float]) -> ET.Element:
     for joint in robot.findall("joint"):
         if joint.get("name") in welded:
             _weld(joint, welded[joint.get("name")])
+    parents = [joint.find("parent") for joint in robot.findall("joint")]
+    on_world = [parent for parent in parents if parent.get("link") == WORLD]
+    if on_world:
+        robot.insert(0, ET.Element("link", {"name": ROOT}))
+        for parent in on_world:
+            parent.set("link", ROOT)
+    for frame in robot.findall("frame"):
+        name = frame.get("name")
+        if name in points:
+            robot.remove(frame)
+            ET.SubElement(robot, "link", {"name": name})
+            joint = _fixed(robot, f"{name}_weld", frame.get("link"), name)
+            origin = {key: frame.get(key) for key in ("xyz", "rpy")}
+            ET.SubElement(joint, "origin", origin)
     return robot
 
 
@@ -89,8 +153,6 @@ def mjcf(robot: ET.Element, task_links: Sequence[str]) -> str:
     ET.SubElement(option, "flag", {"contact": "disable"})
     joints = robot.findall("joint")
     links = {link.get("name"): link for link in robot.findall("link")}
-    children = {joint.find("child").get("link") for joint in joints}
-    (root,) = links.keys() - children
 
     def add(parent: ET.Element, name: str, joint: ET.Element | None) -> None:
         attributes = {"name": name}
@@ -111,23 +173,34 @@ def mjcf(robot: ET.Element, task_links: Sequence[str]) -> str:
             if below.find("parent").get("link") == name:
                 add(body, below.find("child").get("link"), below)
 
-    add(ET.SubElement(mujoco, "worldbody"), root, None)
+    add(ET.SubElement(mujoco, "worldbody"), root_link(robot), None)
     return _text(mujoco)
 
 
+def _fixed(robot: ET.Element, name: str, parent: str, child: str) -> ET.Element:
+    """A new joint of the robot that holds a link fast."""
+    joint = ET.SubElement(robot, "joint", {"name": name, "type": "fixed"})
+    ET.SubElement(joint, "parent", {"link": parent})
+    ET.SubElement(joint, "child", {"link": child})
+    return joint
+
+
 def _weld(joint: ET.Element, position: float) -> None:
-    """Fixes a sliding joint where its position is `position`."""
+    """Fixes a joint of one degree of freedom where its position is `position`."""
     origin = _origin(joint)
     axis = np.array(joint.find("axis").get("xyz").split(), dtype=float)
-    start = np.array(origin.get("xyz", "0 0 0").split(), dtype=float)
-    if _rotation(joint).any():
-        raise ValueError(f"{joint.get('name')}: origin is rotated")
-    at = start + position * axis
+    at = np.array(origin.get("xyz", "0 0 0").split(), dtype=float)
+    turned = Rotation.from_euler("xyz", _rotation(joint))
+    if joint.get("type") == "prismatic":
+        at = at + turned.apply(position * axis)
+    else:
+        turned = turned * Rotation.from_rotvec(position * axis)
     for tag in ("axis", "limit", "origin", "dynamics"):
         for part in joint.findall(tag):
             joint.remove(part)
     joint.set("type", "fixed")
-    ET.SubElement(joint, "origin", {"xyz": " ".join(f"{x:.9g}" for x in at)})
+    placed = {"xyz": _numbers(at), "rpy": _numbers(turned.as_euler("xyz"))}
+    ET.SubElement(joint, "origin", placed)
 
 
 def _origin(element: ET.Element) -> ET.Element:

@@ -32,7 +32,7 @@ class DrakeDiffIk(Controller):
         builder = RobotDiagramBuilder(time_step=0.0)
         plant = builder.plant()
         (instance,) = builder.parser().AddModels(str(problem.folder / "robot.urdf"))
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(problem.base))
         model_name = plant.GetModelInstanceName(instance)
         plant.Finalize()
         checker = SceneGraphCollisionChecker(

@@ -77,6 +77,7 @@ def variations() -> dict[str, CrarParameters]:
         "preview of 0.12 s": seen(),
         "the same, ρ = 2.2e-4 m s²": seen(smoothness=2.2e-4),
         "the same, pulls as from 0.1 m at most": seen(farthest_pull=0.1),
+        "the same, fading from 0.01 m on": seen(farthest_pull=0.01, fading_pull=1.0),
         "preview of 0.12 s, T = 0.03 s, λ = 0.02": replace(
             seen(horizon=0.03), damping=0.02
         ),

@@ -6,7 +6,7 @@ The motions are `motions.random_crossings` of the shipped upper body. The peers 
 settings that `compare --tune` chose for hands swung through each other; of ours there
 are the defaults, the defaults with higher gains, the settings of the comparison, some
 that are calmer than every peer, and a preview, whose settings were chosen on these
-motions.
+motions of the three robots.
 """
 
 from __future__ import annotations
@@ -57,9 +57,13 @@ CALM = {
 }
 # Sees the next moment; 5 mm are what it keeps, and not what it keeps but for a slack.
 PREVIEWED = {
+    "GvN": 60.0,
     "damping": 0.02,
     "lookahead": {
         "preview": 0.12,
+        "smoothness": 4e-5,
+        "farthest_pull": 0.008,
+        "fading_pull": 1.0,
         "horizon": 0.03,
         "distance_margin": 0.0052,
         "admission_slack": 0.0002,

@@ -64,7 +64,7 @@ class Preview(NamedTuple):
         efforts: (N,) rho^2 of each part.
         pull: (N, N) H, the null space's share of (L12) [1].
         damping, stiffness: of the null space [1/s], [1/s^2].
-        farthest: of (L13) [rad or m].
+        farthest, fading: of (L13) [rad or m], [1].
     """
 
     times: np.ndarray
@@ -78,6 +78,7 @@ class Preview(NamedTuple):
     damping: float
     stiffness: float
     farthest: float
+    fading: float
 
 
 def make_preview(
@@ -87,6 +88,7 @@ def make_preview(
     stiffness: float,
     period: float,
     farthest: float,
+    fading: float = 0.0,
 ) -> Preview:
     """The preview's numbers, which stay the same.
 
@@ -97,6 +99,7 @@ def make_preview(
         damping, stiffness: of the null space [1/s], [1/s^2].
         period: of the controller [s].
         farthest: the error from which on a task pulls no more [rad or m].
+        fading: how its pull falls from there on, 0 not at all, 1 as 1 / error.
     """
     instants = _INSTANTS if duration > 0.0 else _INSTANTS[:0]
     at = np.maximum(duration * instants, period * (1.0 + np.arange(len(instants))))
@@ -119,6 +122,7 @@ def make_preview(
         float(damping),
         float(stiffness),
         float(farthest),
+        float(fading),
     )
 
 
@@ -267,18 +271,22 @@ def rows_ahead(
 
 
 @compiled
-def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarray:
+def task_shares(
+    e: np.ndarray, of_rows: np.ndarray, farthest: float, fading: float
+) -> np.ndarray:
     """(L13): what rows count of tasks that are far off: (m,).
 
-        sqrt(min(1, farthest / |e|))
+        min(1, farthest / |e|)^((1 + fading) / 2)
 
-    With it squares of errors grow linearly from `farthest` on (Huber, 1964): a target
-    out of reach pulls no more than one that is so far away.
+    Without fading squares of errors grow linearly from `farthest` on (Huber, 1964): a
+    target out of reach pulls no more than one that is so far away. With it they grow as
+    |e|^(1 - fading), at 1 as the logarithm of |e|: it pulls less.
 
     Args:
         e: (m,) weighted task errors [rad, m].
         of_rows: (m,) the task of each row.
         farthest: [rad, m].
+        fading: 0 to 1.
     """
     squares = np.zeros(len(e))
     for i in range(len(e)):
@@ -287,7 +295,7 @@ def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarr
     for i in range(len(e)):
         away = np.sqrt(squares[of_rows[i]])
         if away > farthest:
-            shares[i] = np.sqrt(farthest / away)
+            shares[i] = (farthest / away) ** (0.5 + 0.5 * fading)
     return shares
 
 
@@ -327,7 +335,7 @@ def plan_accelerations(
         preview: of the law.
     """
     N, n = plan.shape
-    shares = task_shares(references.e, of_rows, preview.farthest)
+    shares = task_shares(references.e, of_rows, preview.farthest, preview.fading)
     J = shares[:, np.newaxis] * references.J
     damping2 = task_damping**2
     JJ = gram(J)

@@ -117,7 +117,7 @@ def test_a_plan_without_rows_is_the_least_sum_of_squares(m, n):
     rng = np.random.default_rng(m)
     found = references(rng, m, n, 0.02)
     of_rows, damping = np.arange(m) // 3, 0.3
-    shares = task_shares(found.e, of_rows, FAR)
+    shares = task_shares(found.e, of_rows, FAR, 0.0)
     qdot, posture_error = rng.normal(size=n), rng.normal(size=n)
 
     def residuals(plan):
@@ -173,13 +173,20 @@ def test_a_task_that_is_far_pulls_no_more_than_from_afar():
     """The pull of Huber's function: e up to `farthest`, and from then on its length."""
     of_rows = np.array([0, 0, 0, 1, 1, 1])
     e = np.array([0.01, 0.0, 0.02, 0.3, 0.0, -0.4])
-    shares = task_shares(e, of_rows, FAR)
+    shares = task_shares(e, of_rows, FAR, 0.0)
     np.testing.assert_array_equal(shares[:3], 1.0)
     pull = shares**2 * e
     np.testing.assert_allclose(pull[3:], FAR * np.array([0.6, 0.0, -0.8]))
+    # Fading, it is to that as FAR is to the error, or as the root of that.
+    for fading, share in ((0.5, np.sqrt(FAR / 0.5)), (1.0, FAR / 0.5)):
+        shares = task_shares(e, of_rows, FAR, fading)
+        np.testing.assert_array_equal(shares[:3], 1.0)
+        np.testing.assert_allclose((shares**2 * e)[3:], share * pull[3:])
     # Continuous, where it begins.
     for length in (FAR * (1 - 1e-9), FAR * (1 + 1e-9)):
-        assert task_shares(np.array([length]), np.array([0]), FAR) == pytest.approx(1.0)
+        for fading in (0.0, 1.0):
+            shares = task_shares(np.array([length]), np.array([0]), FAR, fading)
+            assert shares == pytest.approx(1.0)
 
 
 def problem_with_rows(rng):
@@ -194,7 +201,7 @@ def test_rows_are_kept_with_the_least_sum_of_squares():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         found, rows, least, (of_rows, damping, error, qdot) = problem_with_rows(rng)
-        shares = task_shares(found.e, of_rows, FAR)
+        shares = task_shares(found.e, of_rows, FAR, 0.0)
         at_zero = squares(found, shares, damping, error, qdot, np.zeros(N * 4))
         A = np.column_stack(
             [

@@ -333,6 +333,13 @@ def test_a_motion_that_no_robot_makes_is_not_believed(model):
     np.testing.assert_array_equal(
         possible_motion(slow, middle, limits, 10.0, PREVIEW), slow
     )
+    # A joint that is beyond a limit may stay there.
+    still = np.zeros((N, model.n))
+    for beyond in (model.lower - 0.3, model.upper + 0.3):
+        q = np.where(bounded, beyond, 0.0)
+        np.testing.assert_array_equal(
+            possible_motion(still, q, limits, 10.0, PREVIEW), still
+        )
 
 
 def test_pairs_that_are_far_have_no_rows(model):

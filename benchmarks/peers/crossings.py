@@ -2,11 +2,11 @@
 
     python -m benchmarks.peers.crossings --seeds 12
 
-The motions are `motions.random_crossings` of the shipped upper body. The peers keep the
-settings that `compare --tune` chose for hands swung through each other; of ours there
-are the defaults, the defaults with higher gains, the settings of the comparison, some
-that are calmer than every peer, and a preview, whose settings were chosen on these
-motions of the three robots.
+The motions are `motions.random_crossings` of the shipped upper body, or of another
+robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
+hands of the upper body swung through each other; of ours there are the defaults, the
+defaults with higher gains, the settings of the comparison, some that are calm, and a
+preview, whose settings were chosen on the first twelve motions of each robot.
 """
 
 from __future__ import annotations
@@ -24,18 +24,14 @@ from benchmarks.peers.compare import (
     COMPILED,
     PERIOD,
     Entry,
+    PeerError,
     parser_of,
     recorded,
     run_command,
 )
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import OURS, PEERS
-from benchmarks.peers.problem import (
-    ROBOT,
-    ROBOTS,
-    write_crossings,
-    write_problem,
-)
+from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
 from crar_drake.files import whole_file
 from crar_drake.studies.tables import markdown_table
@@ -91,8 +87,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     ]
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
+    told = {
+        "robot": arguments.robot,
+        "cases": cases,
+        "figures": {name: [asdict(f) for f in of] for name, of in figures.items()},
+    }
     with whole_file(out / "crossings.json") as temporary:
-        told = {name: [asdict(f) for f in each] for name, each in figures.items()}
         temporary.write_text(json.dumps(told, indent=1))
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
@@ -125,9 +125,9 @@ def asked(
         parser.error(f"--first {arguments.first}: must not be negative")
     out = arguments.out.resolve()
     folder = out / "problem"
-    robot, first = arguments.robot, arguments.first
-    write_problem(folder, robot)
-    cases = write_crossings(folder, range(first, first + arguments.seeds), robot)
+    first = arguments.first
+    write_problem(folder, arguments.robot)
+    cases = write_crossings(folder, range(first, first + arguments.seeds))
     data = json.loads((folder / "problem.json").read_text())
     judge = Judge(data["robot"], data["joints"], data["tasks"])
     return arguments, out, cases, judge
@@ -146,6 +146,34 @@ def entries(cases: Sequence[str]) -> list[Entry]:
         ("lookahead, tuned", OURS, ours | COMPILED),
     ]
     return [Entry(name, peer, dict.fromkeys(cases, one)) for name, peer, one in chosen]
+
+
+def told_before(out: Path, robot: str, cases: Sequence[str]) -> dict:
+    """What `main` found for some motions, or for more of which these are some.
+
+    Args:
+        out: where it left all.
+        robot: whose motions.
+        cases: the motions.
+
+    Returns:
+        The figures of every controller, in the order of `cases`.
+
+    Raises:
+        PeerError: if it was not run for them, or last for others.
+    """
+    path = out / "crossings.json"
+    told = json.loads(path.read_text()) if path.is_file() else {"cases": []}
+    if told.get("robot") != robot or not set(cases) <= set(told["cases"]):
+        raise PeerError(
+            f"{path} does not tell of these motions: run benchmarks.peers.crossings "
+            "first, with the same --robot, --first, --seeds and --out"
+        )
+    chosen = [told["cases"].index(case) for case in cases]
+    return {
+        name: [Figures(**each[i]) for i in chosen]
+        for name, each in told["figures"].items()
+    }
 
 
 def best_errors(figures: dict[str, list[Figures]]) -> list[float]:

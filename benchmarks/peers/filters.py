@@ -198,11 +198,11 @@ def write_references(
         for foot in FEET
         if foot in description.task_frames
     ]
-    write_robot(folder, description, feet)
+    base = write_robot(folder, description, feet)
     rest = dict.fromkeys(robot.joint_names, 0.0) | description.rest_posture
     problem = {
         "robot": description.name,
-        "base": description.base,
+        "base": base,
         "joints": list(robot.joint_names),
         "lower": finite_or_none(robot.lower),
         "upper": finite_or_none(robot.upper),

@@ -19,7 +19,6 @@ judge of all controllers; it is no proof that less is not.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -30,8 +29,8 @@ from rich.console import Console
 from rich.progress import track
 from scipy.interpolate import BSpline
 
-from benchmarks.peers.compare import PERIOD, PeerError, run_command
-from benchmarks.peers.crossings import HEADER, asked, best_errors, row
+from benchmarks.peers.compare import PERIOD, run_command
+from benchmarks.peers.crossings import HEADER, asked, best_errors, row, told_before
 from benchmarks.peers.driver import Problem
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.problem import SAMPLE
@@ -229,29 +228,17 @@ class Foresight:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    _, out, cases, judge = asked(__doc__.splitlines()[0], argv)
+    arguments, out, cases, judge = asked(__doc__.splitlines()[0], argv)
+    best = best_errors(told_before(out, arguments.robot, cases))
     problem, runs = Problem(out / "problem"), out / "runs"
-    recorded = {
-        (name, case): runs / f"{name} {case}.npz" for case in cases for name in STARTS
-    }
-    for path in (out / "crossings.json", *recorded.values()):
-        if not path.is_file():
-            raise PeerError(
-                f"{path} is not there: run benchmarks.peers.crossings first"
-            )
     judged: dict[float, list[Figures]] = {weight: [] for weight in WEIGHTS}
     for case in track(cases, "motions"):
-        starts = [np.load(recorded[name, case])["q"] for name in STARTS]
+        starts = [np.load(runs / f"{name} {case}.npz")["q"] for name in STARTS]
         foresight = Foresight(
             judge, problem, dict(np.load(problem.folder / f"{case}.npz"))
         )
         for weight, found in foresight.trade(starts):
             judged[weight].append(judge.figures(found))
-    controllers = json.loads((out / "crossings.json").read_text())
-    best = best_errors(
-        {name: [Figures(**f) for f in each] for name, each in controllers.items()}
-    )
-    best = best[: len(cases)]  # `crossings` may have been run for more
     rows = [row(f"weight {weight:g}", each, best) for weight, each in judged.items()]
     Console().print(markdown_table(HEADER, rows), markup=False, soft_wrap=True)
 

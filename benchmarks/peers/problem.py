@@ -51,12 +51,12 @@ def write_problem(folder: Path, robot: str = ROBOT) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     shipped, tasks = load_robot_description(robot), ROBOTS[robot]
     links = [robot_files.unscoped(shipped.task_frames[task]) for task in tasks]
-    write_robot(folder, shipped, links)
+    base = write_robot(folder, shipped, links)
     description = describe(folder, shipped)
     model = ControlModel.FromDescription(description, position_tasks(tasks))
     problem = {
         "robot": robot,
-        "base": description.base,
+        "base": base,
         "joints": list(model.joint_names),
         "lower": finite_or_none(model.lower),
         "upper": finite_or_none(model.upper),
@@ -74,13 +74,16 @@ def write_problem(folder: Path, robot: str = ROBOT) -> None:
         _write_case(folder / f"{name}.npz", model, motion)
 
 
-def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> None:
+def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> str:
     """Writes the robot for every peer, its prescribed joints welded at rest.
 
     Args:
         folder: is there.
         robot: whose shapes are capsules and spheres.
         links: whose origins are tasks.
+
+    Returns:
+        Its root link.
     """
     urdf = robot_files.simplified_urdf(
         Path(robot.folder) / robot.model,
@@ -94,16 +97,16 @@ def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> 
     _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(urdf))
     _write(folder / "robot_mujoco.xml", robot_files.mjcf(urdf, links))
     _write(folder / "collisions.json", json.dumps(_unscoped_pairs(robot), indent=1))
+    return robot_files.root_link(urdf)
 
 
-def write_crossings(
-    folder: Path, seeds: Iterable[int], robot: str = ROBOT
-) -> list[str]:
+def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
     """Writes a random crossing for each seed, to a folder that has the problem.
 
     Returns:
         The names of the cases.
     """
+    robot = json.loads((folder / "problem.json").read_text())["robot"]
     model = ControlModel.FromDescription(
         describe(folder, load_robot_description(robot)), position_tasks(ROBOTS[robot])
     )

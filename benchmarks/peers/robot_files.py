@@ -102,7 +102,7 @@ def simplified_urdf(
             robot.remove(frame)
             ET.SubElement(robot, "link", {"name": name})
             joint = _fixed(robot, f"{name}_weld", frame.get("link"), name)
-            origin = {key: frame.get(key) for key in ("xyz", "rpy")}
+            origin = {key: frame.get(key, "0 0 0") for key in ("xyz", "rpy")}
             ET.SubElement(joint, "origin", origin)
     return robot
 

@@ -64,7 +64,7 @@ def test_a_scene_is_one_robot_in_every_dialect(name, arm):
 
 def test_crossings_are_drawn_for_a_scene(arm):
     """Each starts clear and at rest, and penetrates on its way."""
-    (case,) = write_crossings(arm, [3], "obstacle_arm")
+    (case,) = write_crossings(arm, [3])
     data = np.load(arm / f"{case}.npz")
     shipped = load_robot_description("obstacle_arm")
     model = ControlModel.FromDescription(shipped, position_tasks(["tool"]))

@@ -7,8 +7,8 @@ robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` cho
 hands of the upper body swung through each other; of ours there are the defaults, the
 defaults with higher gains, the settings of the comparison, some that are calm, and two
 previews: as it comes, chosen on these motions and on recordings of people at once, and
-with a pull that fades, for crossings alone. Both were chosen on the first twelve motions
-of each robot.
+with a pull that fades, for crossings alone. Both were chosen on the first twelve
+motions of each robot.
 """
 
 from __future__ import annotations

@@ -56,8 +56,8 @@ LARGEST_RHO = 1.0
 # sees coming, and of limits, which motions of others run into again and again.
 _PREVIEW_APPROACH = 200.0
 _PREVIEW_LIMIT_APPROACH = 10.0
-# What else is so unless it is given. A plan sees obstacles coming, so that the robot may
-# be near them at speed: T [s]. Its wishes are faster than feedback's [rad/s].
+# What else is so unless it is given. A plan sees obstacles coming, so that the robot
+# may be near them at speed: T [s]. Its wishes are faster than feedback's [rad/s].
 PREVIEW_HORIZON = 0.03
 _PREVIEW_FASTEST_WISH = 10.0
 

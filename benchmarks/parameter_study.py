@@ -36,7 +36,7 @@ def variations() -> dict[str, CrarParameters]:
         return replace(default, lookahead=replace(LookaheadParameters(), **changes))
 
     def seen(**changes) -> CrarParameters:
-        return ahead(preview=0.12, **changes)
+        return ahead(preview=0.08, **changes)
 
     return {
         "defaults": default,
@@ -74,8 +74,8 @@ def variations() -> dict[str, CrarParameters]:
         "the same, of limits 10/s": ahead(
             approach_rate=50.0, guard_norm="tasks", limit_approach_rate=10.0
         ),
-        "preview of 0.12 s": seen(),
-        "the same, ρ = 8e-5 m s²": seen(smoothness=8e-5),
+        "preview of 0.08 s": seen(),
+        "the same, ρ = 5e-5 m s²": seen(smoothness=5e-5),
         "the same, pulls as from 8 mm at most": seen(farthest_pull=0.008),
         "the same, fading from 8 mm on": seen(farthest_pull=0.008, fading_pull=1.0),
         "the same, T = 0.05 s": seen(horizon=0.05),

@@ -56,13 +56,19 @@ CALM = {
 # Sees the next moment; 5 mm are what it keeps, and not what it keeps but for a slack.
 PREVIEWED = {
     "lookahead": {
-        "preview": 0.12,
+        "preview": 0.08,
         "distance_margin": 0.0052,
         "admission_slack": 0.0002,
     },
 }
 FADING = {
-    "lookahead": PREVIEWED["lookahead"] | {"farthest_pull": 0.008, "fading_pull": 1.0},
+    "lookahead": PREVIEWED["lookahead"]
+    | {
+        "preview": 0.12,
+        "smoothness": 4e-5,
+        "farthest_pull": 0.008,
+        "fading_pull": 1.0,
+    },
 }
 HEADER = (
     "controller",

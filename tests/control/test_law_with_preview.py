@@ -15,7 +15,7 @@ from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
 
 PERIOD = 5e-3
-AHEAD = LookaheadParameters(preview=0.12)
+AHEAD = LookaheadParameters(preview=0.08)
 PREVIEW = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
 WITHOUT = CrarParameters(period=PERIOD, blend_time=0.0)
 HANDS = ["left_wrist", "right_wrist"]
@@ -117,7 +117,7 @@ def test_teleports_leave_every_state_clear(period):
     )
     states, answers = follow(model, replace(PREVIEW, period=period), targets)
     assert all(each.admission[3] == 1.0 for each in answers)
-    assert 4e-3 - 1e-9 <= distances(model, states).min() < 0.02  # and it was near
+    assert 4e-3 - 1e-9 <= distances(model, states).min() < 0.03  # and it was near
     q = states[:, : model.plant.num_positions()][:, model.controlled_positions]
     assert (q >= model.lower - 1e-9).all() and (q <= model.upper + 1e-9).all()
 

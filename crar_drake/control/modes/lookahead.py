@@ -130,7 +130,7 @@ class LookaheadParameters:
     limit_approach_rate: float | None = None  # [1/s]
     preview: float | None = None  # [s]
     null_space_damping: float = 0.02  # [m]
-    smoothness: float = 4e-5  # [m s^2]
+    smoothness: float = 2.5e-5  # [m s^2]
     farthest_pull: float = 0.002  # [m or rad]
     fading_pull: float = 0.0
 

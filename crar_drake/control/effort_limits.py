@@ -36,6 +36,10 @@ _GROWTH, _TRIES, _MOST_FREE = 1.2, 8, 0.3
 # What `nearest_accelerations` and rounding leave beyond a limit is no excess [1].
 _NO_EXCESS = 1e-4
 
+# The next braking torque is aimed to need 80 % of a limit at most, and to be possible
+# is told by the accelerations alone: so much counts as possible [1].
+_SURE = 0.9
+
 _NO_INERTIA = np.zeros((0, 0))
 
 
@@ -71,6 +75,20 @@ class Limited(NamedTuple):
     told: Mapping[str, np.ndarray] = {}
 
 
+class _Braking(NamedTuple):
+    """How the robot would brake: over which horizon, and who along.
+
+    Attributes:
+        mode: that admits accelerations with this horizon.
+        horizon: T [s].
+        holdings: each holds `Holding`, of who gives way where limits are passed.
+    """
+
+    mode: Mode
+    horizon: float
+    holdings: list[Held]
+
+
 class EffortLimits:
     """What the effort limits of a robot make of a wish.
 
@@ -83,27 +101,17 @@ class EffortLimits:
         self.limits = gains.effort_limits(model)
         # Without limits the inertias would be computed for nothing.
         self.finite = bool(np.isfinite(self.limits).any())
-        self._model, self._mode = model, mode
-        self._horizon, self._period = float(gains.braking_horizon), float(gains.period)
+        self._model, self._period = model, float(gains.period)
         # Who gives way where limits are passed: the controlled joints; then all.
         self._giving_way = [model.controlled]
         if model.n_p:
             self._giving_way.append(model.order)
         plant_step = float(model.plant.time_step())
-        self._braking = [
-            hold(
-                Holding(
-                    joints,
-                    self._horizon,
-                    self._period,
-                    plant_step,
-                    model.positions,
-                    model.order,
-                    model.turn,
-                )
-            )
-            for joints in self._giving_way
-        ]
+        self._braking = self._over(mode, float(gains.braking_horizon), plant_step)
+        self._slower = None
+        if mode.slower is not None:
+            longest = float(gains.longest_braking_horizon)
+            self._slower = self._over(mode.slower, longest, plant_step)
         # Of what `held_step` returns.
         nv = model.plant.num_velocities()
         nu = model.plant.num_actuated_dofs()
@@ -113,12 +121,31 @@ class EffortLimits:
         # After the control tick.
         self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
 
+    def _over(self, mode: Mode, horizon: float, plant_step: float) -> _Braking:
+        model = self._model
+        holdings = [
+            hold(
+                Holding(
+                    joints,
+                    horizon,
+                    self._period,
+                    plant_step,
+                    model.positions,
+                    model.order,
+                    model.turn,
+                )
+            )
+            for joints in self._giving_way
+        ]
+        return _Braking(mode, horizon, holdings)
+
     def compile(
         self, workspace: Workspace, measured: Measured, vdot: np.ndarray
     ) -> None:
         """Compiles what has yet to be, at the workspace's state."""
         wish = self._effort(workspace, vdot)
-        self._nearest(workspace, measured, wish, self.limits, self._model.controlled)
+        joints = self._model.controlled
+        self._nearest(self._braking, workspace, measured, wish, self.limits, joints)
 
     def limited(
         self,
@@ -170,26 +197,69 @@ class EffortLimits:
     def _within(
         self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
     ) -> Limited:
-        """The wish, or the nearest within these limits (nu,), as the mode allows it: of
-        the controlled joints, or where that is not enough, of all; or a share of the
-        wish, if that is more than the mode leaves of the nearest."""
-        slowed = self._slowed(measured, wish, limits)
+        """The wish, or the nearest within these limits (nu,), as the mode allows it.
+
+        Where the motors have not the torque to brake within the horizon, they may have
+        it for the mode's longer one. That counts if this braking path is clear, too, as
+        it then is after the step.
+        """
+        found = self._with(self._braking, workspace, measured, wish, limits)
+        slower = self._slower
+        if slower is None:
+            return found
+        share, excess = found.torque_limit.tolist()
+        holds = excess <= _NO_EXCESS and self._can_brake_next(measured, wish, found)
+        if holds and share == 1.0:
+            return found
+        other = self._with(slower, workspace, measured, wish, limits)
+        if other.torque_limit[1] > _NO_EXCESS:
+            return found
+        if holds and other.torque_limit[0] <= share:
+            return found
+        return other if slower.mode.may_brake(measured, other.told) else found
+
+    def _can_brake_next(self, measured: Measured, wish: Effort, found: Limited) -> bool:
+        """Whether the next step's braking within the horizon is within the limits."""
+        controlled = self._model.controlled
+        brake = found.vdot.copy()
+        v = measured.v + self._period * found.vdot
+        brake[controlled] = -v[controlled] / self._braking.horizon
+        tau = found.actuation + wish.inertia @ (brake - found.vdot)
+        return bool(np.all(np.abs(tau) <= _SURE * self.limits))
+
+    def _with(
+        self,
+        braking: _Braking,
+        workspace: Workspace,
+        measured: Measured,
+        wish: Effort,
+        limits: np.ndarray,
+    ) -> Limited:
+        """The nearest of the controlled joints, or where that is not enough, of all; or
+        a share of the wish, if that is more than the mode leaves of the nearest."""
+        slowed = self._slowed(braking, measured, wish, limits)
         share, excess = slowed.torque_limit.tolist()  # an array is slow to unpack
         if share == 1.0 and excess == 0.0:
-            return slowed
+            if braking is self._braking:
+                return slowed  # which the mode has admitted as its own
+            found = self._admitted(braking, workspace, measured, wish, limits, slowed)
+            if np.array_equal(found.vdot, wish.vdot):
+                found.torque_limit[0] = 1.0
+            return found
         for joints in self._giving_way:
-            near = self._nearest(workspace, measured, wish, limits, joints)
-            found = self._admitted(workspace, measured, wish, limits, near)
+            near = self._nearest(braking, workspace, measured, wish, limits, joints)
+            found = self._admitted(braking, workspace, measured, wish, limits, near)
             if found.torque_limit[1] <= _NO_EXCESS:
                 break
         if excess == 0.0 and share > found.torque_limit[0]:
-            scaled = self._admitted(workspace, measured, wish, limits, slowed)
+            scaled = self._admitted(braking, workspace, measured, wish, limits, slowed)
             if scaled.torque_limit[0] > found.torque_limit[0]:
                 return scaled
         return found
 
     def _nearest(
         self,
+        braking: _Braking,
         workspace: Workspace,
         measured: Measured,
         wish: Effort,
@@ -201,7 +271,7 @@ class EffortLimits:
         model, n = self._model, self._model.n
         bounds = np.full((2, len(joints)), np.inf)
         bounds[0] = -np.inf
-        bounds[:, :n] = self._mode.acceleration_bounds(measured) or bounds[:, :n]
+        bounds[:, :n] = braking.mode.acceleration_bounds(measured) or bounds[:, :n]
         near = nearest_accelerations(
             wish.vdot,
             wish.actuation,
@@ -211,16 +281,17 @@ class EffortLimits:
             limits,
             bounds[0],
             bounds[1],
-            self._horizon,
+            braking.horizon,
             self._period,
         )
         found = wish._replace(
             vdot=near, actuation=model.inverse_dynamics(workspace, near)
         )
-        return self._slowed(measured, found, limits)
+        return self._slowed(braking, measured, found, limits)
 
     def _admitted(
         self,
+        braking: _Braking,
         workspace: Workspace,
         measured: Measured,
         wish: Effort,
@@ -230,20 +301,22 @@ class EffortLimits:
         """What the mode admits of accelerations within the limits."""
         model = self._model
         actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
-        vdot, told = self._mode.admit_again(measured, slowed.vdot)
+        vdot, told = braking.mode.admit_again(measured, slowed.vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
             after = self._unlimited(measured, vdot, actuation, self._period).after
         limit[0] = share_of_wish(
-            vdot, wish.vdot, measured.v, model.controlled, self._horizon
+            vdot, wish.vdot, measured.v, model.controlled, self._braking.horizon
         )
         return Limited(vdot, actuation, limit, after, told)
 
-    def _slowed(self, measured: Measured, wish: Effort, limits: np.ndarray) -> Limited:
+    def _slowed(
+        self, braking: _Braking, measured: Measured, wish: Effort, limits: np.ndarray
+    ) -> Limited:
         """`limit_torque` at the state. Where the prescribed joints ask for more than
         the motors have, whatever the others do, they brake along."""
-        for holding in self._braking:
+        for holding in braking.holdings:
             found = self._held(measured, wish, limits, self._period, holding)
             if found.torque_limit[1] == 0.0:
                 break
@@ -254,7 +327,7 @@ class EffortLimits:
     ) -> Limited:
         """The same accelerations and torque, and what they lead to after `time` [s]."""
         wish = Effort(vdot, actuation, _NO_INERTIA)
-        return self._held(measured, wish, self.limits, time, self._braking[0])
+        return self._held(measured, wish, self.limits, time, self._braking.holdings[0])
 
     def _held(
         self,

@@ -335,5 +335,13 @@ class CrarParameters:
         return PREVIEW_HORIZON if self._previews else _BRAKING_TIMES / self.Gv
 
     @property
+    def longest_braking_horizon(self) -> float:
+        """Over which the lookahead may brake where motors are weak [s]."""
+        if self.lookahead.longest_horizon is not None:
+            return self.lookahead.longest_horizon
+        longest = _BRAKING_TIMES / self.Gv if self._previews else 0.0
+        return max(self.braking_horizon, longest)
+
+    @property
     def _previews(self) -> bool:
         return self.constraints == "lookahead" and self.lookahead.preview is not None

@@ -215,7 +215,7 @@ def test_a_preview_brings_its_own_defaults():
     """A short horizon, slower wishes, more null-space damping; what is given stays."""
     assert PREVIEW.braking_horizon == 0.03
     assert PREVIEW.null_space_gain == 2.0 * PREVIEW.Gv
-    assert AHEAD.wish_bound == 10.0
+    assert AHEAD.wish_bound == 9.0
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
     assert (WITHOUT.null_space_gain, WITHOUT.lookahead.wish_bound) == (30.0, 16.0)
     given = replace(AHEAD, horizon=0.05, fastest_wish=7.0)

@@ -77,6 +77,7 @@ class FadingMode(Mode):
         self.diagnostics = mode.diagnostics
         self.horizon = mode.horizon
         self.brakes_without_targets = mode.brakes_without_targets
+        self.slower = mode.slower
 
     @staticmethod
     def check(parameters: CrarParameters) -> None:

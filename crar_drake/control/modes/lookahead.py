@@ -2,7 +2,7 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -59,7 +59,7 @@ _PREVIEW_LIMIT_APPROACH = 10.0
 # What else is so unless it is given. A plan sees obstacles coming, so that the robot
 # may be near them at speed: T [s]. Its wishes are faster than feedback's [rad/s].
 PREVIEW_HORIZON = 0.03
-_PREVIEW_FASTEST_WISH = 10.0
+_PREVIEW_FASTEST_WISH = 9.0
 
 
 @dataclass
@@ -69,6 +69,9 @@ class LookaheadParameters:
     Attributes:
         horizon: T, over which the robot could brake [s]; by default 2.5 / Gv, and 30 ms
             with a preview.
+        longest_horizon: over which it may brake where motors have not the torque to
+            brake within `horizon`, as long as that path is clear, too [s]; by default
+            the horizon, and with a preview 2.5 / Gv if that is longer.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
@@ -84,7 +87,7 @@ class LookaheadParameters:
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
         fastest_wish: how fast q_s is asked to move at most, in any joint [rad/s]; by
-            default 16, and 10 with a preview.
+            default 16, and 9 with a preview.
         guard_norm: in which the guard changes the wish the least: "joints", where all
             joints weigh the same, or "tasks", where tasks do by their weights, and
         guard_damping: nu, what joints count beside them [m]; by default the
@@ -112,6 +115,7 @@ class LookaheadParameters:
     """
 
     horizon: float | None = None  # [s]
+    longest_horizon: float | None = None  # [s]
     rho: float = 1e-4
     rho_limits: float = 0.01
     distance_margin: float = 5e-3  # [m]
@@ -215,6 +219,12 @@ class LookaheadMode(Mode):
         ahead = parameters.lookahead
         self.horizon = parameters.braking_horizon
         self.brakes_without_targets = ahead.lost_target == "brake"
+        longest = parameters.longest_braking_horizon
+        if longest > self.horizon:
+            longer = replace(ahead, horizon=longest)
+            self.slower = LookaheadMode(
+                model, replace(parameters, lookahead=longer), gains
+            )
         self._model = model
         fastest = parameters.speed_limits(model)[model.controlled]
         limits = find_limits(model.lower, model.upper, fastest)
@@ -308,6 +318,12 @@ class LookaheadMode(Mode):
                 f"braking horizon, {T:g} s (controller.lookahead.horizon)"
             )
         ahead = parameters.lookahead
+        if ahead.longest_horizon is not None and ahead.longest_horizon < T:
+            raise ScenarioError(
+                f"controller.lookahead.longest_horizon: {ahead.longest_horizon:g} s "
+                f"must be at least the braking horizon, {T:g} s "
+                "(controller.lookahead.horizon)"
+            )
         for name in ("approach_rate", "limit_approach_rate"):
             rate = getattr(ahead, name) or 0.0
             if rate * parameters.period > 1.0 + 1e-9:
@@ -352,6 +368,13 @@ class LookaheadMode(Mode):
 
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
         return acceleration_bounds(measured, self.robot, self.numbers)
+
+    def may_brake(self, measured: Measured, told: Mapping[str, np.ndarray]) -> bool:
+        model = self._model
+        q, v = measured.q[0], measured.v[model.controlled]
+        ends = q[model.controlled_positions] + self.horizon * v
+        inside = (ends >= model.lower) & (ends <= model.upper)
+        return bool(inside.all() and told["admission"][3] == 1.0)
 
     def admit_again(
         self, measured: Measured, vdot: np.ndarray

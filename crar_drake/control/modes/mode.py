@@ -63,11 +63,14 @@ class Mode(ABC):
             q + T q_dot [s]; else None.
         brakes_without_targets: whether a NaN in the targets makes the robot brake;
             else it is an error.
+        slower: the same mode with a longer horizon, for states in which motors have not
+            the torque to brake within the short one; None if there is none.
     """
 
     diagnostics: ClassVar[tuple[Diagnostic, ...]] = ()
     horizon: float | None = None
     brakes_without_targets: bool = False
+    slower: Mode | None = None
 
     @abstractmethod
     def __init__(
@@ -113,6 +116,15 @@ class Mode(ABC):
             change, none if the accelerations stay.
         """
         return vdot, {}
+
+    def may_brake(self, measured: Measured, told: Mapping[str, np.ndarray]) -> bool:
+        """Whether the robot can brake from here, as far as constraints go.
+
+        Args:
+            measured: the state, as in `resolve`.
+            told: by `admit_again` of this state.
+        """
+        return True
 
     @abstractmethod
     def resolve(

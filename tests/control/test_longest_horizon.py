@@ -1,0 +1,146 @@
+"""Braking more slowly where motors are weak and the longer path is clear, too.
+
+With a horizon of 30 ms the motors of a torso cannot brake it at speed. They may take
+longer, up to `longest_horizon`, wherever nothing is in the way.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.multibody.tree import MultibodyForces
+
+from crar_drake import ControlModel, load_robot_description, position_tasks
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ScenarioError
+from crar_drake.results.referee import Referee
+
+PERIOD, T, LONGEST = 5e-3, 0.03, 1.0 / 12.0
+AHEAD = LookaheadParameters(preview=0.08)
+PARAMETERS = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
+SHORT = replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=T))
+DESCRIPTION = load_robot_description("upper_body")
+NO_ROTATIONS = np.empty((0, 3, 3))
+
+
+@pytest.fixture(scope="module")
+def model() -> ControlModel:
+    tasks = position_tasks(["left_wrist", "right_wrist"])
+    return ControlModel.FromDescription(DESCRIPTION, tasks, time_step=PERIOD)
+
+
+def turned(model: ControlModel, seconds: float) -> np.ndarray:
+    """Both wrists' targets, turned about the vertical, in the end at 9 rad/s."""
+    p = model.layout.unpack(model.tasks_at(model.rest_positions())).p + [0.15, 0, 0.15]
+    time = np.arange(0.0, seconds, PERIOD)
+    angle = 9.0 * np.where(time < 0.5, time**2, time - 0.25)
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, -s, 0 * c], [s, c, 0 * c], [0 * c, 0 * c, 1 + 0 * c]])
+    places = np.einsum("ijt,kj->tki", R, p)
+    v = np.gradient(places, PERIOD, axis=0)
+    a = np.gradient(v, PERIOD, axis=0)
+    flat = (places, v.reshape(len(time), -1), a.reshape(len(time), -1))
+    return np.array(
+        [model.layout.pack(NO_ROTATIONS, *each) for each in zip(*flat, strict=True)]
+    )
+
+
+def jumping(model: ControlModel, jumps: int) -> np.ndarray:
+    """Targets that jump through the body and about, every 60 ms."""
+    rng = np.random.default_rng(3)
+    p = model.layout.unpack(model.tasks_at(model.rest_positions())).p.mean(axis=0)
+    places = p + rng.uniform(-0.6, 0.6, (jumps, 2, 3))
+    packed = [model.layout.pack(NO_ROTATIONS, each) for each in places]
+    return np.repeat(packed, 12, axis=0)
+
+
+def follow(model: ControlModel, parameters: CrarParameters, targets: np.ndarray):
+    """The exact model's states (K, nq + nv), and what the law answered."""
+    law = ControlLaw(model, parameters)
+    q = model.rest_positions()
+    still, v = model.prescribed_at(q), np.zeros(model.plant.num_velocities())
+    states, answers = [], []
+    for target in targets:
+        answers.append(law.step(q, v, target, still))
+        command = answers[-1].position_command
+        q, v = command[: len(q)], command[len(q) :]
+        states.append(command)
+    return np.array(states), answers
+
+
+def braking_use(model: ControlModel, x: np.ndarray, horizon: float) -> float:
+    """Drake's braking torque over the limit, of the worst actuator [1]."""
+    plant = model.plant
+    context, nq = plant.CreateDefaultContext(), plant.num_positions()
+    plant.SetPositionsAndVelocities(context, x)
+    forces = MultibodyForces(plant)
+    plant.CalcForceElementsContribution(context, forces)
+    tau = plant.CalcInverseDynamics(context, -x[nq:] / horizon, forces)
+    limits = np.array([a.effort_limit() for a in actuators(plant)])
+    of_joints = np.array([a.joint().velocity_start() for a in actuators(plant)])
+    controlled = np.isin(of_joints, model.controlled)
+    return np.max(np.abs(tau[of_joints]) / limits, where=controlled, initial=0.0)
+
+
+def actuators(plant):
+    return [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
+
+
+def is_clear(model: ControlModel, x: np.ndarray, horizon: float) -> bool:
+    """Whether 40 places of the braking path keep 4 mm, by the referee, and its end the
+    limits."""
+    nq = model.plant.num_positions()
+    q, v = x[:nq], x[nq:]
+    referee = Referee(model.plant, model.scene_graph, DESCRIPTION.pairs)
+    path = q + np.linspace(0.0, horizon, 40)[:, np.newaxis] * v
+    ends = path[-1][model.controlled_positions]
+    inside = (ends > model.lower - 1e-9) & (ends < model.upper + 1e-9)
+    return inside.all() and referee.violations(path).smallest_distance >= 4e-3 - 1e-9
+
+
+def test_a_torso_is_not_slowed_where_nothing_is_in_the_way(model):
+    """Its targets are followed several times as closely, at speeds that its motors
+    cannot brake from within the short horizon."""
+    targets = turned(model, 2.0)
+    states, answers = follow(model, PARAMETERS, targets)
+    _, short = follow(model, SHORT, targets)
+    error, before = (
+        np.sqrt(np.mean([each.task_error**2 for each in of])) for of in (answers, short)
+    )
+    assert error < 0.5 * before
+    assert max(braking_use(model, x, T) for x in states) > 1.5
+    assert max(braking_use(model, x, LONGEST) for x in states) < 1.0
+
+
+@pytest.mark.parametrize(("targets", "amount"), [(turned, 1.0), (jumping, 30)])
+def test_some_way_to_brake_is_always_clear_and_within_the_limits(
+    model, targets, amount
+):
+    """Either the short one, or the longer one: Drake's torques, the referee's path."""
+    states, answers = follow(model, PARAMETERS, targets(model, amount))
+    assert all(each.admission[3] == 1.0 for each in answers)
+    slower = 0
+    for x in states:
+        if braking_use(model, x, T) <= 1.0:
+            assert is_clear(model, x, T)
+            continue
+        slower += 1
+        assert braking_use(model, x, LONGEST) <= 1.0
+        assert is_clear(model, x, LONGEST)
+    assert slower > 5
+    assert max(each.torque_limit[1] for each in answers) < 1e-3
+
+
+def test_without_a_longer_horizon_nothing_is_changed(model):
+    """The default without a preview: the horizon itself is the longest."""
+    default = CrarParameters(period=PERIOD)
+    assert ControlLaw(model, default).mode.slower is None
+    assert ControlLaw(model, SHORT).mode.slower is None
+    assert ControlLaw(model, PARAMETERS).mode.slower.horizon == pytest.approx(LONGEST)
+
+
+def test_a_longest_horizon_below_the_horizon_is_refused():
+    with pytest.raises(ScenarioError, match=r"longest_horizon.*at least.*0\.03 s"):
+        replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=0.01)).validate()

@@ -13,6 +13,8 @@ from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import chain_urdf, make_model
 
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import admission
 from crar_drake.equations.admission import (
     AS_WISHED,
@@ -24,14 +26,41 @@ from crar_drake.equations.admission import (
     Reaches,
     check_step,
     examine_present,
+    next_path,
     path_bounds,
     path_curvature,
     scale_step,
+)
+from crar_drake.equations.compilation import hold
+from crar_drake.equations.free_joints import PLAIN
+from crar_drake.equations.lookahead_guard import _SPARE, admit, correction
+from crar_drake.equations.lookahead_rows import (
+    Constraints,
+    LookaheadGains,
+    find_limits,
+    row_weights,
 )
 from crar_drake.robot.task import Task
 
 T, PERIOD = 0.1, 0.02
 BOTH = 2e-3  # the radii of ball and post [m]
+GAINS = LookaheadGains(
+    T=T,
+    Gv=30.0,
+    damping=0.1,
+    rho=1e-4,
+    alpha=50.0,
+    beta=2.0,
+    rho_limits=0.01,
+    distance_margin=5e-3,
+    limit_margin=1e-3,
+    retreat_rate=20.0,
+    retreat_speed=0.5,
+    joint_retreat_speed=2.0,
+    influence_distance=0.3,
+    period=PERIOD,
+    slip_share=0.1,
+)
 
 
 def sliding_ball() -> MovingShapes:
@@ -188,6 +217,109 @@ def test_what_is_clear_is_shown_to_keep_the_floor(ball, seed) -> None:
         assert found.clear
     if found.clear:
         assert gains.floor <= found.clearance <= after + 1e-12
+
+
+@pytest.mark.parametrize("step", [0.0, 5e-3, PERIOD])
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_correction_leads_to_the_level_and_some(ball, step, n, seed) -> None:
+    """Where the next path came too near: to the first order, of which the change of the
+    distance there by the step's velocity is found by differences."""
+    rng = np.random.default_rng(seed)
+    gains = AdmissionGains(T, PERIOD, step, 4e-3)
+    q = np.array([0.1, 0.02]) * rng.choice([-1.0, 1.0], 2)
+    v, s = -0.1 * q / T, -rng.uniform(1.0, 1.3) * q / PERIOD
+    now = present(ball, q, v, s, gains)
+    checked = check_step(q, v, s, now, ball.robot, ball.held, gains)
+    assert now.held and not checked.clear
+    at, change = checked.bounds.at[0], 1e-7 * np.eye(2)
+
+    def there(s) -> np.ndarray:
+        start, x = next_path(q, v, s, T, PERIOD, step, PLAIN)
+        return distance(start + at * x)
+
+    slope = np.array([(there(s + x) - there(s - x)) / 2e-7 for x in change])
+    asked = [ball.robot, ball.held, GAINS, gains]
+    found = correction(checked, s, n, now, *asked)
+    assert len(found.h) == 1 and found.g.shape == (1, n)
+    # The shortest change of the controlled velocities that the row asks for.
+    g = found.g[0]
+    missing = found.retreat[0] - found.drift[0] - g @ s[:n]
+    by_row = slope[:n] @ (missing * g / (g @ g))
+    assert by_row == pytest.approx(gains.floor + _SPARE - there(s), rel=1e-5)
+    # It weighs as a pair that is in collision.
+    harder = GAINS.rho, GAINS.alpha, GAINS.beta
+    weight = row_weights(np.full(1, -1.0), GAINS.distance_margin, *harder)
+    np.testing.assert_array_equal(found.weight, weight)
+
+
+def admitted(ball: MovingShapes, q, v, s, n: int, gains: AdmissionGains):
+    """`admit` of a wish without limits and rows; the first n are controlled."""
+    free, nothing = np.full(n, np.inf), np.zeros(0)
+    none = Constraints(nothing, np.zeros((0, n)), nothing, nothing, nothing)
+    law = ControlLaw(make_model(chain_urdf(), [Task(frame="tip")]), CrarParameters())
+    numbers = law.mode.numbers.value._replace(
+        limits=hold(find_limits(-free, free, free)),
+        gains=GAINS,
+        admission=gains,
+        reaches=ball.held,
+    )
+    d = np.array([distance(q), distance(q + gains.T * v)])[:, None]
+    found, s_p, told = admit(
+        s[:n], s[n:], s[:n], q, v, d, none, np.eye(n), ball.robot, numbers
+    )
+    assert found.shape == (n,) and s_p.shape == (2 - n,)
+    return np.concatenate((found, s_p)), told
+
+
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("within", [0.45, 0.3, 0.26, 0.2, 0.03, 0.001])
+def test_what_is_admitted_of_a_jump_through_a_post(ball, n, within) -> None:
+    """Nothing can be corrected, for the next path is behind it. Of 64 shares the
+    largest that is clear is left; if that is less than a quarter, the guard is asked
+    anew with 1/16, 1/64 and nothing of the wish, and has nothing to say here."""
+    gains = AdmissionGains(T, T, T, 4e-3)
+    d, towards = 0.2 + gains.floor, np.array([-0.6, -0.8])
+    # For each unit of s the way is T long, and so is the next path.
+    s = 0.2 / (2.0 * T) / within * towards
+    q, still = -(d + BOTH) * towards, np.zeros(2)
+    found, told = admitted(ball, q, still, s, n, gains)
+    share = np.floor(64.0 * within) / 64.0
+    if share < 0.25:
+        share = max(x for x in (1.0 / 16.0, 1.0 / 64.0, 0.0) if x <= within)
+    np.testing.assert_allclose(found, share * s, atol=1e-12)
+    left = d - 2.0 * T * share * np.linalg.norm(s)
+    # The rows of a step's distances are bounded by what each slide moves.
+    least = d - 2.0 * T * share * np.abs(s).sum()
+    assert told[:2].tolist() == [SCALED, share] and told[3] == 1.0
+    assert max(gains.floor, least) - 1e-9 <= told[2] <= left + 1e-9
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_step_towards_a_post_is_corrected_to_the_floor_and_some(ball, n) -> None:
+    gains = AdmissionGains(T, PERIOD, PERIOD, 4e-3)
+    q, still = np.array([0.02, 0.0]), np.zeros(2)
+    reach = PERIOD + PERIOD**2 / T
+    s = np.array([-0.0176 / reach, 0.0])
+    found, told = admitted(ball, q, still, s, n, gains)
+    assert told.tolist() == [CORRECTED, 1.0, told[2], 1.0] and found[1] == 0.0
+    left = 0.02 - BOTH + reach * found[0]
+    assert gains.floor <= left <= gains.floor + 2.0 * _SPARE
+    assert gains.floor <= told[2] <= left + 1e-12
+    # As wished if that is clear, and told with what it keeps.
+    found, told = admitted(ball, q, still, 0.5 * s, n, gains)
+    np.testing.assert_array_equal(found, 0.5 * s)
+    assert told.tolist() == [AS_WISHED, 1.0, pytest.approx(0.0112 - BOTH), 1.0]
+
+
+def test_what_begins_below_the_floor_is_told(ball) -> None:
+    """And a step away from there is admitted as it is wished."""
+    gains = AdmissionGains(T, PERIOD, PERIOD, 4e-3)
+    q, s = np.array([0.0, 2e-3 + BOTH]), np.array([0.1, 1.0])
+    found, told = admitted(ball, q, np.zeros(2), s, 2, gains)
+    np.testing.assert_array_equal(found, s)
+    assert told[:2].tolist() == [AS_WISHED, 1.0] and told[3] == 0.0
+    assert told[2] == pytest.approx(2e-3)
 
 
 def test_how_a_step_was_admitted_is_told_by_what_logs_say() -> None:

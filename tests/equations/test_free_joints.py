@@ -48,6 +48,16 @@ def test_a_turn_is_scipys(angle: float) -> None:
         np.testing.assert_allclose(turn_between(start, end), phi, rtol=1e-3, atol=1e-15)
 
 
+def test_half_a_turn_is_found_and_so_is_none_of_any_length() -> None:
+    """Exactly: there the cosine, and here the sine, of half the angle is 0."""
+    none, about_x = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+    for start, end in ((none, about_x), (about_x, none), (3.0 * none, -2.0 * about_x)):
+        half = turn_between(start, end)
+        np.testing.assert_allclose(np.abs(half), [np.pi, 0.0, 0.0], atol=1e-15)
+    for length in (1e-3, 1.0, 1e3):
+        np.testing.assert_array_equal(turn_between(length * none, none), np.zeros(3))
+
+
 # Where an orientation begins among eight velocities: first, before and after plain
 # entries, last.
 PLACES = [0, 2, 5]

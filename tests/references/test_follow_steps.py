@@ -1,0 +1,163 @@
+"""The steps of a follower are the law's own on all pairs, however few are looked at."""
+
+import numpy as np
+import pytest
+from small_reference_robots import reaching, write_robot
+
+from crar_drake.equations.compilation import hold
+from crar_drake.equations.following import (
+    Followed,
+    FollowerNumbers,
+    OnTheWay,
+    far_for_a_while,
+    follow_steps,
+    is_on,
+)
+from crar_drake.equations.free_joints import PLAIN
+from crar_drake.equations.kinematics import Measured
+from crar_drake.equations.lookahead import LookaheadMemory, lookahead_step
+from crar_drake.equations.lookahead_rows import with_resting
+from crar_drake.equations.prediction import next_state
+from crar_drake.equations.references import Wanted
+from crar_drake.references.following import Follower
+from crar_drake.robot.description import load_robot_description
+
+RATE = 50.0
+NOTHING = np.zeros(0)
+
+
+@pytest.fixture(scope="module")
+def follower(tmp_path_factory) -> Follower:
+    folder = write_robot(tmp_path_factory.mktemp("robot"))
+    return Follower(load_robot_description(folder), RATE)
+
+
+def numbers_of(follower: Follower, expected: float = 1.3) -> FollowerNumbers:
+    return follower._numbers.value._replace(expected=expected)
+
+
+def from_state(q: np.ndarray, v: np.ndarray) -> OnTheWay:
+    still = np.zeros(len(v))
+    return OnTheWay(q, v, LookaheadMemory(v, still, still, NOTHING, NOTHING))
+
+
+def on_all_pairs(numbers: FollowerNumbers, begin: OnTheWay, targets) -> Followed:
+    """The law's steps, one after the other, with all pairs in each."""
+    law, r = numbers.law.value, numbers.robot.value
+    now, how, share, clear = begin, 0.0, 1.0, True
+    for target in targets:
+        q, v = now.q, now.v
+        both = with_resting(q, v, r, law.gains.T)
+        answer, slip, _, _, told, plan = lookahead_step(
+            Measured(both, v, np.zeros((0, 7))),
+            Wanted(target, numbers.prescribed, NOTHING, numbers.start, (1.0, 0.0, 0.0)),
+            numbers.robot,
+            numbers.law,
+            now.memory,
+        )
+        vdot = answer.vdot
+        memory = LookaheadMemory(
+            v[r.order][: r.n], vdot[r.order][: r.n], slip, NOTHING, plan
+        )
+        h = law.gains.period
+        now = OnTheWay(*next_state(q, v, vdot, h, h, PLAIN), memory)
+        how, share = max(how, told[0]), min(share, told[1])
+        clear = clear and told[3] == 1.0
+    return Followed(now, len(targets), len(targets), how, share, clear)
+
+
+@pytest.mark.parametrize("expected", [0.0, 1.3, 1e3])
+def test_steps_are_those_on_all_pairs(follower, expected) -> None:
+    """From states beside the ball, at rest and fast, with targets in it and elsewhere;
+    also where the reference that tells how far it may go stays behind."""
+    numbers = numbers_of(follower, expected)
+    held, rng = hold(numbers), np.random.default_rng(5)
+    hows, again = set(), 0
+    for k in range(30):
+        q = np.array([0.5, 0.2, 0.2]) + 0.3 * rng.normal(size=3)
+        v = rng.choice([0.0, 1.0, 4.0]) * rng.normal(size=3)
+        to = q + rng.choice([0.02, 0.3]) * rng.normal(size=(2, 3))
+        targets = follower._targets(np.vstack([q[None], to]), 2)
+        asked = targets.at(1, 5)
+        reference = targets.q[1:5] if k % 2 else np.tile(q, (4, 1))
+        watched = np.zeros(len(follower.model.pairs.pair_of_shapes), dtype=bool)
+        begin = from_state(q, v)
+        found = follow_steps(
+            begin, asked, reference, 0.0 * reference, False, watched, held
+        )
+        wanted = on_all_pairs(numbers, begin, asked)
+        np.testing.assert_allclose(found.end.q, wanted.end.q, rtol=0.0, atol=1e-11)
+        np.testing.assert_allclose(found.end.v, wanted.end.v, rtol=0.0, atol=1e-9)
+        assert (found.how, found.clear) == (wanted.how, wanted.clear)
+        assert found.share == pytest.approx(wanted.share, abs=1e-9)
+        assert found.steps == 4 and found.asked >= 4
+        again += found.asked - 4
+        hows.add(found.how)
+        assert watched.any()
+    assert hows == {0.0, 1.0, 2.0}
+    assert again > 0 or expected > 2.0
+
+
+def test_few_pairs_are_looked_at_where_few_are_near(follower) -> None:
+    """At rest on a reference that stays, and far from all, the nearest alone."""
+    numbers, q = hold(numbers_of(follower)), np.array([-1.0, 0.1, 0.1])
+    targets = follower._targets(q[None], 1)
+    watched = np.zeros(len(follower.model.pairs.pair_of_shapes), dtype=bool)
+    found = follow_steps(
+        from_state(q, np.zeros(3)),
+        targets.at(0, 1),
+        targets.q,
+        targets.v,
+        False,
+        watched,
+        numbers,
+    )
+    assert (found.steps, found.asked) == (1, 1) and watched.sum() == 1
+    np.testing.assert_allclose(found.end.q, q, atol=1e-12)
+
+
+def test_steps_end_where_the_robot_is_on_the_reference(follower) -> None:
+    """Before the first step where it is, if that is asked for."""
+    q = reaching(30, RATE, 0.3)
+    targets = follower._targets(q, follower.steps)
+    some = slice(40, 44)
+    numbers = hold(numbers_of(follower))
+    watched = np.zeros(len(follower.model.pairs.pair_of_shapes), dtype=bool)
+    begin = from_state(targets.q[40], targets.v[40])
+    asked = targets.at(40, 44), targets.q[some], targets.v[some]
+    assert follow_steps(begin, *asked, True, watched, numbers).steps == 0
+    assert follow_steps(begin, *asked, False, watched, numbers).steps == 4
+    beside = from_state(targets.q[40] + 0.01, targets.v[40])
+    assert follow_steps(beside, *asked, True, watched, numbers).steps == 4
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_on_a_reference_is_near_it_and_as_fast(follower, joint) -> None:
+    """In every joint, on either side, by what counts as near."""
+    numbers = numbers_of(follower)
+    held = hold(numbers)
+    q, v = np.array([0.3, -0.2, 0.7]), np.array([1.0, -2.0, 0.5])
+    for sign in (-1.0, 1.0):
+        for of_q, of_v, on in (
+            (0.0, 0.0, True),
+            (0.99, 0.99, True),
+            (1.01, 0.0, False),
+            (0.0, 1.01, False),
+            (np.nan, 0.0, False),
+        ):
+            near = q.copy(), v.copy()
+            near[0][joint] += sign * of_q * numbers.on_it
+            near[1][joint] += sign * of_v * numbers.along_it
+            assert is_on(from_state(*near), q, v, held) == on
+
+
+def test_how_far_joints_are_expected_to_go(follower) -> None:
+    """Braking, the next step and the way to the reference's end, and half as much, and
+    a hundredth besides."""
+    numbers = numbers_of(follower)
+    law = numbers.law.value
+    h, T = law.gains.period, law.gains.T
+    q, v, to = np.random.default_rng(1).normal(size=(3, 3))
+    step = numbers.expected * (h + h * h / T) * np.abs(v)
+    expected = 1.5 * (T * np.abs(v) + step + np.abs(to - q)) + 0.01
+    np.testing.assert_allclose(far_for_a_while(q, v, to, numbers), expected)

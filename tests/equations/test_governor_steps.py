@@ -5,12 +5,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.governor import (
+    Bounds,
     _between,
     _is_step,
     _turned,
     govern_orientation,
     govern_position,
+    govern_tasks,
+    start_governor,
 )
+from crar_drake.equations.tasks import TaskLayout
 
 H = 5e-3  # control period [s]
 V, A = 1.5, 20.0  # [m/s], [m/s^2]
@@ -229,3 +233,46 @@ def test_small_turns_are_scipys(angle: float) -> None:
             shortest = phi
         found = _between(length * q, 2.0 * end)
         np.testing.assert_allclose(found, shortest, rtol=1e-9, atol=1e-15)
+
+
+def test_many_poses_are_governed_each_as_if_alone() -> None:
+    rng, bounds = np.random.default_rng(9), Bounds(V, A, W, B)
+    alone = TaskLayout(("a",), ("pose",))
+    layout = TaskLayout(("a", "b", "c"), 3 * ("pose",))
+    poses = [
+        (Rotation.random(1, random_state=rng).as_matrix(), rng.normal(size=(1, 3)))
+        for _ in range(6)
+    ]
+    rates = rng.normal(size=(3, 6))
+    R, p = (np.concatenate([pose[k] for pose in poses]) for k in (0, 1))
+    still, each = np.zeros(18), np.zeros(6)
+    begin = layout.pack(R[:3], p[:3], still, still)
+    desired = layout.pack(R[3:], p[3:], still, still)
+    before = start_governor(begin, rates.ravel(), layout.rows, bounds, H)
+    governed = govern_tasks(desired, before, layout.rows, bounds, H)
+    for k in range(3):
+        own = start_governor(
+            alone.pack(*poses[k], each, each), rates[k], alone.rows, bounds, H
+        )
+        to = alone.pack(*poses[3 + k], each, each)
+        expected = govern_tasks(to, own, alone.rows, bounds, H)
+        for whole, part in ((before, own), (governed, expected)):
+            x, v, a = np.split(whole, [21, 39])
+            found = np.concatenate(
+                [x[7 * k : 7 * k + 7], v[6 * k : 6 * k + 6], a[6 * k : 6 * k + 6]]
+            )
+            np.testing.assert_array_equal(found, part)
+
+
+@pytest.mark.parametrize("bounds", [(W, FREE), (FREE, B)], ids=str)
+def test_bounds_of_orientations_may_be_given_each_for_itself(bounds) -> None:
+    layout = TaskLayout(("a",), ("orientation",))
+    far = Rotation.from_rotvec([0.0, 2.0, 0.0]).as_quat(scalar_first=True)
+    begin = np.concatenate(([1.0, 0.0, 0.0, 0.0], np.zeros(6)))
+    both = Bounds(FREE, FREE, *bounds)
+    before = start_governor(begin, np.zeros(3), layout.rows, both, H)
+    governed = govern_tasks(
+        np.concatenate((far, np.zeros(6))), before, layout.rows, both, H
+    )
+    np.testing.assert_allclose(governed[:4], begin[:4], atol=1e-12)
+    assert np.abs(governed[7:]).max() > 1.0

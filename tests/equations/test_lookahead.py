@@ -976,6 +976,9 @@ def test_the_largest_share_within_bounds():
         ([3.0, -2.0, 5.0, 0.0], 1.0),
     ):
         assert share_within(np.array(s), lowest, highest) == share
+    lowest, highest = np.array([-9.0, -0.1]), np.array([0.25, 9.0])
+    for s, share in (([0.5, -0.1], 0.5), ([0.1, -0.4], 0.25), ([0.5, -0.4], 0.25)):
+        assert share_within(np.array(s), lowest, highest) == share
 
 
 def test_the_guard_changes_tasks_of_high_weight_the_least():

@@ -17,9 +17,11 @@ from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import LookaheadMemory, lookahead_step
 from crar_drake.equations.lookahead_rows import with_resting
+from crar_drake.equations.nearby import nearby_distances
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import Wanted
 from crar_drake.references.following import Follower
+from crar_drake.references.frame_targets import configurations
 from crar_drake.robot.description import load_robot_description
 
 RATE = 50.0
@@ -96,6 +98,40 @@ def test_steps_are_those_on_all_pairs(follower, expected) -> None:
         assert watched.any()
     assert hows == {0.0, 1.0, 2.0}
     assert again > 0 or expected > 2.0
+
+
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+@pytest.mark.parametrize("far", [0.03, 0.04])
+def test_a_step_that_goes_farther_than_expected_is_asked_anew(follower, far, speed):
+    """At some distance, towards where it is 0 as fast as can be, from rest and at two
+    thirds of that; with a reference that would stay, and no step expected."""
+    numbers = numbers_of(follower, 0.0)
+    held, rng = hold(numbers), np.random.default_rng(9)
+    every = np.full((1, len(follower.model.pairs.pair_of_shapes)), np.inf)
+
+    def least(q: np.ndarray) -> float:
+        whole = configurations(follower.model, follower.model.rest_positions(), q[None])
+        return float(nearby_distances(whole, every, follower.model.robot_ahead).min())
+
+    not_as_wished = 0
+    for _ in range(12):
+        q = rng.uniform(-1.0, 1.5, 3)
+        while not far - 0.01 < least(q) < far:
+            q = rng.uniform(-1.0, 1.5, 3)
+        moves = 1e-5 * np.eye(3)
+        slope = np.array([least(q + x) - least(q - x) for x in moves]) / 2e-5
+        to = q - 0.08 * np.sign(slope)
+        targets = follower._targets(np.vstack([q, to, 2.0 * to - q]), 2)
+        asked, stays = targets.at(1, 3), np.tile(q, (2, 1))
+        watched = np.zeros(every.shape[1], dtype=bool)
+        begin = from_state(q, -speed * np.sign(slope))
+        found = follow_steps(begin, asked, stays, 0.0 * stays, False, watched, held)
+        wanted = on_all_pairs(numbers, begin, asked)
+        np.testing.assert_allclose(found.end.q, wanted.end.q, rtol=0.0, atol=1e-11)
+        np.testing.assert_allclose(found.end.v, wanted.end.v, rtol=0.0, atol=1e-9)
+        assert found.how == wanted.how and found.asked > 2
+        not_as_wished += found.how > 0.0
+    assert not_as_wished > 1
 
 
 def test_few_pairs_are_looked_at_where_few_are_near(follower) -> None:

@@ -9,7 +9,7 @@ from moving_shapes import MovingShapes, shapes_of
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
-from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from small_robots import chain_urdf, make_model
 
@@ -145,6 +145,37 @@ def test_a_way_through_a_post_is_not_clear(ball, step) -> None:
         if behind < 0.0:  # the next path goes on, so it turns round first
             s = np.array([-s[0], 0.0])
         assert check(ball, q, still, s, gains).clear == clear
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_short_way_through_a_post_is_not_clear_either(ball, side) -> None:
+    """With a velocity of the size of what it is multiplied with, T."""
+    gains = AdmissionGains(T, T, T, 1e-3)
+    q, s = np.array([side * 3.5e-3, 0.0]), np.array([-side * T, 0.0])
+    found = check(ball, q, np.zeros(2), s, gains)
+    assert found.start[0] == pytest.approx(-side * 6.5e-3)
+    assert (found.bounds.at < 0.0).all() and not found.clear
+
+
+def test_a_turn_is_bounded_by_its_middle_less_half_the_curvature() -> None:
+    """Of a ball on an arm that is nearest to the post there, and of a low level, for
+    which the whole way is one part: d - rho x^2 / 8."""
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 1e-3)
+    arm = plant.AddRigidBody("arm", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    W, up = plant.world_frame(), [0.0, 0.0, 1.0]
+    plant.AddJoint(RevoluteJoint("turn", W, arm.body_frame(), up, -3.0, 3.0))
+    rho, friction = 0.5, CoulombFriction(1.0, 1.0)
+    for body, x in ((plant.world_body(), 1.0), (arm, rho)):
+        X = RigidTransform([x, 0.0, 0.0])
+        plant.RegisterCollisionGeometry(body, X, Sphere(0.5 * BOTH), "ball", friction)
+    plant.Finalize()
+    like = make_model(chain_urdf(), [Task(frame="tip")]).robot_ahead.value
+    arms = shapes_of(plant, scene_graph, [("arm", "world")], np.arange(1), like)
+    for turn in (0.1, 0.4, 1.0):
+        x, level, asked = np.array([turn]), np.array([-9.0]), np.ones(1, dtype=bool)
+        found = path_bounds(-0.5 * x, x, level, asked, arms.robot, arms.held)
+        expected = 1.0 - rho - BOTH - rho * turn**2 / 8.0
+        np.testing.assert_allclose(found.low, [expected], rtol=1e-12)
 
 
 def from_way(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:

@@ -10,7 +10,6 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.admission import AS_WISHED, SCALED
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import acceleration_bounds, scale_acceleration
 from crar_drake.equations.lookahead_rows import with_resting
 from crar_drake.equations.prediction import next_state
 from crar_drake.robot.task import Task
@@ -29,13 +28,18 @@ class OnARail:
             prescribed_joints={"rail": "hold"},
             pairs=[["l1", "post"], ["l2", "post"]],
         )
-        mode = ControlLaw(self.model, CrarParameters(period=PERIOD)).mode
-        self.robot, self.numbers = mode.robot, mode.numbers
-        self.T, self.floor = mode.horizon, mode.admission.floor
+        self.mode = ControlLaw(self.model, CrarParameters(period=PERIOD)).mode
+        self.T, self.floor = self.mode.horizon, self.mode.admission.floor
         self.shapes = MovingShapes.of(self.model)
 
     def measured(self, q, v) -> Measured:
-        return Measured(with_resting(q, v, self.robot.value, self.T), v, NOTHING)
+        robot = self.mode.robot.value
+        return Measured(with_resting(q, v, robot, self.T), v, NOTHING)
+
+    def scaled(self, q, v, vdot) -> tuple[np.ndarray, np.ndarray]:
+        """What `scale_acceleration` returns."""
+        found, told = self.mode.admit_again(self.measured(q, v), vdot)
+        return found, told["admission"]
 
     def next_path(self, q, v, vdot) -> tuple[np.ndarray, np.ndarray]:
         """Where it begins and ends, in the plant's order."""
@@ -69,7 +73,7 @@ def test_at_its_bounds_an_acceleration_leads_to_the_limits(arm, seed) -> None:
     """To them, and no farther, the next braking path ends."""
     rng = np.random.default_rng(seed)
     q, v = arm.state(rng, -1.0, 1.0)
-    lowest, highest = acceleration_bounds(arm.measured(q, v), arm.robot, arm.numbers)
+    lowest, highest = arm.mode.acceleration_bounds(arm.measured(q, v))
     c = arm.model.controlled
     for bound, limit in ((lowest, -1.2), (highest, 1.3)):
         vdot = np.zeros(len(q))
@@ -83,12 +87,12 @@ def test_an_acceleration_beyond_limits_is_scaled_to_the_first(arm, seed) -> None
     rng = np.random.default_rng(seed)
     q, v = arm.state(rng, 0.4, 2.0)
     vdot = rng.normal(size=len(q))
-    same, told = scale_acceleration(arm.measured(q, v), vdot, arm.robot, arm.numbers)
+    same, told = arm.scaled(q, v, vdot)
     np.testing.assert_array_equal(same, vdot)
     assert told[[0, 1, 3]].tolist() == [AS_WISHED, 1.0, 1.0]
     assert told[2] <= arm.least(q, q + arm.T * v)
     c, vdot = arm.model.controlled, 40.0 / PERIOD * vdot
-    found, told = scale_acceleration(arm.measured(q, v), vdot, arm.robot, arm.numbers)
+    found, told = arm.scaled(q, v, vdot)
     share = told[1]
     assert told[0] == SCALED and 0.0 < share < 1.0 and told[3] == 1.0
     np.testing.assert_allclose(v + arm.T * found, share * (v + arm.T * vdot))
@@ -111,7 +115,7 @@ def test_an_acceleration_towards_a_post_is_scaled_till_it_is_clear(arm, seed) ->
         inside = (end[c] > -1.2).all() and (end[c] < 1.3).all()
         if inside and arm.least(start, end, 12) < arm.floor - 2e-3:
             break
-    found, told = scale_acceleration(arm.measured(q, v), vdot, arm.robot, arm.numbers)
+    found, told = arm.scaled(q, v, vdot)
     assert told[0] == SCALED and (64.0 * told[1]) % 1.0 == 0.0 and told[3] == 1.0
     np.testing.assert_allclose(v + arm.T * found, told[1] * (v + arm.T * vdot))
     least = arm.least(*arm.next_path(q, v, found))
@@ -127,8 +131,6 @@ def test_a_path_that_is_not_clear_is_told(arm) -> None:
     for least, most, clear in ((-0.1, arm.floor - 1e-3, 0.0), (0.02, 0.1, 1.0)):
         q, v = arm.state(rng, least, most)
         brake = -v / arm.T
-        found, told = scale_acceleration(
-            arm.measured(q, v), brake, arm.robot, arm.numbers
-        )
+        found, told = arm.scaled(q, v, brake)
         assert told[3] == clear
         np.testing.assert_allclose(found, brake, atol=1e-12)

@@ -14,12 +14,13 @@ from crar_drake.equations.following import (
     is_on,
 )
 from crar_drake.equations.free_joints import PLAIN
-from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import LookaheadMemory, lookahead_step
-from crar_drake.equations.lookahead_rows import with_resting
+from crar_drake.equations.lookahead import (
+    LookaheadLaw,
+    LookaheadMemory,
+    lookahead_or_scaled,
+)
 from crar_drake.equations.nearby import nearby_distances
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.references import Wanted
 from crar_drake.references.following import Follower
 from crar_drake.references.frame_targets import configurations
 from crar_drake.robot.description import load_robot_description
@@ -45,27 +46,28 @@ def from_state(q: np.ndarray, v: np.ndarray) -> OnTheWay:
 
 def on_all_pairs(numbers: FollowerNumbers, begin: OnTheWay, targets) -> Followed:
     """The law's steps, one after the other, with all pairs in each."""
-    law, r = numbers.law.value, numbers.robot.value
-    now, how, share, clear = begin, 0.0, 1.0, True
+    law, r, n = numbers.law.value, numbers.robot.value, numbers.robot.value.n
+    whole, still = hold(LookaheadLaw(numbers.robot, numbers.law)), np.zeros(n)
+    rows = len(r.pairs.value.members) + len(law.limits.value.joints)
+    sizes = [len(begin.v), len(law.tasks.weights), n, n, n, rows, 2, 4]
+    ends = np.cumsum(sizes)
+    q, v, h = begin.q, begin.v, law.gains.period
+    v_before, vdot, slip = v, np.zeros(len(v)), still
+    how, share, clear = 0.0, 1.0, True
     for target in targets:
-        q, v = now.q, now.v
-        both = with_resting(q, v, r, law.gains.T)
-        answer, slip, _, _, told, plan = lookahead_step(
-            Measured(both, v, np.zeros((0, 7))),
-            Wanted(target, numbers.prescribed, NOTHING, numbers.start, (1.0, 0.0, 0.0)),
-            numbers.robot,
-            numbers.law,
-            now.memory,
+        wanted = target, numbers.prescribed, NOTHING, *numbers.start, 1.0, 0.0, 0.0
+        found = lookahead_or_scaled(
+            q, v, np.zeros((0, 7)), *wanted, v_before, vdot, slip, NOTHING, whole
         )
-        vdot = answer.vdot
-        memory = LookaheadMemory(
-            v[r.order][: r.n], vdot[r.order][: r.n], slip, NOTHING, plan
-        )
-        h = law.gains.period
-        now = OnTheWay(*next_state(q, v, vdot, h, h, PLAIN), memory)
+        parts = np.split(found, ends)
+        v_before, vdot, slip = v, parts[0], parts[4]
+        told = parts[7]
+        q, v = next_state(q, v, vdot, h, h, PLAIN)
         how, share = max(how, told[0]), min(share, told[1])
         clear = clear and told[3] == 1.0
-    return Followed(now, len(targets), len(targets), how, share, clear)
+    memory = LookaheadMemory(v_before[r.order], vdot[r.order], slip, NOTHING, NOTHING)
+    steps = len(targets)
+    return Followed(OnTheWay(q, v, memory), steps, steps, how, share, clear)
 
 
 @pytest.mark.parametrize("expected", [0.0, 1.3, 1e3])

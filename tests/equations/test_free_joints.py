@@ -113,6 +113,23 @@ def test_the_next_state_is_where_drakes_steps_lead(steps: int) -> None:
     np.testing.assert_allclose(found[1], v, atol=1e-12)
 
 
+@pytest.mark.parametrize("step", [0.01, 1e-3, 5e-3, 0.05, 1.0])
+def test_a_turn_in_steps_is_theirs_and_of_one_that_is_longer_the_period(step) -> None:
+    """Of 10 ms: each step adds the quaternion's rate at the velocity after it."""
+    rng, period = np.random.default_rng(4), 0.01
+    steps = round(period / min(step, period))
+    start = wxyz(Rotation.random(random_state=5))
+    omega, alpha = 3.0 * rng.normal(size=3), 50.0 * rng.normal(size=3)
+    end, d = start, period / steps
+    for k in range(steps):
+        rate = np.r_[0.0, 0.5 * (omega + (k + 1) * d * alpha)]
+        (w, x), (a, b) = ((q[0], q[1:]) for q in (rate, end))
+        turn = np.r_[w * a - x @ b, w * b + a * x + np.cross(x, b)]
+        end = end + d * turn
+    found = turned_by_plant(start, omega, alpha, period, step)
+    np.testing.assert_allclose(found, end / np.linalg.norm(end), atol=1e-14)
+
+
 def test_a_continuous_turn_is_integrated_to_the_fifth_order() -> None:
     rng = np.random.default_rng(5)
     start = wxyz(Rotation.random(random_state=6))

@@ -215,6 +215,15 @@ def test_without_a_bound_on_acceleration_it_turns_round_in_a_period() -> None:
     np.testing.assert_allclose(found[1] + H * found[2], -V * x, rtol=1e-12)
 
 
+def test_without_a_gap_the_velocity_alone_is_chased() -> None:
+    """The target comes to where this would be, but far too fast for it."""
+    h, still = 2.0**-8, np.zeros(3)
+    v_d = np.array([1.0, 0.0, 0.0])
+    found = govern_position(-0.5 * h * v_d, v_d, still, still, still, still, V, A, h)
+    np.testing.assert_array_equal(found[0], still)
+    np.testing.assert_allclose(found[2], [A, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.99e-4, 1.01e-4, 0.1, 3.1, 7.0])
 def test_small_turns_are_scipys(angle: float) -> None:
     """To their last digits, of any length of the quaternions and either sign."""
@@ -276,3 +285,15 @@ def test_bounds_of_orientations_may_be_given_each_for_itself(bounds) -> None:
     )
     np.testing.assert_allclose(governed[:4], begin[:4], atol=1e-12)
     assert np.abs(governed[7:]).max() > 1.0
+
+
+def test_the_tasks_after_a_quaternion_of_no_length_are_governed() -> None:
+    layout = TaskLayout(("a", "b"), ("orientation", "orientation"))
+    bounds = Bounds(V, A, W, B)
+    begin = np.concatenate((*2 * [[1.0, 0.0, 0.0, 0.0]], np.zeros(12)))
+    before = start_governor(begin, np.zeros(6), layout.rows, bounds, H)
+    desired = begin.copy()
+    desired[:8] = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+    governed = govern_tasks(desired, before, layout.rows, bounds, H)
+    np.testing.assert_array_equal(governed[:4], 0.0)
+    np.testing.assert_allclose(governed[4:8], begin[4:8], atol=1e-12)

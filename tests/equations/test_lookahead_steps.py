@@ -12,22 +12,27 @@ from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import with_resting
 from crar_drake.equations.prediction import next_state
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
 PERIOD, STEP = 0.02, 1e-3
 NOTHING = np.zeros((0, 7))
 
 
+def on_a_rail(pairs: list[list[str]]) -> ControlModel:
+    return make_model(
+        chain_urdf("zyz", rail="y", limits=(-1.2, 1.3)),
+        [Task(frame="tip")],
+        prescribed_joints={"rail": "hold"},
+        pairs=pairs,
+    )
+
+
 class OnARail:
     """An arm on a prescribed rail beside a post, and the mode of its law."""
 
     def __init__(self) -> None:
-        self.model = make_model(
-            chain_urdf("zyz", rail="y", limits=(-1.2, 1.3)),
-            [Task(frame="tip")],
-            prescribed_joints={"rail": "hold"},
-            pairs=[["l1", "post"], ["l2", "post"]],
-        )
+        self.model = on_a_rail([["l1", "post"], ["l2", "post"]])
         self.mode = ControlLaw(self.model, CrarParameters(period=PERIOD)).mode
         self.T, self.floor = self.mode.horizon, self.mode.admission.floor
         self.shapes = MovingShapes.of(self.model)
@@ -134,3 +139,28 @@ def test_a_path_that_is_not_clear_is_told(arm) -> None:
         found, told = arm.scaled(q, v, brake)
         assert told[3] == clear
         np.testing.assert_allclose(found, brake, atol=1e-12)
+
+
+def test_prescribed_joints_are_scaled_with_the_others(arm) -> None:
+    """By the share that is told: against a law that watches no pair, and whose
+    prescribed joint accelerates as it is asked."""
+    parameters = CrarParameters(
+        period=PERIOD, blend_time=0.0, respect_effort_limits=False
+    )
+    rng, scaled = np.random.default_rng(3), 0
+    rail = arm.model.prescribed
+    for _ in range(80):
+        q, v = arm.state(rng, arm.floor + 1e-3, 0.05)
+        there = arm.model.layout.unpack(arm.model.tasks_at(q))
+        tasks = arm.model.layout.pack(there.R, there.p + 3.0 * rng.normal(size=3))
+        prescribed = np.array([q[rail][0] + 0.5 * rng.normal(), *rng.normal(size=2)])
+        found, free = (
+            ControlLaw(model, parameters).step(q, v, tasks, prescribed)
+            for model in (arm.model, on_a_rail([]))
+        )
+        how, share = found.of_mode["admission"][:2]
+        wish = v[rail] + arm.T * free.acceleration[rail]
+        s = v[rail] + arm.T * found.acceleration[rail]
+        np.testing.assert_allclose(s, share * wish, atol=1e-9)
+        scaled += how == SCALED and 0.0 < share
+    assert scaled > 2

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from small_reference_robots import reaching, write_robot
 
+from crar_drake.equations.admission import travel
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.following import (
     Followed,
@@ -12,6 +13,7 @@ from crar_drake.equations.following import (
     far_for_a_while,
     follow_steps,
     is_on,
+    near_for_a_while,
 )
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead import (
@@ -187,6 +189,24 @@ def test_on_a_reference_is_near_it_and_as_fast(follower, joint) -> None:
             near[0][joint] += sign * of_q * numbers.on_it
             near[1][joint] += sign * of_v * numbers.along_it
             assert is_on(from_state(*near), q, v, held) == on
+
+
+def test_pairs_for_a_while_are_those_within_what_joints_go(follower) -> None:
+    """And the influence distance, or the floor if that is more."""
+    numbers, rng = numbers_of(follower), np.random.default_rng(2)
+    law = numbers.law.value
+    every = np.full((1, len(law.reaches.value.own)), np.inf)
+    some = 0
+    for _ in range(30):
+        q, far = rng.uniform(-1.5, 1.5, 3), np.abs(rng.normal(size=3)) * 0.1
+        d = nearby_distances(q[None], every, numbers.robot)[0]
+        near = d < law.gains.influence_distance + travel(far, law.reaches)
+        rows, _, its_law = near_for_a_while(q, far, numbers)
+        if near.any():
+            np.testing.assert_array_equal(rows, np.flatnonzero(near))
+        assert len(its_law.value.reaches.value.rows) == len(rows)
+        some += 0 < near.sum() < len(d)
+    assert law.gains.influence_distance > law.admission.floor and some > 5
 
 
 def test_how_far_joints_are_expected_to_go(follower) -> None:

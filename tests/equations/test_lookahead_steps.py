@@ -6,6 +6,7 @@ from moving_shapes import MovingShapes
 from small_robots import chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.admission import AS_WISHED, SCALED
 from crar_drake.equations.free_joints import PLAIN
@@ -164,3 +165,24 @@ def test_prescribed_joints_are_scaled_with_the_others(arm) -> None:
         np.testing.assert_allclose(s, share * wish, atol=1e-9)
         scaled += how == SCALED and 0.0 < share
     assert scaled > 2
+
+
+@pytest.mark.parametrize("gain", [0.0, 20.0])
+def test_a_plan_leads_to_the_nominal_posture_if_there_is_a_gain(gain: float) -> None:
+    """From rest, with the targets there: nearer to it, and the task stays; or not."""
+    model = make_model(chain_urdf("zzzz", extra=""))
+    parameters = CrarParameters(
+        blend_time=0.0,
+        respect_effort_limits=False,
+        nominal_posture_gain=gain,
+        lookahead=LookaheadParameters(preview=0.3),
+    )
+    q, still = np.array([0.3, 0.4, -0.5, 0.6]), np.zeros(4)
+    law = ControlLaw(model, parameters)
+    a = law.step(q, still, model.tasks_at(q), np.zeros(0)).acceleration
+    J = model.evaluate(model.MakeWorkspace(), q, still).J
+    towards = a @ (model.rest_positions() - q)
+    if gain == 0.0:
+        np.testing.assert_allclose(a, 0.0, atol=1e-9)
+    else:
+        assert towards > 1.0 and np.abs(J @ a).max() < 0.01 * np.abs(a).max()

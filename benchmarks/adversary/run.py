@@ -21,6 +21,7 @@ FEWEST_STEPS = 60  # at least
 SEARCHES = 4  # times as many steps for the search, whose episodes build on each other
 FRESH = 0.3  # share of the search's episodes that are drawn anew
 KEPT = 4  # lineages that the search goes on with
+PREVIEW = 0.08  # [s], of the law with a preview
 
 
 def run_case(case: Case) -> Result:
@@ -90,11 +91,8 @@ def play(
     """
     parameters = CrarParameters(constraints=case.constraints, period=case.period)
     if case.preview:
-        parameters = replace(
-            parameters,
-            damping=0.02,
-            lookahead=LookaheadParameters(preview=0.12, horizon=0.03),
-        )
+        ahead = LookaheadParameters(preview=PREVIEW)
+        parameters = replace(parameters, lookahead=ahead)
     model = subject.model(task_set)
     episode = make_episode(
         case.attack, model, subject.judge, parameters, num_steps, lineage

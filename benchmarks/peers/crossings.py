@@ -5,8 +5,10 @@
 The motions are `motions.random_crossings` of the shipped upper body, or of another
 robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
 hands of the upper body swung through each other; of ours there are the defaults, the
-defaults with higher gains, the settings of the comparison, some that are calm, and a
-preview, whose settings were chosen on the first twelve motions of each robot.
+defaults with higher gains, the settings of the comparison, some that are calm, and two
+previews: as it comes, chosen on these motions and on recordings of people at once, and
+with a pull that fades, for crossings alone. Both were chosen on the first twelve
+motions of each robot.
 """
 
 from __future__ import annotations
@@ -53,16 +55,19 @@ CALM = {
 }
 # Sees the next moment; 5 mm are what it keeps, and not what it keeps but for a slack.
 PREVIEWED = {
-    "GvN": 60.0,
-    "damping": 0.02,
     "lookahead": {
+        "preview": 0.08,
+        "distance_margin": 0.0052,
+        "admission_slack": 0.0002,
+    },
+}
+FADING = {
+    "lookahead": PREVIEWED["lookahead"]
+    | {
         "preview": 0.12,
         "smoothness": 4e-5,
         "farthest_pull": 0.008,
         "fading_pull": 1.0,
-        "horizon": 0.03,
-        "distance_margin": 0.0052,
-        "admission_slack": 0.0002,
     },
 }
 HEADER = (
@@ -84,6 +89,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         *entries(cases),
         Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM | COMPILED)),
         Entry("lookahead, preview", OURS, dict.fromkeys(cases, PREVIEWED | COMPILED)),
+        Entry("lookahead, fading", OURS, dict.fromkeys(cases, FADING | COMPILED)),
     ]
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]

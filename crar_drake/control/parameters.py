@@ -9,7 +9,7 @@ import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.modes import MODES
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.modes.lookahead import PREVIEW_HORIZON, LookaheadParameters
 from crar_drake.equations.governor import Bounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
@@ -91,7 +91,8 @@ class CrarParameters:
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
         Gv: joint velocity gain, Eq. (30) [1/s].
-        GvN: null-space gain, Eq. (33) [1/s]; by default Gv.
+        GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and twice that with a
+            preview, where it is all that damps what tasks leave free.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
             the constraints and this near them, joint by joint, see
             `equations.adaptive_gain` [1/s]; GvN goes along unless it is given.
@@ -258,7 +259,9 @@ class CrarParameters:
     @property
     def null_space_gain(self) -> float:
         """GvN of Eq. (33) [1/s]."""
-        return self.Gv if self.GvN is None else self.GvN
+        if self.GvN is not None:
+            return self.GvN
+        return 2.0 * self.Gv if self._previews else self.Gv
 
     @property
     def posture_gain(self) -> float:
@@ -327,5 +330,10 @@ class CrarParameters:
     @property
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
-        horizon = self.lookahead.horizon
-        return _BRAKING_TIMES / self.Gv if horizon is None else horizon
+        if self.lookahead.horizon is not None:
+            return self.lookahead.horizon
+        return PREVIEW_HORIZON if self._previews else _BRAKING_TIMES / self.Gv
+
+    @property
+    def _previews(self) -> bool:
+        return self.constraints == "lookahead" and self.lookahead.preview is not None

@@ -65,6 +65,7 @@ class Preview(NamedTuple):
         pull: (N, N) H, the null space's share of (L12) [1].
         damping, stiffness: of the null space [1/s], [1/s^2].
         farthest, fading: of (L13) [rad or m], [1].
+        task_damping: lambda of N in (L12) [m].
     """
 
     times: np.ndarray
@@ -79,6 +80,7 @@ class Preview(NamedTuple):
     stiffness: float
     farthest: float
     fading: float
+    task_damping: float
 
 
 def make_preview(
@@ -89,6 +91,7 @@ def make_preview(
     period: float,
     farthest: float,
     fading: float = 0.0,
+    task_damping: float = 0.02,
 ) -> Preview:
     """The preview's numbers, which stay the same.
 
@@ -100,6 +103,7 @@ def make_preview(
         period: of the controller [s].
         farthest: the error from which on a task pulls no more [rad or m].
         fading: how its pull falls from there on, 0 not at all, 1 as 1 / error.
+        task_damping: lambda of what tasks are said to leave free [m].
     """
     instants = _INSTANTS if duration > 0.0 else _INSTANTS[:0]
     at = np.maximum(duration * instants, period * (1.0 + np.arange(len(instants))))
@@ -123,6 +127,7 @@ def make_preview(
         float(stiffness),
         float(farthest),
         float(fading),
+        float(task_damping),
     )
 
 
@@ -416,7 +421,7 @@ def preview_plan(
     return plan_accelerations(
         references,
         r.tasks.value.of_rows,
-        gains.damping,
+        preview.task_damping,
         posture_error,
         state.v[:n],
         plan,

@@ -127,7 +127,7 @@ def wish(model: ControlModel, q, v, p_d, parameters: CrarParameters) -> np.ndarr
     J_star = np.linalg.solve(J.T @ J + DAMPING**2 * np.eye(model.n), J.T)
     z = Gv * (J_star @ (parameters.K * e) - of_v)
     s_0 = of_v + HORIZON * (J_star @ a_r + z)
-    return s_0 / max(1.0, np.abs(s_0).max() / parameters.lookahead.fastest_wish)
+    return s_0 / max(1.0, np.abs(s_0).max() / parameters.lookahead.wish_bound)
 
 
 def test_a_step_is_the_nearest_that_keeps_all_bounds(model):

@@ -56,6 +56,10 @@ LARGEST_RHO = 1.0
 # sees coming, and of limits, which motions of others run into again and again.
 _PREVIEW_APPROACH = 200.0
 _PREVIEW_LIMIT_APPROACH = 10.0
+# What else is so unless it is given. A plan sees obstacles coming, so that the robot
+# may be near them at speed: T [s]. Its wishes are faster than feedback's [rad/s].
+PREVIEW_HORIZON = 0.03
+_PREVIEW_FASTEST_WISH = 10.0
 
 
 @dataclass
@@ -63,7 +67,8 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; by default 2.5 / Gv.
+        horizon: T, over which the robot could brake [s]; by default 2.5 / Gv, and 30 ms
+            with a preview.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
@@ -78,7 +83,8 @@ class LookaheadParameters:
         slip_time_constant: of the low-pass on what the plant did other than told,
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
-        fastest_wish: how fast q_s is asked to move at most, in any joint [rad/s].
+        fastest_wish: how fast q_s is asked to move at most, in any joint [rad/s]; by
+            default 16, and 10 with a preview.
         guard_norm: in which the guard changes the wish the least: "joints", where all
             joints weigh the same, or "tasks", where tasks do by their weights, and
         guard_damping: nu, what joints count beside them [m]; by default the
@@ -92,7 +98,8 @@ class LookaheadParameters:
             approach rate, and with a preview 10/s.
         preview: how far ahead accelerations are planned [s], see `equations.preview`;
             by default not at all. K, Kp and Kv are then the gains of prescribed joints
-            alone, and GvN damps what tasks leave free.
+            alone, and GvN damps what tasks leave free, with
+        null_space_damping: lambda of the projection on that [m].
         smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
             beside a task error of 1 m [m s^2]: the less, the more closely targets are
             followed.
@@ -116,14 +123,15 @@ class LookaheadParameters:
     slip_time_constant: float = 0.01  # [s]
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
-    fastest_wish: float = FASTEST_WISH  # [rad/s]
+    fastest_wish: float | None = None  # [rad/s]
     guard_norm: str = "joints"
     guard_damping: float | None = None  # [m]
     approach_rate: float | None = None  # [1/s]
     limit_approach_rate: float | None = None  # [1/s]
     preview: float | None = None  # [s]
-    smoothness: float = 1.1e-4  # [m s^2]
-    farthest_pull: float = 0.03  # [m or rad]
+    null_space_damping: float = 0.02  # [m]
+    smoothness: float = 2.5e-5  # [m s^2]
+    farthest_pull: float = 0.002  # [m or rad]
     fading_pull: float = 0.0
 
     def validate(self) -> None:
@@ -151,6 +159,13 @@ class LookaheadParameters:
                 f"controller.lookahead.influence_distance: {self.influence_distance} "
                 f"must be more than distance_margin, {self.distance_margin}"
             )
+
+    @property
+    def wish_bound(self) -> float:
+        """How fast q_s is asked to move at most [rad/s]."""
+        if self.fastest_wish is not None:
+            return self.fastest_wish
+        return FASTEST_WISH if self.preview is None else _PREVIEW_FASTEST_WISH
 
     def approach_rates(self, period: float) -> tuple[float, float]:
         """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.
@@ -215,6 +230,7 @@ class LookaheadMode(Mode):
             parameters.period,
             ahead.farthest_pull,
             ahead.fading_pull,
+            ahead.null_space_damping,
         )
         planned = n * len(preview.times)
         self._kept_first = np.concatenate(
@@ -243,7 +259,7 @@ class LookaheadMode(Mode):
             influence_distance=float(ahead.influence_distance),
             period=float(parameters.period),
             slip_share=float(share),
-            fastest_wish=float(ahead.fastest_wish),
+            fastest_wish=float(ahead.wish_bound),
             task_norm=ahead.guard_norm == "tasks",
             guard_damping=float(ahead.guard_damping or parameters.damping),
             approach_rate=of_pairs,

@@ -266,17 +266,34 @@ def shapes_of_every_joint(like: Robot) -> MovingShapes:
         like: any robot, from which what has nothing to do with shapes is taken.
     """
     plant, scene_graph = every_joint()
+    order = np.arange(plant.num_velocities())[::-1].copy()
+    return shapes_of(plant, scene_graph, EVERY_PAIR, order, like)
+
+
+def shapes_of(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    names: list[tuple[str, str]],
+    order: np.ndarray,
+    like: Robot,
+) -> MovingShapes:
+    """The robot of a plant without a free joint.
+
+    Args:
+        names: of the watched bodies, in pairs.
+        order: (nv,) places in the plant's v.
+        like: any robot, from which what has nothing to do with shapes is taken.
+    """
     pairs = [
         tuple(
             plant.world_body() if name == "world" else plant.GetBodyByName(name)
             for name in pair
         )
-        for pair in EVERY_PAIR
+        for pair in names
     ]
     watched = WatchedPairs(plant, scene_graph.model_inspector(), pairs)
     joints = JointTree(plant)
     nv = plant.num_velocities()
-    order = np.arange(nv)[::-1].copy()
     reaches = find_reaches(
         joints,
         watched,

@@ -48,6 +48,16 @@ def test_a_turn_is_scipys(angle: float) -> None:
         np.testing.assert_allclose(turn_between(start, end), phi, rtol=1e-3, atol=1e-15)
 
 
+def test_half_a_turn_is_found_and_so_is_none_of_any_length() -> None:
+    """Exactly: there the cosine, and here the sine, of half the angle is 0."""
+    none, about_x = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+    for start, end in ((none, about_x), (about_x, none), (3.0 * none, -2.0 * about_x)):
+        half = turn_between(start, end)
+        np.testing.assert_allclose(np.abs(half), [np.pi, 0.0, 0.0], atol=1e-15)
+    for length in (1e-3, 1.0, 1e3):
+        np.testing.assert_array_equal(turn_between(length * none, none), np.zeros(3))
+
+
 # Where an orientation begins among eight velocities: first, before and after plain
 # entries, last.
 PLACES = [0, 2, 5]
@@ -101,6 +111,26 @@ def test_the_next_state_is_where_drakes_steps_lead(steps: int) -> None:
     q[:4] /= np.linalg.norm(q[:4])
     np.testing.assert_allclose(found[0], q, atol=1e-14)
     np.testing.assert_allclose(found[1], v, atol=1e-12)
+
+
+@pytest.mark.parametrize("step", [0.01, 1e-3, 2e-3, 0.05, 1.0])
+@pytest.mark.parametrize("period", [0.01, 0.02, 0.06])
+def test_a_turn_in_steps_is_theirs_and_of_a_longer_one_the_periods(
+    period: float, step: float
+) -> None:
+    """Each step adds the quaternion's rate at the velocity after it."""
+    rng = np.random.default_rng(4)
+    steps = round(period / min(step, period))
+    start = wxyz(Rotation.random(random_state=5))
+    omega, alpha = 3.0 * rng.normal(size=3), 50.0 * rng.normal(size=3)
+    end, d = start, period / steps
+    for k in range(steps):
+        rate = np.r_[0.0, 0.5 * (omega + (k + 1) * d * alpha)]
+        (w, x), (a, b) = ((q[0], q[1:]) for q in (rate, end))
+        turn = np.r_[w * a - x @ b, w * b + a * x + np.cross(x, b)]
+        end = end + d * turn
+    found = turned_by_plant(start, omega, alpha, period, step)
+    np.testing.assert_allclose(found, end / np.linalg.norm(end), atol=1e-14)
 
 
 def test_a_continuous_turn_is_integrated_to_the_fifth_order() -> None:

@@ -23,6 +23,7 @@ from crar_drake.equations.lookahead_guard import (
     wish_velocity,
 )
 from crar_drake.equations.lookahead_rows import (
+    BOUNDING_WEIGHT,
     FASTEST_WISH,
     ONE_SIDED_RANGE,
     SMALLEST_MARGIN,
@@ -40,6 +41,7 @@ from crar_drake.equations.lookahead_rows import (
     retreat_speed,
     row_weights,
     slip_velocity,
+    that_weigh,
     weighed_margins,
 )
 from crar_drake.equations.one_sided import _lowest_on_way, one_sided_minimum
@@ -241,6 +243,51 @@ def test_the_minimum_is_the_only_one_that_agrees_with_its_rows(
         np.testing.assert_allclose(
             x, expected, rtol=1e-6, atol=1e-6 * (1.0 + np.abs(expected).max())
         )
+
+
+def test_passes_of_both_levels_are_counted() -> None:
+    """A row that holds what either level wants takes it a pass."""
+    J, none = np.eye(1), np.zeros(1)
+
+    def passes(v_r: float, a_r: float) -> int:
+        row = pair_rows([D_MIN], [[1.0]], [0.0])
+        v_r, a_r = np.array([v_r]), np.array([a_r])
+        normal = damped_gram(J, GAINS)
+        found = wish_velocity(J, normal, v_r, a_r, none, none, row, GAINS, NONE, NONE)
+        return found[3]
+
+    assert passes(1.0, 1.0) == 0
+    assert passes(1.0, -100.0) == 1
+    assert passes(-1.0, 100.0) == 1
+    assert passes(-1.0, -100.0) == 2
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.5, 5.0])
+def test_rows_that_bound_how_fast_they_are_approached_weigh_alike(rate: float) -> None:
+    """And all others as their margins are, pairs and limits."""
+    gains = GAINS._replace(approach_rate=rate, limit_approach_rate=rate)
+    h, still = np.array([0.01, 0.05]), np.zeros(2)
+    of_pairs = pair_constraints(h, h, np.eye(2), still, still, gains)
+    lower, upper = np.full(2, -1.0), np.full(2, 1.0)
+    limits = find_limits(lower, upper, np.full(2, np.inf))
+    margins = limit_margins(np.array([0.5, -0.9]), limits)
+    of_limits = limit_constraints(margins, margins, still, limits, gains)
+    for rows, margin in ((of_pairs, D_MIN), (of_limits, GAINS.limit_margin)):
+        if rate > 0.0:
+            np.testing.assert_array_equal(rows.weight, BOUNDING_WEIGHT)
+            np.testing.assert_allclose(rows.retreat, -rate * (rows.h - margin))
+        else:
+            assert (rows.weight < 0.1 * BOUNDING_WEIGHT).all()
+            np.testing.assert_array_equal(rows.retreat, 0.0)
+
+
+def test_rows_without_weight_are_left_out() -> None:
+    """Of limits those of the far half; whatever weighs stays, however little."""
+    rows = pair_rows(np.zeros(4), np.eye(4), np.arange(4.0))
+    rows = rows._replace(weight=np.array([0.0, 1e-9, 0.0, 2.0]))
+    left = that_weigh(rows)
+    for found, all_of_them in zip(left, rows, strict=True):
+        np.testing.assert_array_equal(found, all_of_them[[1, 3]])
 
 
 def growing_set(s_0: np.ndarray, rows: Constraints) -> np.ndarray:
@@ -976,6 +1023,9 @@ def test_the_largest_share_within_bounds():
         ([3.0, -2.0, 5.0, 0.0], 1.0),
     ):
         assert share_within(np.array(s), lowest, highest) == share
+    lowest, highest = np.array([-9.0, -0.1]), np.array([0.25, 9.0])
+    for s, share in (([0.5, -0.1], 0.5), ([0.1, -0.4], 0.25), ([0.5, -0.4], 0.25)):
+        assert share_within(np.array(s), lowest, highest) == share
 
 
 def test_the_guard_changes_tasks_of_high_weight_the_least():
@@ -989,6 +1039,8 @@ def test_the_guard_changes_tasks_of_high_weight_the_least():
     normal = damped_gram(J, GAINS)
     norm = guard_norm(normal, GAINS._replace(task_norm=True, guard_damping=0.3))
     np.testing.assert_allclose(norm, J.T @ J + 0.09 * np.eye(5), atol=1e-9)
+    less = guard_norm(normal, GAINS._replace(task_norm=True, guard_damping=0.05))
+    np.testing.assert_allclose(less, J.T @ J + 0.0025 * np.eye(5), atol=1e-9)
     its_own = guard_norm(normal, GAINS._replace(task_norm=True, guard_damping=DAMPING))
     np.testing.assert_allclose(its_own, J.T @ J + DAMPING**2 * np.eye(5), atol=1e-9)
     np.testing.assert_array_equal(guard_norm(normal, GAINS), np.eye(5))

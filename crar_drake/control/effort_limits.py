@@ -108,10 +108,10 @@ class EffortLimits:
             self._giving_way.append(model.order)
         plant_step = float(model.plant.time_step())
         self._braking = self._over(mode, float(gains.braking_horizon), plant_step)
-        self._slower = None
-        if mode.slower is not None:
-            longest = float(gains.longest_braking_horizon)
-            self._slower = self._over(mode.slower, longest, plant_step)
+        self._slower = [
+            self._over(slower, float(slower.horizon), plant_step)
+            for slower in mode.slower
+        ]
         # Of what `held_step` returns.
         nv = model.plant.num_velocities()
         nu = model.plant.num_actuated_dofs()
@@ -200,32 +200,40 @@ class EffortLimits:
         """The wish, or the nearest within these limits (nu,), as the mode allows it.
 
         Where the motors have not the torque to brake within the horizon, they may have
-        it for the mode's longer one. That counts if this braking path is clear, too, as
-        it then is after the step.
+        it for one of the mode's longer ones. That counts if this braking path is clear,
+        too, as it then is after the step. Of those from which braking is possible for
+        the motors again, what leaves the most of the wish is taken.
         """
-        found = self._with(self._braking, workspace, measured, wish, limits)
-        slower = self._slower
-        if slower is None:
+        args = (workspace, measured, wish, limits)
+        found = self._with(self._braking, *args)
+        if not self._slower:
             return found
-        share, excess = found.torque_limit.tolist()
-        holds = excess <= _NO_EXCESS and self._can_brake_next(measured, wish, found)
-        if holds and share == 1.0:
+        best = self._rank(self._braking, measured, wish, found)
+        if best == (True, 0.0, 1.0):
             return found
-        other = self._with(slower, workspace, measured, wish, limits)
-        if other.torque_limit[1] > _NO_EXCESS:
-            return found
-        if holds and other.torque_limit[0] <= share:
-            return found
-        return other if slower.mode.may_brake(measured, other.told) else found
+        for slower in self._slower:
+            other = self._with(slower, *args)
+            rank = self._rank(slower, measured, wish, other)
+            if rank > best and slower.mode.may_brake(measured, other.told):
+                found, best = other, rank
+        return found
 
-    def _can_brake_next(self, measured: Measured, wish: Effort, found: Limited) -> bool:
-        """Whether the next step's braking within the horizon is within the limits."""
-        controlled = self._model.controlled
+    def _rank(
+        self, braking: _Braking, measured: Measured, wish: Effort, found: Limited
+    ) -> tuple[bool, float, float]:
+        """Whether the next step's braking is within the limits; else how long it takes,
+        the more of it the better; how much is left of the wish."""
+        share, excess = found.torque_limit.tolist()
+        if excess > _NO_EXCESS:
+            return False, 0.0, -excess
+        controlled, T = self._model.controlled, braking.horizon
         brake = found.vdot.copy()
         v = measured.v + self._period * found.vdot
-        brake[controlled] = -v[controlled] / self._braking.horizon
+        brake[controlled] = -v[controlled] / T
         tau = found.actuation + wish.inertia @ (brake - found.vdot)
-        return bool(np.all(np.abs(tau) <= _SURE * self.limits))
+        if np.all(np.abs(tau) <= _SURE * self.limits):
+            return True, 0.0, share
+        return False, T, share
 
     def _with(
         self,

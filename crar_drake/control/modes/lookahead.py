@@ -70,8 +70,9 @@ class LookaheadParameters:
         horizon: T, over which the robot could brake [s]; by default 2.5 / Gv, and 30 ms
             with a preview.
         longest_horizon: over which it may brake where motors have not the torque to
-            brake within `horizon`, as long as that path is clear, too [s]; by default
-            the horizon, and with a preview 2.5 / Gv if that is longer.
+            brake within `horizon`, as long as that path is clear, too [s], and in
+            between; by default the horizon, and with a preview 2.5 / Gv if that is
+            longer.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
@@ -221,9 +222,17 @@ class LookaheadMode(Mode):
         self.brakes_without_targets = ahead.lost_target == "brake"
         longest = parameters.longest_braking_horizon
         if longest > self.horizon:
-            longer = replace(ahead, horizon=longest)
-            self.slower = LookaheadMode(
-                model, replace(parameters, lookahead=longer), gains
+            between = float(np.sqrt(self.horizon * longest))
+            self.slower = tuple(
+                LookaheadMode(
+                    model,
+                    replace(
+                        parameters,
+                        lookahead=replace(ahead, horizon=T, longest_horizon=T),
+                    ),
+                    gains,
+                )
+                for T in (between, longest)
             )
         self._model = model
         fastest = parameters.speed_limits(model)[model.controlled]

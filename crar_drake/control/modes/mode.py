@@ -63,14 +63,14 @@ class Mode(ABC):
             q + T q_dot [s]; else None.
         brakes_without_targets: whether a NaN in the targets makes the robot brake;
             else it is an error.
-        slower: the same mode with a longer horizon, for states in which motors have not
-            the torque to brake within the short one; None if there is none.
+        slower: the same mode with longer horizons, for states in which motors have not
+            the torque to brake within the short one.
     """
 
     diagnostics: ClassVar[tuple[Diagnostic, ...]] = ()
     horizon: float | None = None
     brakes_without_targets: bool = False
-    slower: Mode | None = None
+    slower: tuple[Mode, ...] = ()
 
     @abstractmethod
     def __init__(

@@ -80,6 +80,7 @@ def variations() -> dict[str, CrarParameters]:
         "the same, fading from 8 mm on": seen(farthest_pull=0.008, fading_pull=1.0),
         "the same, T = 0.05 s": seen(horizon=0.05),
         "the same, T = 1/12 s": seen(horizon=1.0 / 12.0),
+        "the same, no longer way to brake": seen(longest_horizon=0.03),
         "the same, λ = 0.1 in what is free": seen(null_space_damping=0.1),
         "the same, GvN = 30/s": replace(seen(), GvN=30.0),
         "the same, q_s is asked 16 rad/s at most": seen(fastest_wish=16.0),

@@ -104,6 +104,7 @@ class BenchSettings:
         scaling_steps: control steps per robot that is made up.
         measurements: which of MEASUREMENTS.
         cases: of CASES; whole simulations are those of the task sets among them.
+        preview: of the lookahead [s]; None for none.
     """
 
     motion: str = "dance"
@@ -115,6 +116,7 @@ class BenchSettings:
     scaling: dict[str, list[tuple[int, int, int, int]]] = field(
         default_factory=lambda: dict(SCALING)
     )
+    preview: float | None = None
 
 
 def run_bench(
@@ -535,10 +537,12 @@ def _scenario(
     package: SimpleNamespace | None = None,
 ) -> Scenario:
     package = package or as_it_is()
+    controller = package.CrarParameters(constraints=mode)
+    controller.lookahead.preview = settings.preview
     return package.Scenario(
         motion=settings.motion,
         experiment=experiment,
-        controller=package.CrarParameters(constraints=mode),
+        controller=controller,
         duration=settings.duration,
     )
 
@@ -566,6 +570,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             motion=arguments.motion,
             duration=arguments.duration or (1.0 if arguments.quick else 3.0),
             measurements=tuple(dict.fromkeys(arguments.only or MEASUREMENTS)),
+            preview=arguments.preview,
         )
         if arguments.quick:
             settings = replace(settings, repeats=1, scaling_steps=20)
@@ -602,6 +607,12 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         action="extend",
         metavar="M[,M...]",
         help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
+    )
+    parser.add_argument(
+        "--preview",
+        type=_positive,
+        metavar="S",
+        help="time the lookahead with a preview [s] (default: without)",
     )
     parser.add_argument("--quick", action="store_true", help="few samples")
     parser.add_argument(

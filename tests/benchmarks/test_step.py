@@ -518,3 +518,15 @@ def test_a_mistyped_measurement_or_motion(tmp_path, capsys):
     assert main(argv) == 2
     assert "dance" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_lookahead_is_timed_with_a_preview_if_asked_for():
+    """And no other mode, which has none."""
+    settings = replace(SHORT, preview=0.08)
+    ahead = command._scenario(settings, "wrists", "lookahead").controller
+    assert ahead.lookahead.preview == 0.08
+    assert ahead.braking_horizon == 0.03
+    paper = command._scenario(settings, "wrists", "paper").controller
+    assert paper.null_space_gain == paper.Gv
+    without = command._scenario(SHORT, "wrists", "lookahead").controller
+    assert without.lookahead.preview is None

@@ -21,6 +21,7 @@ from crar_drake.equations.torque_limit import (
     clip_torque,
     held_step,
     nearest_accelerations,
+    next_braking_torque,
     share_of_wish,
 )
 from crar_drake.robot.model import ControlModel
@@ -226,11 +227,16 @@ class EffortLimits:
         share, excess = found.torque_limit.tolist()
         if excess > _NO_EXCESS:
             return False, 0.0, -excess
-        controlled, T = self._model.controlled, braking.horizon
-        brake = found.vdot.copy()
-        v = measured.v + self._period * found.vdot
-        brake[controlled] = -v[controlled] / T
-        tau = found.actuation + wish.inertia @ (brake - found.vdot)
+        T = braking.horizon
+        tau = next_braking_torque(
+            found.vdot,
+            found.actuation,
+            wish.inertia,
+            measured.v,
+            self._model.controlled,
+            T,
+            self._period,
+        )
         if np.all(np.abs(tau) <= _SURE * self.limits):
             return True, 0.0, share
         return False, T, share

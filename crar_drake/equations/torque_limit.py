@@ -155,6 +155,29 @@ def _reserve(tau_brake, limits, c):
     return usual + (1.0 - c) * np.maximum(0.0, np.abs(tau_brake) - usual)
 
 
+def next_braking_torque(
+    vdot: np.ndarray,
+    tau: np.ndarray,
+    inertia: np.ndarray,
+    v: np.ndarray,
+    controlled: np.ndarray,
+    T: float,
+    period: float,
+) -> np.ndarray:
+    """tau_b+, what braking takes one period on, (nu,) [Nm or N].
+
+    Of the accelerations alone: gravity and Coriolis forces change on the way, too.
+
+    Args:
+        vdot: (nv,) accelerations till then [rad/s^2].
+        tau: (nu,) their torque.
+        inertia, v, controlled, T, period: as in `limit_torque`.
+    """
+    braking = vdot.copy()
+    braking[controlled] = -(v + period * vdot)[controlled] / T
+    return tau + inertia @ (braking - vdot)
+
+
 def share_of_wish(
     vdot: np.ndarray, wish: np.ndarray, v: np.ndarray, controlled: np.ndarray, T: float
 ) -> float:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_loop import follow
 from pydrake.multibody.tree import MultibodyForces
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
@@ -55,20 +56,6 @@ def jumping(model: ControlModel, jumps: int) -> np.ndarray:
     places = p + rng.uniform(-0.6, 0.6, (jumps, 2, 3))
     packed = [model.layout.pack(NO_ROTATIONS, each) for each in places]
     return np.repeat(packed, 12, axis=0)
-
-
-def follow(model: ControlModel, parameters: CrarParameters, targets: np.ndarray):
-    """The exact model's states (K, nq + nv), and what the law answered."""
-    law = ControlLaw(model, parameters)
-    q = model.rest_positions()
-    still, v = model.prescribed_at(q), np.zeros(model.plant.num_velocities())
-    states, answers = [], []
-    for target in targets:
-        answers.append(law.step(q, v, target, still))
-        command = answers[-1].position_command
-        q, v = command[: len(q)], command[len(q) :]
-        states.append(command)
-    return np.array(states), answers
 
 
 def braking_use(model: ControlModel, x: np.ndarray, horizon: float) -> float:

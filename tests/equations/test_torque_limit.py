@@ -12,6 +12,7 @@ from crar_drake.equations.torque_limit import (
     clip_torque,
     limit_torque,
     nearest_accelerations,
+    next_braking_torque,
     share_of_wish,
     torque_scale,
 )
@@ -408,3 +409,17 @@ def test_a_clipped_torque_and_its_excess():
         torque, excess = clip_torque(np.array(within), limits)
         np.testing.assert_allclose(torque, within, rtol=1e-14)
         assert excess == 0.0
+
+
+def test_braking_one_period_on():
+    """The torque of the accelerations that brake at the velocity which they lead to."""
+    rng = np.random.default_rng(4)
+    M, bias = rng.normal(size=(3, 4)), rng.normal(size=3)
+    v, vdot, T, period = rng.normal(size=4), rng.normal(size=4), 0.05, 0.01
+    braking = vdot.copy()  # the others keep their acceleration
+    for i in (0, 3):
+        braking[i] = -(v[i] + period * vdot[i]) / T
+    found = next_braking_torque(
+        vdot, M @ vdot + bias, M, v, np.array([0, 3]), T, period
+    )
+    np.testing.assert_allclose(found, M @ braking + bias)

@@ -1,7 +1,7 @@
 """How much the commanded acceleration changes for a tiny change of the state.
 
 python -m benchmarks.continuity [--out table.md] [--motion M ...] [--period P]
-    [--every N] [--duration S]
+    [--every N] [--duration S] [--preview S]
 
 A jump here would be chatter on a robot whose sensors have noise. The robot follows the
 motion by the exact model; at every N-th control step the same step is taken once more
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import Memory, Targets
 from crar_drake.robot.task import EXPERIMENTS
@@ -55,12 +56,20 @@ def run_case(
     every: int,
     duration: float | None = None,
     seed: int = 0,
+    preview: float | None = None,
 ) -> Continuity:
-    """Follows the motion with the defaults, and nudges every `every`-th step."""
+    """Follows the motion with the defaults, and nudges every `every`-th step.
+
+    With a preview of so many seconds, if one is given.
+    """
     scenario = Scenario(
         motion=motion,
         experiment=experiment,
-        controller=CrarParameters(constraints="lookahead", period=period),
+        controller=CrarParameters(
+            constraints="lookahead",
+            period=period,
+            lookahead=LookaheadParameters(preview=preview),
+        ),
     )
     setup = PrepareScenario(scenario)
     model, wanted = setup.model, setup.motion
@@ -132,6 +141,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--period", type=float, default=PERIOD)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--duration", type=float, help="of each, at most [s]")
+    parser.add_argument(
+        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
+    )
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args(arguments)
@@ -144,6 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 given.period,
                 given.every,
                 given.duration,
+                preview=given.preview,
             )
             for motion in find_motions(given.motion)
             for experiment in EXPERIMENTS

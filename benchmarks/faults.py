@@ -1,7 +1,7 @@
 """What breaks the lookahead's assumptions, by how much, and what helps against it.
 
 python -m benchmarks.faults [--out table.md] [--motion M ...]
-    [--period P]
+    [--period P] [--preview S]
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import InputError
 from crar_drake.results.referee import Referee
@@ -234,12 +235,24 @@ def _hand_of(pair: str) -> str:
     return next((link for link in pair.split(" - ") if link.endswith("hand")), "")
 
 
-def base_scenario(motion: str, experiment: str, period: float = PERIOD) -> Scenario:
-    """A motion under the lookahead's defaults, every step of the plant logged."""
+def base_scenario(
+    motion: str,
+    experiment: str,
+    period: float = PERIOD,
+    preview: float | None = None,
+) -> Scenario:
+    """A motion under the lookahead's defaults, every step of the plant logged.
+
+    With a preview of so many seconds, if one is given.
+    """
     scenario = Scenario(
         motion=motion,
         experiment=experiment,
-        controller=CrarParameters(constraints="lookahead", period=period),
+        controller=CrarParameters(
+            constraints="lookahead",
+            period=period,
+            lookahead=LookaheadParameters(preview=preview),
+        ),
         duration=DURATIONS.get(motion),
     )
     return replace(scenario, log_period=scenario.plant_config.time_step)
@@ -317,6 +330,7 @@ def run_all(
     experiments: Sequence[str] = EXPERIMENTS,
     period: float = PERIOD,
     progress: Callable[[Outcome], None] | None = None,
+    preview: float | None = None,
 ) -> list[Outcome]:
     """Every fault on every motion and experiment.
 
@@ -325,6 +339,7 @@ def run_all(
         experiments: task sets.
         period: of the controller, where a fault has none of its own [s].
         progress: told of each run.
+        preview: of the lookahead [s]; None for none.
     """
     outcomes: list[Outcome] = []
 
@@ -336,7 +351,7 @@ def run_all(
 
     for motion in motions:
         for experiment in experiments:
-            scenario = base_scenario(motion, experiment, period)
+            scenario = base_scenario(motion, experiment, period, preview)
             nominal = run_scenario(scenario, record=False)
             where = f"{motion} {experiment}"
             add([judge(nominal, NO_FAULT, DEFAULTS, where)])
@@ -414,6 +429,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         "--motion", action="append", help="may be repeated; default dance and boxing"
     )
     parser.add_argument("--period", type=float, default=PERIOD, help="control period")
+    parser.add_argument(
+        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
+    )
     arguments = parser.parse_args(argv)
     outcomes = run_all(
         arguments.motion or ("dance", "boxing"),
@@ -423,6 +441,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             f"{o.violated} violations",
             flush=True,
         ),
+        preview=arguments.preview,
     )
     write_report(report(outcomes), arguments.out)
 

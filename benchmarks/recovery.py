@@ -1,6 +1,6 @@
 """Starts in a violation: how fast, and how gently, the lookahead leaves it.
 
-python -m benchmarks.recovery [--out table.md]
+python -m benchmarks.recovery [--out table.md] [--preview S]
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
+from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
@@ -186,13 +187,18 @@ def judge(start: Start, log: SimulationLog, model: ControlModel) -> Recovery:
     )
 
 
-def default_scenario(experiment: str = "upper-body") -> Scenario:
+def default_scenario(
+    experiment: str = "upper-body", preview: float | None = None
+) -> Scenario:
     """The upper body under the library's default constraints.
 
     Two seconds of blending, since a target far away is to be reached gently: what is
-    judged is how the violation is left.
+    judged is how the violation is left. With a preview of so many seconds, if one is
+    given.
     """
-    controller = CrarParameters(blend_time=_DURATION)
+    controller = CrarParameters(
+        blend_time=_DURATION, lookahead=LookaheadParameters(preview=preview)
+    )
     return Scenario(motion="dance", experiment=experiment, controller=controller)
 
 
@@ -231,11 +237,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Runs every start in both experiments, with the target inside and outside."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", help="Markdown file for the table")
+    parser.add_argument(
+        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
+    )
     arguments = parser.parse_args(argv)
     results = [
         (
             experiment,
-            recover(replace(start, inside=inside), default_scenario(experiment)),
+            recover(
+                replace(start, inside=inside),
+                default_scenario(experiment, arguments.preview),
+            ),
         )
         for experiment in ("wrists", "upper-body")
         for start in STARTS

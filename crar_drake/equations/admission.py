@@ -20,7 +20,7 @@ import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.free_joints import displaced, displacement
+from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Robot
 from crar_drake.equations.placed_shapes import (
     distances_at,
@@ -285,19 +285,23 @@ def shadow_gap(
 def path_bounds(
     start: np.ndarray,
     x: np.ndarray,
+    bend: np.ndarray,
     level: np.ndarray,
     asked: np.ndarray,
     r: Robot,
     reaches: Held,
 ) -> Bounds:
-    """(A5): whether pairs keep a level on the whole path that leads from `start` by x.
+    """(A5): whether pairs keep a level on the whole path that leads from `start` by
+    t x + t^2 bend, t from 0 to 1.
 
     In the middle of the path, and where that does not say it in the middle of its
     halves and so on, the gap of a pair's shadows on the line of its shortest distance,
-    (A4), less curvature (A3) times half^2 / 2, bounds all distances of that part.
+    (A4), less curvature times half^2 / 2, bounds all distances of that part. The
+    curvature is (A3) of the fastest rates, and rho_i times 2 |bend_i| of each joint.
 
     Args:
         start, x: (nq,), (nv,) where the path begins, and where it leads from there.
+        bend: (nv,) and what it leads farther by, as t^2; 0 for a straight one.
         level: (Np,) distances to be kept [m].
         asked: (Np,) bool, of which pairs.
         r: with the pairs of shapes in the first half of its `pairs`.
@@ -310,7 +314,12 @@ def path_bounds(
         return Bounds(low, at, seen)
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
-    put_at(curvature, examined, path_curvature(x, examined, of))
+    bent = bend.any()
+    fastest = np.maximum(np.abs(x), np.abs(x + 2.0 * bend))
+    put_at(curvature, examined, path_curvature(fastest, examined, of))
+    if bent:
+        curvature += 2.0 * travel(bend, reaches)
+    rate = x
     points = np.zeros((len(r.first), 3))
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
@@ -322,15 +331,18 @@ def path_bounds(
                 continue
             t = (2 * part + 1) * half
             shapes, own = pairs.shapes[some], of.own[some]
-            S = place_pairs(points, displaced(start, t * x, r.turn), shapes, r)
+            moved = t * x
+            if bent:
+                moved, rate = moved + (t * t) * bend, x + (2.0 * t) * bend
+            S = place_pairs(points, displaced(start, moved, r.turn), shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
             gap = shadow_gap(
                 n,
                 points,
                 pairs,
                 shapes,
-                own_velocities(S, x, of.a_alone, own),
-                own_velocities(S, x, of.b_alone, own),
+                own_velocities(S, rate, of.a_alone, own),
+                own_velocities(S, rate, of.b_alone, own),
                 half,
             )
             for k in range(len(some)):
@@ -440,7 +452,7 @@ def examine_present(
     low = 0.5 * (ends[0] + ends[1] - travel(x, reaches))
     level = np.full(len(low), gains.floor)
     needed = gains.floor + travel(farther(s, gains) * s, reaches)
-    found = path_bounds(q, x, level, low < needed, r, reaches)
+    found = path_bounds(q, x, np.zeros(len(x)), level, low < needed, r, reaches)
     for pair in range(len(low)):
         if found.low[pair] < _FAR:
             low[pair] = max(low[pair], found.low[pair])
@@ -486,10 +498,13 @@ def check_step(
     """Whether s leads to a state that is clear, on a way that is.
 
     The next path, and the way to it, are near the present path (A6), which is all that
-    most pairs need. For the others both are examined. The way is a parabola: off its
-    chord by at most |q_ddot| period^2 / 8 at its own pace, and by |q_dot| period / 4 at
-    that of the square of time. Of pairs that are not clear only the next path is asked:
-    else a robot that rests in a penetration could never leave it.
+    most pairs need. For the others both are examined. The way is a parabola, of a
+    plant that moves in steps through each of its states:
+
+        q + t period q_dot + (t^2 period^2 + t period step) q_ddot / 2.
+
+    Of pairs that are not clear only the next path is asked: else a robot that rests in
+    a penetration could never leave it.
 
     Args:
         q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
@@ -500,7 +515,8 @@ def check_step(
     T, period, level = gains.T, gains.period, present.level
     start, x = next_path(q, v, s, T, period, gains.step, r.turn)
     near = present.low - travel(farther(s, gains) * s, reaches)
-    bounds = path_bounds(start, x, level, near < level, r, reaches)
+    straight = np.zeros(len(x))
+    bounds = path_bounds(start, x, straight, level, near < level, r, reaches)
     clear = not (bounds.at >= 0.0).any()
     clearance = _FAR
     for pair in range(len(level)):
@@ -516,12 +532,9 @@ def check_step(
         # A pair that is not clear now may be nearest where the way begins.
         asked = (on_way < level) & (level >= gains.floor)
         if asked.any():
-            off = np.minimum(
-                travel((s - v) * (period * period / (8.0 * T)), reaches),
-                travel(v * (0.25 * period), reaches),
-            )
-            there = displacement(q, start, r.turn)
-            way = path_bounds(q, there, level + off, asked, r, reaches)
+            bend = (0.5 * period * period / T) * (s - v)
+            along = period * v + (0.5 * period * gains.step / T) * (s - v)
+            way = path_bounds(q, along, bend, level, asked, r, reaches)
             clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)
 

@@ -245,7 +245,8 @@ def bounds_of_some(
     """
     levels, asked = np.full(len(rows), level), np.ones(len(rows), dtype=np.bool_)
     some = some_reaches(reaches, rows)
-    return path_bounds(start, x, levels, asked, some_shapes(robot, rows).value, some)
+    shapes, straight = some_shapes(robot, rows).value, np.zeros(len(x))
+    return path_bounds(start, x, straight, levels, asked, shapes, some)
 
 
 @compiled

@@ -449,7 +449,7 @@ def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
         slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01, 0.1], size=len(true))
         asked = rng.random(len(true)) < 0.8
         level = true - slack
-        bounds = path_bounds(start, x, level, asked, shapes.robot, shapes.held)
+        bounds = path_bounds(start, x, 0.0 * x, level, asked, shapes.robot, shapes.held)
         shown = asked & (bounds.at < 0.0)
         assert (true[shown] >= level[shown] - 1e-12).all()
         assert (bounds.low[shown] <= true[shown] + 1e-12).all()
@@ -469,6 +469,33 @@ def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
     assert missed <= 0.01 * clear_with_slack
 
 
+def test_no_distance_on_a_bent_path_is_below_its_bound(shapes: MovingShapes) -> None:
+    """Against 2000 samples of ways that turn round, speed up or change direction."""
+    rng = np.random.default_rng(18)
+    shown_of = clear_with_slack = missed = 0
+    shares = np.linspace(0.0, 1.0, 2001)[:, None]
+    for _ in range(10):
+        start, x = random_path(shapes, rng)
+        bend = rng.choice([-1.0, 0.1, 1.0]) * x + rng.normal(size=len(x)) * 0.1
+        d = shapes.distances(start + shares * x + shares**2 * bend)
+        true = d.min(axis=0)
+        slack = rng.choice([-0.02, -1e-6, 1e-6, 1e-3, 0.01], size=len(true))
+        asked, level = np.ones(len(true), dtype=bool), true - slack
+        bounds = path_bounds(start, x, bend, level, asked, shapes.robot, shapes.held)
+        shown = bounds.at < 0.0
+        assert (true[shown] >= level[shown] - 1e-6).all()  # the samples' spacing
+        assert (bounds.low[shown] <= true[shown] + 1e-12).all()
+        shown_of += shown.sum()
+        clear_with_slack += (slack >= 1e-3).sum()
+        missed += ((slack >= 1e-3) & ~shown).sum()
+        for pair in np.flatnonzero(~shown):
+            t = bounds.at[pair]
+            there = shapes.distances((start + t * x + t * t * bend)[None])[0, pair]
+            assert there == pytest.approx(bounds.d[pair], abs=1e-12)
+    assert shown_of > 20
+    assert missed <= 0.02 * clear_with_slack
+
+
 def test_gradients_are_those_of_the_distances_where_they_fail(
     shapes: MovingShapes,
 ) -> None:
@@ -479,7 +506,7 @@ def test_gradients_are_those_of_the_distances_where_they_fail(
     d = shapes.on_path(start, start + x, 50)
     level = d.min(axis=0) + rng.choice([-0.1, 0.01], size=d.shape[1])
     asked = np.ones(len(level), dtype=bool)
-    bounds = path_bounds(start, x, level, asked, shapes.robot, shapes.held)
+    bounds = path_bounds(start, x, 0.0 * x, level, asked, shapes.robot, shapes.held)
     failed, g = gradients_at(start, x, bounds, shapes.robot, shapes.held)
     np.testing.assert_array_equal(failed, np.flatnonzero(bounds.at >= 0.0))
     for pair, gradient in zip(failed, g, strict=True):
@@ -499,8 +526,9 @@ def test_a_path_without_way_is_its_start(shapes: MovingShapes) -> None:
     d = shapes.distances(start[None])[0]
     asked = np.ones(len(d), dtype=bool)
     for level, expected in ((d - 1e-9, True), (d + 1e-9, False)):
+        still = np.zeros(len(start))
         bounds = path_bounds(
-            start, np.zeros(len(start)), level, asked, shapes.robot, shapes.held
+            start, still, still, level, asked, shapes.robot, shapes.held
         )
         assert ((bounds.at < 0.0) == expected).all()
 

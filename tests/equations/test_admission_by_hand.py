@@ -173,7 +173,7 @@ def test_a_turn_is_bounded_by_its_middle_less_half_the_curvature() -> None:
     arms = shapes_of(plant, scene_graph, [("arm", "world")], np.arange(1), like)
     for turn in (0.1, 0.4, 1.0):
         x, level, asked = np.array([turn]), np.array([-9.0]), np.ones(1, dtype=bool)
-        found = path_bounds(-0.5 * x, x, level, asked, arms.robot, arms.held)
+        found = path_bounds(-0.5 * x, x, 0.0 * x, level, asked, arms.robot, arms.held)
         expected = 1.0 - rho - BOTH - rho * turn**2 / 8.0
         np.testing.assert_allclose(found.low, [expected], rtol=1e-12)
 
@@ -185,33 +185,41 @@ def from_way(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     return float(np.linalg.norm(start + share * along - place))
 
 
+@pytest.mark.parametrize("step", [0.0, 2e-3])
 @pytest.mark.parametrize("seed", range(12))
-def test_a_bent_way_keeps_clear_by_what_it_is_off_its_chord(ball, seed) -> None:
-    """The floor up to which it does, by bisection: the distance of the chord less what
-    the ball is off it at most, by samples, at its own pace or at that of the square of
-    time, of which the smaller. Each slide counts for itself, as they may add up."""
+def test_a_bent_way_keeps_clear_by_its_own_distance(ball, seed, step) -> None:
+    """The floor up to which it does, by bisection: the smallest distance of all
+    samples; of the parabola through what a plant that moves in steps comes by."""
     rng = np.random.default_rng(seed)
     period, t = T, np.linspace(0.0, 1.0, 1001)[:, None]
     while True:
-        # The faster in its first half, the nearer is the square of time to its pace.
         v = np.array([rng.choice([1.0, 3.0, 8.0]), 0.0])
         s = np.array([rng.uniform(-2.0, 8.0), rng.uniform(1.0, 5.0)])
-        way = period * (t * v + 0.5 * t**2 * period * (s - v) / T)
-        off = min(
-            np.abs(way - share * way[-1]).sum(axis=1).max() for share in (t, t**2)
-        )
-        start, end = way[-1], way[-1] + T * (v + period * (s - v) / T)
+        qddot = (s - v) / T
+        way = t * period * v + 0.5 * t * period * (t * period + step) * qddot
+        start, end = way[-1], way[-1] + T * (v + period * qddot)
         post = rng.uniform(-1.0, 1.0, 2)
         others = min(from_way(post, way[0], T * v), from_way(post, start, end))
-        chord = from_way(post, way[0], start)
-        if 0.02 < chord - off - BOTH and chord - off + 0.01 < others:
+        nearest = np.linalg.norm(way - post, axis=1).min()
+        if 0.02 < nearest - BOTH and nearest + 0.01 < others:
             break
     low, high = 0.0, others - BOTH  # beyond, what the pair has counts
     for _ in range(16):
         floor = 0.5 * (low + high)
-        clear = check(ball, -post, v, s, AdmissionGains(T, period, 0.0, floor)).clear
+        clear = check(ball, -post, v, s, AdmissionGains(T, period, step, floor)).clear
         low, high = (floor, high) if clear else (low, floor)
-    assert low == pytest.approx(chord - off - BOTH, abs=1e-3)
+    assert low == pytest.approx(nearest - BOTH, abs=1e-3)
+    assert low < nearest - BOTH + 1e-5
+
+
+def test_a_way_that_leaves_a_surface_may_begin_on_it(ball) -> None:
+    """However hard the ball is pushed off: the way is nowhere nearer than its start."""
+    gains = AdmissionGains(T, PERIOD, 1e-3, 4e-3)
+    q = np.array([gains.floor + BOTH + 1e-6, 0.0])
+    for push in (0.1, 1.0, 8.0):
+        for along in (0.0, 0.5):
+            v, s = np.array([0.0, along]), np.array([push, along])
+            assert check(ball, q, v, s, gains).clear
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -224,7 +232,8 @@ def test_the_place_that_is_told_is_the_worst_of_32(ball, seed) -> None:
     start = aside - nearest * x
     level = np.linalg.norm(aside) - BOTH + 10.0 ** rng.uniform(-5.0, 1.0)
     asked = np.ones(1, dtype=bool)
-    bounds = path_bounds(start, x, np.array([level]), asked, ball.robot, ball.held)
+    levels, straight = np.array([level]), np.zeros(2)
+    bounds = path_bounds(start, x, straight, levels, asked, ball.robot, ball.held)
     assert abs(bounds.at[0] - nearest) <= 1.0 / 32.0 + 1e-9
     there = distance(start + bounds.at[0] * x)
     assert bounds.d[0] == bounds.low[0] == pytest.approx(there, abs=1e-12)

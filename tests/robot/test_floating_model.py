@@ -189,7 +189,7 @@ def test_bounds_hold_on_ways_of_a_free_root_past_the_world(model: ControlModel) 
         x = v[model.order] * rng.choice([0.02, 0.1, 0.3])
         level = rng.uniform(0.0, 0.3, count)
         asked = np.ones(count, dtype=bool)
-        bounds = path_bounds(start, x, level, asked, robot, hold(reaches))
+        bounds = path_bounds(start, x, 0.0 * x, level, asked, robot, hold(reaches))
         ways = [displaced(start, t * x, model.turn) for t in np.linspace(0.0, 1.0, 41)]
         d = np.array([referee.distances(model.in_plant(way)[0]) for way in ways])
         smallest = d.min(axis=0)

@@ -77,7 +77,6 @@ def variations() -> dict[str, CrarParameters]:
         "preview of 0.08 s": seen(),
         "the same, ρ = 5e-5 m s²": seen(smoothness=5e-5),
         "the same, pulls as from 8 mm at most": seen(farthest_pull=0.008),
-        "the same, fading from 8 mm on": seen(farthest_pull=0.008, fading_pull=1.0),
         "the same, T = 0.05 s": seen(horizon=0.05),
         "the same, T = 1/12 s": seen(horizon=1.0 / 12.0),
         "the same, no longer way to brake": seen(longest_horizon=0.03),

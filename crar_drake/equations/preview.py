@@ -59,12 +59,15 @@ class Preview(NamedTuple):
         weights: (N,) of the errors at the instants [s].
         moved: (N, N) C, how far an acceleration of 1 in part j has led at instant i
             [s^2].
+        coasting: h, how long after an instant rows ask where the robot is [s].
+        coasted: (N, N) as C, that long after the instant and without acceleration
+            since [s^2].
         errors: (N, N) C^T diag(weights) C.
         tasks: (N, 3) C^T diag(weights) [1, tau, tau^2/2].
         efforts: (N,) rho^2 of each part.
         pull: (N, N) H, the null space's share of (L12) [1].
         damping, stiffness: of the null space [1/s], [1/s^2].
-        farthest, fading: of (L13) [rad or m], [1].
+        farthest: of (L13) [rad or m].
         task_damping: lambda of N in (L12) [m].
     """
 
@@ -72,6 +75,8 @@ class Preview(NamedTuple):
     lengths: np.ndarray
     weights: np.ndarray
     moved: np.ndarray
+    coasting: float
+    coasted: np.ndarray
     errors: np.ndarray
     tasks: np.ndarray
     efforts: np.ndarray
@@ -79,7 +84,6 @@ class Preview(NamedTuple):
     damping: float
     stiffness: float
     farthest: float
-    fading: float
     task_damping: float
 
 
@@ -90,7 +94,6 @@ def make_preview(
     stiffness: float,
     period: float,
     farthest: float,
-    fading: float = 0.0,
     task_damping: float = 0.02,
 ) -> Preview:
     """The preview's numbers, which stay the same.
@@ -102,7 +105,6 @@ def make_preview(
         damping, stiffness: of the null space [1/s], [1/s^2].
         period: of the controller [s].
         farthest: the error from which on a task pulls no more [rad or m].
-        fading: how its pull falls from there on, 0 not at all, 1 as 1 / error.
         task_damping: lambda of what tasks are said to leave free [m].
     """
     instants = _INSTANTS if duration > 0.0 else _INSTANTS[:0]
@@ -119,6 +121,8 @@ def make_preview(
         lengths,
         weights,
         moved,
+        float(period),
+        moved + period * begun * lengths,
         np.ascontiguousarray(weighed @ moved),
         weighed @ np.column_stack([np.ones(len(at)), at, 0.5 * at**2]),
         smoothness**2 * lengths,
@@ -126,7 +130,6 @@ def make_preview(
         float(damping),
         float(stiffness),
         float(farthest),
-        float(fading),
         float(task_damping),
     )
 
@@ -161,11 +164,13 @@ def shifted_plan(
 def expected_motion(
     v: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray, preview: Preview
 ) -> np.ndarray:
-    """(L10): x (N, nv), how far the joints have moved at the instants [rad or m].
+    """(L10): x (N, nv), how far joints have moved, a period h after each instant [rad
+    or m], if they coast since then:
 
-        x_i = tau_i q_dot + sum_j C_ij q_ddot_j,
+        x_i = (tau_i + h) q_dot + sum_j (C_ij + h length_j) q_ddot_j,    j <= i,
 
     of the prescribed joints with the one acceleration that they have now.
+    `docs/lookahead.md` says what h is for.
 
     Args:
         v: (nv,) velocities.
@@ -176,14 +181,14 @@ def expected_motion(
     N, n = plan.shape
     x = np.zeros((N, len(v)))
     for i in range(N):
-        tau = preview.times[i]
+        tau, h = preview.times[i], preview.coasting
         for k in range(len(v)):
-            x[i, k] = tau * v[k]
+            x[i, k] = (tau + h) * v[k]
             if k >= n:
-                x[i, k] += 0.5 * tau * tau * qddot_p[k - n]
+                x[i, k] += (0.5 * tau + h) * tau * qddot_p[k - n]
                 continue
             for j in range(i + 1):
-                x[i, k] += preview.moved[i, j] * plan[j, k]
+                x[i, k] += preview.coasted[i, j] * plan[j, k]
     return x
 
 
@@ -207,7 +212,8 @@ def possible_motion(
     for c in range(len(q)):
         before = 0.0
         for i in range(len(x)):
-            most = fastest * preview.lengths[i]
+            since = preview.lengths[i] + (preview.coasting if i == 0 else 0.0)
+            most = fastest * since
             at = min(max(x[i, c], before - most), before + most)
             # Where a joint is beyond its limit already, that is where it may be.
             at = max(at, min(limits.lower[c] - q[c], 0.0))
@@ -228,7 +234,7 @@ def rows_ahead(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(L11): what a plan has to keep of pairs and limits.
 
-    Where x leads at instant i, a pair has the distance d and the gradient g; another
+    Where x leads with instant i, a pair has the distance d and the gradient g; another
     plan, to x_i', changes it by g (x_i' - x_i).
 
     Args:
@@ -252,14 +258,15 @@ def rows_ahead(
     rows = np.zeros((N * (len(nearby) + count), N * n))
     least, found = np.empty(len(rows)), 0
     for i in range(N):
-        unmoved = preview.times[i] * state.v[:n]  # without any acceleration
+        # Without any acceleration.
+        unmoved = (preview.times[i] + preview.coasting) * state.v[:n]
         if len(nearby):
             there = displaced(state.q, x[i], r.turn)
             d, g = distances_at(points, there, shapes, moves, r)
             for k in np.flatnonzero(d < _NEAR):
                 gradient = g[k, :n]
                 for j in range(i + 1):
-                    put(rows[found], j * n, preview.moved[i, j] * gradient)
+                    put(rows[found], j * n, preview.coasted[i, j] * gradient)
                 change = (gradient * (x[i, :n] - unmoved)).sum()
                 least[found] = gains.distance_margin - d[k] + change
                 found += 1
@@ -268,7 +275,7 @@ def rows_ahead(
         for k in np.flatnonzero(at_limits < _NEAR_LIMIT):
             for j in range(i + 1):
                 rows[found, j * n + limits.joints[k]] = (
-                    limits.inward[k] * preview.moved[i, j]
+                    limits.inward[k] * preview.coasted[i, j]
                 )
             least[found] = gains.limit_margin - at_unmoved[k]
             found += 1
@@ -276,22 +283,18 @@ def rows_ahead(
 
 
 @compiled
-def task_shares(
-    e: np.ndarray, of_rows: np.ndarray, farthest: float, fading: float
-) -> np.ndarray:
+def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarray:
     """(L13): what rows count of tasks that are far off: (m,).
 
-        min(1, farthest / |e|)^((1 + fading) / 2)
+        min(1, farthest / |e|)^(1/2)
 
-    Without fading squares of errors grow linearly from `farthest` on (Huber, 1964): a
-    target out of reach pulls no more than one that is so far away. With it they grow as
-    |e|^(1 - fading), at 1 as the logarithm of |e|: it pulls less.
+    Squares of errors grow linearly from `farthest` on (Huber, 1964): a target out of
+    reach pulls no more than one that is so far away.
 
     Args:
         e: (m,) weighted task errors [rad, m].
         of_rows: (m,) the task of each row.
         farthest: [rad, m].
-        fading: 0 to 1.
     """
     squares = np.zeros(len(e))
     for i in range(len(e)):
@@ -300,7 +303,7 @@ def task_shares(
     for i in range(len(e)):
         away = np.sqrt(squares[of_rows[i]])
         if away > farthest:
-            shares[i] = (farthest / away) ** (0.5 + 0.5 * fading)
+            shares[i] = np.sqrt(farthest / away)
     return shares
 
 
@@ -340,7 +343,7 @@ def plan_accelerations(
         preview: of the law.
     """
     N, n = plan.shape
-    shares = task_shares(references.e, of_rows, preview.farthest, preview.fading)
+    shares = task_shares(references.e, of_rows, preview.farthest)
     J = shares[:, np.newaxis] * references.J
     damping2 = task_damping**2
     JJ = gram(J)

@@ -186,8 +186,7 @@ def test_the_whole_diagram_keeps_its_constraints():
     [
         ({"preview": -0.1}, "preview"),
         ({"preview": 0.1, "smoothness": 0.0}, "smoothness"),
-        ({"preview": 0.1, "fading_pull": 1.5}, "fading_pull.*at most 1"),
-        ({"preview": 0.1, "fading_pull": -0.5}, "fading_pull"),
+        ({"preview": 0.1, "farthest_pull": 0.0}, "farthest_pull"),
         ({"preview": 0.1, "limit_approach_rate": 300.0}, "limit_approach_rate.*200/s"),
         ({"limit_approach_rate": 10.0}, "limit_approach_rate.*without approach_rate"),
     ],

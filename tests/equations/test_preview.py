@@ -103,12 +103,15 @@ def test_expected_motion_is_that_of_the_accelerations():
     rng = np.random.default_rng(1)
     plan, v, qddot_p = rng.normal(size=(N, 3)), rng.normal(size=5), rng.normal(size=2)
     x = expected_motion(v, qddot_p, plan, PREVIEW)
+    at, lengths = PREVIEW.times, np.diff(PREVIEW.times, prepend=0.0)
     for c in range(3):
-        expected = PREVIEW.times * v[c] + positions(plan[:, c])
+        speed = v[c] + np.cumsum(lengths * plan[:, c])
+        expected = at * v[c] + positions(plan[:, c]) + PERIOD * speed
         np.testing.assert_allclose(x[:, c], expected, atol=1e-6)
     for c in range(2):
-        at = PREVIEW.times
-        np.testing.assert_allclose(x[:, 3 + c], at * v[3 + c] + at**2 / 2 * qddot_p[c])
+        speed = v[3 + c] + at * qddot_p[c]
+        expected = at * v[3 + c] + at**2 / 2 * qddot_p[c] + PERIOD * speed
+        np.testing.assert_allclose(x[:, 3 + c], expected)
 
 
 @pytest.mark.parametrize(("m", "n"), [(6, 4), (3, 5)])
@@ -117,7 +120,7 @@ def test_a_plan_without_rows_is_the_least_sum_of_squares(m, n):
     rng = np.random.default_rng(m)
     found = references(rng, m, n, 0.02)
     of_rows, damping = np.arange(m) // 3, 0.3
-    shares = task_shares(found.e, of_rows, FAR, 0.0)
+    shares = task_shares(found.e, of_rows, FAR)
     qdot, posture_error = rng.normal(size=n), rng.normal(size=n)
 
     def residuals(plan):
@@ -173,20 +176,14 @@ def test_a_task_that_is_far_pulls_no_more_than_from_afar():
     """The pull of Huber's function: e up to `farthest`, and from then on its length."""
     of_rows = np.array([0, 0, 0, 1, 1, 1])
     e = np.array([0.01, 0.0, 0.02, 0.3, 0.0, -0.4])
-    shares = task_shares(e, of_rows, FAR, 0.0)
+    shares = task_shares(e, of_rows, FAR)
     np.testing.assert_array_equal(shares[:3], 1.0)
     pull = shares**2 * e
     np.testing.assert_allclose(pull[3:], FAR * np.array([0.6, 0.0, -0.8]))
-    # Fading, it is to that as FAR is to the error, or as the root of that.
-    for fading, share in ((0.5, np.sqrt(FAR / 0.5)), (1.0, FAR / 0.5)):
-        shares = task_shares(e, of_rows, FAR, fading)
-        np.testing.assert_array_equal(shares[:3], 1.0)
-        np.testing.assert_allclose((shares**2 * e)[3:], share * pull[3:])
     # Continuous, where it begins.
     for length in (FAR * (1 - 1e-9), FAR * (1 + 1e-9)):
-        for fading in (0.0, 1.0):
-            shares = task_shares(np.array([length]), np.array([0]), FAR, fading)
-            assert shares == pytest.approx(1.0)
+        shares = task_shares(np.array([length]), np.array([0]), FAR)
+        assert shares == pytest.approx(1.0)
 
 
 def problem_with_rows(rng):
@@ -201,7 +198,7 @@ def test_rows_are_kept_with_the_least_sum_of_squares():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         found, rows, least, (of_rows, damping, error, qdot) = problem_with_rows(rng)
-        shares = task_shares(found.e, of_rows, FAR, 0.0)
+        shares = task_shares(found.e, of_rows, FAR)
         at_zero = squares(found, shares, damping, error, qdot, np.zeros(N * 4))
         A = np.column_stack(
             [
@@ -324,7 +321,8 @@ def test_a_motion_that_no_robot_makes_is_not_believed(model):
         assert (at <= np.maximum(model.upper, q) + 1e-12).all()
         assert (at >= np.minimum(model.lower, q) - 1e-12).all()
         speed = np.diff(possible[:, : model.n], axis=0, prepend=0.0)
-        assert (np.abs(speed) <= 10.0 * PREVIEW.lengths[:, np.newaxis] + 1e-12).all()
+        since = PREVIEW.lengths + PERIOD * (np.arange(N) == 0)
+        assert (np.abs(speed) <= 10.0 * since[:, np.newaxis] + 1e-12).all()
         np.testing.assert_array_equal(possible[:, model.n :], x[:, model.n :])
     slow = 0.01 * rng.normal(size=(N, model.n))
     bounded = np.isfinite(model.lower)

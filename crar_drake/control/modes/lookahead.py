@@ -109,8 +109,6 @@ class LookaheadParameters:
             followed.
         farthest_pull: of the preview, the error from which on a task pulls no more than
             from there [m or rad].
-        fading_pull: of the preview, how the pull of a task that is farther off falls
-            with its error: 0 not at all, 1 as 1 / error.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -137,22 +135,16 @@ class LookaheadParameters:
     null_space_damping: float = 0.02  # [m]
     smoothness: float = 2.5e-5  # [m s^2]
     farthest_pull: float = 0.002  # [m or rad]
-    fading_pull: float = 0.0
 
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
         check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
         check_choice("controller.lookahead", self, "guard_norm", GUARD_NORMS)
-        check_numbers("controller.lookahead", self, may_be_zero={"fading_pull"})
+        check_numbers("controller.lookahead", self, may_be_zero=set())
         if self.rho > LARGEST_RHO:
             raise ScenarioError(
                 f"controller.lookahead.rho: {self.rho:g} must be at most "
                 f"{LARGEST_RHO:g}: larger weights drown all else in rounding"
-            )
-        if self.fading_pull > 1.0:
-            raise ScenarioError(
-                f"controller.lookahead.fading_pull: {self.fading_pull:g} must be at "
-                "most 1: a task that is nearer would always win"
             )
         if self.admission_slack >= self.distance_margin:
             raise ScenarioError(
@@ -248,7 +240,6 @@ class LookaheadMode(Mode):
             parameters.posture_gain,
             parameters.period,
             ahead.farthest_pull,
-            ahead.fading_pull,
             ahead.null_space_damping,
         )
         planned = n * len(preview.times)

@@ -28,7 +28,7 @@ class Case:
         constraints: of the law.
         steps: control steps, at least.
         seed: of all dice.
-        preview: whether the law plans 0.08 s ahead.
+        preview: whether the law plans 0.1 s ahead.
     """
 
     robot: str

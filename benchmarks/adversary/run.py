@@ -21,7 +21,7 @@ FEWEST_STEPS = 60  # at least
 SEARCHES = 4  # times as many steps for the search, whose episodes build on each other
 FRESH = 0.3  # share of the search's episodes that are drawn anew
 KEPT = 4  # lineages that the search goes on with
-PREVIEW = 0.08  # [s], of the law with a preview
+PREVIEW = 0.1  # [s], of the law with a preview
 
 
 def run_case(case: Case) -> Result:

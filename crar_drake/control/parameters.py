@@ -9,7 +9,7 @@ import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.modes import MODES
-from crar_drake.control.modes.lookahead import PREVIEW_HORIZON, LookaheadParameters
+from crar_drake.control.modes.lookahead import LookaheadParameters, preview_horizon
 from crar_drake.equations.governor import Bounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
@@ -26,8 +26,10 @@ METRICS = ("identity", "inertia")
 _TORQUE_PERIOD = 1e-3
 
 
-# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first.
+# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first. With a
+# preview less: what has evaded an obstacle may stay there, to evade it less next time.
 _POSTURE_GAIN = 30.0
+_PREVIEW_POSTURE_GAIN = 10.0
 
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
@@ -91,8 +93,7 @@ class CrarParameters:
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
         Gv: joint velocity gain, Eq. (30) [1/s].
-        GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and twice that with a
-            preview, where it is all that damps what tasks leave free.
+        GvN: null-space gain, Eq. (33) [1/s]; by default Gv.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
             the constraints and this near them, joint by joint, see
             `equations.adaptive_gain` [1/s]; GvN goes along unless it is given.
@@ -110,8 +111,8 @@ class CrarParameters:
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
             the robot's rest posture; 0 leaves the port out. By default 30 with
-            constraints "lookahead" and 0 with the others, which are the paper to the
-            letter.
+            constraints "lookahead", 10 with its preview, and 0 with the others, which
+            are the paper to the letter.
         respect_effort_limits: whether the commanded torque stays within the effort
             limits of the controlled joints, see `equations.torque_limit`; by default
             with constraints "lookahead" alone, for the others are the paper to the
@@ -259,16 +260,16 @@ class CrarParameters:
     @property
     def null_space_gain(self) -> float:
         """GvN of Eq. (33) [1/s]."""
-        if self.GvN is not None:
-            return self.GvN
-        return 2.0 * self.Gv if self._previews else self.Gv
+        return self.Gv if self.GvN is None else self.GvN
 
     @property
     def posture_gain(self) -> float:
         """Stiffness towards the nominal posture [1/s^2]; 0 for none."""
-        if self.nominal_posture_gain is None:
-            return _POSTURE_GAIN if self.constraints == "lookahead" else 0.0
-        return self.nominal_posture_gain
+        if self.nominal_posture_gain is not None:
+            return self.nominal_posture_gain
+        if self._previews:
+            return _PREVIEW_POSTURE_GAIN
+        return _POSTURE_GAIN if self.constraints == "lookahead" else 0.0
 
     @property
     def limits_efforts(self) -> bool:
@@ -332,7 +333,9 @@ class CrarParameters:
         """T of the lookahead [s]."""
         if self.lookahead.horizon is not None:
             return self.lookahead.horizon
-        return PREVIEW_HORIZON if self._previews else _BRAKING_TIMES / self.Gv
+        if self._previews:
+            return preview_horizon(self.period)
+        return _BRAKING_TIMES / self.Gv
 
     @property
     def longest_braking_horizon(self) -> float:

@@ -522,11 +522,11 @@ def test_a_mistyped_measurement_or_motion(tmp_path, capsys):
 
 def test_the_lookahead_is_timed_with_a_preview_if_asked_for():
     """And no other mode, which has none."""
-    settings = replace(SHORT, preview=0.08)
+    settings = replace(SHORT, preview=0.1)
     ahead = command._scenario(settings, "wrists", "lookahead").controller
-    assert ahead.lookahead.preview == 0.08
-    assert ahead.braking_horizon == 0.03
+    assert ahead.lookahead.preview == 0.1
+    assert ahead.braking_horizon == 0.012
     paper = command._scenario(settings, "wrists", "paper").controller
-    assert paper.null_space_gain == paper.Gv
+    assert paper.posture_gain == 0.0
     without = command._scenario(SHORT, "wrists", "lookahead").controller
     assert without.lookahead.preview is None

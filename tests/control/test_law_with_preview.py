@@ -16,7 +16,7 @@ from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
 
 PERIOD = 5e-3
-AHEAD = LookaheadParameters(preview=0.08)
+AHEAD = LookaheadParameters(preview=0.1)
 PREVIEW = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
 WITHOUT = CrarParameters(period=PERIOD, blend_time=0.0)
 HANDS = ["left_wrist", "right_wrist"]
@@ -198,19 +198,20 @@ def test_what_makes_no_sense_is_refused(ahead, said):
 
 
 def test_a_preview_brings_its_own_defaults():
-    """A short horizon, slower wishes, more null-space damping; what is given stays."""
-    assert PREVIEW.braking_horizon == 0.03
-    assert PREVIEW.null_space_gain == 2.0 * PREVIEW.Gv
-    assert AHEAD.wish_bound == 9.0
+    """A short horizon, slower wishes, a weaker posture; what is given stays."""
+    assert PREVIEW.braking_horizon == 0.012
+    assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
+    assert (PREVIEW.posture_gain, AHEAD.wish_bound) == (10.0, 9.0)
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
-    assert (WITHOUT.null_space_gain, WITHOUT.lookahead.wish_bound) == (30.0, 16.0)
+    assert (WITHOUT.posture_gain, WITHOUT.lookahead.wish_bound) == (30.0, 16.0)
     given = replace(AHEAD, horizon=0.05, fastest_wish=7.0)
-    given = replace(PREVIEW, lookahead=given, GvN=11.0)
+    given = replace(PREVIEW, lookahead=given, nominal_posture_gain=11.0)
     assert given.braking_horizon == 0.05
-    assert (given.null_space_gain, given.lookahead.wish_bound) == (11.0, 7.0)
+    assert (given.posture_gain, given.lookahead.wish_bound) == (11.0, 7.0)
     # It belongs to the lookahead: nothing of it concerns the paper's constraints.
     paper = replace(PREVIEW, constraints="paper")
-    assert paper.null_space_gain == paper.Gv
+    assert paper.posture_gain == 0.0
+    assert paper.braking_horizon == pytest.approx(2.5 / 30.0)
 
 
 def test_what_is_free_has_a_damping_of_its_own(model):

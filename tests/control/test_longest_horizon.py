@@ -1,6 +1,6 @@
 """Braking more slowly where motors are weak and the longer path is clear, too.
 
-With a horizon of 30 ms the motors of a torso cannot brake it at speed. They may take
+With a horizon of 12 ms the motors of a torso cannot brake it at speed. They may take
 longer, up to `longest_horizon`, wherever nothing is in the way.
 """
 
@@ -18,9 +18,9 @@ from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.results.referee import Referee
 
-PERIOD, T, LONGEST = 5e-3, 0.03, 1.0 / 12.0
-BETWEEN = 0.05  # their geometric mean
-AHEAD = LookaheadParameters(preview=0.08)
+PERIOD, T, LONGEST = 5e-3, 0.012, 1.0 / 12.0
+BETWEEN = np.sqrt(T * LONGEST)
+AHEAD = LookaheadParameters(preview=0.1)
 PARAMETERS = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
 SHORT = replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=T))
 DESCRIPTION = load_robot_description("upper_body")
@@ -132,5 +132,5 @@ def test_without_a_longer_horizon_nothing_is_changed(model):
 
 
 def test_a_longest_horizon_below_the_horizon_is_refused():
-    with pytest.raises(ScenarioError, match=r"longest_horizon.*at least.*0\.03 s"):
+    with pytest.raises(ScenarioError, match=r"longest_horizon.*at least.*0\.012 s"):
         replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=0.01)).validate()

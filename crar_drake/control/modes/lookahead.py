@@ -57,9 +57,16 @@ LARGEST_RHO = 1.0
 _PREVIEW_APPROACH = 200.0
 _PREVIEW_LIMIT_APPROACH = 10.0
 # What else is so unless it is given. A plan sees obstacles coming, so that the robot
-# may be near them at speed: T [s]. Its wishes are faster than feedback's [rad/s].
-PREVIEW_HORIZON = 0.03
+# may be near them at speed: T [s], but so many periods at least. Its wishes are slower
+# than feedback's may be [rad/s].
+_PREVIEW_HORIZON = 0.012
+_PREVIEW_PERIODS = 1.6
 _PREVIEW_FASTEST_WISH = 9.0
+
+
+def preview_horizon(period: float) -> float:
+    """T with a preview, unless it is given [s], for a control period [s]."""
+    return max(_PREVIEW_HORIZON, _PREVIEW_PERIODS * period)
 
 
 @dataclass
@@ -67,8 +74,8 @@ class LookaheadParameters:
     """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
 
     Attributes:
-        horizon: T, over which the robot could brake [s]; by default 2.5 / Gv, and 30 ms
-            with a preview.
+        horizon: T, over which the robot could brake [s]; by default 2.5 / Gv, and with
+            a preview 12 ms or 1.6 control periods, whichever is longer.
         longest_horizon: over which it may brake where motors have not the torque to
             brake within `horizon`, as long as that path is clear, too [s], and in
             between; by default the horizon, and with a preview 2.5 / Gv if that is
@@ -133,7 +140,7 @@ class LookaheadParameters:
     limit_approach_rate: float | None = None  # [1/s]
     preview: float | None = None  # [s]
     null_space_damping: float = 0.02  # [m]
-    smoothness: float = 2.5e-5  # [m s^2]
+    smoothness: float = 5.7e-5  # [m s^2]
     farthest_pull: float = 0.002  # [m or rad]
 
     def validate(self) -> None:

@@ -36,7 +36,7 @@ def variations() -> dict[str, CrarParameters]:
         return replace(default, lookahead=replace(LookaheadParameters(), **changes))
 
     def seen(**changes) -> CrarParameters:
-        return ahead(preview=0.08, **changes)
+        return ahead(preview=0.1, **changes)
 
     return {
         "defaults": default,
@@ -74,14 +74,15 @@ def variations() -> dict[str, CrarParameters]:
         "the same, of limits 10/s": ahead(
             approach_rate=50.0, guard_norm="tasks", limit_approach_rate=10.0
         ),
-        "preview of 0.08 s": seen(),
-        "the same, ρ = 5e-5 m s²": seen(smoothness=5e-5),
+        "preview of 0.1 s": seen(),
+        "the same, ρ = 3e-5 m s²": seen(smoothness=3e-5),
         "the same, pulls as from 8 mm at most": seen(farthest_pull=0.008),
-        "the same, T = 0.05 s": seen(horizon=0.05),
+        "the same, T = 0.03 s": seen(horizon=0.03),
         "the same, T = 1/12 s": seen(horizon=1.0 / 12.0),
-        "the same, no longer way to brake": seen(longest_horizon=0.03),
+        "the same, no longer way to brake": seen(longest_horizon=0.012),
         "the same, λ = 0.1 in what is free": seen(null_space_damping=0.1),
-        "the same, GvN = 30/s": replace(seen(), GvN=30.0),
+        "the same, GvN = 60/s": replace(seen(), GvN=60.0),
+        "the same, nominal posture 30/s²": replace(seen(), nominal_posture_gain=30.0),
         "the same, q_s is asked 16 rad/s at most": seen(fastest_wish=16.0),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),

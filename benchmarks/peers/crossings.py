@@ -1,14 +1,14 @@
 """Many random crossings: every controller with one set of settings for all of them.
 
-    python -m benchmarks.peers.crossings --seeds 12
+    python -m benchmarks.peers.crossings --seeds 36
 
 The motions are `motions.random_crossings` of the shipped upper body, or of another
 robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
 hands of the upper body swung through each other; of ours there are the defaults, the
-defaults with higher gains, the settings of the comparison, some that are calm, and two
-previews: as it comes, chosen on these motions and on recordings of people at once, and
-with a pull that fades, for crossings alone. Both were chosen on the first twelve
-motions of each robot.
+defaults with higher gains, the settings of the comparison, some that are calm, and the
+preview as it comes. Its defaults were chosen at once on such motions of three robots
+(seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of the upper body, 0 to 23 of the G1),
+and on recordings of people.
 """
 
 from __future__ import annotations

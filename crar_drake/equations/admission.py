@@ -20,7 +20,7 @@ import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.free_joints import displaced
+from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.kinematics import Robot
 from crar_drake.equations.placed_shapes import (
     distances_at,
@@ -503,8 +503,9 @@ def check_step(
 
         q + t period q_dot + (t^2 period^2 + t period step) q_ddot / 2.
 
-    Of pairs that are not clear only the next path is asked: else a robot that rests in
-    a penetration could never leave it.
+    Its chord is examined, too, on which a robot is moved that interpolates between
+    `position_command`s. Of pairs that are not clear only the next path is asked: else a
+    robot that rests in a penetration could never leave it.
 
     Args:
         q, v, s: (nq,), (nv,), (nv,) state, and velocity of q_s.
@@ -536,6 +537,10 @@ def check_step(
             along = period * v + (0.5 * period * gains.step / T) * (s - v)
             way = path_bounds(q, along, bend, level, asked, r, reaches)
             clear = not (way.at >= 0.0).any()
+            if clear:
+                there = displacement(q, start, r.turn)
+                way = path_bounds(q, there, straight, level, asked, r, reaches)
+                clear = not (way.at >= 0.0).any()
     return Checked(clear, clearance, start, x, bounds)
 
 

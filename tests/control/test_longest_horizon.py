@@ -19,7 +19,7 @@ from crar_drake.errors import ScenarioError
 from crar_drake.results.referee import Referee
 
 PERIOD, T, LONGEST = 5e-3, 0.012, 1.0 / 12.0
-BETWEEN = np.sqrt(T * LONGEST)
+LONGER = [T * (LONGEST / T) ** (k / 4) for k in (1, 2, 3, 4)]
 AHEAD = LookaheadParameters(preview=0.1)
 PARAMETERS = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
 SHORT = replace(PARAMETERS, lookahead=replace(AHEAD, longest_horizon=T))
@@ -116,7 +116,7 @@ def test_some_way_to_brake_is_always_clear_and_within_the_limits(
             slower += 1
             assert any(
                 braking_use(model, x, longer) <= 1.0 and is_clear(model, x, longer)
-                for longer in (BETWEEN, LONGEST)
+                for longer in LONGER
             )
     assert slower > 5
     assert max(each.torque_limit[1] for each in answers) < 1e-3
@@ -128,7 +128,7 @@ def test_without_a_longer_horizon_nothing_is_changed(model):
     assert ControlLaw(model, default).mode.slower == ()
     assert ControlLaw(model, SHORT).mode.slower == ()
     slower = ControlLaw(model, PARAMETERS).mode.slower
-    assert [each.horizon for each in slower] == pytest.approx([BETWEEN, LONGEST])
+    assert [each.horizon for each in slower] == pytest.approx(LONGER)
 
 
 def test_a_longest_horizon_below_the_horizon_is_refused():

@@ -172,6 +172,51 @@ def test_what_tasks_leave_free_comes_to_rest_at_the_posture():
     np.testing.assert_allclose(q, goal, atol=5e-3)
 
 
+def speeds_at_a_wall(moved, coasting: float, preview) -> np.ndarray:
+    """Of a joint whose target is behind a wall, from 5 cm before it on, by the first
+    accelerations of plans with a row at each instant, and so long after it."""
+    q, qdot, wall, goal = -0.05, 1.0, 0.0, 0.1
+    plan, none, speeds = np.zeros((N, 1)), np.zeros(0), []
+    for _ in range(200):
+        found = References(
+            np.ones((1, 1)),
+            *[none] * 7,
+            np.array([goal - q]),
+            np.array([-qdot]),
+            np.zeros(1),
+        )
+        room = wall - q - (preview.times + coasting) * qdot
+        least = -np.ascontiguousarray(room)
+        plan = plan_accelerations(
+            found,
+            np.zeros(1, dtype=int),
+            0.02,
+            np.zeros(1),
+            np.array([qdot]),
+            plan,
+            np.ascontiguousarray(-moved),
+            least,
+            preview,
+        ).reshape(N, 1)
+        q += PERIOD * qdot + 0.5 * PERIOD**2 * plan[0, 0]
+        qdot += PERIOD * plan[0, 0]
+        speeds.append(qdot)
+    return np.array(speeds)
+
+
+def test_a_joint_comes_to_a_wall_without_swinging():
+    """A period after the instant its speed falls to a third at each step; at the
+    instant itself, which here is a period away, it would change its sign for ever."""
+    near = make_preview(16.0 * PERIOD, 5e-5, D, K, PERIOD, 0.01)
+    assert near.times[0] == PERIOD
+    speeds = speeds_at_a_wall(near.coasted, near.coasting, near)
+    assert speeds.min() > -1e-4
+    assert np.abs(speeds[100:]).max() < 1e-4
+    swinging = speeds_at_a_wall(near.moved, 0.0, near)
+    assert swinging.min() < -0.01
+    assert np.abs(swinging[100:]).max() > 1e-3
+
+
 def test_a_task_that_is_far_pulls_no_more_than_from_afar():
     """The pull of Huber's function: e up to `farthest`, and from then on its length."""
     of_rows = np.array([0, 0, 0, 1, 1, 1])

@@ -1,6 +1,7 @@
 """Constraints that hold where the robot would come to rest: `docs/lookahead.md`."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -64,6 +65,10 @@ _PREVIEW_PERIODS = 1.6
 _PREVIEW_FASTEST_WISH = 9.0
 
 
+# A longer way to brake is at most so many times as long as the next shorter one.
+_HORIZON_RATIO = 1.7
+
+
 def preview_horizon(period: float) -> float:
     """T with a preview, unless it is given [s], for a control period [s]."""
     return max(_PREVIEW_HORIZON, _PREVIEW_PERIODS * period)
@@ -77,9 +82,9 @@ class LookaheadParameters:
         horizon: T, over which the robot could brake [s]; by default 2.5 / Gv, and with
             a preview 12 ms or 1.6 control periods, whichever is longer.
         longest_horizon: over which it may brake where motors have not the torque to
-            brake within `horizon`, as long as that path is clear, too [s], and in
-            between; by default the horizon, and with a preview 2.5 / Gv if that is
-            longer.
+            brake within `horizon`, as long as that path is clear, too [s], and over
+            some in between, see `longer_horizons`; by default the horizon, and with a
+            preview 2.5 / Gv if that is longer.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
@@ -185,6 +190,19 @@ class LookaheadParameters:
         return float(of_pairs or 0.0), float(of_limits or of_pairs or 0.0)
 
 
+def longer_horizons(horizon: float, longest: float) -> list[float]:
+    """What a horizon may be instead where motors are weak [s]: in equal ratios of at
+    most `_HORIZON_RATIO`, the last one the longest.
+
+    Args:
+        horizon: T [s].
+        longest: the longest one [s].
+    """
+    count = math.ceil(math.log(longest / horizon) / math.log(_HORIZON_RATIO))
+    ratio = longest / horizon
+    return [horizon * ratio ** (k / count) for k in range(1, count + 1)]
+
+
 class LookaheadMode(Mode):
     """(L1)-(L13) of `equations.lookahead`.
 
@@ -221,7 +239,6 @@ class LookaheadMode(Mode):
         self.brakes_without_targets = ahead.lost_target == "brake"
         longest = parameters.longest_braking_horizon
         if longest > self.horizon:
-            between = float(np.sqrt(self.horizon * longest))
             self.slower = tuple(
                 LookaheadMode(
                     model,
@@ -231,7 +248,7 @@ class LookaheadMode(Mode):
                     ),
                     gains,
                 )
-                for T in (between, longest)
+                for T in longer_horizons(self.horizon, longest)
             )
         self._model = model
         fastest = parameters.speed_limits(model)[model.controlled]

@@ -176,6 +176,23 @@ def test_a_turn_is_bounded_by_its_middle_less_half_the_curvature() -> None:
         found = path_bounds(-0.5 * x, x, 0.0 * x, level, asked, arms.robot, arms.held)
         expected = 1.0 - rho - BOTH - rho * turn**2 / 8.0
         np.testing.assert_allclose(found.low, [expected], rtol=1e-12)
+        # Twice as fast at the end as at the beginning, or as fast at the end and still
+        # at the beginning; in the middle at the same place.
+        for rate, bend in ((turn, 0.5 * turn), (0.0, turn), (-2.0 * turn, turn)):
+            start = -(0.5 * rate + 0.25 * bend)
+            found = path_bounds(
+                np.array([start]),
+                np.array([rate]),
+                np.array([bend]),
+                level,
+                asked,
+                arms.robot,
+                arms.held,
+            )
+            most = max(abs(rate), abs(rate + 2.0 * bend))
+            curvature = rho * (most**2 + 2.0 * abs(bend))
+            expected = 1.0 - rho - BOTH - curvature / 8.0
+            np.testing.assert_allclose(found.low, [expected], rtol=1e-12)
 
 
 def from_way(place: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:

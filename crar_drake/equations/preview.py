@@ -165,7 +165,7 @@ def expected_motion(
     v: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray, preview: Preview
 ) -> np.ndarray:
     """(L10): x (N, nv), how far joints have moved, a period h after each instant [rad
-    or m], if they coast since then:
+    or m], if they coast from then on:
 
         x_i = (tau_i + h) q_dot + sum_j (C_ij + h length_j) q_ddot_j,    j <= i,
 

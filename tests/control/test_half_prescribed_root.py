@@ -228,7 +228,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
     moves, (at, by) = Moves(model.plant), root_entries(model)
     q, v = stay_apart(model), np.zeros(len(model.order))
     scaled, nearest = 0, np.inf
-    for k in range(240):
+    for k in range(480):
         tasks, (x, x1, x2) = targets(k * PERIOD)
         solution = law.step(q, v, tasks, given(model, x, x1, x2))
         how, share, _, held = solution.admission

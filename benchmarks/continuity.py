@@ -17,9 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import Memory, Targets
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario
@@ -65,11 +64,7 @@ def run_case(
     scenario = Scenario(
         motion=motion,
         experiment=experiment,
-        controller=CrarParameters(
-            constraints="lookahead",
-            period=period,
-            lookahead=LookaheadParameters(preview=preview),
-        ),
+        controller=lookahead_defaults(preview, period=period),
     )
     setup = PrepareScenario(scenario)
     model, wanted = setup.model, setup.motion
@@ -141,9 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--period", type=float, default=PERIOD)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--duration", type=float, help="of each, at most [s]")
-    parser.add_argument(
-        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
-    )
+    add_preview_option(parser)
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args(arguments)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.step import InputError
 from crar_drake.results.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
@@ -248,11 +247,7 @@ def base_scenario(
     scenario = Scenario(
         motion=motion,
         experiment=experiment,
-        controller=CrarParameters(
-            constraints="lookahead",
-            period=period,
-            lookahead=LookaheadParameters(preview=preview),
-        ),
+        controller=lookahead_defaults(preview, period=period),
         duration=DURATIONS.get(motion),
     )
     return replace(scenario, log_period=scenario.plant_config.time_step)
@@ -429,9 +424,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         "--motion", action="append", help="may be repeated; default dance and boxing"
     )
     parser.add_argument("--period", type=float, default=PERIOD, help="control period")
-    parser.add_argument(
-        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
-    )
+    add_preview_option(parser)
     arguments = parser.parse_args(argv)
     outcomes = run_all(
         arguments.motion or ("dance", "boxing"),

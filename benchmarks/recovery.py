@@ -13,8 +13,7 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
-from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
 from crar_drake.results.log import SimulationLog
@@ -196,9 +195,7 @@ def default_scenario(
     judged is how the violation is left. With a preview of so many seconds, if one is
     given.
     """
-    controller = CrarParameters(
-        blend_time=_DURATION, lookahead=LookaheadParameters(preview=preview)
-    )
+    controller = lookahead_defaults(preview, blend_time=_DURATION)
     return Scenario(motion="dance", experiment=experiment, controller=controller)
 
 
@@ -237,9 +234,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Runs every start in both experiments, with the target inside and outside."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", help="Markdown file for the table")
-    parser.add_argument(
-        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
-    )
+    add_preview_option(parser)
     arguments = parser.parse_args(argv)
     results = [
         (

@@ -1,7 +1,7 @@
 """How smooth the commanded accelerations are, and whether a robot freezes.
 
 python -m benchmarks.smoothness [--out table.md] [--motion M ...] [--period P]
-    [--logs FOLDER] [--before FOLDER] [--preview S]
+    [--logs FOLDER] [--before FOLDER]
 
 Every run leaves its log in FOLDER (by default a temporary one), where it is not made
 again. It calls nothing but what every version of the package has: run in a checkout of
@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.task import EXPERIMENTS
@@ -127,21 +126,12 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def make_log(
-    motion: str, experiment: str, period: float, path: str, preview: float | None
-) -> None:
-    """Runs a motion in the lookahead mode, with the defaults, and keeps its log.
-
-    With a preview of so many seconds, if one is given.
-    """
+def make_log(motion: str, experiment: str, period: float, path: str) -> None:
+    """Runs a motion in the lookahead mode, with the defaults, and keeps its log."""
     scenario = Scenario(
         motion=motion,
         experiment=experiment,
-        controller=CrarParameters(
-            constraints="lookahead",
-            period=period,
-            lookahead=LookaheadParameters(preview=preview),
-        ),
+        controller=CrarParameters(constraints="lookahead", period=period),
     )
     run_scenario(scenario).log.save(path)
 
@@ -151,11 +141,7 @@ def _name(motion: str, experiment: str, period: float) -> str:
 
 
 def make_logs(
-    motions: Sequence[str],
-    period: float,
-    folder: Path,
-    jobs: int | None,
-    preview: float | None = None,
+    motions: Sequence[str], period: float, folder: Path, jobs: int | None
 ) -> None:
     """The logs of all cases that are not in the folder yet.
 
@@ -165,7 +151,7 @@ def make_logs(
     """
     with FreshProcesses(jobs) as pool:
         waiting = [
-            pool.submit(make_log, motion, experiment, period, str(path), preview)
+            pool.submit(make_log, motion, experiment, period, str(path))
             for motion in motions
             for experiment in EXPERIMENTS
             if not (path := folder / _name(motion, experiment, period)).exists()
@@ -232,9 +218,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--motion", nargs="*", default=["dance", "boxing"])
     parser.add_argument("--period", type=float, default=PERIOD)
     parser.add_argument("--jobs", type=int)
-    parser.add_argument(
-        "--preview", type=float, metavar="S", help="plan so far ahead (default: not)"
-    )
     parser.add_argument("--logs", type=Path)
     parser.add_argument("--before", type=Path)
     parser.add_argument("--out", type=Path)
@@ -243,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         logs = given.logs or Path(temporary)
         logs.mkdir(parents=True, exist_ok=True)
-        make_logs(motions, given.period, logs, given.jobs, given.preview)
+        make_logs(motions, given.period, logs, given.jobs)
         write_report(make_report(motions, given.period, logs, given.before), given.out)
 
 

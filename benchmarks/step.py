@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 import tempfile
@@ -26,6 +25,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from rich.console import Console
 
 from benchmarks.plain import as_it_is, plain
+from benchmarks.preview_option import add_preview_option
 from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_subjects import (
@@ -50,6 +50,7 @@ from benchmarks.step_timing import (
     time_side_by_side,
 )
 from crar_drake import __version__
+from crar_drake.commands.options import positive
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.compilation import IS_COMPILED, arithmetic
 from crar_drake.errors import CrarError
@@ -599,7 +600,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--motion", default="dance", help="(default: %(default)s)")
     parser.add_argument(
-        "--duration", type=_positive, metavar="S", help="of it [s] (default: 3)"
+        "--duration", type=positive, metavar="S", help="of it [s] (default: 3)"
     )
     parser.add_argument(
         "--only",
@@ -608,12 +609,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         metavar="M[,M...]",
         help=f"what to measure, of {', '.join(MEASUREMENTS)} (default: all)",
     )
-    parser.add_argument(
-        "--preview",
-        type=_positive,
-        metavar="S",
-        help="time the lookahead with a preview [s] (default: without)",
-    )
+    add_preview_option(parser)
     parser.add_argument("--quick", action="store_true", help="few samples")
     parser.add_argument(
         "--out",
@@ -626,13 +622,6 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         "--markdown", type=Path, metavar="FILE", help="a page whose tables to renew"
     )
     return parser.parse_args(argv)
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
-    return value
 
 
 def _measurements(text: str) -> list[str]:

@@ -314,12 +314,10 @@ def path_bounds(
         return Bounds(low, at, seen)
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
-    bent = bend.any()
     fastest = np.maximum(np.abs(x), np.abs(x + 2.0 * bend))
     put_at(curvature, examined, path_curvature(fastest, examined, of))
-    if bent:
+    if bend.any():
         curvature += 2.0 * travel(bend, reaches)
-    rate = x
     points = np.zeros((len(r.first), 3))
     open_ = asked.reshape(1, -1)
     for halving in range(_HALVINGS + 1):
@@ -331,9 +329,7 @@ def path_bounds(
                 continue
             t = (2 * part + 1) * half
             shapes, own = pairs.shapes[some], of.own[some]
-            moved = t * x
-            if bent:
-                moved, rate = moved + (t * t) * bend, x + (2.0 * t) * bend
+            moved, rate = t * x + (t * t) * bend, x + (2.0 * t) * bend
             S = place_pairs(points, displaced(start, moved, r.turn), shapes, r)
             d, n, _, _ = nearest_points(points, pairs, shapes)
             gap = shadow_gap(

@@ -192,14 +192,14 @@ class LookaheadParameters:
 
 def longer_horizons(horizon: float, longest: float) -> list[float]:
     """What a horizon may be instead where motors are weak [s]: in equal ratios of at
-    most `_HORIZON_RATIO`, the last one the longest.
+    most `_HORIZON_RATIO`, the last one the longest; none if that is T itself.
 
     Args:
         horizon: T [s].
         longest: the longest one [s].
     """
-    count = math.ceil(math.log(longest / horizon) / math.log(_HORIZON_RATIO))
     ratio = longest / horizon
+    count = math.ceil(math.log(ratio) / math.log(_HORIZON_RATIO))
     return [horizon * ratio ** (k / count) for k in range(1, count + 1)]
 
 
@@ -238,18 +238,17 @@ class LookaheadMode(Mode):
         self.horizon = parameters.braking_horizon
         self.brakes_without_targets = ahead.lost_target == "brake"
         longest = parameters.longest_braking_horizon
-        if longest > self.horizon:
-            self.slower = tuple(
-                LookaheadMode(
-                    model,
-                    replace(
-                        parameters,
-                        lookahead=replace(ahead, horizon=T, longest_horizon=T),
-                    ),
-                    gains,
-                )
-                for T in longer_horizons(self.horizon, longest)
+        self.slower = tuple(
+            LookaheadMode(
+                model,
+                replace(
+                    parameters,
+                    lookahead=replace(ahead, horizon=T, longest_horizon=T),
+                ),
+                gains,
             )
+            for T in longer_horizons(self.horizon, longest)
+        )
         self._model = model
         fastest = parameters.speed_limits(model)[model.controlled]
         limits = find_limits(model.lower, model.upper, fastest)

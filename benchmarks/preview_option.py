@@ -1,0 +1,33 @@
+"""The option --preview, of benchmarks that run the lookahead as it comes."""
+
+from __future__ import annotations
+
+import argparse
+
+from crar_drake.commands.options import positive
+from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.parameters import CrarParameters
+
+
+def add_preview_option(parser: argparse.ArgumentParser) -> None:
+    """--preview S: None where it is not given."""
+    parser.add_argument(
+        "--preview",
+        type=positive,
+        metavar="S",
+        help="the lookahead with a preview of so many seconds (default: without)",
+    )
+
+
+def lookahead_defaults(preview: float | None, **settings) -> CrarParameters:
+    """The lookahead with or without a preview [s], all else by default but `settings`.
+
+    Args:
+        preview: what --preview says.
+        settings: other fields of `CrarParameters`.
+    """
+    return CrarParameters(
+        constraints="lookahead",
+        lookahead=LookaheadParameters(preview=preview),
+        **settings,
+    )

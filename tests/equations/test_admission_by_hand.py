@@ -405,6 +405,9 @@ def stretched_chains(rng: np.random.Generator, lengths: np.ndarray) -> Reaches:
         above,
         rows,
         rows,
+        np.arange(0),
+        np.zeros(0),
+        *np.zeros((2, 0, *a[None].shape)),
     )
 
 

@@ -47,8 +47,8 @@ _HALVINGS = 7
 _SEARCHED = 4
 # A wish is scaled to one of 2^this shares.
 _BISECTIONS = 6
-# A distance below the floor by less than this is at the floor [m]: no rounding of doubles
-# in a robot's size comes near it.
+# A distance below the floor by less than this is at the floor [m]: rounding, of doubles
+# and robots' sizes, comes nowhere near it.
 _ROUNDING = 1e-9
 
 
@@ -58,9 +58,9 @@ class Reaches(NamedTuple):
     Of Np pairs, Np' are looked at: all, or some (`nearby.some_reaches`).
 
     Made by `robot.reach.find_reaches`, from the robot's shapes and joints alone. A
-    slide between a turning joint and a shape makes the joint's reach longer: the reaches
-    hold as long as no such slide is farther from its zero than its extent, and
-    `reaching` has those that hold beyond.
+    slide between a turning joint and a shape makes the joint's reach longer. So the
+    reaches hold while no such slide is farther from its zero than its extent; beyond,
+    those of `reaching` do.
     """
 
     a_alone: np.ndarray  # (Np, nv) 1 where a joint moves the pair's first shape alone
@@ -486,8 +486,8 @@ class Present(NamedTuple):
 
     Attributes:
         low: (Np,) no distance on it is smaller [m]; a guess where a pair is not clear.
-        level: (Np,) the floor; where a pair is not clear, the smallest distance seen, if
-            it is one.
+        level: (Np,) the floor; where a pair is not clear, the smallest distance seen,
+            unless that is none (NaN).
         held: whether every pair is clear, but for rounding.
     """
 

@@ -71,8 +71,8 @@ def find_reaches(
             offset = [steps[frame]]
             if frame in floats and tree.parent[frame]:
                 raise ModelError(
-                    f"link {body.name()!r} is carried by a joint that floats on another "
-                    "joint, so that nothing bounds how far it is taken: let it float "
+                    f"link {body.name()!r} is carried by a joint that floats on "
+                    "another joint: nothing bounds how far it is taken; let it float "
                     "on the world"
                 )
             frame = tree.parent[frame]

@@ -142,6 +142,11 @@ def _violated(clips: list[CleanedClip]) -> list[str]:
         *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
         *counted(sum(c.too_fast for c in clips), "frame", "beyond a speed limit"),
+        *counted(
+            sum(max(c.meshes_penetrating, 0) for c in clips),
+            "frame",
+            "with meshes that penetrate",
+        ),
         *counted(unclear, "motion", "with a way between frames that is not clear"),
     ]
 
@@ -198,7 +203,16 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"steps: {clip.corrected} frames corrected, {clip.scaled} scaled; "
         f"{clip.seconds:.1f} s of a processor, {clip.times_real_time:.1f} x real time",
     ]
-    if clip.between < 0.0:
+    if clip.meshes_penetrating < 0:
+        lines.append(
+            "no meshes were looked at: of links that nobody watches nothing is known"
+        )
+    if clip.meshes_penetrating > 0:
+        lines.append(
+            f"meshes penetrate in {clip.meshes_penetrating} frames; crar-drake judge "
+            "tells of which links"
+        )
+    if not clip.between >= 0.0:
         lines.append("a way between frames is not shown to be clear")
     if clip.moved_start:
         lines.append(

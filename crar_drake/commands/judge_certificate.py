@@ -84,6 +84,11 @@ def _judge(motion: Path, robot: str | None) -> bool:
             f"joint limit {check.limit:.4g}, largest share of a speed limit "
             f"{check.speed:.3f}"
         )
+    if check.uncovered:
+        meshes = "their meshes were looked at in each frame"
+        if check.why_not:
+            meshes = f"nobody looked at their meshes: {check.why_not}"
+        print(f"not covered: {check.uncovered} pairs that nobody watches; {meshes}")
     if check.holds:
         print(f"{place}: nothing refutes it")
         return True

@@ -28,6 +28,7 @@ from crar_drake.references.robot_motion import (
     read_motions,
     write_motions,
 )
+from crar_drake.references.uncovered import MeshFrames, Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
 
@@ -53,6 +54,8 @@ class CleanedClip(Change):
         corrected, scaled: frames with a step that was.
         moved_start: of the first frame, its farthest joint [rad].
         num_watched: pairs that the law watched.
+        meshes_penetrating: frames in which meshes penetrate, those of links that nobody
+            watches among them; -1 where there are none to be looked at.
         seconds: of a processor that cleaning took, without reading, writing and
             measuring [s].
     """
@@ -74,6 +77,7 @@ class CleanedClip(Change):
     scaled: int
     moved_start: float
     num_watched: int
+    meshes_penetrating: int
     seconds: float
 
     @property
@@ -85,7 +89,8 @@ class CleanedClip(Change):
     def violated(self) -> bool:
         """Whether anything is left, or a way between frames not shown to be clear."""
         left = self.penetrating or self.beyond_limit or self.too_fast
-        return bool(left) or not self.between >= 0.0
+        meshes = self.meshes_penetrating > 0
+        return bool(left or meshes) or not self.between >= 0.0
 
 
 # What is a number, those of the change last; and whether it is a whole one.
@@ -133,6 +138,7 @@ def clean_file(
         raise MotionError(f"{out}: is the reference itself; name another file")
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
+    uncovered = Uncovered(whole_body)
     motions = read_motions(reference, layout, rate, robot=whole_body)
     followers: dict[float, Follower] = {}
     written, cleaned = [], []
@@ -167,13 +173,18 @@ def clean_file(
         for before, after, (found, took) in zip(motions, again, cleaned, strict=True):
             follower = followers[after.rate]
             margins = [_margins(motion, follower) for motion in (before, after)]
+            meshes = uncovered.look_at(after)
             clips.append(
-                CertifiedClip(after.clip, after.rate, margins[1], found.admitted)
+                CertifiedClip(
+                    after.clip, after.rate, margins[1], found.admitted, meshes
+                )
             )
-            rows.append(_row(before, after, margins, found, took, follower, whole_body))
+            rows.append(
+                _row(before, after, margins, meshes, found, took, follower, whole_body)
+            )
         p = parameters or CleaningParameters()
         certificate = make_certificate(
-            folder / out.name, reference, description, clips, p.floor
+            folder / out.name, reference, description, clips, p.floor, uncovered
         )
         certificate["parameters"] = asdict(p)
         certificate["motion"] |= {"layout": to.name, "rate": told}
@@ -208,6 +219,7 @@ def _row(
     before: RobotMotion,
     after: RobotMotion,
     margins: list[Margins],
+    meshes: MeshFrames | None,
     found: Cleaned,
     seconds: float,
     follower: Follower,
@@ -234,6 +246,7 @@ def _row(
         scaled=_count(found.admitted == 2.0),
         moved_start=found.moved_start,
         num_watched=found.num_watched,
+        meshes_penetrating=-1 if meshes is None else meshes.num_penetrating,
         seconds=seconds,
     )
 

@@ -12,7 +12,7 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from crar_drake.files import check_file, whole_file
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
 from crar_drake.references.robot_motion import RobotMotion, read_motions
+from crar_drake.references.uncovered import MeshFrames, Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import (
@@ -32,7 +33,7 @@ from crar_drake.robot.description import (
 )
 
 KIND = "crar-drake certificate of a reference motion"
-FORMAT = 1
+FORMAT = 2
 
 # By so much less than what is claimed may be found: rounding [m].
 DISTANCE_TOLERANCE = 1e-6
@@ -52,12 +53,14 @@ class CertifiedClip:
         margins: what it keeps.
         admitted: (T,) how the steps to each frame were admitted, see `Cleaned`; -1
             where it was not followed by the law.
+        meshes: what the meshes say; None where none were looked at.
     """
 
     clip: str
     rate: float
     margins: Margins
     admitted: np.ndarray
+    meshes: MeshFrames | None
 
 
 def certificate_path(motion: str | os.PathLike[str]) -> Path:
@@ -107,6 +110,7 @@ def make_certificate(
     description: RobotDescription,
     clips: Sequence[CertifiedClip],
     floor: float,
+    uncovered: Uncovered,
 ) -> dict:
     """The contents of a certificate.
 
@@ -116,6 +120,7 @@ def make_certificate(
         description: of the robot.
         clips: what its motions keep.
         floor: that distances were to keep [m].
+        uncovered: what it does not cover.
     """
     return {
         "kind": KIND,
@@ -134,6 +139,11 @@ def make_certificate(
             "limit": "to the nearest joint limit [rad or m]",
             "speed": "largest share of a joint's speed limit to the next frame",
             "floor": floor,
+        },
+        "not_covered": {
+            "pairs": [list(pair) for pair in uncovered.pairs],
+            "besides": "links one joint apart",
+            "meshes": uncovered.why_not or "looked at, in each frame",
         },
         "clips": [_clip(each, description.pairs) for each in clips],
     }
@@ -176,6 +186,7 @@ def read_certificate(path: str | os.PathLike[str]) -> dict:
         (("motion", "sha256"), str, "a text"),
         (("robot", "name"), str, "a text"),
         (("robot", "files"), dict, "an object"),
+        (("not_covered", "pairs"), list, "a list"),
         (("clips",), list, "a list"),
     ):
         value = certificate
@@ -194,6 +205,8 @@ class CertificateCheck:
         refuted: what does not, a sentence each; empty if all does.
         frames: that were looked at.
         points: between frames that were looked at.
+        uncovered: pairs of links that nobody watches.
+        why_not: why their meshes were not looked at; "" if they were.
         distance: the smallest that the referee found [m]; infinite without pairs.
         pair: of which links; None without.
         limit: the smallest margin to a joint limit [rad or m].
@@ -203,6 +216,8 @@ class CertificateCheck:
     refuted: list[str] = field(default_factory=list)
     frames: int = 0
     points: int = 0
+    uncovered: int = 0
+    why_not: str = ""
     distance: float = math.inf
     pair: tuple[str, str] | None = None
     limit: float = math.inf
@@ -222,7 +237,8 @@ def check_certificate(
     Every frame is judged by the referee, and some points on the way to the next. They
     can refute a bound, not prove it. Besides, nothing may be violated: a certificate
     that truly tells of a penetration does not hold, nor one with a way between frames
-    that is not shown to be clear.
+    that is not shown to be clear, nor one of a motion whose meshes penetrate in a
+    frame, whether the pair is watched or not.
 
     Not examined is what nothing here could refute: of which reference, by which version
     and parameters the motion was made, which pair is the nearest at a frame, how steps
@@ -256,6 +272,16 @@ def check_certificate(
         if len(clips) < len(certificate["clips"]):
             check.refuted.append("a clip is in it more than once")
         robot = WholeBody(description)
+        uncovered = Uncovered(robot)
+        check.uncovered, check.why_not = len(uncovered.pairs), uncovered.why_not
+        said = {frozenset(pair) for pair in certificate["not_covered"]["pairs"]}
+        untold = [pair for pair in uncovered.pairs if frozenset(pair) not in said]
+        if untold:
+            a, b = untold[0]
+            check.refuted.append(
+                f"it does not say that it is not of {a} - {b}, which nobody watches"
+                + (f", and of {len(untold) - 1} more" if len(untold) > 1 else "")
+            )
         referee = Referee(
             robot.plant,
             robot.scene_graph,
@@ -282,6 +308,10 @@ def check_certificate(
                     f"{claimed['rate']:g}"
                 )
             _check_clip(check, claimed, each, robot, referee)
+            meshes = uncovered.look_at(each)
+            if meshes is not None and meshes.num_penetrating:
+                name = f"{each.clip}: " if each.clip else ""
+                check.refuted.append(f"{name}{meshes}")
     except CrarError:
         raise
     except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as e:
@@ -387,7 +417,9 @@ def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
         "admitted": [int(how) for how in each.admitted],
     }
     summary = _summary(frames, pairs)
-    return {"clip": each.clip, "rate": each.rate, **summary, "frames": frames}
+    meshes = None if each.meshes is None else asdict(each.meshes)
+    of_motion = {"clip": each.clip, "rate": each.rate, "meshes": meshes}
+    return {**of_motion, **summary, "frames": frames}
 
 
 def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:

@@ -173,7 +173,7 @@ def test_where_the_run_starts_then_is_said_as_it_is(folder):
 def test_the_command_prints_and_keeps_them(folder, capsys):
     arm(folder, "rest_posture: {j0: 1.7, j1: 0.5}\n")
     argv = ["run", "s.yaml", "--duration", "0.31", "--out", "it"]
-    assert main(argv) == 0
+    assert main(argv) == 1
     printed = capsys.readouterr().out
     summary = json.loads((folder / "it/summary.json").read_text())
     assert len(summary["warnings"]) == 3

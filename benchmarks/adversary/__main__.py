@@ -154,7 +154,7 @@ def replay(path: Path, console: Console) -> bool:
             f"{path}: not a counterexample of this benchmark ({error}); take a file of "
             f"the folder {FOUND}/"
         ) from error
-    subject = load_subject(case.robot)
+    subject = load_subject(case.robot, lineage[0])
     episode, done = play(case, subject, task_set, lineage, num_steps)
     verdict = judge_episode(subject, episode, done, lineage)
     console.print(

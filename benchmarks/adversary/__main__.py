@@ -36,7 +36,12 @@ from benchmarks.adversary.cases import (
     merged,
     read_results,
 )
-from benchmarks.adversary.report import markdown, rich_table, verdict_line
+from benchmarks.adversary.report import (
+    fill_page,
+    markdown,
+    rich_table,
+    verdict_line,
+)
 from benchmarks.adversary.robots import ROBOTS, load_subject
 from benchmarks.adversary.run import judge_episode, play, run_case
 from crar_drake.control.modes import MODES
@@ -135,6 +140,27 @@ def _write(folder: Path, results: Sequence[Result]) -> None:
             with whole_file(folder / FOUND / f"{name}.json") as temporary:
                 found = {"case": asdict(case), **r.worst, "law": r.law}
                 temporary.write_text(json.dumps(finite(found), indent=1) + "\n")
+
+
+def _told(options: argparse.Namespace, results: Sequence[Result]) -> str:
+    """The command, what came of it in a line, and the tables."""
+    parts = ["    python -m benchmarks.adversary"]
+    for name, default in (
+        ("robots", list(ROBOTS)),
+        ("attacks", list(ATTACKS)),
+        ("plants", ["exact"]),
+        ("periods", list(PERIODS)),
+        ("preview", False),
+        ("steps", None),
+        ("seed", 0),
+    ):
+        value = getattr(options, name)
+        if value != default:
+            listed = value if isinstance(value, list) else [value]
+            said = "" if value is True else " " + ",".join(map(str, listed))
+            parts.append(f"--{name}{said}")
+    verdict = verdict_line(results)
+    return f"{' '.join(parts)}\n\n{verdict.capitalize()}.\n\n{markdown(results)}"
 
 
 def replay(path: Path, console: Console) -> bool:
@@ -239,6 +265,11 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--processes", type=count, default=os.cpu_count())
     parser.add_argument("--quick", action="store_true", help="few steps a case")
     parser.add_argument("--out", type=Path, default=Path("out/adversary"))
+    parser.add_argument(
+        "--page",
+        type=Path,
+        help="write the tables into this page, between its marks for what was run",
+    )
     parser.add_argument("--replay", type=Path, metavar="FILE")
     return parser.parse_args(argv)
 
@@ -270,6 +301,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 seed=options.seed,
             )
         results = run_all(cases, options.out, options.processes, console)
+        if options.page is not None:
+            what = "+".join(options.plants) + " preview" * options.preview
+            fill_page(options.page, what, _told(options, results))
     except CrarError as error:
         print(f"adversary: error: {error}", file=sys.stderr)
         return 2

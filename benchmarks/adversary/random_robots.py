@@ -8,7 +8,6 @@ speed limit, weak motors, and posts in their way that stand or are moved.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations, count
 
 import numpy as np
@@ -46,44 +45,30 @@ SEEN = 0.1  # in this share of the poses at least
 POSES = 300
 
 
-class DrawnRobot:
-    """A robot, its judge, and the control model of what it is to do.
-
-    Attributes:
-        description: of it.
-        judge: of its states, on a plant of its own.
-        tasks: that it is attacked through.
-    """
-
-    def __init__(self, kind: str, seed: int) -> None:
-        for attempt in count():
-            self._drawn_from = (kind, [seed, KINDS.index(kind), attempt])
-            plant, scene_graph, _, description = _draw(*self._drawn_from)
-            pairs = _pairs_that_part(plant, scene_graph, description)
-            if pairs:
-                break
-        self.description = replace(description, pairs=pairs)
-        prescribed = list(description.prescribed_joints)
-        self.judge = Judge(plant, scene_graph, pairs, prescribed)
-        rng = np.random.default_rng([seed, 1])
-        links = [name for name in description.task_frames if name.startswith("link")]
-        chosen = {links[-1], links[int(rng.integers(len(links)))]}
-        self.tasks = [
-            Task(
-                frame=link,
-                kind=str(rng.choice(["position", "position", "pose"])),
-                point=list(rng.normal(scale=0.1, size=3)),
-                orientation_weight=0.3,
-            )
-            for link in sorted(chosen)
-        ]
-
-    def model(self) -> ControlModel:
-        """The control model, on another plant than the judge's."""
-        plant, scene_graph, builder, _ = _draw(*self._drawn_from)
-        return ControlModel(
-            builder.Build(), plant, scene_graph, self.description, self.tasks
+def draw_robot(kind: str, seed: int) -> tuple[RobotDescription, Judge, ControlModel]:
+    """The robot of a kind and a seed, with tasks; the judge has a plant of its own."""
+    for attempt in count():
+        drawn_from = (kind, [seed, KINDS.index(kind), attempt])
+        plant, scene_graph, _, description = _draw(*drawn_from)
+        description.pairs = _pairs_that_part(plant, scene_graph, description)
+        if description.pairs:
+            break
+    prescribed = list(description.prescribed_joints)
+    judge = Judge(plant, scene_graph, description.pairs, prescribed)
+    rng = np.random.default_rng([seed, 1])
+    links = [name for name in description.task_frames if name.startswith("link")]
+    tasks = [
+        Task(
+            frame=link,
+            kind=str(rng.choice(["position", "position", "pose"])),
+            point=list(rng.normal(scale=0.1, size=3)),
+            orientation_weight=0.3,
         )
+        for link in sorted({links[-1], str(rng.choice(links))})
+    ]
+    plant, scene_graph, builder, _ = _draw(*drawn_from)
+    model = ControlModel(builder.Build(), plant, scene_graph, description, tasks)
+    return description, judge, model
 
 
 def _draw(kind: str, seed: list[int]):
@@ -150,22 +135,11 @@ def _add_joint(plant, rng, name, parent, slides, prefix, farthest) -> RigidBody:
     axis /= np.linalg.norm(axis)
     middle = rng.uniform(-0.3, 0.3) * (0.1 if slides else 1.0)
     half = 10.0 ** (rng.uniform(-2.0, -0.5) if slides else rng.uniform(-1.0, 0.5))
-    if rng.random() < 0.1:
-        half = 0.0
-    elif not slides and rng.random() < 0.1:
-        half = np.inf
+    half *= rng.choice([1.0, 0.0, 1.0 if slides else np.inf], p=[0.8, 0.1, 0.1])
     made = PrismaticJoint if slides else RevoluteJoint
-    joint = plant.AddJoint(
-        made(
-            f"joint{name}",
-            on_parent,
-            link.body_frame(),
-            axis,
-            middle - half if half < np.inf else -np.inf,
-            middle + half if half < np.inf else np.inf,
-            float(rng.choice([0.0, 0.5])),
-        )
-    )
+    between = f"joint{name}", on_parent, link.body_frame(), axis
+    damping = float(rng.choice([0.0, 0.5]))
+    joint = plant.AddJoint(made(*between, middle - half, middle + half, damping))
     if rng.random() < 0.5:
         fastest = rng.uniform(0.3, 10.0)
         joint.set_velocity_limits([-fastest], [fastest])
@@ -179,9 +153,7 @@ def _give_shape(plant: MultibodyPlant, body, rng, kind: str, longest: float) -> 
     """A shape somewhere on the body."""
     name = rng.choice(["capsule", "sphere", "whip", "box"], p=SHAPES[kind])
     shape = {
-        "capsule": Capsule(
-            10.0 ** rng.uniform(-2.5, -1.2), longest * rng.uniform(0.1, 1.5)
-        ),
+        "capsule": Capsule(10.0 ** rng.uniform(-2.5, -1.2), longest * rng.random()),
         "sphere": Sphere(10.0 ** rng.uniform(-2.5, -1.0)),
         "whip": WHIP,
         "box": Box(*10.0 ** rng.uniform(-2.3, -0.5, 3)),

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from benchmarks.adversary.judge import Judge
-from benchmarks.adversary.random_robots import KINDS, DrawnRobot
+from benchmarks.adversary.random_robots import KINDS, draw_robot
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import RobotDescription, load_robot_description
@@ -101,6 +101,5 @@ def load_subject(robot: str, seed: int = 0) -> Subject:
 
 @lru_cache(maxsize=2 * len(KINDS))
 def _draw_subject(kind: str, seed: int) -> Subject:
-    drawn = DrawnRobot(kind, seed)
-    models = {"drawn": drawn.model()}
-    return Subject(kind, drawn.description, drawn.judge, models)
+    description, judge, model = draw_robot(kind, seed)
+    return Subject(kind, description, judge, {"drawn": model})

@@ -95,10 +95,14 @@ class Stage:
         self._look_around()
 
     def begin(self, kind: str) -> None:
-        """Starts "fast", "singular" or "beyond" limits instead of at rest."""
+        """Starts "fast", "touching", "singular" or "beyond" limits instead."""
         robot = self.model, self.judge, self.rng
+        ahead = self.parameters.lookahead
         if kind == "fast":
             found = starts.fast(*robot, self.parameters.braking_horizon)
+        elif kind == "touching":
+            floor = ahead.distance_margin - ahead.admission_slack
+            found = starts.touching(*robot, floor)
         else:
             found = getattr(starts, kind)(*robot)
         self._place_at(*found)
@@ -262,6 +266,15 @@ def fast_start(stage: Stage) -> Episode:
     span = stage.rng.uniform(0.05, 0.3)
     path = approach(stage.time, stage.points, ahead, span)
     return stage.episode(path, stage.turns(3.0))
+
+
+def touching(stage: Stage) -> Episode:
+    """From rest at the floor, to the last digits, jumps or sines."""
+    stage.parameters = replace(stage.parameters, blend_time=0.0)
+    stage.begin("touching")
+    return stage.episode(
+        *(stage.jumps() if stage.rng.random() < 0.5 else stage.sines())
+    )
 
 
 def stretched(stage: Stage) -> Episode:
@@ -461,6 +474,7 @@ ATTACKS: dict[str, Callable[[Stage], Episode]] = {
     "chirp": sweep,
     "search": smooth,
     "fast_start": fast_start,
+    "touching": touching,
     "singular": stretched,
     "several": several,
     "squeeze": squeeze,

@@ -115,6 +115,29 @@ def beyond(
     return at_rest(model, judge, rng)
 
 
+def touching(
+    model: ControlModel, judge: Judge, rng: np.random.Generator, floor: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A pose at rest whose smallest distance is the floor, to the last digits."""
+    clear = random_poses(model, judge, rng, _BATCH)
+    other = clear[rng.permutation(len(clear))]
+    ways = (
+        clear[:, None] + np.linspace(0.0, 1.0, 30)[:, None] * (other - clear)[:, None]
+    )
+    d = judge.nearest(ways.reshape(-1, clear.shape[1]))[0].reshape(len(clear), -1)
+    for k in np.flatnonzero((d < floor).any(axis=1)):
+        near = int((d[k] < floor).argmax())
+        low, high = ways[k, near - 1], ways[k, near]
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            if judge.nearest(middle[None])[0][0] < floor:
+                high = middle
+            else:
+                low = middle
+        return (low if rng.random() < 0.5 else high), np.zeros(clear.shape[1])
+    return at_rest(model, judge, rng)
+
+
 def singular(
     model: ControlModel, judge: Judge, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -403,6 +403,18 @@ def test_starts_beyond_limits_are_there_and_prescribed_joints_are_driven():
     assert 0.2 < farthest <= FARTHEST and driven > 1.5
 
 
+def test_touching_starts_are_at_the_floor_on_either_side():
+    subject = load_subject("upper_body")
+    judge, model = subject.judge, subject.model("wrists")
+    base = CrarParameters(period=0.01)
+    off = []
+    for seed in range(8):
+        made = make_episode("touching", model, judge, base, 5, [seed])
+        assert not made.v.any() and judge.excess(made.q[None]).max() == 0.0
+        off.append(judge.nearest(made.q[None])[0][0] - 4e-3)
+    assert np.abs(off).max() < 1e-14 and min(off) < 0.0 <= max(off)
+
+
 def test_laws_are_switched_in_mid_motion_and_their_horizons_do_not_grow():
     subject = load_subject("jaw")
     model, base = subject.model("position"), CrarParameters(period=0.005)

@@ -35,7 +35,8 @@ from crar_drake.robot.task import Task
 KINDS = ("slides", "boxes", "random")
 MOST_JOINTS = 6
 SHAPES = {  # how often a link has a capsule, a sphere, a whip, a box
-    "slides": [0.6, 0.4, 0.0, 0.0],
+    "slides": [0.4, 0.6, 0.0, 0.0],
+    "posts": [0.2, 0.2, 0.6, 0.0],
     "boxes": [0.2, 0.1, 0.1, 0.6],
     "random": [0.6, 0.25, 0.15, 0.0],
 }
@@ -79,7 +80,7 @@ def _draw(kind: str, seed: list[int]):
         builder, float(rng.choice([0.0, 1e-3]))
     )
     # Short links on slides that are driven far out, and there many posts.
-    long, fewest, far = (0.05, 4, 2.0) if kind == "slides" else (0.3, 1, 0.8)
+    long, fewest, far = (0.05, 8, 2.0) if kind == "slides" else (0.3, 1, 0.8)
     base = plant.AddRigidBody("base", _inertia(rng))
     plant.WeldFrames(plant.world_frame(), base.body_frame())
     _give_shape(plant, base, rng, kind, long)
@@ -91,7 +92,7 @@ def _draw(kind: str, seed: list[int]):
         parent = links[-1] if rng.random() < 0.8 else links[rng.integers(len(links))]
         slides = (i + first) % 2 == 0 if kind == "slides" else rng.random() < 0.3
         link = _add_joint(plant, rng, f"{i}", parent, slides, "link", long)
-        share = 0.4 if kind == "slides" and slides else 0.1
+        share = 0.5 if kind == "slides" and slides else 0.1
         if rng.random() < share and len(prescribed) < joints - 1:
             prescribed.append(f"joint{i}")
         _give_shape(plant, link, rng, kind, long)
@@ -104,7 +105,7 @@ def _draw(kind: str, seed: list[int]):
         else:
             post = plant.AddRigidBody(f"post{i}", _inertia(rng))
             plant.WeldFrames(base.body_frame(), post.body_frame(), _place(rng, far))
-        _give_shape(plant, post, rng, "boxes" if kind == "boxes" else "random", 0.3)
+        _give_shape(plant, post, rng, "posts" if kind == "slides" else kind, 0.3)
         links.append(post)
     plant.Finalize()
     fixed = [link.name() for link in links if link.name()[:4] in ("base", "post")]

@@ -104,7 +104,7 @@ def test_judge_agrees_with_scene_graph_on_robots_that_are_drawn(kind):
     ours, theirs = np.concatenate(found, axis=1)
     assert (theirs - ours).min() > -1e-9
     # The engine's iterations end early at times.
-    assert np.quantile(theirs - ours, 0.99) < 1e-5 and (theirs - ours).max() < 1e-3
+    assert np.quantile(theirs - ours, 0.99) < 1e-5 and (theirs - ours).max() < 5e-3
     assert len(ours) > 3000 and (boxes > 30) == (kind == "boxes")
 
 

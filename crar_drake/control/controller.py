@@ -116,7 +116,9 @@ class CrarController(LeafSystem):
         admission: (4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled
             towards braking), the share of the wish, a bound from below for all
             distances on the braking path one period on [m], and whether the present
-            one is clear (1) or not (0), see `docs/lookahead.md`; NaN unless
+            one is clear (1) or not (0), see `docs/lookahead.md`. The last two are NaN
+            where a watched pair is not examined: one with a shape that is neither a
+            capsule nor a sphere, unless it is above a half space. All are NaN unless
             constraints are "lookahead", and while it brakes without targets.
         torque_limit: (2,) share of the wish that the effort limits allowed, and the
             excess before clipping of the present torque tick, see `Solution`.

@@ -131,8 +131,9 @@ class Solution:
     def admission(self) -> np.ndarray:
         """(4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled towards
         braking), the share of the wish, a bound from below for all distances on the
-        next braking path [m], and 1 if the present one is clear, else 0; NaN unless
-        constraints are "lookahead"."""
+        next braking path [m], and 1 if the present one is clear, else 0, the last two
+        NaN if a watched pair is not examined; all NaN unless constraints are
+        "lookahead"."""
         return self.of_mode.get("admission", np.full(4, np.nan))
 
 

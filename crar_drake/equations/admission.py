@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
-from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.free_joints import displaced, displacement
 from crar_drake.equations.kinematics import Robot
 from crar_drake.equations.placed_shapes import (
@@ -47,7 +47,9 @@ _HALVINGS = 7
 _SEARCHED = 4
 # A wish is scaled to one of 2^this shares.
 _BISECTIONS = 6
-_FAR = 1e3  # [m] a bound for what nobody asks
+# A distance below the floor by less than this is at the floor [m]: rounding, of doubles
+# and robots' sizes, comes nowhere near it.
+_ROUNDING = 1e-9
 
 
 class Reaches(NamedTuple):
@@ -55,7 +57,10 @@ class Reaches(NamedTuple):
 
     Of Np pairs, Np' are looked at: all, or some (`nearby.some_reaches`).
 
-    Made by `robot.reach.find_reaches`, from the robot's shapes and joints alone.
+    Made by `robot.reach.find_reaches`, from the robot's shapes and joints alone. A
+    slide between a turning joint and a shape makes the joint's reach longer. So the
+    reaches hold while no such slide is farther from its zero than its extent; beyond,
+    those of `reaching` do.
     """
 
     a_alone: np.ndarray  # (Np, nv) 1 where a joint moves the pair's first shape alone
@@ -66,6 +71,10 @@ class Reaches(NamedTuple):
     above: np.ndarray  # (nv, nv) 1 where joint j carries joint i, i = j not included
     rows: np.ndarray  # (Np',) the row of each pair among those of `State.d`
     own: np.ndarray  # (Np',) and among those above, which may be more
+    slides: np.ndarray  # (K,) the joints that slide between a turn and a shape
+    extents: np.ndarray  # (K,) how far from zero they are at most [m]
+    a_by: np.ndarray  # (K, Np, nv) what a metre of each adds to `a` [1/rad]
+    b_by: np.ndarray  # (K, Np, nv) and to `b`
 
 
 class Bounds(NamedTuple):
@@ -73,14 +82,70 @@ class Bounds(NamedTuple):
 
     Attributes:
         low: (Np,) no distance on the path is smaller [m]; what is below the level
-            asked for is a guess.
-        at: (Np,) where on the path, in [0, 1], a pair is not clear; -1 where it is.
-        d: (Np,) the distance there [m].
+            asked for is a guess; infinite where nobody asks.
+        at: (Np,) where on the path, in [0, 1], a pair is not shown to be clear; -1
+            where it is, or nobody asks.
+        d: (Np,) the distance there [m]; minus infinite if it is none (NaN).
     """
 
     low: np.ndarray
     at: np.ndarray
     d: np.ndarray
+
+
+@compiled
+def reaching(
+    start: np.ndarray, x: np.ndarray, bend: np.ndarray, reaches: Held, turn: int
+) -> Held:
+    """Holds `Reaches` that hold on the path that leads from `start` by t x + t^2 bend,
+    t from 0 to 1: the given ones where no slide leaves its extents.
+
+    Between its ends a parabola is off its chord by at most |bend| / 4.
+
+    Args:
+        start, x, bend: (nq,), (nv,), (nv,) see `path_bounds`.
+        reaches: holds `Reaches`.
+        turn: where an orientation begins in q and v, see `equations.free_joints`.
+    """
+    of = reaches.value
+    if not len(of.slides):
+        return reaches
+    extents = of.extents.copy()
+    for k in range(len(extents)):
+        j = of.slides[k]
+        q = start[j + 1 if 0 <= turn < j else j]  # an orientation is four numbers
+        end = q + x[j] + bend[j]
+        extents[k] = max(extents[k], max(abs(q), abs(end)) + 0.25 * abs(bend[j]))
+    if (extents == of.extents).all():
+        return reaches
+    return extended(extents, reaches)
+
+
+@compiled
+def extended(extents: np.ndarray, reaches: Held) -> Held:
+    """Holds `Reaches` for slides that are farther from zero, (K,) [m]."""
+    of = reaches.value
+    a, b = of.a.copy(), of.b.copy()
+    for k in range(len(extents)):
+        a += (extents[k] - of.extents[k]) * of.a_by[k]
+        b += (extents[k] - of.extents[k]) * of.b_by[k]
+    farthest = np.ascontiguousarray((a + b)[of.own].T)
+    return hold(
+        Reaches(
+            of.a_alone,
+            of.b_alone,
+            a,
+            b,
+            farthest,
+            of.above,
+            of.rows,
+            of.own,
+            of.slides,
+            extents,
+            of.a_by,
+            of.b_by,
+        )
+    )
 
 
 @compiled
@@ -299,6 +364,9 @@ def path_bounds(
     (A4), less curvature times half^2 / 2, bounds all distances of that part. The
     curvature is (A3) of the fastest rates, and rho_i times 2 |bend_i| of each joint.
 
+    A pair that is not decided in the shortest parts, or has no distance (NaN), is not
+    clear.
+
     Args:
         start, x: (nq,), (nv,) where the path begins, and where it leads from there.
         bend: (nv,) and what it leads farther by, as t^2; 0 for a straight one.
@@ -307,11 +375,13 @@ def path_bounds(
         r: with the pairs of shapes in the first half of its `pairs`.
         reaches: holds `Reaches` of the pairs.
     """
-    pairs, of, count = r.pairs.value, reaches.value, len(level)
-    low, seen = np.full(count, _FAR), np.full(count, _FAR)
+    count = len(level)
+    low, seen = np.full(count, np.inf), np.full(count, np.inf)
     at = np.full(count, -1.0)
     if not asked.any():
         return Bounds(low, at, seen)
+    reaches = reaching(start, x, bend, reaches, r.turn)
+    pairs, of = r.pairs.value, reaches.value
     curvature = np.zeros(count)
     examined = np.flatnonzero(asked)
     fastest = np.maximum(np.abs(x), np.abs(x + 2.0 * bend))
@@ -349,10 +419,11 @@ def path_bounds(
                     low[pair] = min(low[pair], bound)
                     continue
                 last = halving == _HALVINGS
-                if d[k] < level[pair] or last:
-                    low[pair] = min(low[pair], d[k])
-                    if d[k] < seen[pair]:
-                        at[pair], seen[pair] = t, d[k]
+                there = -np.inf if np.isnan(d[k]) else d[k]
+                if there < level[pair] or last:
+                    low[pair] = min(low[pair], there)
+                    if at[pair] < 0.0 or there < seen[pair]:
+                        at[pair], seen[pair] = t, there
                     last = last or halving >= _SEARCHED
                 if not last:
                     below[2 * part, pair] = True
@@ -415,8 +486,9 @@ class Present(NamedTuple):
 
     Attributes:
         low: (Np,) no distance on it is smaller [m]; a guess where a pair is not clear.
-        level: (Np,) the floor; where a pair is not clear, the smallest distance seen.
-        held: whether every pair is clear.
+        level: (Np,) the floor; where a pair is not clear, the smallest distance seen,
+            unless that is none (NaN).
+        held: whether every pair is clear, but for rounding.
     """
 
     low: np.ndarray
@@ -443,18 +515,28 @@ def examine_present(
         r, reaches: of the robot.
         gains: of the admission.
     """
-    x = gains.T * v
+    x, straight = gains.T * v, np.zeros(len(v))
+    here = reaching(q, x, straight, reaches, r.turn)
+    beyond = here
+    if len(here.value.slides):
+        start, ahead = next_path(q, v, s, gains.T, gains.period, gains.step, r.turn)
+        beyond = reaching(start, ahead, straight, here, r.turn)
     ends = d[:, reaches.value.rows]
-    low = 0.5 * (ends[0] + ends[1] - travel(x, reaches))
+    low = 0.5 * (ends[0] + ends[1] - travel(x, here))
     level = np.full(len(low), gains.floor)
-    needed = gains.floor + travel(farther(s, gains) * s, reaches)
-    found = path_bounds(q, x, np.zeros(len(x)), level, low < needed, r, reaches)
+    needed = gains.floor + travel(farther(s, gains) * s, beyond)
+    # A distance that is none (NaN) is below whatever is needed.
+    found = path_bounds(q, x, straight, level, ~(low >= needed), r, here)
+    held = True
     for pair in range(len(low)):
-        if found.low[pair] < _FAR:
+        if found.low[pair] < np.inf:
             low[pair] = max(low[pair], found.low[pair])
         if found.at[pair] >= 0.0:
-            low[pair] = level[pair] = min(found.d[pair], gains.floor)
-    return Present(low, level, not (found.at >= 0.0).any())
+            low[pair] = min(found.d[pair], gains.floor)
+            if np.isfinite(low[pair]):
+                level[pair] = low[pair]
+            held = held and low[pair] >= gains.floor - _ROUNDING
+    return Present(low, level, held)
 
 
 @compiled
@@ -511,23 +593,25 @@ def check_step(
     """
     T, period, level = gains.T, gains.period, present.level
     start, x = next_path(q, v, s, T, period, gains.step, r.turn)
-    near = present.low - travel(farther(s, gains) * s, reaches)
     straight = np.zeros(len(x))
-    bounds = path_bounds(start, x, straight, level, near < level, r, reaches)
+    reaches = reaching(q, T * v, straight, reaches, r.turn)
+    reaches = reaching(start, x, straight, reaches, r.turn)
+    near = present.low - travel(farther(s, gains) * s, reaches)
+    bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
     clear = not (bounds.at >= 0.0).any()
-    clearance = _FAR
+    clearance = np.inf
     for pair in range(len(level)):
         clearance = min(
             clearance,
             max(near[pair], bounds.low[pair])
-            if bounds.low[pair] < _FAR
+            if bounds.low[pair] < np.inf
             else near[pair],
         )
     if clear:
         e = 0.5 * period * (period + gains.step) / T
         on_way = present.low - travel(e * s, reaches)
         # A pair that is not clear now may be nearest where the way begins.
-        asked = (on_way < level) & (level >= gains.floor)
+        asked = ~(on_way >= level) & (level >= gains.floor - _ROUNDING)
         if asked.any():
             bend = (0.5 * period * period / T) * (s - v)
             along = period * v + (0.5 * period * gains.step / T) * (s - v)
@@ -557,7 +641,8 @@ def scale_step(
     Returns:
         The share, and the clearance that goes with it [m].
     """
-    clear, failed, clearance = 0.0, 1.0, present.low.min() if len(present.low) else _FAR
+    clear, failed = 0.0, 1.0
+    clearance = present.low.min() if len(present.low) else np.inf
     for _ in range(_BISECTIONS):
         share = 0.5 * (clear + failed)
         checked = check_step(q, v, share * s, present, r, reaches, gains)

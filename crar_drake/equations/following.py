@@ -18,7 +18,12 @@ from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead import LookaheadMemory, lookahead_step
 from crar_drake.equations.lookahead_rows import with_resting
-from crar_drake.equations.nearby import pairs_within, still_clear, watched_nearby
+from crar_drake.equations.nearby import (
+    pairs_within,
+    reaching_within,
+    still_clear,
+    watched_nearby,
+)
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.references import BlendStart, Wanted
 
@@ -132,7 +137,9 @@ def near_for_a_while(
     """
     law = numbers.law.value
     least = max(law.gains.influence_distance, law.admission.floor)
-    enough = least + travel(far, law.reaches)
+    r = numbers.robot.value
+    reaches = reaching_within(q[r.positions], far, law.reaches)
+    enough = least + travel(far, reaches)
     rows, _, robot, some = pairs_within(q, enough, numbers.robot, numbers.law)
     return rows, robot, some
 
@@ -200,7 +207,7 @@ def follow_steps(
                 )
             beyond = farther(v, law.admission) * np.abs(s[r.order])
             covered = (np.abs(here - middle) + braking + beyond <= far).all()
-            if covered and still_clear(s[r.order], room, some):
+            if covered and still_clear(here, moving, s[r.order], room, some):
                 break
             fastest = np.maximum(fastest, 2.0 * np.abs(s))
         how, share = max(how, told[0]), min(share, told[1])

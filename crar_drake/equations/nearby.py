@@ -11,8 +11,10 @@ import numpy as np
 from crar_drake.equations.admission import (
     Bounds,
     Reaches,
+    extended,
     farther,
     path_bounds,
+    reaching,
     travel,
 )
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
@@ -132,6 +134,10 @@ def some_reaches(reaches: Held, rows: np.ndarray) -> Held:
             of.above,
             np.arange(len(rows)),
             of.own[rows],
+            of.slides,
+            of.extents,
+            of.a_by,
+            of.b_by,
         )
     )
 
@@ -169,11 +175,27 @@ def pairs_within(
         `nearby_distances`; the robot and the numbers of these alone.
     """
     d = nearby_distances(q.reshape(1, -1), enough.reshape(1, -1), robot)[0]
-    rows = np.flatnonzero(d < enough)
+    rows = np.flatnonzero(~(d >= enough))
     if not len(rows):
         rows = np.array([np.argmin(d)])
     some = some_reaches(numbers.value.reaches, rows)
     return rows, d, some_shapes(robot, rows), with_reaches(numbers, some)
+
+
+@compiled
+def reaching_within(q: np.ndarray, far: np.ndarray, reaches: Held) -> Held:
+    """Holds `Reaches` that hold as long as no joint goes farther than `far` from q.
+
+    Args:
+        q: (nv,) positions in the order of the equations; no root floats.
+        far: (nv,) [rad or m], likewise.
+        reaches: holds `Reaches`.
+    """
+    of = reaches.value
+    extents = np.maximum(of.extents, (np.abs(q) + far)[of.slides])
+    if (extents == of.extents).all():
+        return reaches
+    return extended(extents, reaches)
 
 
 @compiled
@@ -199,9 +221,11 @@ def watched_nearby(
         of these alone.
     """
     n, r = numbers.value, robot.value
-    of, gains = n.reaches, n.admission
-    here = travel(gains.T * v[r.order], of)
-    beyond = travel(farther(v, gains) * fastest[r.order], of)
+    gains = n.admission
+    x = gains.T * v[r.order]
+    next_ = farther(v, gains) * fastest[r.order]
+    of = reaching_within(q[r.positions], np.abs(x) + next_, n.reaches)
+    here, beyond = travel(x, of), travel(next_, of)
     enough = here + np.maximum(n.gains.influence_distance, gains.floor + beyond)
     rows, d, some, its_numbers = pairs_within(q, enough, robot, numbers)
     room = d - here
@@ -210,17 +234,22 @@ def watched_nearby(
 
 
 @compiled
-def still_clear(s: np.ndarray, room: np.ndarray, numbers: Held) -> bool:
+def still_clear(
+    q: np.ndarray, v: np.ndarray, s: np.ndarray, room: np.ndarray, numbers: Held
+) -> bool:
     """Whether a step leaves clear what `watched_nearby` left out.
 
     Args:
+        q, v: (nv,), (nv,) state, in the order of the equations.
         s: (nv,) velocity of where the robot would come to rest, in the order of the
             equations.
         room: (Nr,) of `watched_nearby`.
         numbers: of all pairs.
     """
     n = numbers.value
-    moved = travel(farther(s, n.admission) * s, n.reaches)
+    next_ = farther(s, n.admission) * s
+    far = n.admission.T * np.abs(v) + np.abs(next_)
+    moved = travel(next_, reaching_within(q, far, n.reaches))
     return bool((room - moved >= n.admission.floor).all())
 
 
@@ -255,14 +284,14 @@ def keeps_level(
 ) -> bool:
     """Whether all pairs keep a level on a path; arguments as in `bounds_of_some`."""
     r = robot.value
+    reaches = reaching(start, x, np.zeros(len(x)), reaches, r.turn)
     enough = level + 0.5 * travel(x, reaches)
     middle = start + 0.5 * x
     in_plant = np.empty((1, len(start)))
     for i in range(len(start)):
         in_plant[0, r.positions[i]] = middle[i]
-    rows = np.flatnonzero(
-        nearby_distances(in_plant, enough.reshape(1, -1), robot)[0] < enough
-    )
+    found = nearby_distances(in_plant, enough.reshape(1, -1), robot)[0]
+    rows = np.flatnonzero(~(found >= enough))
     if not len(rows):
         return True
     return not (bounds_of_some(start, x, level, rows, robot, reaches).at >= 0.0).any()

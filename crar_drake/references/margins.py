@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.control.modes.lookahead import LookaheadMode
+from crar_drake.equations.admission import reaching
+from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.nearby import bounds_of_some, nearby_distances
 from crar_drake.references.frame_targets import configurations
 from crar_drake.robot.model import ControlModel
@@ -85,7 +87,8 @@ def _on_way(start, x, d, mode: LookaheadMode) -> float:
         mode: of the pairs.
     """
     nearest = d.min()
-    low = 0.5 * (d[0] + d[1] - np.abs(x) @ mode.reaches.value.farthest)
+    reaches = reaching(start, x, 0.0 * x, mode.reaches, PLAIN)
+    low = 0.5 * (d[0] + d[1] - np.abs(x) @ reaches.value.farthest)
     # A bound is only as close as the level that was asked for: it is sought between one
     # that is shown and one that is not.
     slack, failed, shown = _FIRST_SLACK, 0.0, np.inf

@@ -40,8 +40,9 @@ class SimulationLog:
         admission: (T, 4) how the control step was admitted (0 as wished, 1 corrected,
             2 scaled towards braking), the share of the wish, a bound from below for
             all distances on the next braking path [m], and 1 if the present one is
-            clear, else 0; NaN unless "lookahead", while the robot brakes without
-            targets, and in logs of versions that did not keep it.
+            clear, else 0, the last two NaN where a watched pair is not examined; all
+            NaN unless "lookahead", while the robot brakes without targets, and in logs
+            of versions that did not keep it.
         torque_limit: (T, 2) share of the wish that the effort limits allowed, and
             the excess before clipping, see `Solution`.
         position_names: (nq,) joint of each column of q.

@@ -100,6 +100,8 @@ class Summary:
         scaled_steps: those that were scaled towards braking.
         unclear_steps: those that began with a braking path that was not known to be
             clear: the invariant did not hold.
+        unexamined_steps: those of which it is not known, since a watched pair has a
+            shape that the admission cannot bound.
         path_clearance: no distance on a braking path was smaller, as the controller
             says, or saw where the path was not clear [m]; None without such steps.
         longest_held_back: time spent in corrected or scaled steps in a row [s].
@@ -160,6 +162,7 @@ class Summary:
     corrected_steps: int
     scaled_steps: int
     unclear_steps: int
+    unexamined_steps: int
     path_clearance: float | None  # [m]
     longest_held_back: float  # [s]
     torque_limited_samples: int
@@ -410,6 +413,7 @@ def _admission(log: SimulationLog, period: float) -> dict[str, int | float | Non
         corrected_steps=int(np.count_nonzero(how == CORRECTED)),
         scaled_steps=int(np.count_nonzero(how == SCALED)),
         unclear_steps=int(np.count_nonzero(clear == 0.0)),
+        unexamined_steps=int(np.count_nonzero(told & np.isnan(clear))),
         path_clearance=_smallest(clearance),
         longest_held_back=longest,
     )

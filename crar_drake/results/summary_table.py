@@ -83,11 +83,14 @@ def summary_table(summary: Summary) -> Table:
         )
     if summary.admitted_steps:
         clearance = summary.path_clearance
+        nearest = "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm"
         table.add_row(
             "braking path",
-            "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm",
+            "not examined" if summary.unexamined_steps else nearest,
             _admitted(summary),
-            style="bold red" if summary.unclear_steps else "",
+            style="bold red"
+            if summary.unclear_steps or summary.unexamined_steps
+            else "",
         )
     table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
     table.add_row(
@@ -132,6 +135,8 @@ def _admitted(summary: Summary) -> str:
     corrected, scaled = summary.corrected_steps, summary.scaled_steps
     unclear = summary.unclear_steps
     clear = "at least, clear at every step"
+    if summary.unexamined_steps:
+        clear = "a pair has a shape that is neither capsule nor sphere"
     if unclear:
         clear = f"not clear at {unclear} step{'s' if unclear > 1 else ''}"
     if not corrected + scaled:

@@ -224,6 +224,13 @@ class WatchedPairs:
         """Whether `proximity` asks SceneGraph for some shape pair."""
         return bool(self._queried)
 
+    @property
+    def not_examined(self) -> tuple[tuple[str, str], ...]:
+        """The pairs, by the names of their links, of which a shape has no closed form:
+        the admission of the lookahead cannot bound them on a path."""
+        which = {int(self.pair_of_shapes[row]) for row, _, _ in self._queried}
+        return tuple(self.names[pair] for pair in sorted(which))
+
     def for_equations(
         self,
         K: int,

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from crar_drake.equations.free_joints import PLAIN, displaced
@@ -110,11 +111,13 @@ class ControlModel:
             distances: "closed_form" or "scene_graph", see `WatchedPairs`.
 
         Raises:
-            ModelError: the plant is not finalized, a name is not in it, a joint is
-                not actuated, or a shape has no distance.
+            ModelError: the plant is not finalized, has constraints between its joints
+                or bodies, a name is not in it, a joint is not actuated, or a shape has
+                no distance.
         """
         if not plant.is_finalized():
             raise ModelError("the plant is not finalized: call plant.Finalize() first")
+        _refuse_constraints(plant)
         self.diagram, self.plant, self.scene_graph = diagram, plant, scene_graph
         self.description = description
         description.validate()
@@ -516,3 +519,20 @@ class ControlModel:
                 "a watched pair has shapes whose distance SceneGraph cannot compute; "
                 f"use spheres, capsules or convex shapes: {error}"
             ) from error
+
+
+def _refuse_constraints(plant: MultibodyPlant) -> None:
+    """Raises ModelError: with couplers and the like joints do otherwise than told."""
+    if not plant.num_constraints():
+        return
+    names = [
+        plant.GetModelInstanceName(ModelInstanceIndex(i))
+        for i in range(plant.num_model_instances())
+        if plant.GetJointIndices(ModelInstanceIndex(i))
+    ]
+    raise ModelError(
+        f"the plant of {', '.join(names)} has {plant.num_constraints()} constraints "
+        "that the control law does not know (<mimic>, AddCouplerConstraint, "
+        "AddBallConstraint and the like): its joints would do otherwise than told; "
+        "remove them, and lock or control the joints"
+    )

@@ -22,6 +22,9 @@ def find_reaches(
     The reach of joint j for a shape is the length of the chain from j's axis to the
     farther end of the shape's axis, stretched out.
 
+    The limits of slides bound how far they take what they carry; where they are beyond
+    their limits, or have none, `equations.admission.reaching` looks where they are.
+
     Args:
         joints: of the plant.
         pairs: of it; those of other shapes have none.
@@ -29,58 +32,74 @@ def find_reaches(
         lower, upper: (nq,) limits of all joints, in the plant's order.
 
     Raises:
-        ModelError: an unlimited slide is carried by a turning joint that moves a
-            watched shape.
+        ModelError: a joint that floats is carried by another one.
     """
     tree = joints.tree
-    # How far a frame's origin can be from its parent's, and how much of that slides.
-    steps = tree.fixed[:, 3, :3]
-    slides = np.linalg.norm(tree.slide[:, 3, :3], axis=1)
-    extent = np.maximum(np.abs(lower), np.abs(upper))[tree.position]
-    with np.errstate(invalid="ignore"):
-        ranges = np.where(slides > 0.0, slides * extent, 0.0)
-    for frame, _ in tree.free:
-        ranges[frame] = np.inf
+    steps = tree.fixed[:, 3, :3]  # where a frame's origin is in its parent
+    per_slide = np.linalg.norm(tree.slide[:, 3, :3], axis=1)  # [m] for a unit of q
+    extents = np.maximum(np.abs(lower), np.abs(upper))[tree.position]
+    extents[~np.isfinite(extents)] = 0.0
+    floats = {frame for frame, _ in tree.free}
+    places = np.argsort(order)  # of velocities in `order`
+    sliding = np.flatnonzero(per_slide > 0.0)
 
-    def reaches_of(body, ends) -> np.ndarray:
-        """(nv,) by the plant's order, 0 for joints that do not move the body."""
+    def reaches_of(body, ends) -> tuple[np.ndarray, np.ndarray]:
+        """(nv,) by `order`, with all slides at zero, 0 for joints that do not move the
+        body; and (frames, nv) what a unit of each slide between adds."""
         frame, X_FB = joints.place(body)
         reach = np.zeros(len(order))
+        by_slide = np.zeros((len(per_slide), len(order)))
         points = [X_FB.multiply(end) for end in ends]
         rest, offset = 0.0, points  # the chain beyond, and where in `frame` it begins
+        slides = np.zeros(len(per_slide))  # and what is between
         while frame:
             for velocity in joints.velocities[frame]:
                 turn, slide = joints.turns[velocity], joints.slides[velocity]
-                reach[velocity] = np.linalg.norm(slide)
-                if len(joints.velocities[frame]) > 1 and turn.any():
+                place = places[velocity]
+                reach[place] = np.linalg.norm(slide)
+                if not turn.any():
+                    continue
+                by_slide[:, place] = slides
+                if len(joints.velocities[frame]) > 1:
                     # The axis of a free joint's turn is any through its origin.
-                    reach[velocity] = max(map(np.linalg.norm, offset)) + rest
-                elif turn.any():
+                    reach[place] = max(map(np.linalg.norm, offset)) + rest
+                else:
                     arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
-                    reach[velocity] += arm + rest
-            rest += max(np.linalg.norm(point) for point in offset) + ranges[frame]
+                    reach[place] += arm + rest
+            rest += max(np.linalg.norm(point) for point in offset)
+            slides[frame] = per_slide[frame]
             offset = [steps[frame]]
+            if frame in floats and tree.parent[frame]:
+                raise ModelError(
+                    f"link {body.name()!r} is carried by a joint that floats on "
+                    "another joint: nothing bounds how far it is taken; let it float "
+                    "on the world"
+                )
             frame = tree.parent[frame]
-        return reach
+        return reach, by_slide
 
-    axis_reaches, body_of = [], []
+    found, body_of = [], []
     for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
         for axis in axes:
-            axis_reaches.append(reaches_of(body, (axis.p_B0, axis.p_B1)))
+            found.append(reaches_of(body, (axis.p_B0, axis.p_B1)))
             body_of.append(joints.place(body)[0])
-    every = np.array(axis_reaches).reshape(-1, len(order))[:, order]
+    at_zero = np.array([reach for reach, _ in found]).reshape(-1, len(order))
+    by_slide = np.array([by for _, by in found]).reshape(-1, len(per_slide), len(order))
     frames = np.array(body_of, dtype=int)
     a, b = pairs.closed_axes
     moved = joints.moved_by[frames][:, order].reshape(-1, len(order))
     a_alone, b_alone = moved[a] & ~moved[b], moved[b] & ~moved[a]
-    reach_a = np.where(a_alone, every[a], 0.0)
-    reach_b = np.where(b_alone, every[b], 0.0)
-    if not (np.isfinite(reach_a).all() and np.isfinite(reach_b).all()):
-        raise ModelError(
-            "a sliding joint without limits is carried by a joint that turns, so that "
-            "nothing bounds how far it takes a watched shape: give it limits in the "
-            "robot's file"
-        )
+
+    def between(shapes: np.ndarray, alone: np.ndarray) -> np.ndarray:
+        return np.where(alone, by_slide[shapes].transpose(1, 0, 2), 0.0)
+
+    a_by, b_by = between(a, a_alone), between(b, b_alone)
+    longer = [k for k in sliding if a_by[k].any() or b_by[k].any()]
+    a_by, b_by = a_by[longer], b_by[longer]
+    reach_a = np.where(a_alone, at_zero[a], 0.0)
+    reach_b = np.where(b_alone, at_zero[b], 0.0)
+    reach_a += np.tensordot(extents[longer], a_by, 1)
+    reach_b += np.tensordot(extents[longer], b_by, 1)
     own = joints.frame_of_velocity[order]
     above = joints.moved_by[own][:, order].astype(float)
     np.fill_diagonal(above, 0.0)
@@ -93,4 +112,8 @@ def find_reaches(
         np.ascontiguousarray(above),
         pairs.closed_rows,
         np.arange(len(reach_a)),
+        np.array([places[joints.velocities[k][0]] for k in longer], dtype=np.int64),
+        extents[longer],
+        np.ascontiguousarray(a_by),
+        np.ascontiguousarray(b_by),
     )

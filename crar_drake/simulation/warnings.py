@@ -39,6 +39,7 @@ def run_warnings(
         recorded: whether there is a recording.
     """
     lines = [*_of_the_motion(scenario, report), *_of_the_duration(scenario, setup)]
+    lines += _of_what_is_not_examined(scenario, setup.model)
     lines += _of_the_rest_posture(scenario, setup)
     lines += _of_targets_below_the_floor(scenario, setup)
     if recorded:
@@ -80,6 +81,19 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
             f"duration: the {what} at {end:.2f} s; from there to "
             f"{scenario.duration:g} s the targets stand still where they were"
         )
+
+
+def _of_what_is_not_examined(scenario: Scenario, model: ControlModel) -> Iterator[str]:
+    pairs = model.pairs.not_examined
+    if scenario.controller.constraints != "lookahead" or not pairs:
+        return
+    named = ", ".join(f"{a} - {b}" for a, b in pairs[:_MOST])
+    more = f" and {len(pairs) - _MOST} more" if len(pairs) > _MOST else ""
+    yield (
+        f"not examined: {named}{more}: not all of their shapes are capsules and "
+        "spheres, so that no braking path is shown to be clear; the law keeps them "
+        "apart as well as it can, but nothing is proved of them"
+    )
 
 
 def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:

@@ -21,6 +21,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     PrismaticJoint,
+    QuaternionFloatingJoint,
     RevoluteJoint,
     SpatialInertia,
 )
@@ -48,13 +49,14 @@ from crar_drake.equations.admission import (
     next_path,
     path_bounds,
     path_curvature,
+    reaching,
     scale_step,
     shadow_gap,
     travel,
     velocity_bounds,
 )
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
-from crar_drake.equations.compilation import IS_COMPILED
+from crar_drake.equations.compilation import IS_COMPILED, hold
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
@@ -371,13 +373,46 @@ def test_a_slide_adds_to_the_reach_of_what_carries_it() -> None:
     np.testing.assert_allclose(reaches.a, [[0.2 + 0.2 + 0.3, 1.0, 0.0]], atol=1e-12)
 
 
-@pytest.mark.parametrize("limits", [(-np.inf, np.inf), (-0.1, np.inf)])
-def test_an_unlimited_slide_on_a_turning_joint_is_refused(limits) -> None:
-    with pytest.raises(ModelError, match="sliding joint without limits.*limits in"):
-        reaches_of(*sliding_plant("ts", limits))
-    # Where nothing that carries it turns, there is nothing to bound.
-    reaches = reaches_of(*sliding_plant("st", limits))
-    np.testing.assert_allclose(reaches.a, [[1.0, 0.0]], atol=1e-12)
+@pytest.mark.parametrize("limits", [(-np.inf, np.inf), (-0.1, np.inf), (-0.1, 0.2)])
+def test_a_slide_beyond_its_limits_reaches_as_far_as_it_is(limits) -> None:
+    """Joints t, s, t: where the path leads is what counts, at either end."""
+    plant, scene_graph, pairs = sliding_plant("tst", limits)
+    held, still = hold(reaches_of(plant, scene_graph, pairs)), np.zeros(3)
+
+    def reach(q: float, x: float, bend: float = 0.0) -> float:
+        slide = np.array([0.0, 1.0, 0.0])
+        found = reaching(q * slide, x * slide, bend * slide, held, PLAIN).value
+        np.testing.assert_array_equal(found.farthest, (found.a + found.b).T)
+        return found.a[0, 0] - 0.4
+
+    farthest = 0.2 if np.isfinite(limits).all() else 0.0
+    for q, x in ((0.5, 0.0), (-0.5, 0.0), (0.1, 0.4), (0.1, -0.6), (-0.5, 0.3)):
+        assert reach(q, x) == pytest.approx(0.5)
+    assert reach(0.05, 0.1) == pytest.approx(max(farthest, 0.15))
+    # A parabola may turn round between its ends: 0.3 + 0.4 t - 0.8 t^2 is 0.35 at 1/4.
+    along = np.linspace(0.0, 1.0, 1001)
+    for x, bend in ((0.4, -0.8), (2.0, -2.0), (-1.5, 1.0)):
+        most = np.abs(0.3 + x * along + bend * along**2).max()
+        assert reach(0.3, x, bend) >= most
+    assert reaching(still, still, still, held, PLAIN) is not None
+
+
+def test_a_joint_that_floats_on_another_is_refused() -> None:
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+    arm, ball = plant.AddRigidBody("arm", inertia), plant.AddRigidBody("ball", inertia)
+    plant.AddJoint(
+        RevoluteJoint("turn", plant.world_frame(), arm.body_frame(), [0, 0, 1])
+    )
+    plant.AddJoint(QuaternionFloatingJoint("f", arm.body_frame(), ball.body_frame()))
+    for body in (ball, plant.world_body()):
+        plant.RegisterCollisionGeometry(
+            body, RigidTransform(), Sphere(0.1), "ball", CoulombFriction(1.0, 1.0)
+        )
+    plant.Finalize()
+    with pytest.raises(ModelError, match="'ball'.*floats on another joint"):
+        reaches_of(plant, scene_graph, [(ball, plant.world_body())])
 
 
 # --- A4, A5: the whole path ---------------------------------------------------------

@@ -278,6 +278,54 @@ def test_what_is_clear_is_shown_to_keep_the_floor(ball, seed) -> None:
         assert gains.floor <= found.clearance <= after + 1e-12
 
 
+def test_what_has_no_distance_is_not_clear(ball) -> None:
+    """An overflow makes a NaN of it; and the law brakes then."""
+    start, x = np.array([1.0, 1.0]), np.array([np.nan, 0.0])
+    level, asked = np.array([4e-3]), np.array([True])
+    straight = np.zeros(2)
+    bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held)
+    assert bounds.at[0] >= 0.0 and bounds.low[0] == bounds.d[0] == -np.inf
+    q, v, s = np.array([1.0, 1.0]), np.zeros(2), np.array([0.1, 0.0])
+    gains = AdmissionGains(T, PERIOD, 0.0, 4e-3)
+    unknown = np.full((2, 1), np.nan)
+    now = examine_present(q, v, s, unknown, ball.robot, ball.held, gains)
+    assert now.held  # its path was looked at instead
+    now = examine_present(q, x, s, unknown, ball.robot, ball.held, gains)
+    assert not now.held and now.level[0] == gains.floor
+    checked = check_step(q, x, s, now, ball.robot, ball.held, gains)
+    assert not checked.clear
+    assert scale_step(q, x, s, now, ball.robot, ball.held, gains)[0] == 0.0
+
+
+def test_a_pair_that_is_not_decided_is_not_clear_however_far(ball) -> None:
+    """Two kilometres away: a way of three is not halved often enough for 1 mm."""
+    start, x = np.array([2000.0, 0.0]), np.array([0.0, 3000.0])
+    d = distance(start)
+    asked, straight = np.array([True]), np.zeros(2)
+    for less, clear in ((100.0, True), (1e-3, False), (-1e-3, False)):
+        level = np.array([d - less])
+        bounds = path_bounds(start, x, straight, level, asked, ball.robot, ball.held)
+        assert (bounds.at[0] < 0.0) == clear
+
+
+@pytest.mark.parametrize("below", [4e-16, 1e-12, 9e-10])
+def test_what_rounding_takes_from_the_floor_is_no_licence(ball, below) -> None:
+    """The way to the next state is examined as it is from the floor itself."""
+    q, v = np.array([BOTH + 4e-3, 0.0]), np.zeros(2)
+    d = np.full((2, 1), distance(q))
+    gains = AdmissionGains(T, PERIOD, PERIOD, float(d[0, 0]) + below)
+    # Through the post and out at its other side, in a period.
+    s = np.array([-4.0 * q[0] / PERIOD * T / PERIOD, 0.0])
+    now = examine_present(q, v, s, d, ball.robot, ball.held, gains)
+    assert now.held and now.level[0] == d[0, 0] < gains.floor
+    far = check_step(q, v, s, now, ball.robot, ball.held, gains)
+    path = from_way(np.zeros(2), far.start, far.start + far.x) - BOTH
+    assert path > gains.floor and far.start[0] < -BOTH and not far.clear
+    # And one that stays is taken.
+    still = 0.0 * s
+    assert check_step(q, v, still, now, ball.robot, ball.held, gains).clear
+
+
 @pytest.mark.parametrize("step", [0.0, 5e-3, PERIOD])
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.parametrize("seed", range(6))
@@ -405,6 +453,9 @@ def stretched_chains(rng: np.random.Generator, lengths: np.ndarray) -> Reaches:
         above,
         rows,
         rows,
+        np.arange(0),
+        np.zeros(0),
+        *np.zeros((2, 0, *a[None].shape)),
     )
 
 

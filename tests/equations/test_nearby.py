@@ -107,9 +107,11 @@ def test_a_step_leaves_clear_what_has_more_room_than_it_moves(mode, seed) -> Non
     s, floor = rng.normal(size=2), mode.admission.floor
     least = floor + farther(mode) * size(s)
     room = least + np.array([np.inf, 1e-9, 0.3, 1.0])
-    assert still_clear(s, rng.permutation(room), mode.numbers)
-    room[1] = least - 1e-9
-    assert not still_clear(s, rng.permutation(room), mode.numbers)
+    state = rng.normal(size=(2, 2))
+    assert still_clear(*state, s, rng.permutation(room), mode.numbers)
+    for less in (least - 1e-9, np.nan):
+        room[1] = less
+        assert not still_clear(*state, s, rng.permutation(room), mode.numbers)
 
 
 @pytest.mark.parametrize("seed", range(20))

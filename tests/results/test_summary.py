@@ -251,8 +251,9 @@ def test_the_keys_of_the_json_are_stable():
         "largest_speed_excess_joint mean_power "
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
         "resting_distance resting_margin admitted_steps corrected_steps scaled_steps "
-        "unclear_steps path_clearance longest_held_back torque_limited_samples "
-        "torque_clipped_samples braking_samples frame_rate frame_rate_source "
+        "unclear_steps unexamined_steps path_clearance longest_held_back "
+        "torque_limited_samples torque_clipped_samples braking_samples frame_rate "
+        "frame_rate_source "
         "motion_findings warnings wall_time real_time_factor arithmetic "
         "stopped sliding_joints"
     )

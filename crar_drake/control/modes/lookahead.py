@@ -227,7 +227,8 @@ class LookaheadMode(Mode):
             lambda model: 4,
             "how the step was admitted (0 as wished, 1 corrected, 2 scaled), the share "
             "of the wish, the clearance of the next braking path [m], and whether the "
-            "present one was clear (1) or not (0)",
+            "present one was clear (1) or not (0); the last two NaN where a watched "
+            "pair is not examined",
         ),
     )
 
@@ -255,6 +256,7 @@ class LookaheadMode(Mode):
         self.robot = model.robot_ahead
         num_rows = len(self.robot.value.pairs.value.members) + len(limits.joints)
         self._still = np.zeros(model.n + model.n_p)
+        self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
         preview = make_preview(
             ahead.preview or 0.0,
@@ -385,7 +387,7 @@ class LookaheadMode(Mode):
         vdot, error, W, qdot_c, kept, margins, admission = map(
             found.__getitem__, self._parts
         )
-        told = {"resting_margins": margins, "admission": admission}
+        told = {"resting_margins": margins, "admission": self._told(admission)}
         answer = Answer(vdot, error, found[self._distances], W, qdot_c)
         return Resolved(answer, kept, told)
 
@@ -406,4 +408,10 @@ class LookaheadMode(Mode):
         found = lookahead_or_scaled(
             *hand_over(measured, _NOTHING_WANTED), *last, vdot, self._law
         )
-        return found[: len(vdot)], {"admission": found[len(vdot) :]}
+        return found[: len(vdot)], {"admission": self._told(found[len(vdot) :])}
+
+    def _told(self, admission: np.ndarray) -> np.ndarray:
+        """What is said of braking paths: nothing, if a watched pair is not examined."""
+        if not self._examines_all:
+            admission[2:] = np.nan
+        return admission

@@ -1,0 +1,74 @@
+"""What the admission cannot bound is never said to be clear."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+from small_robots import CAPSULE, chain_urdf, make_model
+
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import RobotDescription
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+
+BOX = '<box size="0.05 0.07 0.2"/>'
+CYLINDER = '<cylinder radius="0.04" length="0.2"/>'
+
+
+def first_admission(shapes, pairs, **options) -> tuple[ControlModel, np.ndarray]:
+    model = make_model(
+        chain_urdf("zyz", shapes=shapes), [Task(frame="tip")], pairs=pairs, **options
+    )
+    law = ControlLaw(model, CrarParameters())
+    q = model.rest_positions()
+    answer = law.step(q, np.zeros(3), model.tasks_at(q))
+    return model, answer.admission
+
+
+@pytest.mark.parametrize("shapes", [(BOX,), (CYLINDER,), (CAPSULE, BOX)])
+def test_a_pair_with_another_shape_is_not_examined(shapes) -> None:
+    model, admission = first_admission(shapes, [["l0", "l2"], ["l1", "post"]])
+    assert model.pairs.not_examined == (("l0", "l2"), ("l1", "post"))
+    assert np.isfinite(admission[:2]).all() and np.isnan(admission[2:]).all()
+
+
+def test_distances_that_scene_graph_is_asked_for_are_not_examined() -> None:
+    model, admission = first_admission(
+        (CAPSULE,), [["l2", "post"]], distances="scene_graph"
+    )
+    assert model.pairs.not_examined == (("l2", "post"),)
+    assert np.isnan(admission[2:]).all()
+
+
+def test_capsules_and_spheres_are_examined() -> None:
+    model, admission = first_admission((CAPSULE,), [["l2", "post"]])
+    assert model.pairs.not_examined == ()
+    assert admission[3] == 1.0 and 0.0 < admission[2] < 1.0
+
+
+def test_a_plant_with_a_coupler_is_refused() -> None:
+    """Its joints would do otherwise than told."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    parent, joints = plant.world_body(), []
+    for name in "ab":
+        inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+        link = plant.AddRigidBody(name, inertia)
+        joint = RevoluteJoint(
+            f"{name}_joint", parent.body_frame(), link.body_frame(), [0.0, 0.0, 1.0]
+        )
+        joints.append(plant.AddJoint(joint))
+        plant.AddJointActuator(name, joints[-1])
+        parent = link
+    plant.set_discrete_contact_approximation(
+        type(plant.get_discrete_contact_approximation()).kSap
+    )
+    plant.AddCouplerConstraint(*joints, 1.0)
+    plant.Finalize()
+    with pytest.raises(ModelError, match="1 constraints.*mimic.*AddCoupler.*lock"):
+        ControlModel.FromPlant(
+            plant, scene_graph, RobotDescription(name="two"), [Task(frame="b")]
+        )

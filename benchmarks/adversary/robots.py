@@ -17,6 +17,7 @@ from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
 # Shipped or imported robots; the jaw is the adversary's own. Of the others each episode
 # draws one of its own.
 ROBOTS = ("upper_body", "obstacle_arm", "g1", "talos", "jaw", *KINDS)
+NOT_EXAMINED = ("boxes",)  # the law vouches for no pair with a box
 _OWN = {"jaw": Path(__file__).parent / "jaw"}
 
 

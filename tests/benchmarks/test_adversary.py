@@ -741,6 +741,14 @@ def test_a_file_that_is_no_counterexample_is_refused(tmp_path, capsys):
         command.replay(tmp_path / "absent.json", None)
 
 
+def test_boxes_are_attacked_when_asked_for():
+    """The law does not examine them, and does not say that it does."""
+    assert "boxes" not in command.parse([]).robots
+    assert command.parse(["--robots", "boxes"]).robots == ["boxes"]
+    model = load_subject("boxes", 1).model("drawn")
+    assert model.pairs.not_examined
+
+
 def test_cases_are_all_combinations_that_there_are():
     cases = make_cases(["jaw", "obstacle_arm"], ["moving", "posture"], [0.01])
     assert {(c.robot, c.attack) for c in cases} == {

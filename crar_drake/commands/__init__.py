@@ -56,15 +56,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line.
 
     Args:
-        argv: the arguments; by default those of the process.
+        argv: the arguments; by default those of the process. Without any it prints the
+            help.
 
     Returns:
-        0; 1 if `judge` finds something violated or untrue; 2 if something the
-        user gave is wrong, which is then on stderr; 130 if interrupted.
+        0; 1 if something is violated or untrue of what `judge`, `run` or `clean` looked
+        at; 2 if something the user gave is wrong, which is then on stderr; 130 if
+        interrupted.
     """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
     code = 0
+    if not (sys.argv[1:] if argv is None else argv):
+        _make_parser().print_help()
+        return 0
     try:
         arguments = parse(argv)
         with collected_warnings(verbose=arguments.verbose):

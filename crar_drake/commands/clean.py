@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
-from crar_drake.commands.output import OUT, label
+from crar_drake.commands.output import OUT, counted, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
@@ -29,8 +29,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "Follow a reference motion of a whole robot under all constraints with the "
         "least change, and write it in its own layout with a certificate beside it, "
         "and a page that shows both. "
-        "The exit code is 1 if something is still violated or a file failed. The same "
-        "command continues a folder that was stopped.",
+        "The last line is OK, or VIOLATED and what, and the exit code 1, as it is if a "
+        "file failed. The same command continues a folder that was stopped.",
     )
     parser.add_argument(
         "reference",
@@ -132,7 +132,18 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.no_page:
         _write_page(arguments, out, page, clips)
         print(page)
-    return int(any(clip.violated for clip in clips))
+    return final_line(_violated(clips))
+
+
+def _violated(clips: list[CleanedClip]) -> list[str]:
+    """What motions still violate, in a few words each."""
+    unclear = sum(not clip.between >= 0.0 for clip in clips)
+    return [
+        *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
+        *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
+        *counted(sum(c.too_fast for c in clips), "frame", "beyond a speed limit"),
+        *counted(unclear, "motion", "with a way between frames that is not clear"),
+    ]
 
 
 def _write_page(
@@ -243,7 +254,7 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
     if len(failed) > _MOST_LINES:
         print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
     print(out / "cleaned.csv")
-    return int(bool(failed) or any(clip.violated for clip in clips))
+    return final_line([*_violated(clips), *counted(len(failed), "file", "failed")])
 
 
 @contextmanager

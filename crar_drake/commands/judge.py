@@ -13,6 +13,7 @@ from crar_drake.commands.judge_references import (
     run_references,
 )
 from crar_drake.commands.options import add_command, add_robot, count, positive
+from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -39,12 +40,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "Count the collisions and passed joint and speed limits of a saved log, "
         "independently of the controller; of robots with meshes also by the triangles "
         "of these, for all links more than one joint apart. A log with constraints "
-        "lookahead says of its every control step how it could brake: whether that is "
-        "true is told, and the exit code is 1 if it is not, or if a constraint is "
-        "violated, or if meshes penetrate. It also judges reference motions of a whole "
+        "lookahead says of its every control step how it could brake, and whether that "
+        "is true is told. The last line is OK, or VIOLATED and what, and the exit code "
+        "then 1. It also judges reference motions of a whole "
         "robot (.csv, .npz, .pkl, or folders of them): penetration, joint and speed "
-        "limits, ground, jumps, slip of planted feet; the exit code is then 1 if "
-        "something is violated, and 2 if a file cannot be used.",
+        "limits, ground, jumps, slip of planted feet. The exit code is 2 if a file "
+        "cannot be used.",
     )
     parser.add_argument(
         "what",
@@ -98,9 +99,8 @@ def run_log(arguments: argparse.Namespace) -> int:
     """Judges a log.
 
     Returns:
-        The exit code: 1 if the log has a certificate, and that is not true, a
-        constraint is violated or meshes penetrate; else 0. What logs without one
-        violate is counted.
+        The exit code: 1 if a constraint or a speed limit is violated, meshes
+        penetrate, or what the log says of braking paths is not true; else 0.
     """
     import numpy as np
 
@@ -154,11 +154,29 @@ def run_log(arguments: argparse.Namespace) -> int:
     if meshes is not None:
         for line in mesh_lines(*meshes):
             print(line)
-    if verdict is None:
-        return 0
-    violated = capsules.num_violated or capsules.num_beyond_speed or verdict.violated
-    penetrating = meshes is not None and meshes[0].num_penetrating
-    return int(bool(violated or penetrating) or not verdict.true)
+    unexamined = model.pairs.not_examined
+    if unexamined and scenario.controller.constraints == "lookahead":
+        named = ", ".join(f"{a} - {b}" for a, b in unexamined[:_MOST_LINES])
+        more = len(unexamined) - _MOST_LINES
+        print(
+            "certificate: none: the controller does not examine the braking paths of "
+            f"{named}{f' and {more} more' if more > 0 else ''}, whose shapes are not "
+            "all capsules and spheres"
+        )
+    violated = [
+        *counted(capsules.num_penetrating, "sample", "penetrate{s}"),
+        *counted(capsules.num_beyond_limit, "sample", "beyond a joint limit"),
+        *counted(capsules.num_beyond_speed, "sample", "beyond a speed limit"),
+    ]
+    if verdict is not None:
+        figures = verdict.steps
+        violated += counted(figures.penetrating, "braking path", "penetrate{s}")
+        violated += counted(figures.beyond_limit, "braking path", "beyond a limit")
+        violated += [] if verdict.true else ["the certificate is not true"]
+    if meshes is not None:
+        found = meshes[0].num_penetrating
+        violated += counted(found, "sample", "with meshes that penetrate")
+    return final_line(violated)
 
 
 def certificate_lines(verdict: CertificateVerdict) -> list[str]:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError, MotionError
 
 # Sentences of what refutes a certificate that are told.
@@ -33,19 +34,25 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
     for path in arguments.what:
         motions += find_references(path) if path.is_dir() else [path]
     if len(motions) == 1:
-        return _judge(motions[0], arguments.robot)
-    codes = []
+        holds = _judge(motions[0], arguments.robot)
+        return final_line([] if holds else ["the certificate does not hold"])
+    refuted, unusable = 0, 0
     for motion in motions:
         try:
-            codes.append(_judge(motion, arguments.robot))
+            refuted += not _judge(motion, arguments.robot)
         except CrarError as error:
             print(f"crar-drake: error: {error}", file=sys.stderr)
-            codes.append(2)
-    return max(codes)
+            unusable += 1
+    untrue = counted(refuted, "certificate", f"of {len(motions)} not true")
+    if unusable:
+        unread = f"{unusable} of {len(motions)} certificates cannot be read"
+        print("; ".join([f"NOT JUDGED: {unread}", *untrue]))
+        return 2
+    return final_line(untrue)
 
 
-def _judge(motion: Path, robot: str | None) -> int:
-    """Of one motion."""
+def _judge(motion: Path, robot: str | None) -> bool:
+    """Whether that of one motion holds."""
     from crar_drake.references.motion_certificate import (
         certificate_path,
         check_certificate,
@@ -79,10 +86,10 @@ def _judge(motion: Path, robot: str | None) -> int:
         )
     if check.holds:
         print(f"{place}: nothing refutes it")
-        return 0
+        return True
     print(f"{place}: DOES NOT HOLD")
     for line in check.refuted[:_MOST_LINES]:
         print(f"  {line}")
     if len(check.refuted) > _MOST_LINES:
         print(f"  and {len(check.refuted) - _MOST_LINES} more")
-    return 1
+    return False

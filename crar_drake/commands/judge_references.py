@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import Parser, add_frame_rate, add_jobs, positive
+from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -138,9 +139,16 @@ def run_references(arguments: argparse.Namespace) -> int:
     _print_table(judged)
     if arguments.out is not None:
         _write(judged, options.robot, arguments.out)
-    if any(verdict.violations for entry in judged for verdict in entry.verdicts):
-        return 1
-    return 2 if any(entry.error for entry in judged) else 0
+    verdicts = [verdict for entry in judged for verdict in entry.verdicts]
+    violated = list(verdicts[0].violations) if len(verdicts) == 1 else []
+    if len(verdicts) > 1:
+        number = sum(bool(verdict.violations) for verdict in verdicts)
+        violated = counted(number, "motion", f"of {len(verdicts)}")
+    unusable = sum(bool(entry.error) for entry in judged)
+    if unusable and not violated:
+        print(f"NOT JUDGED: {unusable} of {len(judged)} files cannot be used")
+        return 2
+    return final_line(violated)
 
 
 def _print_table(judged: list[JudgedFile]) -> None:

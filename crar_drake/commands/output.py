@@ -37,6 +37,33 @@ def motion_label(motion: str) -> str:
     return str(label(motion))
 
 
+def final_line(violated: list[str]) -> int:
+    """Prints the last line of a command that judges: OK, or VIOLATED and what.
+
+    Args:
+        violated: what is, each in a few words.
+
+    Returns:
+        The exit code: 1 if something is violated, else 0.
+    """
+    print(f"VIOLATED: {'; '.join(violated)}" if violated else "OK", flush=True)
+    return int(bool(violated))
+
+
+def counted(number: int, what: str, does: str) -> list[str]:
+    """ "3 samples penetrate", as the only entry; of none, no entry.
+
+    Args:
+        number: how many.
+        what: they are, in the singular.
+        does: what they do, in the plural; "{s}" in it is s for one.
+    """
+    if not number:
+        return []
+    one = number == 1
+    return [f"{number} {what}{'' if one else 's'} {does.format(s='s' if one else '')}"]
+
+
 @contextmanager
 def sweep_bar(
     finished: int, total: int

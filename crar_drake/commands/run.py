@@ -27,7 +27,7 @@ from crar_drake.commands.options import (
     override_motion,
     positive,
 )
-from crar_drake.commands.output import OUT, label
+from crar_drake.commands.output import OUT, counted, final_line, label
 from crar_drake.errors import ScenarioError
 
 # What a run of a robot that floats leaves besides.
@@ -47,7 +47,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "run",
         run,
-        "Simulate a scenario; write a recording, a log, a summary and a plot.",
+        "Simulate a scenario; write a recording, a log, a summary and a plot. The last "
+        "line is OK, or VIOLATED and what, and the exit code then 1.",
     )
     parser.add_argument(
         "scenario",
@@ -99,8 +100,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Does what the arguments say."""
+def run(arguments: argparse.Namespace) -> int:
+    """Does what the arguments say.
+
+    Returns:
+        The exit code: 1 if a sample penetrates or is beyond a limit, else 0.
+    """
     from crar_drake.simulation.scenario import load_scenario
 
     scenario = load_scenario(arguments.scenario)
@@ -133,6 +138,25 @@ def run(arguments: argparse.Namespace) -> None:
         show(stopped.result)
         raise
     show(result)
+    _show_more(arguments, scenario, result, out, export)
+    summary = result.summary
+    return final_line(
+        [
+            *counted(summary.penetrating_samples, "sample", "penetrate{s}"),
+            *counted(summary.beyond_limit_samples, "sample", "beyond a joint limit"),
+            *counted(summary.beyond_speed_samples, "sample", "beyond a speed limit"),
+        ]
+    )
+
+
+def _show_more(
+    arguments: argparse.Namespace,
+    scenario: Scenario,
+    result: RunResult,
+    out: Path,
+    export: tuple[str, Path] | None,
+) -> None:
+    """How a robot that stands did, and its motion as a reference, where asked for."""
     from crar_drake.simulation.warnings import moves_root
 
     model = result.setup.model

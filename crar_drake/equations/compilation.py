@@ -85,14 +85,16 @@ def _compile_quickly() -> None:
 
 
 if IS_COMPILED:
+    from crar_drake.equations.kept_programs import Cache
+
     _compile_quickly()
     if numba.__version__.startswith(_KNOWN_INSIDE):
         from crar_drake.equations.whole_programs import program
     else:
 
-        def program(function: Callable, cache: bool) -> Any:
+        def program(function: Callable) -> Any:
             """As of `whole_programs`."""
-            return numba.njit(function, cache=cache, error_model="numpy")
+            return numba.njit(function, error_model="numpy")
 
 
 def compiled(function: Callable | None = None, *, loops: Callable | None = None) -> Any:
@@ -113,9 +115,9 @@ def compiled(function: Callable | None = None, *, loops: Callable | None = None)
     chosen = function if loops is None else loops
     chosen.__doc__ = function.__doc__
     try:
-        return program(chosen, cache=True)
-    except RuntimeError:  # nothing can be written there: compile in every process
-        return program(chosen, cache=False)
+        made = program(chosen)
+        made._cache = Cache(chosen)
+        return made
     finally:
         numba.config.CACHE_DIR = theirs
 

@@ -16,18 +16,17 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
-from pathlib import Path
 
 from llvmlite import binding, ir
-from numba.core import caching, cgutils, config, types
+from numba.core import cgutils, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from crar_drake.files import turn_to_write
+from crar_drake.files import WriteError, turn_to_write
 
 # Of the variables by which functions find what surrounds them in Python.
 _ENVIRONMENT = "_ZN08NumbaEnv"
@@ -158,48 +157,21 @@ def _seldom_collecting() -> Iterator[None]:
         gc.set_threshold(*usual)
 
 
-class Place(caching.UserProvidedCacheLocator):
-    """Where a function is kept: one of this package in a folder of its own.
-
-    Numba's own place depends on where the source lies. Here the cache's folder stands
-    for the sources already, so that all copies of them find what one has compiled.
-    """
-
-    def __init__(self, function, file) -> None:
-        super().__init__(function, file)
-        place = Path(file)
-        if place.parent == Path(__file__).parent:
-            name = f"{place.stem}.{function.__qualname__}"
-            self._cache_path = str(Path(config.CACHE_DIR) / name)
-
-
-class KeptResults(caching.CompileResultCacheImpl):
-    """What is kept, at its `Place`."""
-
-    _locator_classes = [Place]
-
-
-class Cache(caching.FunctionCache):
-    """What was compiled of one function."""
-
-    _impl_class = KeptResults
-
-
 class Program(CPUDispatcher):
     """What stands for a function: compiled where it is called from Python, its part
     where it is called by another one."""
 
-    def enable_caching(self) -> None:
-        self._cache = Cache(self.py_func)
-
     def compile(self, sig):
         """As Numba does, but processes that need the same compile it once: the others
         wait, and find it."""
-        with global_compiler_lock, _seldom_collecting():
-            if self._cache.cache_path is None:
-                return super().compile(sig)
-            with turn_to_write(self._cache.cache_path):
-                return super().compile(sig)
+        with ExitStack() as stack:
+            stack.enter_context(global_compiler_lock)
+            stack.enter_context(_seldom_collecting())
+            try:
+                stack.enter_context(turn_to_write(self._cache.cache_path))
+            except WriteError:
+                pass  # where nothing can be written, nobody has to wait
+            return super().compile(sig)
 
     @cached_property
     def part(self) -> CPUDispatcher:
@@ -214,13 +186,9 @@ class Program(CPUDispatcher):
         return types.Dispatcher(self.part)
 
 
-def program(function, cache: bool) -> Program:
-    """`numba.njit(function, cache=cache, error_model="numpy")`, as a `Program`.
-
-    Raises:
-        RuntimeError: the cache has no place where it can be written.
-    """
-    made = Program(
+def program(function) -> Program:
+    """`numba.njit(function, error_model="numpy")`, as a `Program`."""
+    return Program(
         function,
         targetoptions={
             "nopython": True,
@@ -230,6 +198,3 @@ def program(function, cache: bool) -> Program:
         },
         pipeline_class=ProgramCompiler,
     )
-    if cache:
-        made.enable_caching()
-    return made

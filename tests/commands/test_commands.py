@@ -437,7 +437,8 @@ def test_judging_what_a_certificate_says_of_another_motion(
     # Of states without a certificate only what they violate is told.
     silent = np.full_like(fast.admission, np.nan)
     code, told = judged(replace(fast, admission=silent), capsys)
-    assert code == 0 and "braking paths" not in told and "certificate" not in told
+    assert code == 1 and "braking paths" not in told and "certificate" not in told
+    assert "samples beyond a speed limit" in told.splitlines()[-1]
 
 
 def test_judging_some_of_the_paths(lookahead_log, empty_folder, capsys):
@@ -450,21 +451,43 @@ def test_judging_some_of_the_paths(lookahead_log, empty_folder, capsys):
 def test_judging_counts_who_is_too_fast(empty_folder, capsys):
     """In a motion from rest every sample but the first ones; none without limits."""
     told = {}
-    for scale in ("1e-9", ".inf"):
+    for scale, code in (("1e-9", 1), (".inf", 0)):
         Path("mine.yaml").write_text(
             "motion: dance\nexperiment: wrists\nduration: 0.05\n"
             f"controller: {{constraints: paper, velocity_scale: {scale}}}\n"
         )
-        assert main(["run", "mine.yaml", "--no-recording", "--out", "it"]) == 0
-        capsys.readouterr()
-        assert main(["judge", "it/log.npz"]) == 0
-        told[scale] = " ".join(capsys.readouterr().out.split())
+        assert main(["run", "mine.yaml", "--no-recording", "--out", "it"]) == code
+        run = capsys.readouterr().out.splitlines()
+        assert main(["judge", "it/log.npz"]) == code
+        judged = capsys.readouterr().out
+        assert run[-1] == judged.splitlines()[-1]
+        told[scale] = " ".join(judged.split())
     log = SimulationLog.load("it/log.npz")
     columns = [log.position_names.tolist().index(name) for name in log.controlled_names]
     fast = (np.abs(log.v[:, columns]) > 1e-6).any(axis=1).sum()
     assert 0 < fast < len(log.time)
     assert f"{fast} beyond a speed limit, smallest distance" in told["1e-9"]
+    assert told["1e-9"].endswith(f" VIOLATED: {fast} samples beyond a speed limit")
     assert "beyond a joint limit, smallest distance" in told[".inf"]
+    assert told[".inf"].endswith(" OK")
+
+
+def test_a_run_that_penetrates_says_so_at_its_end_and_so_does_its_log(
+    empty_folder, capsys
+):
+    """Without constraints, and with the paper's: a log claims nothing then."""
+    command = ["run", "boxing_upper-body", "--duration", "4.5", "--no-recording"]
+    assert main([*command, "--constraints", "none", "--out", "it"]) == 1
+    run = capsys.readouterr().out.splitlines()[-1]
+    assert run.startswith("VIOLATED: ") and " samples penetrate" in run
+    assert main(["judge", "it/log.npz"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == run
+
+
+def test_without_a_command_help_is_printed(capsys):
+    assert main([]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("usage: crar-drake") and "\n    import-robot" in told
 
 
 def test_a_simulation_that_would_take_years_is_refused(empty_folder, capsys):
@@ -488,7 +511,6 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
     "command, expected",
     [
         ("rum", "'rum' is unknown; did you mean run?"),
-        ("", "required: COMMAND (see crar-drake --help)"),
         ("run --experimant wrists", "--experimant; did you mean --experiment?"),
         ("run --experimant=wrists", "--experimant; did you mean --experiment?"),
         ("run --lev velocity", "unknown option --lev; did you mean --level?"),

@@ -1,10 +1,12 @@
 """What one process compiles, the others find."""
 
+import errno
 import json
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -81,3 +83,103 @@ def test_one_process_compiles_for_all(tmp_path):
     assert first["crossed"] == later["crossed"] == [0.0, 1.0, 0.0]
     # A user's compiled function may call ours, too.
     assert first["twice"] == later["twice"] == [-1.0, 0.0, 0.0, 0.0]
+
+
+# Writing fails as on a disk that is full, or may not be written.
+_NO_ROOM = """
+import builtins, os, sys
+
+def refuse(*_, **__):
+    raise OSError({code}, os.strerror({code}))
+
+usual = builtins.open
+builtins.open = lambda file, mode="r", *a, **k: (
+    refuse() if "w" in mode and ".tmp." in str(file) else usual(file, mode, *a, **k)
+)
+if {everything}:
+    import tempfile
+    os.makedirs = os.mkdir = tempfile.TemporaryFile = refuse
+"""
+
+
+def call(cache: Path, before: str = "") -> tuple[dict, str]:
+    """What `_CALL` tells in a process of its own, and what that says on stderr."""
+    done = subprocess.run(
+        [sys.executable, "-c", before + _CALL],
+        env=os.environ
+        | {
+            "NUMBA_CACHE_DIR": str(cache),
+            "PYTHONPATH": str(Path(crar_drake.__file__).parents[1]),
+        },
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), done.stderr
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory) -> Path:
+    """A cache with what `_CALL` compiles."""
+    folder = tmp_path_factory.mktemp("warm")
+    assert call(folder)[0]["misses"] == 1
+    return folder
+
+
+def _flip(content: bytes) -> bytes:
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "emptied": lambda content: b"",
+    "cut": lambda content: content[: len(content) // 2],
+    "a bit is wrong": _flip,
+    "something else": lambda content: b"something else\n" * 100,
+}
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_what_is_damaged_is_compiled_again(warm, tmp_path, damage, suffix):
+    cache = tmp_path / "cache"
+    shutil.copytree(warm, cache)
+    files = list(cache.rglob(f"*.{suffix}"))
+    assert files
+    for file in files:
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    told, said = call(cache)
+    assert (told["hits"], told["misses"], said) == (0, 1, "")
+    assert told["turned"] == [0.0, 0.0, 0.0, 1.0]
+    told, said = call(cache)
+    assert (told["hits"], told["misses"], said) == (1, 0, "")
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+def test_a_folder_in_the_place_of_a_file_is_said_and_no_more(warm, tmp_path):
+    cache = tmp_path / "cache"
+    shutil.copytree(warm, cache)
+    for file in cache.rglob("*.nbi"):
+        file.unlink()
+        file.mkdir()
+    told, said = call(cache)
+    assert told["misses"] == 1 and told["turned"] == [0.0, 0.0, 0.0, 1.0]
+    assert said.count("cannot be kept") == 1
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
+def test_what_cannot_be_kept_is_said_once_and_all_goes_on(tmp_path, code):
+    before = _NO_ROOM.format(code=int(code), everything=code == errno.EROFS)
+    told, said = call(tmp_path / "cache", before)
+    assert told["misses"] == 1 and told["turned"] == [0.0, 0.0, 0.0, 1.0]
+    assert said.count("\n") == 1 and os.strerror(code) in said
+    assert "NUMBA_CACHE_DIR names another folder" in said
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+def test_a_cache_that_is_read_only_is_read(warm):
+    before = _NO_ROOM.format(code=int(errno.EROFS), everything=True)
+    told, said = call(warm, before)
+    assert (told["hits"], told["misses"], said) == (1, 0, "")

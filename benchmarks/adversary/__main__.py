@@ -36,8 +36,13 @@ from benchmarks.adversary.cases import (
     merged,
     read_results,
 )
-from benchmarks.adversary.report import markdown, rich_table, verdict_line
-from benchmarks.adversary.robots import ROBOTS, load_subject
+from benchmarks.adversary.report import (
+    fill_page,
+    markdown,
+    rich_table,
+    verdict_line,
+)
+from benchmarks.adversary.robots import NOT_EXAMINED, ROBOTS, load_subject
 from benchmarks.adversary.run import judge_episode, play, run_case
 from crar_drake.control.modes import MODES
 from crar_drake.errors import CrarError
@@ -48,6 +53,7 @@ LINES = "cases.jsonl"
 WHOLE = "adversary.json"
 TABLES = "adversary.md"
 FOUND = "found"
+VOUCHED = [robot for robot in ROBOTS if robot not in NOT_EXAMINED]
 WIDTH = 180  # of the table where it goes into a file
 QUICK_STEPS, EXACT_STEPS, TORQUE_STEPS = 200, 5000, 600
 
@@ -137,6 +143,27 @@ def _write(folder: Path, results: Sequence[Result]) -> None:
                 temporary.write_text(json.dumps(finite(found), indent=1) + "\n")
 
 
+def _told(options: argparse.Namespace, results: Sequence[Result]) -> str:
+    """The command, what came of it in a line, and the tables."""
+    parts = ["    python -m benchmarks.adversary"]
+    for name, default in (
+        ("robots", VOUCHED),
+        ("attacks", list(ATTACKS)),
+        ("plants", ["exact"]),
+        ("periods", list(PERIODS)),
+        ("preview", False),
+        ("steps", None),
+        ("seed", 0),
+    ):
+        value = getattr(options, name)
+        if value != default:
+            listed = value if isinstance(value, list) else [value]
+            said = "" if value is True else " " + ",".join(map(str, listed))
+            parts.append(f"--{name}{said}")
+    verdict = verdict_line(results)
+    return f"{' '.join(parts)}\n\n{verdict.capitalize()}.\n\n{markdown(results)}"
+
+
 def replay(path: Path, console: Console) -> bool:
     """Runs a counterexample again, and tells what it violates; whether it does.
 
@@ -154,7 +181,7 @@ def replay(path: Path, console: Console) -> bool:
             f"{path}: not a counterexample of this benchmark ({error}); take a file of "
             f"the folder {FOUND}/"
         ) from error
-    subject = load_subject(case.robot)
+    subject = load_subject(case.robot, lineage[0])
     episode, done = play(case, subject, task_set, lineage, num_steps)
     verdict = judge_episode(subject, episode, done, lineage)
     console.print(
@@ -214,7 +241,12 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
         return int(text)
 
-    parser.add_argument("--robots", type=names(ROBOTS, "robot"), default=list(ROBOTS))
+    parser.add_argument(
+        "--robots",
+        type=names(ROBOTS, "robot"),
+        default=list(VOUCHED),
+        help="by default all but boxes, of which the law proves nothing",
+    )
     parser.add_argument(
         "--attacks", type=names(list(ATTACKS), "attack"), default=list(ATTACKS)
     )
@@ -239,6 +271,11 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--processes", type=count, default=os.cpu_count())
     parser.add_argument("--quick", action="store_true", help="few steps a case")
     parser.add_argument("--out", type=Path, default=Path("out/adversary"))
+    parser.add_argument(
+        "--page",
+        type=Path,
+        help="write the tables into this page, between its marks for what was run",
+    )
     parser.add_argument("--replay", type=Path, metavar="FILE")
     return parser.parse_args(argv)
 
@@ -270,6 +307,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 seed=options.seed,
             )
         results = run_all(cases, options.out, options.processes, console)
+        if options.page is not None:
+            what = "+".join(options.plants) + " preview" * options.preview
+            fill_page(options.page, what, _told(options, results))
     except CrarError as error:
         print(f"adversary: error: {error}", file=sys.stderr)
         return 2

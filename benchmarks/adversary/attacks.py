@@ -8,7 +8,8 @@ numbers it is made of.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +26,8 @@ from benchmarks.adversary.targets import (
     steps,
     waves,
 )
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 
 GAINS = (0.25, 10.0)  # between which the gains are scaled
@@ -40,6 +42,7 @@ class Episode:
         q, v: (nq,), (nv,) the start.
         tasks: (K, layout.size); prescribed: (K, 3 n_p); posture: (K, n) or (K, 0).
         parameters: of the law.
+        switches: step from which on the law has other parameters.
     """
 
     q: np.ndarray
@@ -48,6 +51,14 @@ class Episode:
     prescribed: np.ndarray
     posture: np.ndarray
     parameters: CrarParameters
+    switches: dict[int, CrarParameters] = field(default_factory=dict)
+
+    def laws(self, count: int) -> list[CrarParameters]:
+        """The parameters that hold at each of `count` states."""
+        laws = [self.parameters] * count
+        for step in sorted(self.switches):
+            laws[step:] = [self.switches[step]] * len(laws[step:])
+        return laws
 
 
 class Stage:
@@ -59,7 +70,7 @@ class Stage:
         time: (K,) of the control steps [s].
         rng: the episode's dice.
         num_points, num_turns: tasks with a position, with an orientation.
-        places: (N, 3) middles of all watched shapes in the rest posture [m].
+        places: (N, 3) middles of all watched shapes at the start [m].
     """
 
     def __init__(
@@ -80,18 +91,26 @@ class Stage:
         layout = model.layout
         self.num_points = len(layout.linear_tasks)
         self.num_turns = len(layout.angular_tasks)
-        start, end = judge.axes(model.rest_positions()[None])
-        self.places = 0.5 * (start[0] + end[0])
         self._place_at(*starts.at_rest(model, judge, self.rng))
+        self._look_around()
 
     def begin(self, kind: str) -> None:
-        """Starts "fast" or "singular" instead of at rest."""
+        """Starts "fast", "touching", "singular" or "beyond" limits instead."""
+        robot = self.model, self.judge, self.rng
+        ahead = self.parameters.lookahead
         if kind == "fast":
-            horizon = self.parameters.braking_horizon
-            found = starts.fast(self.model, self.judge, self.rng, horizon)
+            found = starts.fast(*robot, self.parameters.braking_horizon)
+        elif kind == "touching":
+            floor = ahead.distance_margin - ahead.admission_slack
+            found = starts.touching(*robot, floor)
         else:
-            found = starts.singular(self.model, self.judge, self.rng)
+            found = getattr(starts, kind)(*robot)
         self._place_at(*found)
+        self._look_around()
+
+    def _look_around(self) -> None:
+        start, end = self.judge.axes(self.q[None])
+        self.places = 0.5 * (start[0] + end[0])
 
     def _place_at(self, q: np.ndarray, v: np.ndarray) -> None:
         layout = self.model.layout
@@ -249,6 +268,15 @@ def fast_start(stage: Stage) -> Episode:
     return stage.episode(path, stage.turns(3.0))
 
 
+def touching(stage: Stage) -> Episode:
+    """From rest at the floor, to the last digits, jumps or sines."""
+    stage.parameters = replace(stage.parameters, blend_time=0.0)
+    stage.begin("touching")
+    return stage.episode(
+        *(stage.jumps() if stage.rng.random() < 0.5 else stage.sines())
+    )
+
+
 def stretched(stage: Stage) -> Episode:
     """From a singular pose, targets beyond the reach and swinging through the pose."""
     stage.begin("singular")
@@ -309,12 +337,23 @@ def lost(stage: Stage) -> Episode:
 
 def moving(stage: Stage) -> Episode:
     """Prescribed joints swing at up to 3 m/s, the world and the targets do not."""
+    return _swinging(stage, 0.3)
+
+
+def beyond(stage: Stage) -> Episode:
+    """Joints start beyond their limits; prescribed ones are there, too, and go on."""
+    stage.begin("beyond")
+    return _swinging(stage, float(stage.rng.choice([0.0, 0.3, 2.0])))
+
+
+def _swinging(stage: Stage, farthest: float) -> Episode:
+    """Prescribed joints swing by up to `farthest` [rad or m] under jumps or sines."""
     rng, n_p = stage.rng, stage.model.n_p
     frequency = rng.uniform(0.3, 4.0, (n_p, 1))
     amplitude = rng.uniform(0.2, 3.0, (n_p, 1)) / (2.0 * np.pi * frequency)
     swing = waves(
         stage.time,
-        np.minimum(amplitude, 0.3),
+        np.minimum(amplitude, farthest),
         frequency,
         rng.choice([0.0, np.pi], (n_p, 1)),
     )
@@ -323,23 +362,77 @@ def moving(stage: Stage) -> Episode:
     return stage.episode(points, turn, prescribed=np.hstack(swing))
 
 
+def switched(stage: Stage) -> Episode:
+    """The law is replaced by another in mid-motion, whose T is no longer."""
+    rng, p = stage.rng, stage.parameters
+    points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
+    episode = stage.episode(points, turn)
+    T, span = p.braking_horizon, len(stage.time)
+    for step in sorted(rng.integers(1, span, int(rng.integers(1, 6))).tolist()):
+        T = max(p.period, T * float(rng.choice([1.0, rng.uniform(0.3, 1.0)])))
+        margin = 10.0 ** rng.uniform(-2.7, -1.5)
+        ahead = LookaheadParameters(
+            horizon=T,
+            preview=float(rng.uniform(0.05, 0.3)) if rng.random() < 0.5 else None,
+            rho=10.0 ** rng.uniform(-5.0, -2.0),
+            distance_margin=margin,
+            admission_slack=margin * float(rng.uniform(0.1, 0.9)),
+            limit_margin=10.0 ** rng.uniform(-3.0, -1.0),
+            retreat_rate=10.0 ** rng.uniform(0.0, 2.0),
+            influence_distance=margin + rng.uniform(0.05, 0.5),
+            guard_norm=str(rng.choice(["joints", "tasks"])),
+            approach_rate=rng.choice([None, 0.5 / p.period]),
+        )
+        damping, blend = 10.0 ** rng.uniform(-2.0, -0.5), float(rng.choice([0.0, 0.05]))
+        common = {"lookahead": ahead, "damping": damping, "blend_time": blend}
+        for _ in range(20):
+            episode.switches[step] = replace(_other_gains(rng, p), **common)
+            with suppress(ScenarioError):  # gains that do not go with the period
+                episode.switches[step].validate()
+                break
+    return episode
+
+
+def slow(stage: Stage) -> Episode:
+    """Control periods from the case's up to T, and gains that bear them."""
+    rng, p = stage.rng, stage.parameters
+    T = p.braking_horizon
+    share = 1.0 if rng.random() < 0.3 else rng.random()
+    period = round(p.period * (T / p.period) ** share, 3)
+    softer = min(1.0, 0.015 / period)
+    stage.parameters = replace(
+        p,
+        period=min(period, T),
+        K=p.K * softer,
+        Kp=p.Kp * softer**2,
+        Gv=p.Gv * softer,
+        lookahead=replace(p.lookahead, horizon=T),
+    )
+    stage.time = stage.parameters.period * np.arange(len(stage.time))
+    points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines(0.3, 4.0)
+    return stage.episode(points, turn)
+
+
 def gains(stage: Stage) -> Episode:
     """Gains times 0.25 to 10, together or each for itself; jumps or sines."""
     rng = stage.rng
+    stage.parameters = _other_gains(rng, stage.parameters)
+    points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
+    return stage.episode(points, turn)
+
+
+def _other_gains(rng: np.random.Generator, p: CrarParameters) -> CrarParameters:
     low, high = np.log(GAINS)
     factor = np.exp(rng.uniform(low, high, 4))
     if rng.random() < 0.5:
         factor[:] = factor[0]
-    p = stage.parameters
-    stage.parameters = replace(
+    return replace(
         p,
         K=p.K * factor[0],
         Kp=p.Kp * factor[1],
         Kv=p.velocity_gain * factor[2],
         Gv=p.Gv * factor[3],
     )
-    points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
-    return stage.episode(points, turn)
 
 
 def posture(stage: Stage) -> Episode:
@@ -381,11 +474,15 @@ ATTACKS: dict[str, Callable[[Stage], Episode]] = {
     "chirp": sweep,
     "search": smooth,
     "fast_start": fast_start,
+    "touching": touching,
     "singular": stretched,
     "several": several,
     "squeeze": squeeze,
     "lost": lost,
     "moving": moving,
+    "beyond": beyond,
+    "switched": switched,
+    "slow": slow,
     "gains": gains,
     "posture": posture,
     "wild": wild,

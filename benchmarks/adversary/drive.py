@@ -65,6 +65,8 @@ def drive_exact(model: ControlModel, episode: Episode) -> Drive:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", RuntimeWarning)
         for k in range(K):
+            if k in episode.switches:
+                law = ControlLaw(model, episode.switches[k])
             try:
                 solution = law.step(
                     states[k, :nq],

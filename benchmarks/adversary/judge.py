@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
-from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.geometry import Box, Capsule, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, RigidBody, WeldJoint
@@ -21,8 +22,12 @@ from crar_drake.errors import ModelError
 from crar_drake.robot.description import LIMIT_TOLERANCE, find_body
 
 SPEED_TOLERANCE = 1e-6  # share of a speed limit that rounding may exceed it by
-PATH_POINTS = 20  # of a braking path
-WAY_POINTS = 8  # between one state and the next
+STRIDE = 4e-3  # [m] that a shape's ends move at most between two points of a path,
+PATH_POINTS = 80  # of a start's braking path
+FEWEST, MOST = 8, 500  # but so many points at least, and at most.
+COARSE = 3  # points of every braking path; the paths of those
+NEAREST = 8  # states whose distance there is the smallest are sampled, too.
+DISTANCE_TOLERANCE = 1e-6  # [m] below the floor that counts as at it
 CHUNK = 512  # configurations at a time, so that arrays stay in the caches
 
 # Axes whose sine is below this have their distance at an end of one of them.
@@ -36,11 +41,12 @@ class Verdict:
     Attributes:
         states: how many were judged.
         penetrating: states with a pair at d < 0.
+        below: states with a pair nearer than the floor that the law vouches for.
         beyond_limit: states with a controlled joint beyond its limit.
         too_fast: states with a controlled joint faster than its speed limit.
         ahead: control steps whose braking path ends with a joint beyond its limit.
         paths: braking paths, and ways from state to state, that were sampled.
-        blocked: those of them on which a pair penetrates.
+        blocked: those of them on which a pair is nearer than that floor.
         clearance, pair: the smallest distance at a state [m], and of which pair.
         path_clearance, path_pair: the same on the sampled paths.
         excess, joint: the farthest beyond a limit, on paths too [rad or m].
@@ -50,6 +56,7 @@ class Verdict:
 
     states: int = 0
     penetrating: int = 0
+    below: int = 0
     beyond_limit: int = 0
     too_fast: int = 0
     ahead: int = 0
@@ -67,7 +74,7 @@ class Verdict:
     @property
     def unsafe(self) -> bool:
         """Whether a pair or a joint limit is violated, at a state or on a path."""
-        return bool(self.penetrating + self.beyond_limit + self.ahead + self.blocked)
+        return bool(self.below + self.beyond_limit + self.ahead + self.blocked)
 
     @property
     def violated(self) -> bool:
@@ -89,13 +96,15 @@ class _Joint:
 
 
 @dataclass
-class _Axes:
-    """All watched capsule axes, in their bodies' frames."""
+class _Shapes:
+    """All watched shapes, in their bodies' frames; a box has its middle for an axis."""
 
     body: list[int] = field(default_factory=list)
     start: list[np.ndarray] = field(default_factory=list)
     end: list[np.ndarray] = field(default_factory=list)
     radius: list[float] = field(default_factory=list)
+    turn: list[np.ndarray] = field(default_factory=list)
+    half: list[np.ndarray] = field(default_factory=list)  # edges of a box; else 0
 
 
 class Judge:
@@ -124,14 +133,14 @@ class Judge:
 
         Raises:
             ModelError: a joint has several positions, or a watched shape is neither a
-                capsule nor a sphere.
+                capsule nor a sphere nor a box.
         """
         self._joints = _read_joints(plant)
-        axes, of_body = _Axes(), {}
+        shapes, of_body = _Shapes(), {}
         for name in (name for pair in pairs for name in pair):
             if name not in of_body:
-                of_body[name] = _read_axes(
-                    plant, scene_graph, find_body(plant, name), axes
+                of_body[name] = _read_shapes(
+                    plant, scene_graph, find_body(plant, name), shapes
                 )
         together = [
             (a, b, f"{first} - {second}")
@@ -142,12 +151,15 @@ class Judge:
         self.pair_names = [name for _, _, name in together]
         self._a = np.array([a for a, _, _ in together], dtype=int)
         self._b = np.array([b for _, b, _ in together], dtype=int)
-        self._body = np.array(axes.body, dtype=int)
-        self._start = np.array(axes.start).reshape(-1, 3)
-        self._end = np.array(axes.end).reshape(-1, 3)
-        self._radius = np.array(axes.radius)
-        half = 0.5 * np.linalg.norm(self._end - self._start, axis=1)
-        ball = half + self._radius
+        self._body = np.array(shapes.body, dtype=int)
+        self._start = np.array(shapes.start).reshape(-1, 3)
+        self._end = np.array(shapes.end).reshape(-1, 3)
+        self._radius = np.array(shapes.radius)
+        self._turn = np.array(shapes.turn).reshape(-1, 3, 3)
+        self._half = np.array(shapes.half).reshape(-1, 3)
+        self._is_box = self._half.any(axis=1)
+        ball = 0.5 * np.linalg.norm(self._end - self._start, axis=1) + self._radius
+        ball += np.linalg.norm(self._half, axis=1)
         self._radii = self._radius[self._a] + self._radius[self._b]
         self._balls = ball[self._a] + ball[self._b]
         self._num_bodies = plant.num_bodies()
@@ -161,6 +173,10 @@ class Judge:
 
     def axes(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of all watched axes in the world, (T, A, 3) each [m], for q (T, nq)."""
+        return self._placed(np.asarray(q, dtype=float))[:2]
+
+    def _placed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same, and rotations (T, A, 3, 3) of the boxes (others have none)."""
         T = len(q)
         R = np.zeros((self._num_bodies, T, 3, 3))
         p = np.zeros((self._num_bodies, T, 3))
@@ -183,16 +199,16 @@ class Judge:
         for k, body in enumerate(self._body):
             start[:, k] = p[body] + R[body] @ self._start[k]
             end[:, k] = p[body] + R[body] @ self._end[k]
-        return start, end
+        turned = np.zeros((T, len(self._body) if self._is_box.any() else 0, 3, 3))
+        for k in np.flatnonzero(self._is_box):
+            turned[:, k] = R[self._body[k]] @ self._turn[k]
+        return start, end, turned
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """(T, N) signed distance of every watched shape pair [m], for q (T, nq)."""
-        start, end = self.axes(np.asarray(q, dtype=float))
-        shape = (len(start), len(self._a))
-        d = segment_distances(
-            *(x.reshape(-1, 3) for x in self._ends(start, end, slice(None)))
-        )
-        return d.reshape(shape) - self._radii
+        placed = self._placed(np.asarray(q, dtype=float))
+        row, column = np.indices((len(q), len(self._a))).reshape(2, -1)
+        return self._exact(placed, row, column).reshape(len(q), -1)
 
     def nearest(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The smallest distance (T,) [m] of each configuration, and its shape pair.
@@ -209,28 +225,43 @@ class Judge:
         return d, pair
 
     def _nearest(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        start, end = self.axes(q)
-        middle = 0.5 * (start + end)
+        placed = self._placed(q)
+        middle = 0.5 * (placed[0] + placed[1])
         apart = middle[:, self._a] - middle[:, self._b]
         bound = np.sqrt(np.einsum("tni,tni->tn", apart, apart)) - self._balls
         rows = np.arange(len(q))
         guess = bound.argmin(axis=1)
-        best = self._exact(start, end, rows, guess)
+        best = self._exact(placed, rows, guess)
         row, column = np.nonzero(bound <= best[:, None])
-        d = self._exact(start, end, row, column)
+        d = self._exact(placed, row, column)
         table = np.full(bound.shape, np.inf)
         table[row, column] = d
         pair = table.argmin(axis=1)
         return table[rows, pair], pair
 
-    def _exact(self, start, end, row, column) -> np.ndarray:
+    def _exact(self, placed, row, column) -> np.ndarray:
+        """Distances of some pairs (columns) at some configurations (rows)."""
+        start, end, turned = placed
         a, b = self._a[column], self._b[column]
         d = segment_distances(start[row, a], end[row, a], start[row, b], end[row, b])
-        return d - self._radii[column]
-
-    def _ends(self, start, end, columns):
-        a, b = self._a[columns], self._b[columns]
-        return start[:, a], end[:, a], start[:, b], end[:, b]
+        d -= self._radii[column]
+        k = np.flatnonzero(self._is_box[a] & self._is_box[b])
+        if len(k):
+            both = (
+                (start[row[k], x[k]], turned[row[k], x[k]], self._half[x[k]])
+                for x in (a, b)
+            )
+            d[k] = box_distances(*both)
+        for box, other in ((a, b), (b, a)):
+            k = np.flatnonzero(self._is_box[box] & ~self._is_box[other])
+            at, i, j = row[k], box[k], other[k]
+            if len(k):
+                ends = (
+                    np.einsum("nji,nj->ni", turned[at, i], x[at, j] - start[at, i])
+                    for x in (start, end)
+                )
+                d[k] = segments_to_boxes(*ends, self._half[i]) - self._radius[j]
+        return d
 
     def excess(self, q: np.ndarray) -> np.ndarray:
         """(T, n) by how much controlled joints are beyond their limits, 0 within."""
@@ -241,7 +272,7 @@ class Judge:
         self, q: np.ndarray, v: np.ndarray, horizon: float, margin: float = 0.0
     ) -> bool:
         """Whether braking from a state (nq,), (nv,) keeps `margin` [m], and limits."""
-        path = q + np.linspace(0.0, horizon, 4 * PATH_POINTS)[:, None] * v
+        path = q + np.linspace(0.0, horizon, PATH_POINTS)[:, None] * v
         within = self.excess(path).max(initial=0.0) == 0.0
         slow = np.all(np.abs(v[self.controlled]) <= self.fastest)
         return bool(within and slow and self.nearest(path)[0].min() >= margin)
@@ -250,56 +281,68 @@ class Judge:
         self,
         q: np.ndarray,
         v: np.ndarray,
-        horizon: float,
+        horizon: float | np.ndarray,
         rng: np.random.Generator,
         share: float = 0.02,
         per_step: int = 1,
+        floor: float = 0.0,
     ) -> Verdict:
         """Judges a trajectory.
 
         Where a braking path ends is judged at control steps, where it is claimed to be
         clear. In between it may bulge by |q_ddot| period^2 / 8 beyond both ends; the
-        robot does not go there, for at the next control step it is back.
+        robot does not go there, for at the next control step it is back. A joint that
+        starts beyond its limit may stay there, and come back, but go no farther.
 
         Args:
             q, v: (K + 1, nq), (K + 1, nv) states.
-            horizon: T of braking [s].
+            horizon: T of braking [s], or (K + 1,) of each state.
             rng: chooses the states whose paths are sampled.
-            share: of the control steps; those nearest to a contact are added.
+            share: of the control steps; those are added that are nearest to a contact,
+                there or at a few places of their braking path.
             per_step: states a control step.
+            floor: that pairs are to keep [m], but where the start's braking path does
+                not, which is then the floor.
         """
+        horizon = np.broadcast_to(horizon, len(q))
         with np.errstate(all="ignore"):
             d, pair = self.nearest(q)
-            here = self.excess(q)
-            there = self.excess(q[::per_step] + horizon * v[::per_step])
+            here, there = self._farther(q, v, horizon, per_step)
             rates = np.abs(v[:, self.controlled]) / self.fastest
         beyond = (here > LIMIT_TOLERANCE).any(axis=1)
         ahead = (there > LIMIT_TOLERANCE).any(axis=1)
         fast = (rates > 1.0 + SPEED_TOLERANCE).any(axis=1)
+        coarse = self._coarse_paths(q[::per_step], v[::per_step], horizon[::per_step])
         chosen = np.unique(
             np.concatenate(
                 [
                     np.flatnonzero(rng.random(len(there)) < share),
                     np.argsort(d[::per_step], kind="stable")[:3],
+                    np.argsort(coarse, kind="stable")[:NEAREST],
                 ]
             )
         )
         chosen *= per_step
         path_d, path_pair = self._sampled_paths(q, v, horizon, chosen)
+        if v[0].any():
+            first = np.linspace(0.0, horizon[0], 2000)[:, None] * v[0]
+            floor = min(floor, self.nearest(q[0] + first)[0].min())
+        floor = min(floor, d[0]) - DISTANCE_TOLERANCE
         k, j = int(d.argmin()), int(path_d.argmin())
         worst = here if here.max() >= there.max() else there
         joint = int(worst.max(axis=0).argmax())
-        bad = (d < 0.0) | beyond
+        bad = (d < floor) | beyond
         bad[::per_step] |= ahead
-        bad[chosen] |= path_d < 0.0
+        bad[chosen] |= path_d < floor
         return Verdict(
             states=len(q),
             penetrating=int((d < 0.0).sum()),
+            below=int((d < floor).sum()),
             beyond_limit=int(beyond.sum()),
             too_fast=int(fast.sum()),
             ahead=int(ahead.sum()),
             paths=len(chosen),
-            blocked=int((path_d < 0.0).sum()),
+            blocked=int((path_d < floor).sum()),
             clearance=float(d[k]),
             pair=self._name(pair[k]),
             path_clearance=float(path_d[j]),
@@ -310,20 +353,48 @@ class Judge:
             first=int(bad.argmax()) if bad.any() else None,
         )
 
+    def _farther(self, q, v, horizon, per_step) -> tuple[np.ndarray, np.ndarray]:
+        """By how much joints are beyond their limits, and beyond the least that they
+        were before: (K + 1, n) at states, and (K' + 1, n) where braking paths end."""
+        x = q[:, self.controlled]
+        steps = slice(None, None, per_step)
+        rest = x[steps] + horizon[steps, None] * v[steps][:, self.controlled]
+        far = []
+        for sign, limit in ((1.0, self.upper), (-1.0, -self.lower)):
+            reached = np.maximum(sign * x[steps], sign * rest)
+            least = np.minimum.accumulate(reached, axis=0)
+            allowed = np.maximum(limit, np.concatenate([reached[:1], least[:-1]]))
+            every = np.repeat(allowed, per_step, axis=0)[: len(x)]
+            far.append((sign * x - every, sign * rest - allowed))
+        return tuple(
+            np.maximum(0.0, np.maximum(*each)) for each in zip(*far, strict=True)
+        )
+
+    def _coarse_paths(self, q, v, horizon) -> np.ndarray:
+        """Per state the smallest distance at a few places of its braking path."""
+        shares = np.linspace(0.0, 1.0, COARSE + 1)[1:, None]
+        path = q[:, None] + shares * (horizon[:, None] * v)[:, None]
+        d, _ = self.nearest(path.reshape(-1, q.shape[1]))
+        return d.reshape(len(q), -1).min(axis=1)
+
     def _sampled_paths(self, q, v, horizon, chosen) -> tuple[np.ndarray, np.ndarray]:
         """Per chosen state the smallest distance on its braking path and on the way
         to the next state, and the shape pair."""
-        times = np.linspace(0.0, horizon, PATH_POINTS)
-        braking = q[chosen, None] + times[:, None] * v[chosen, None]
         following = q[np.minimum(chosen + 1, len(q) - 1)]
-        shares = np.linspace(0.0, 1.0, WAY_POINTS)[:, None]
-        way = q[chosen, None] + shares * (following - q[chosen])[:, None]
-        points = np.concatenate([braking, way], axis=1)
-        d, pair = self.nearest(points.reshape(-1, q.shape[1]))
-        d, pair = d.reshape(len(chosen), -1), pair.reshape(len(chosen), -1)
-        k = d.argmin(axis=1)
-        rows = np.arange(len(chosen))
-        return d[rows, k], pair[rows, k]
+        points, owner = [], []
+        for k, k_next in zip(chosen, following, strict=True):
+            for way in (horizon[k] * v[k], k_next - q[k]):
+                ends = np.array(
+                    self.axes(q[k] + np.linspace(0.0, 1.0, 9)[:, None] * way)
+                )
+                length = np.linalg.norm(np.diff(ends, axis=1), axis=3).sum(axis=1)
+                count = int(np.clip(length.max(initial=0.0) / STRIDE, FEWEST, MOST))
+                points.append(q[k] + np.linspace(0.0, 1.0, count)[:, None] * way)
+                owner.append(np.full(count, len(owner) // 2))
+        d, pair = self.nearest(np.concatenate(points))
+        edges = np.searchsorted(np.concatenate(owner), np.arange(len(chosen) + 1))
+        at = [low + d[low:high].argmin() for low, high in pairwise(edges)]
+        return d[at], pair[at]
 
     def _name(self, pair: int) -> str:
         return self.pair_names[pair] if self.pair_names else ""
@@ -352,6 +423,68 @@ def segment_distances(
     inside = crossing & (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
     across = np.einsum("ni,ni->n", w, normal) ** 2 * per_length
     return np.sqrt(np.where(inside, np.minimum(across, squared), squared))
+
+
+def segments_to_boxes(p0: np.ndarray, p1: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Distances (N,) of segments p0 p1 (N, 3) in boxes' frames from boxes +-half.
+
+    The slope of the squared distance along a segment is piecewise linear and grows; it
+    bends where the segment enters or leaves the slab between two faces.
+    """
+    way = p1 - p0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bends = np.concatenate([(half - p0) / way, (-half - p0) / way], axis=1)
+    t = np.clip(np.nan_to_num(bends), 0.0, 1.0)
+    t = np.sort(np.concatenate([t, np.zeros((len(t), 1)), np.ones((len(t), 1))], 1), 1)
+
+    def outside(t: np.ndarray) -> np.ndarray:
+        x = p0[:, None] + t[:, :, None] * way[:, None]
+        return x - np.clip(x, -half[:, None], half[:, None])
+
+    slope = np.einsum("nki,ni->nk", outside(t), way)
+    high = np.where((slope >= 0.0).any(axis=1), (slope >= 0.0).argmax(axis=1), 7)
+    low, rows = np.maximum(high - 1, 0), np.arange(len(t))
+    rise = slope[rows, high] - slope[rows, low]
+    share = np.divide(-slope[rows, low], rise, out=np.zeros(len(t)), where=rise > 0.0)
+    start, end = t[rows, low], t[rows, high]
+    best = start + np.clip(share, 0.0, 1.0) * (end - start)
+    best = np.where(slope[rows, high] < 0.0, 1.0, best)
+    return np.linalg.norm(outside(best[:, None])[:, 0], axis=1)
+
+
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+_EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit])
+
+
+def box_distances(first: tuple, second: tuple) -> np.ndarray:
+    """Distances (N,) of boxes: middles (N, 3), rotations (N, 3, 3), half edges (N, 3).
+
+    Apart, an edge of one of them ends the shortest way; together, it is minus the
+    least that parts them along a normal of a face or of two edges.
+    """
+    least = []
+    for (p, R, half), (p_other, R_other, half_other) in (
+        (first, second),
+        (second, first),
+    ):
+        corners = np.einsum("nij,nkj->nki", R_other, _CORNERS * half_other[:, None])
+        corners = np.einsum("nji,nkj->nki", R, corners + (p_other - p)[:, None])
+        ends = corners[:, _EDGES].reshape(-1, 2, 3)
+        d = segments_to_boxes(ends[:, 0], ends[:, 1], np.repeat(half, 12, axis=0))
+        least.append(d.reshape(-1, 12).min(axis=1))
+    apart = np.minimum(*least)
+    (p, R, half), (p_other, R_other, half_other) = first, second
+    A, B = R.swapaxes(1, 2), R_other.swapaxes(1, 2)  # their rows are the axes
+    across = np.cross(A[:, :, None], B[:, None]).reshape(-1, 9, 3)
+    normals = np.concatenate([A, B, across], axis=1)
+    lengths = np.linalg.norm(normals, axis=2, keepdims=True)
+    # A pair of edges in line says nothing that the faces do not.
+    normals = np.where(lengths > _PARALLEL, normals, A[:, :1])
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    gaps = np.abs(np.einsum("nki,ni->nk", normals, p_other - p))
+    for turn, size in ((R, half), (R_other, half_other)):
+        gaps -= np.einsum("nkj,nj->nk", np.abs(normals @ turn), size)
+    return np.where(apart > 0.0, apart, gaps.max(axis=1))
 
 
 def _point_to_segment(x, start, along) -> np.ndarray:
@@ -420,26 +553,29 @@ def _read_joints(plant: MultibodyPlant) -> list[_Joint]:
     return joints
 
 
-def _read_axes(
-    plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, axes: _Axes
+def _read_shapes(
+    plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, shapes: _Shapes
 ) -> range:
     """Adds the shapes of a body, and returns their numbers."""
     inspector = scene_graph.model_inspector()
-    first = len(axes.body)
+    first = len(shapes.body)
     for geometry in plant.GetCollisionGeometriesForBody(body):
         shape = inspector.GetShape(geometry)
-        if not isinstance(shape, (Capsule, Sphere)):
+        if not isinstance(shape, (Capsule, Sphere, Box)):
             raise ModelError(
                 f"link {body.name()!r} has a {type(shape).__name__}; the judge knows "
-                "capsules and spheres"
+                "capsules, spheres and boxes"
             )
+        is_box = isinstance(shape, Box)
         half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
         R, p = _parts(inspector.GetPoseInFrame(geometry))
-        axes.body.append(int(body.index()))
-        axes.start.append(p - half * R[:, 2])
-        axes.end.append(p + half * R[:, 2])
-        axes.radius.append(shape.radius())
-    return range(first, len(axes.body))
+        shapes.body.append(int(body.index()))
+        shapes.start.append(p - half * R[:, 2])
+        shapes.end.append(p + half * R[:, 2])
+        shapes.radius.append(0.0 if is_box else shape.radius())
+        shapes.turn.append(R)
+        shapes.half.append(0.5 * shape.size() if is_box else np.zeros(3))
+    return range(first, len(shapes.body))
 
 
 def _columns(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.table import Table
 
 from benchmarks.adversary.cases import Result
+from crar_drake.errors import CrarError
+from crar_drake.files import whole_file
 from crar_drake.studies.tables import markdown_table
 
 HEADER = (
@@ -16,7 +20,7 @@ HEADER = (
     "plant",
     "steps",
     "episodes violated",
-    "penetrating",
+    "below the floor, penetrating",
     "beyond limits",
     "path not clear",
     "too fast",
@@ -35,7 +39,7 @@ SHORT = (
     "bad",
     "div.",
     "ref.",
-    "inside",
+    "below",
     "limit",
     "path",
     "fast",
@@ -70,7 +74,7 @@ def _row(r: Result) -> list[str]:
         f"{r.violated}/{r.episodes}",
         f"{r.diverged}",
         f"{r.refused}",
-        f"{r.penetrating}",
+        f"{r.below}",
         f"{r.beyond_limit}",
         f"{r.ahead}+{r.blocked}",
         f"{r.too_fast}",
@@ -99,7 +103,7 @@ def _figures(results: Sequence[Result]) -> list[str]:
     return [
         f"{total('steps'):,}",
         episodes,
-        f"{total('penetrating'):,}",
+        f"{total('below'):,}, {total('penetrating'):,}",
         f"{total('beyond_limit'):,}",
         f"{ahead:,} / {blocked:,} of {total('paths'):,}",
         f"{total('too_fast'):,}",
@@ -162,7 +166,8 @@ def markdown(results: Sequence[Result]) -> str:
     parts = []
     for plant in dict.fromkeys(r.case.plant for r in results):
         of_plant = [r for r in results if r.case.plant == plant]
-        parts.append(f"Plant: {plant}.\n")
+        if len({r.case.plant for r in results}) > 1:
+            parts.append(f"Plant: {plant}.\n")
         parts += [grouped(of_plant, what) for what in ("attack", "robot", "period")]
         if plant == "torque":
             parts.append(explained(of_plant))
@@ -177,6 +182,26 @@ def markdown(results: Sequence[Result]) -> str:
             )
         )
     return "\n".join(parts)
+
+
+def fill_page(page: Path, name: str, text: str) -> None:
+    """Writes a text into a page, between the lines <!-- NAME --> and <!-- end -->.
+
+    Raises:
+        CrarError: the page cannot be read, or has no such lines.
+    """
+    try:
+        before = page.read_text()
+    except OSError as error:
+        raise CrarError(f"{page}: cannot be read: {error.strerror}") from error
+    marked = rf"(?s)(<!-- {re.escape(name)} -->\n).*?(<!-- end -->\n)"
+    after, count = re.subn(marked, lambda m: f"{m[1]}\n{text}\n{m[2]}", before)
+    if count != 1:
+        raise CrarError(
+            f"{page}: needs the line <!-- {name} --> once, and <!-- end --> after it"
+        )
+    with whole_file(page) as temporary:
+        temporary.write_text(after)
 
 
 def verdict_line(results: Sequence[Result]) -> str:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 from benchmarks.adversary.judge import Judge
+from benchmarks.adversary.random_robots import KINDS, draw_robot
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
 
-# Shipped or imported robots; the jaw is the adversary's own.
-ROBOTS = ("upper_body", "obstacle_arm", "g1", "talos", "jaw")
+# Shipped or imported robots; the jaw is the adversary's own. Of the others each episode
+# draws one of its own.
+ROBOTS = ("upper_body", "obstacle_arm", "g1", "talos", "jaw", *KINDS)
+NOT_EXAMINED = ("boxes",)  # the law vouches for no pair with a box
 _OWN = {"jaw": Path(__file__).parent / "jaw"}
 
 
@@ -54,8 +58,8 @@ class Subject:
     models: dict[str, ControlModel] = field(default_factory=dict)
 
     def task_set(self, episode: int) -> str:
-        """The task sets take turns."""
-        names = list(TASKS[self.name])
+        """The task sets take turns; a robot that was drawn has one."""
+        names = list(TASKS.get(self.name, ["drawn"]))
         return names[episode % len(names)]
 
     def model(self, task_set: str) -> ControlModel:
@@ -70,14 +74,16 @@ class Subject:
 _SUBJECTS: dict[str, Subject] = {}
 
 
-def load_subject(robot: str) -> Subject:
-    """The robot of that name, made once per process.
+def load_subject(robot: str, seed: int = 0) -> Subject:
+    """The robot of that name, made once per process; or the one drawn with that seed.
 
     Raises:
         CrarError: there is no such robot here, or it is not imported yet.
     """
     if robot not in ROBOTS:
         raise CrarError(f"robot {robot!r} is not attacked here{nearest(robot, ROBOTS)}")
+    if robot in KINDS:
+        return _draw_subject(robot, seed)
     if robot not in _SUBJECTS:
         description = load_robot_description(_OWN.get(robot, robot))
         # A model of its own, so that nothing is shared with the controller's.
@@ -92,3 +98,9 @@ def load_subject(robot: str) -> Subject:
         )
         _SUBJECTS[robot] = Subject(robot, description, judge)
     return _SUBJECTS[robot]
+
+
+@lru_cache(maxsize=2 * len(KINDS))
+def _draw_subject(kind: str, seed: int) -> Subject:
+    description, judge, model = draw_robot(kind, seed)
+    return Subject(kind, description, judge, {"drawn": model})

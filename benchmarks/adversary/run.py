@@ -37,7 +37,6 @@ def run_case(case: Case) -> Result:
 
 
 def _attack(case: Case, result: Result) -> None:
-    subject = load_subject(case.robot)
     num_steps = episode_steps(case)
     rng = np.random.default_rng(_seed_of(case))
     # Nastiest first: smallest distance, and the lineage of the episode that had it.
@@ -47,7 +46,8 @@ def _attack(case: Case, result: Result) -> None:
     wanted = case.steps * (SEARCHES if case.attack == "search" else 1)
     while total < wanted:
         lineage = _next_lineage(case, nasty, rng)
-        # A mutation needs the tasks that the seed was drawn for.
+        # A mutation needs the robot and the tasks that the seed was drawn for.
+        subject = load_subject(case.robot, lineage[0])
         task_set = subject.task_set(lineage[0])
         total += num_steps
         try:
@@ -105,9 +105,17 @@ def judge_episode(
     subject: Subject, episode: Episode, done: Drive, lineage: list[int]
 ) -> Verdict:
     """What the independent judge says of it."""
-    horizon = episode.parameters.braking_horizon
+    laws = episode.laws(len(done.q))
+    horizon = np.array([law.braking_horizon for law in laws])
+    floor = min(
+        law.lookahead.distance_margin - law.lookahead.admission_slack for law in laws
+    )
+    if done.per_step > 1:  # a plant under torque is not the one of the theorem
+        floor = 0.0
     rng = np.random.default_rng([lineage[0], 2])
-    return subject.judge.judge(done.q, done.v, horizon, rng, per_step=done.per_step)
+    return subject.judge.judge(
+        done.q, done.v, horizon, rng, per_step=done.per_step, floor=floor
+    )
 
 
 def _next_lineage(case: Case, nasty: list, rng: np.random.Generator) -> list[int]:
@@ -142,6 +150,7 @@ def _add(result: Result, verdict: Verdict, done: Drive) -> None:
     for name in (
         "states",
         "penetrating",
+        "below",
         "beyond_limit",
         "too_fast",
         "ahead",

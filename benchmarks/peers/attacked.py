@@ -6,11 +6,15 @@ Seven points of the shipped upper body, from a clear start at rest, for a second
 Left out are the attacks that need what a peer does not have: a start at speed, targets
 that are NaN, moving obstacles, other gains, a nominal posture. Every controller keeps
 the settings that `compare --tune` chose for hands swung through each other.
+
+The joints of the shipped robot may turn at 30 to 37 rad/s, so that within 5 ms a hand
+moves by 10 cm and more: `--fastest 10` bounds them for all controllers alike.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -56,6 +60,7 @@ HEADER = (
     "nearer than 4 mm",
     "smallest distance",
     "farthest beyond a limit",
+    "most acceleration",
 )
 
 
@@ -70,6 +75,8 @@ class Harm:
             too_fast, no_answer (steps), near (a pair nearer than ENOUGH).
         clearance: the smallest distance of all [m].
         excess: the farthest that a joint is beyond its limit [rad].
+        acceleration: the largest of a joint, as the difference of its velocities over
+            a control period [rad/s^2].
     """
 
     episodes: int = 0
@@ -82,6 +89,7 @@ class Harm:
     near: int = 0
     clearance: float = np.inf
     excess: float = 0.0
+    acceleration: float = 0.0
 
     def add(self, other: Harm) -> None:
         """Takes another's episodes in."""
@@ -91,7 +99,7 @@ class Harm:
                 min(mine, its)
                 if name == "clearance"
                 else max(mine, its)
-                if name == "excess"
+                if name in ("excess", "acceleration")
                 else mine + its
             )
             setattr(self, name, value)
@@ -114,6 +122,7 @@ class Witness:
     def harm(self, result: dict[str, np.ndarray]) -> Harm:
         """Of one episode, as `driver.run` returns it."""
         q, v = result["q"], result["v"]
+        step = result["time"][1] - result["time"][0]
         # No braking path: what would follow is not what a peer answers for.
         verdict: Verdict = self.judge.judge(q, v, 0.0, np.random.default_rng(0))
         beyond = np.maximum(self.judge.lower - q[1:], q[1:] - self.judge.upper)
@@ -128,6 +137,7 @@ class Witness:
             near=int((self.judge.nearest(q[1:])[0] < ENOUGH).sum()),
             clearance=verdict.clearance,
             excess=max(0.0, float(beyond.max())),
+            acceleration=float(np.abs(np.diff(v, axis=0) / step).max()),
         )
 
 
@@ -166,12 +176,29 @@ def write_attacks(
     return names
 
 
+def slow_down(folder: Path, fastest: float) -> None:
+    """Bounds the speed of every joint [rad/s] in what `write_problem` wrote."""
+
+    def bounded(found: re.Match) -> str:
+        return f'velocity="{min(float(found[1]), fastest):g}"'
+
+    for path in folder.glob("*.urdf"):
+        path.write_text(re.sub(r'velocity="([^"]+)"', bounded, path.read_text()))
+    path = folder / "problem.json"
+    problem = json.loads(path.read_text())
+    limits = np.minimum(problem["velocity_limits"], fastest)
+    path.write_text(json.dumps(problem | {"velocity_limits": limits.tolist()}))
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     parser = parser_of(__doc__.splitlines()[0], "out/attacked")
     parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
+    parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
     parser.add_argument("--table", type=Path, help="write the tables to this file")
     arguments = parser.parse_args(argv)
+    if arguments.fastest is not None and not arguments.fastest > 0.0:
+        parser.error(f"--fastest {arguments.fastest}: must be above 0")
     if arguments.seeds < 1:
         parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     if not SAMPLE <= arguments.period <= 0.1:
@@ -179,6 +206,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     out = arguments.out.resolve()
     folder = out / "problem"
     write_problem(folder)
+    if arguments.fastest:
+        slow_down(folder, arguments.fastest)
     witness = Witness(folder)
     cases = write_attacks(folder, witness, ATTACKS, range(arguments.seeds))
     found: dict[str, dict[str, Harm]] = {}
@@ -226,6 +255,7 @@ def tables(found: dict[str, dict[str, Harm]]) -> str:
                 *(f"{count:,}" for count in counts),
                 f"{1e3 * total.clearance:.1f} mm",
                 f"{np.degrees(total.excess):.2f}°",
+                f"{total.acceleration:,.0f} rad/s²",
             ]
         )
         parts.append(

@@ -7,10 +7,9 @@ function, so that it is largest at one of the two balls that end the capsule, an
 ball it is the radius plus the signed distance of its centre.
 
 Few capsules are fitted to parts of the link, each with the least volume. Where these
-stick out too far, a cover is sought: a capsule whose ends lie inside the hull, at depths
-of which `depth` is the smaller, may have the radius `excess + depth` and keeps the
-bound. Of many such capsules the one that holds the most points is taken, until all are
-held.
+stick out too far, a cover is sought: a capsule whose ends lie inside the hull, the less
+deep one at `depth`, may have the radius `excess + depth` and keeps the bound. Of many
+such capsules the one that holds the most points is taken, until all are held.
 """
 
 from __future__ import annotations
@@ -41,6 +40,7 @@ _OWN = 8  # and of those that are not held yet
 _ROUNDS, _KEPT, _TRIED = 10, 3, 24  # of a random search around the best of these
 # What the bound is multiplied by where so many capsules do not keep it.
 _LOOSENED = (1.0, 1.4, 2.0, 2.8)
+_DIRECTIONS = 250  # whose farthest vertices a cover's hull is of
 _CELLS = 40  # of the grid that volumes are counted on, along the longest edge
 # A larger radius shortens the axis: up to the sphere, a few are tried.
 _ROUNDING = 1e-9  # [m]
@@ -186,19 +186,30 @@ class Hulls:
             QhullError: one is flat.
         """
         hulls = [ConvexHull(vertices) for vertices in shapes]
-        planes = np.concatenate([hull.equations for hull in hulls])
-        self._normals, self._offsets = planes[:, :3], planes[:, 3]
+        # (F, 4) normals outwards and offsets.
+        self._planes = np.concatenate([hull.equations for hull in hulls])
         self._triangles = [hull.points[hull.simplices] for hull in hulls]
         self.volume: float = hulls[0].volume
 
+    def inner(self) -> Hulls:
+        """Hulls of fewer vertices, inside of these: what keeps a bound to them keeps it
+        to these. They are the farthest ones in some directions."""
+        directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, 3))
+        return Hulls(
+            [
+                points[np.unique((points @ directions.T).argmax(axis=0))]
+                for points in (t.reshape(-1, 3) for t in self._triangles)
+            ]
+        )
+
     def depth(self, points: np.ndarray) -> np.ndarray:
         """How deep points (N, 3) are inside, exactly; outside, negative (N,) [m]."""
-        return -(points @ self._normals.T + self._offsets).max(axis=-1)
+        return -self._above_planes(points).max(axis=1)
 
     def below(self, points: np.ndarray, depth: float) -> np.ndarray:
         """Points (N, 3), moved away from the plane that is nearest [m]."""
-        nearest = (points @ self._normals.T + self._offsets).argmax(axis=-1)
-        return points - depth * self._normals[nearest]
+        nearest = self._above_planes(points).argmax(axis=1)
+        return points - depth * self._planes[nearest, :3]
 
     def excess(self, capsule: FittedCapsule) -> float:
         """How far a capsule sticks out of one of the hulls, at most [m]."""
@@ -208,6 +219,9 @@ class Hulls:
             for end, depth in zip(ends, self.depth(ends), strict=True)
         ]
         return max(0.0, max(out) + capsule.radius)
+
+    def _above_planes(self, points: np.ndarray) -> np.ndarray:
+        return np.c_[points, np.ones(len(points))] @ self._planes.T
 
     def _distance(self, point: np.ndarray) -> float:
         """Of a point outside: from a plane is less than from the hull [m]."""
@@ -244,8 +258,9 @@ def _cover(
     """Capsules within the bound that hold all points, if `most` of them can."""
     rng = np.random.default_rng(0)
     slack = _SLACKS[-1]
+    inner = hulls.inner()
     chosen = points[rng.permutation(len(points))[:_COVERED]]
-    ends = _points_inside(points, hulls, rng)
+    ends = _points_inside(points, inner, rng)
     found: list[FittedCapsule] = []
     while len(found) < most:
         missing = chosen[_outside(found, chosen) > slack]
@@ -255,7 +270,7 @@ def _cover(
             if not len(out):
                 break
             missing = chosen = out[:_COVERED]
-        found.append(_best_capsule(missing, ends, hulls, excess, slack, rng))
+        found.append(_best_capsule(missing, ends, inner, excess, slack, rng))
     d = np.array([capsule.distance(points) for capsule in found])
     for index in range(len(found) - 2, -1, -1):
         others = np.delete(d, index, axis=0)
@@ -306,8 +321,8 @@ def _best_capsule(
 ) -> FittedCapsule:
     """The capsule within the bound that was found to hold the most points."""
 
-    def best(p_0: np.ndarray, p_1: np.ndarray):
-        radius = excess + np.minimum(hulls.depth(p_0), hulls.depth(p_1))
+    def best(p_0: np.ndarray, p_1: np.ndarray, depth_0, depth_1):
+        radius = excess + np.minimum(depth_0, depth_1)
         held = _distances_to_axes(missing, p_0, p_1) <= (radius + slack)[:, np.newaxis]
         count = np.where(radius >= SMALLEST_RADIUS, held.sum(axis=1), -1)
         order = np.argsort(-count, kind="stable")[:_KEPT]
@@ -318,7 +333,8 @@ def _best_capsule(
     below = [hulls.below(own, depth) for depth in (0.0, excess, 3.0 * excess)]
     ends = np.concatenate([ends, *below])
     first, second = np.triu_indices(len(ends))
-    p_0, p_1, radius = best(ends[first], ends[second])
+    depth = hulls.depth(ends)
+    p_0, p_1, radius = best(ends[first], ends[second], depth[first], depth[second])
     spread = 0.15 * np.ptp(missing, axis=0).max()
     for _ in range(_ROUNDS):
         moved = [
@@ -327,7 +343,7 @@ def _best_capsule(
             )
             for p in (p_0, p_1)
         ]
-        p_0, p_1, radius = best(*moved)
+        p_0, p_1, radius = best(*moved, *map(hulls.depth, moved))
         spread *= 0.7
     return FittedCapsule(p_0[0], p_1[0], float(radius[0]))
 

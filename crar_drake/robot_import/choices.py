@@ -170,8 +170,8 @@ class ImportChoices:
             )
         if not 0.002 <= self.excess <= 1.0:
             raise ModelError(
-                f"{where}: excess: {self.excess} must be 0.002 to 1 m, which is how far "
-                "a capsule may stick out of its link"
+                f"{where}: excess: {self.excess} must be 0.002 to 1 m: how far a "
+                "capsule may stick out of its link"
             )
         if not 1 <= self.most_capsules <= 32:
             raise ModelError(

@@ -157,9 +157,10 @@ class PairDistances:
         length = [len(self._rows[pair]) for pair in pairs]
         rows = np.concatenate([self._rows[pair] for pair in pairs])
         of = np.repeat(np.arange(len(pairs)), length)
-        p = self._axes(placed)
         d, normal, p_A, p_B = self._distances(
-            p[of, rows[:, 0]], p[of, rows[:, 1]], rows[:, 0], rows[:, 1]
+            *(self._axes_of(placed, of, rows[:, side]) for side in (0, 1)),
+            rows[:, 0],
+            rows[:, 1],
         )
         starts = np.cumsum([0, *length[:-1]])
         least = np.minimum.reduceat(d, starts)
@@ -175,6 +176,12 @@ class PairDistances:
         """(K, C, 2, 3) ends of all capsules' axes in the world [m]."""
         R, p = placed.R[:, self._body], placed.p[:, self._body]
         return np.einsum("kcxy,cey->kcex", R, self._ends) + p[:, :, np.newaxis]
+
+    def _axes_of(self, placed: Placed, of: np.ndarray, shapes: np.ndarray):
+        """(N, 2, 3) of one capsule each, in the postures `of`."""
+        bodies = self._body[shapes]
+        turned = self._ends[shapes] @ np.swapaxes(placed.R[of, bodies], 1, 2)
+        return turned + placed.p[of, bodies][:, np.newaxis]
 
     def _distances(self, p_a, p_b, i, j):
         count = p_a.size // (6 * len(i))

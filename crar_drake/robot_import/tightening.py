@@ -129,7 +129,7 @@ class _Lost:
         return sorted(found, key=lambda pair: -share[pair])
 
     def of(self, capsules, pair: tuple[str, str]) -> float:
-        """Share of the postures that a pair loses; more than 1 if the one at rest is."""
+        """Share of the postures that a pair loses; above 1 where the one at rest is."""
         distances = PairDistances(self._plant, capsules, [pair])
         d, at_rest = self._distances(distances)
         return self._share(pair, d[:, 0], at_rest[0])

@@ -48,8 +48,8 @@ def choose_pairs(
     choices.pairs = [p for p in found.watched if frozenset(p) not in allowed]
     overlapping = [p for p in found.overlapping if frozenset(p) not in allowed]
     report.guessed["pairs"] = (
-        "all that came within 2 cm, sampled and minimised, their mirror images, and one "
-        f"forearm and hand with the other; {found.never} never did"
+        "all that came within 2 cm, sampled and minimised, their mirror images, and "
+        f"one forearm and hand with the other; {found.never} never did"
     )
     if left_out := [p for p in found.watched if frozenset(p) in allowed]:
         report.warnings.append(

@@ -25,6 +25,7 @@ NEAR = 0.02  # [m]; a pair that never came nearer than this cannot meet
 _ALWAYS = 0.95  # share of samples
 _BLOCK = 50  # postures at a time
 _STARTS, _RANDOM = 8, 8  # of a minimisation: the nearest samples, and others
+_PAIRS = 64  # that are minimised together
 _STEPS = 40
 _SHARES = np.array([1.0, 0.5, 0.2, 0.05])  # of a step, the best of which is taken
 _LONGEST = 0.5  # [rad or m] of a step
@@ -285,14 +286,16 @@ def sample_pairs(
     )
     contacts = (seen < 0.0).mean(axis=0)
     least = np.minimum(at_rest, seen.min(axis=0))
-    open_ones = np.flatnonzero(least > NEAR)
-    if len(open_ones):
-        few = np.argsort(seen[:, open_ones], axis=0)[:_STARTS].T
-        others = rng.integers(samples, size=(len(open_ones), _RANDOM))
+    unseen = np.flatnonzero(least > NEAR)
+    # So many at a time that all their links' poses fit into memory.
+    for some in np.array_split(unseen, -(-len(unseen) // _PAIRS) or 1):
+        few = np.argsort(seen[:, some], axis=0)[:_STARTS].T
+        others = rng.integers(samples, size=(len(some), _RANDOM))
         starts = np.concatenate([few, others], axis=1)
-        pairs = np.repeat(open_ones, starts.shape[1])
-        d, _ = nearest_postures(distances, pairs, q[starts.ravel()], NEAR)
-        np.minimum.at(least, pairs, d)
+        pairs = np.repeat(some, starts.shape[1])
+        if len(pairs):
+            d, _ = nearest_postures(distances, pairs, q[starts.ravel()], NEAR)
+            np.minimum.at(least, pairs, d)
     near = {frozenset(candidates[k]) for k in np.flatnonzero(least <= NEAR)}
     near |= always_watched
     near |= {frozenset((twins or {}).get(link, link) for link in pair) for pair in near}

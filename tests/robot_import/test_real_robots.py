@@ -20,7 +20,7 @@ from crar_drake.simulation.scenario import Scenario, load_scenario
 @pytest.mark.parametrize(
     "robot, links",
     [
-        ("g1_29dof_rev_1_0", {"torso_link": 4, "left_elbow_link": 3}),
+        ("g1_29dof_rev_1_0", {"torso_link": 6, "left_elbow_link": 3}),
         ("talos_full_v2", {"arm_left_4_link": 5, "base_link": 14}),
     ],
 )

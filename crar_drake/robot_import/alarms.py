@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from crar_drake.robot_import.anatomy import Anatomy
 from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.meshes import Part, lowest_points
 from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.surface_distances import Surfaces
 
 # Ratios of lengths that the limbs of a person, and of the robots that are like one,
 # are far inside of.
@@ -23,9 +23,8 @@ _SHORTEST = 0.01  # [m] of a limb
 _APART = 0.02  # [m] that left and right may differ by
 _BELOW = 0.01  # [m] that a foot may be below the floor
 _TOUCH = 0.01  # [m] between points on two surfaces that touch
-_SAMPLES = 3000  # of a part's surface
 NEIGHBOURS = 2  # joints apart, at most
-_REMEDY = "change rest_posture, raise most_capsules, or list the pair"
+_REMEDY = "change rest_posture, lower excess, or list the pair"
 
 
 def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[str]:
@@ -131,13 +130,13 @@ def pair_alarms(
             "pairs: no pair of links is watched: nothing keeps the robot from running "
             "into itself"
         )
-    X = robot.poses({**locked, **rest})
+    X, surfaces = robot.poses({**locked, **rest}), Surfaces(segments)
     thick = []
     for a, b in overlapping:
         count = joints_between(robot, locked, a, b)
         if count < NEIGHBOURS:
             continue
-        touch = _gap(X, segments, a, b) < _TOUCH
+        touch = surfaces.gap(X, a, b) < _TOUCH
         if count == NEIGHBOURS:
             thick += [] if touch else [f"{a} - {b}"]
             continue
@@ -164,24 +163,3 @@ def joints_between(robot: SourceRobot, locked, a: str, b: str) -> int:
     ways = [{joint.name for joint in robot.path_to(link)} for link in (a, b)]
     between = ways[0] ^ ways[1]
     return sum(robot.joints[j].moves and j not in locked for j in between)
-
-
-def _gap(X, segments, a: str, b: str) -> float:
-    """About how far the surfaces of two links are apart [m]."""
-    points = [
-        np.concatenate(
-            [X[link].multiply(_surface(part).T).T for part in segments[link]]
-        )
-        for link in (a, b)
-    ]
-    distances, _ = cKDTree(points[0]).query(points[1])
-    return float(distances.min())
-
-
-def _surface(part: Part) -> np.ndarray:
-    """The part's vertices, and points between them."""
-    import trimesh
-
-    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
-    sampled, _ = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)
-    return np.concatenate([part.vertices, np.asarray(sampled)])

@@ -22,6 +22,7 @@ _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 AWAY = 0.25  # [rad] of an arm from the trunk, at rest
 _BENT = 0.6  # [rad] of an elbow, at rest
 MIRROR_TOLERANCE = 0.03  # [m]
+_SAME = 2e-3  # [m] between a link's origin and that of its twin's image
 _MIRROR, _HALF_TURN = (1, -1, 1), (-1, -1, 1)
 _GRIPS, _TURNS = ("grip", "jaw", "claw"), ("yaw", "roll", "pitch", "wrist", "rot")
 _HAND_SHARE = 0.5  # of the way from the root that fingers reach beyond it, at most
@@ -122,6 +123,46 @@ def find_leg_chains(
         if not own & others and height - root < 0.5 * (lowest - root) < 0.0:
             return None
     return legs
+
+
+def link_twins(robot: SourceRobot) -> dict[str, str]:
+    """Link to the same one of the other side: of an arm, a leg, and what they carry.
+
+    What hangs on a pair of such links, fingers and what is welded, is a pair if exactly
+    one of each has its origin where the mirror image of the other's is.
+    """
+    twins = mirrored_links(robot, find_anatomy(robot))
+    X = robot.poses()
+    queue = list(twins)
+    for link in queue:  # grows as it goes
+        own, others = (
+            [j.child for j in robot.children(side) if j.child not in twins]
+            for side in (link, twins[link])
+        )
+        if link == twins[link]:
+            continue
+        middle = X[link].translation(), X[twins[link]].translation()
+
+        def apart(a: str, b: str, image: tuple, middle=middle) -> float:
+            way = (X[a].translation() - middle[0]) * image
+            return float(np.abs(way - (X[b].translation() - middle[1])).max())
+
+        for child in own:
+            near = [
+                other
+                for other in others
+                if min(apart(child, other, i) for i in (_MIRROR, _HALF_TURN)) < _SAME
+            ]
+            rivals = [
+                other
+                for other in own
+                if near
+                and min(apart(other, near[0], i) for i in (_MIRROR, _HALF_TURN)) < _SAME
+            ]
+            if len(near) == 1 and rivals == [child]:
+                twins |= {child: near[0], near[0]: child}
+                queue += [child]
+    return twins
 
 
 def mirrored_links(robot: SourceRobot, anatomy: Anatomy | None) -> dict[str, str]:

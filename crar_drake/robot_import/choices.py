@@ -92,6 +92,7 @@ class ImportChoices:
         pairs: watched segment pairs, two links each.
         ground: height of the ground in the world [m], which all links are watched
             against; minus infinity for none.
+        excess: how far a capsule may stick out of its link's convex hull [m].
         most_capsules: per link, at most.
         cover: whether the capsules are grown until they hold all triangles, by which
             meshes are clear wherever capsules are.
@@ -114,7 +115,8 @@ class ImportChoices:
     rest_posture: dict[str, float] | None = None
     pairs: list[list[str]] | None = None
     ground: float | None = None
-    most_capsules: int = 8
+    excess: float = 0.02
+    most_capsules: int = 16
     cover: bool = False
     faces: int = 2500
 
@@ -165,6 +167,11 @@ class ImportChoices:
             raise ModelError(
                 f"{where}: ground: {self.ground} must be a height in metres, or -.inf "
                 "for none"
+            )
+        if not 0.002 <= self.excess <= 1.0:
+            raise ModelError(
+                f"{where}: excess: {self.excess} must be 0.002 to 1 m: how far a "
+                "capsule may stick out of its link"
             )
         if not 1 <= self.most_capsules <= 32:
             raise ModelError(

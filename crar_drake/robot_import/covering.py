@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, _Grid
+from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule, judged
 from crar_drake.robot_import.meshes import Part
 
 # A piece of a triangle has no longer edge than this [m].
@@ -64,9 +63,7 @@ def covered(fit: Fit, parts: list[Part]) -> tuple[Fit, float]:
         replace(capsule, radius=capsule.radius + more)
         for capsule, more in zip(fit.capsules, growth, strict=True)
     )
-    vertices = np.concatenate([part.vertices for part in parts])
-    ratio = _Grid(vertices).volume(capsules) / ConvexHull(vertices).volume
-    return Fit(capsules, coverage=1.0, volume_ratio=ratio, farthest=0.0), max(growth)
+    return judged(capsules, parts), max(growth)
 
 
 def _pieces(part: Part) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from crar_drake.robot_import.meshes import Part
 
 
 class FitCache:
-    """Fits by what they were made from: the shape, the bounds and the code."""
+    """Fits by what they were made from: the shapes, the bounds and the code."""
 
     def __init__(self, path: Path) -> None:
         """
@@ -30,11 +31,13 @@ class FitCache:
         except (OSError, ValueError):
             self._known = {}
 
-    def fit(self, parts: list[Part], most: int) -> Fit | None:
+    def fit(
+        self, parts: list[Part], most: int, excess: float, image: Sequence[Part] = ()
+    ) -> Fit | None:
         """`fit_link`, or what it answered to the same before."""
-        key = self._key(parts, most)
+        key = self._key([*parts, *image], f"{most} {excess} {len(parts)}")
         if key not in self._known:
-            fit = fit_link(parts, most)
+            fit = fit_link(parts, most, excess, image)
             self._known[key] = None if fit is None else _to_json(fit)
         self._used[key] = self._known[key]
         return None if self._known[key] is None else _from_json(self._known[key])
@@ -44,9 +47,9 @@ class FitCache:
         with whole_file(self._path) as temporary:
             temporary.write_text(json.dumps(self._used))
 
-    def _key(self, parts: list[Part], most: int) -> str:
+    def _key(self, parts: list[Part], bounds: str) -> str:
         digest = hashlib.sha256(self._code)
-        digest.update(str(most).encode())
+        digest.update(bounds.encode())
         for part in parts:
             digest.update(np.round(part.vertices, 7).tobytes())
             digest.update(np.asarray(part.faces, dtype=np.int64).tobytes())
@@ -60,6 +63,7 @@ def _to_json(fit: Fit) -> list:
         fit.coverage,
         fit.volume_ratio,
         fit.farthest,
+        fit.excess,
     ]
 
 

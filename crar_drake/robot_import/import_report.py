@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from crar_drake.robot.description import IMPORT_FILE
-from crar_drake.robot_import.capsule_fitting import Fit
+from crar_drake.robot_import.capsule_fitting import Fit, FittedCapsule
 from crar_drake.robot_import.choices import ImportChoices
 
 # Takes what is being done, and the share that is done.
@@ -36,18 +36,26 @@ class ImportReport:
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
+    def capsules(self) -> dict[str, tuple[FittedCapsule, ...]]:
+        """Link to its capsules, of those that have some of their own."""
+        return {n: f.capsules for n, f in self.fits.items() if n not in self.covered}
+
     def lines(self) -> list[str]:
         """The report as text."""
         lines = [f"robot {self.choices.name}, from {self.choices.source}", ""]
-        lines += ["link: capsules, vertices within 5 mm, volume over the hull's"]
+        lines += [
+            "link: capsules, vertices within 5 mm, how far they stick out of the hull, "
+            "volume over the hull's"
+        ]
         for link, fit in self.fits.items():
             if link in self.covered:
                 lines.append(f"  {link}: none, inside those of {self.covered[link]}")
                 continue
-            bad = "" if fit.good else "  MISSES 95 % or 1.6"
+            bound = self.choices.excess
+            bad = "" if fit.good(bound) else f"  MISSES 5 mm or {1e3 * bound:g} mm"
             lines.append(
                 f"  {link}: {len(fit.capsules)}, {100 * fit.coverage:.1f} %, "
-                f"{fit.volume_ratio:.2f}{bad}"
+                f"{1e3 * fit.excess:.0f} mm, {fit.volume_ratio:.2f}{bad}"
             )
         pairs = self.choices.pairs or []
         lines += ["", f"watched pairs: {len(pairs)}"]

@@ -19,7 +19,7 @@ from crar_drake.robot.description import (
     add_robot,
 )
 from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
-from crar_drake.robot_import.anatomy import find_anatomy
+from crar_drake.robot_import.anatomy import find_anatomy, link_twins
 from crar_drake.robot_import.choices import ImportChoices, load_choices, save_choices
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.import_report import ImportReport, Progress
@@ -29,6 +29,7 @@ from crar_drake.robot_import.link_bodies import (
     find_inertias,
 )
 from crar_drake.robot_import.meshes import Part, guess_up_axis, link_parts
+from crar_drake.robot_import.mirrored_fits import LinkFits
 from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.rest_posture import (
     guess_rest_posture,
@@ -55,8 +56,13 @@ from crar_drake.robot_import.structure import (
     with_semantics,
     without_world,
 )
+from crar_drake.robot_import.tightening import tighten
 from crar_drake.robot_import.urdf_writer import BASE_JOINTS, frame_name, write_urdf
-from crar_drake.robot_import.watched_pairs import choose_pairs, watch_ground
+from crar_drake.robot_import.watched_pairs import (
+    adjacent_pairs,
+    choose_pairs,
+    watch_ground,
+)
 
 # Module to the package that brings it; trimesh imports the others when it needs them.
 _MESH_PACKAGES = {
@@ -64,6 +70,7 @@ _MESH_PACKAGES = {
     "collada": "pycollada",
     "networkx": "networkx",
     "fast_simplification": "fast-simplification",
+    "fcl": "python-fcl",
 }
 
 
@@ -148,13 +155,17 @@ def import_robot(
 
     segments = merge_segments(robot, locked, parts, choices)
     cache = FitCache(out / "meshes" / "fits.json")
-    for index, (name, of_segment) in enumerate(segments.items()):
+    fits = LinkFits(robot, segments, link_twins(robot), cache)
+    for index, name in enumerate(segments):
+        if name in report.fits:
+            continue
         progress(f"fitting {name}", index / len(segments))
-        fit = cache.fit(of_segment, choices.most_capsules)
-        if fit is None:
-            report.notes.append(f"link {name} is flat: it gets no collision shape")
-        else:
-            report.fits[name] = fit
+        found = fits.fit([name], choices.excess, choices.most_capsules)
+        report.fits |= {link: fit for link, fit in found.items() if fit is not None}
+        for link in (link for link, fit in found.items() if fit is None):
+            report.notes.append(f"link {link} is flat: it gets no collision shape")
+    # In the order of the links, which that of the pairs is.
+    report.fits = {name: report.fits[name] for name in segments if name in report.fits}
     if file.is_file():
         cache.save()  # what is refused below need not be fitted again
     find_covered(robot, locked, segments, report)
@@ -162,7 +173,9 @@ def import_robot(
         progress("covering", 1.0)
         cover_triangles(robot, locked, segments, report)
     with whole_set(out, DESCRIPTION) as made:
-        _make(made, robot, locked, parts, segments, choices, report, progress, file)
+        _make(
+            made, robot, locked, parts, segments, fits, choices, report, progress, file
+        )
         save_choices(file, choices, report.guessed)
         with whole_file(made / REPORT) as temporary:
             temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
@@ -177,6 +190,7 @@ def _make(
     locked: dict[str, float],
     parts: dict[str, list[Part]],
     segments: dict[str, list[Part]],
+    fits: LinkFits,
     choices: ImportChoices,
     report: ImportReport,
     progress: Progress,
@@ -184,11 +198,7 @@ def _make(
 ) -> None:
     """Makes the model, its description, meshes and picture in a folder, and the
     choices that need them."""
-    capsules = {
-        name: fit.capsules
-        for name, fit in report.fits.items()
-        if name not in report.covered
-    }
+    capsules = report.capsules()
     inertias = find_inertias(robot, locked, parts, report)
     _note_joints(robot, locked, report)
     progress("writing meshes", 1.0)
@@ -205,18 +215,22 @@ def _make(
             f"{file}: rest_posture: waist_z: the root link is named {WORLD!r} and "
             "cannot be lifted; take waist_z out"
         )
-    welded_itself = write_urdf(
-        folder / URDF,
-        robot,
-        choices.name,
-        base=choices.base,
-        height=height,
-        locked=locked,
-        frames=choices.frames,
-        visuals=visuals,
-        capsules=capsules,
-        inertias=inertias,
-    )
+
+    def write() -> bool:
+        return write_urdf(
+            folder / URDF,
+            robot,
+            choices.name,
+            base=choices.base,
+            height=height,
+            locked=locked,
+            frames=choices.frames,
+            visuals=visuals,
+            capsules=report.capsules(),
+            inertias=inertias,
+        )
+
+    welded_itself = write()
     description = RobotDescription(
         name=choices.name,
         model=URDF,
@@ -232,6 +246,14 @@ def _make(
     )
     plant = _parse(description)
     rest = rest_positions(plant, rest_posture, file)
+    # With all triangles held there is nothing to be closer.
+    if not choices.cover:
+        progress("comparing capsules with meshes", 1.0)
+        adjacent = adjacent_pairs(robot, capsules)
+        if tighten(plant, robot, locked, segments, rest, adjacent, fits, report):
+            capsules = report.capsules()
+            write()
+            plant = _parse(description)
     report.warnings += limb_alarms(robot, choices.frames)
     anatomy = find_anatomy(robot)
     if anatomy is not None:

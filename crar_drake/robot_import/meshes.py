@@ -1,8 +1,14 @@
-"""Meshes of any common format, as what Drake reads: OBJ, in metres, one colour each."""
+"""Meshes of any common format, as what Drake reads: OBJ, in metres, one colour each.
+
+A glTF file has y up, always, and is turned before its scale counts, as Drake does. What
+a DAE file says is up counts if `up_axis` says so.
+"""
 
 from __future__ import annotations
 
+import json
 import re
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +23,9 @@ from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
 # A recorded page carries every mesh; this keeps a whole robot below 10 MB.
 DEFAULT_FACES = 2500
 
+# Files whose format defines y as up, whatever an import says of DAE files.
+_Y_UP = (".gltf", ".glb")
+_FAN = 6  # the mode of a glTF primitive that is a fan of triangles
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 # What is up in a file -> rotation to z up, as COLLADA defines it.
 _Z_UP = {
@@ -52,8 +61,8 @@ def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
 
     Args:
         link: of the source.
-        up_axis: "z" if all meshes have z up, whatever they say; "file" if a DAE file
-            is to be turned as its up_axis says.
+        up_axis: "z" if all DAE files have z up, whatever they say; "file" if each is
+            to be turned as its up_axis says.
 
     Raises:
         ModelError: a mesh cannot be read.
@@ -137,6 +146,7 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
 
     if shape.kind == "mesh":
         up = dae_up_axis(shape.mesh.path) if up_axis == "file" else "z"
+        up = "y" if shape.mesh.path.suffix.lower() in _Y_UP else up
         pieces = _load(shape.mesh, link, up)
     elif shape.kind == "triangles":
         pieces = [(trimesh.Trimesh(*shape.triangles), None)]
@@ -171,6 +181,11 @@ def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
     """The file's meshes, turned z up, scaled, one for each colour, with that colour."""
     import trimesh
 
+    if source.path.suffix.lower() in _Y_UP and (unread := _unread_of_gltf(source.path)):
+        raise ModelError(
+            f"link {link!r}: mesh {source.path} has {unread}, which are not read; "
+            "save it without them, or as OBJ"
+        )
     try:
         scene = trimesh.load_scene(source.path)
         bodies = scene.dump()
@@ -201,6 +216,27 @@ def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
             raise ModelError(f"link {link!r}: mesh {source.path} has NaN vertices")
         pieces.append((mesh, colour))
     return pieces
+
+
+def _unread_of_gltf(path: Path) -> str:
+    """What a glTF file's shape needs and trimesh drops or misreads without a word."""
+    data = path.read_bytes()
+    try:
+        if data[:4] == b"glTF":
+            (length,) = struct.unpack_from("<I", data, 12)
+            data = data[20 : 20 + length]
+        content = json.loads(data)
+        packed = [e for e in content.get("extensionsRequired", ()) if "mesh" in e]
+        if packed:
+            return f"vertices of {', '.join(packed)}"
+        if any("sparse" in accessor for accessor in content.get("accessors", ())):
+            return "sparse accessors"
+        primitives = [p for m in content.get("meshes", ()) for p in m["primitives"]]
+        if any(primitive.get("mode") == _FAN for primitive in primitives):
+            return "triangle fans"
+    except (ValueError, LookupError, TypeError, AttributeError, struct.error):
+        pass  # trimesh says what is wrong
+    return ""
 
 
 def _metres(units: str | None) -> float:

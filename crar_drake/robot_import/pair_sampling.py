@@ -1,4 +1,9 @@
-"""Which pairs of links are worth watching, by sampling configurations."""
+"""Which pairs of links are worth watching: those that can come near each other.
+
+Some random postures tell nearly all of them. Of each other pair the distance is then
+minimised, from the postures in which it was least and from more random ones, by steps
+along its gradient within the joints' limits.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +17,18 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.equations.capsule_distances import capsule_distances
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
+from crar_drake.robot_import.postures import Placed, Postures
 
-SAMPLES = 4000
+SAMPLES = 1000
 CLEAR = 0.005  # [m] that a pair keeps in the rest posture
-_NEAR = 0.02  # [m]; a pair that never came nearer than this cannot meet
+NEAR = 0.02  # [m]; a pair that never came nearer than this cannot meet
 _ALWAYS = 0.95  # share of samples
+_BLOCK = 50  # postures at a time
+_STARTS, _RANDOM = 8, 8  # of a minimisation: the nearest samples, and others
+_PAIRS = 64  # that are minimised together
+_STEPS = 40
+_SHARES = np.array([1.0, 0.5, 0.2, 0.05])  # of a step, the best of which is taken
+_LONGEST = 0.5  # [rad or m] of a step
 
 
 @dataclass(frozen=True)
@@ -25,11 +37,12 @@ class SampledPairs:
 
     Attributes:
         watched: pairs that can meet.
-        least: smallest distance that each of them was sampled at [m].
-        overlapping: pairs that are in contact (or nearly) in the rest posture, or
-            are near while those of the other side are in contact.
+        least: smallest distance that each of them was seen at [m].
+        overlapping: pairs that are in contact (or nearly) in the rest posture.
         always: pairs in contact in nearly every configuration.
         never: number of pairs that met in no configuration.
+        contacts: share of the samples that each pair was in contact in, of those that
+            were at all.
     """
 
     watched: list[list[str]]
@@ -37,6 +50,7 @@ class SampledPairs:
     overlapping: list[list[str]]
     always: list[list[str]]
     never: int
+    contacts: dict[frozenset[str], float]
 
 
 class Gaps:
@@ -86,6 +100,158 @@ class Gaps:
         return np.minimum.reduceat(d, self._starts)
 
 
+class PairDistances:
+    """Distances of pairs of links in many postures, by their capsules."""
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        capsules: Mapping[str, Sequence[FittedCapsule]],
+        pairs: Sequence[tuple[str, str]],
+    ) -> None:
+        """
+        Args:
+            plant: finalized.
+            capsules: link to its shapes, in its frame.
+            pairs: of links that have some.
+        """
+        self.postures = Postures(plant)
+        flat = [
+            (int(plant.GetBodyByName(name).index()), c)
+            for name, of_link in capsules.items()
+            for c in of_link
+        ]
+        self._body = np.array([body for body, _ in flat], dtype=int)
+        self._ends = np.array([[c.p_L0, c.p_L1] for _, c in flat]).reshape(-1, 2, 3)
+        self._radius = np.array([c.radius for _, c in flat])
+        names = [name for name, of_link in capsules.items() for _ in of_link]
+        first = {name: names.index(name) for name in set(names)}
+        count = {name: names.count(name) for name in first}
+        self._rows = [
+            np.array(
+                list(
+                    itertools.product(
+                        range(first[a], first[a] + count[a]),
+                        range(first[b], first[b] + count[b]),
+                    )
+                )
+            )
+            for a, b in pairs
+        ]
+
+    def of_all(self, q: np.ndarray) -> np.ndarray:
+        """(K, N) of every pair in each posture (K, nq) [m]."""
+        rows = np.concatenate(self._rows)
+        starts = np.cumsum([0, *(len(r) for r in self._rows[:-1])])
+        p = self._axes(self.postures.place(q))
+        d = self._distances(p[:, rows[:, 0]], p[:, rows[:, 1]], rows[:, 0], rows[:, 1])
+        return np.minimum.reduceat(d[0].reshape(len(q), -1), starts, axis=1)
+
+    def of_each(self, pairs: np.ndarray, q: np.ndarray):
+        """(K,) of one pair in each posture [m], and (K, n) its gradient.
+
+        Args:
+            pairs: (K,) indices.
+            q: (K, nq).
+        """
+        placed = self.postures.place(q)
+        length = [len(self._rows[pair]) for pair in pairs]
+        rows = np.concatenate([self._rows[pair] for pair in pairs])
+        of = np.repeat(np.arange(len(pairs)), length)
+        d, normal, p_A, p_B = self._distances(
+            *(self._axes_of(placed, of, rows[:, side]) for side in (0, 1)),
+            rows[:, 0],
+            rows[:, 1],
+        )
+        starts = np.cumsum([0, *length[:-1]])
+        least = np.minimum.reduceat(d, starts)
+        # The first row of each posture that has its least distance.
+        at = np.flatnonzero(d == least[of])
+        at = at[np.unique(of[at], return_index=True)[1]]
+        a, b = (self._body[rows[at, side]] for side in (0, 1))
+        gradient = self.postures.gradients(placed, a, p_A[at], normal[at])
+        gradient -= self.postures.gradients(placed, b, p_B[at], normal[at])
+        return least, gradient
+
+    def _axes(self, placed: Placed) -> np.ndarray:
+        """(K, C, 2, 3) ends of all capsules' axes in the world [m]."""
+        R, p = placed.R[:, self._body], placed.p[:, self._body]
+        return np.einsum("kcxy,cey->kcex", R, self._ends) + p[:, :, np.newaxis]
+
+    def _axes_of(self, placed: Placed, of: np.ndarray, shapes: np.ndarray):
+        """(N, 2, 3) of one capsule each, in the postures `of`."""
+        bodies = self._body[shapes]
+        turned = self._ends[shapes] @ np.swapaxes(placed.R[of, bodies], 1, 2)
+        return turned + placed.p[of, bodies][:, np.newaxis]
+
+    def _distances(self, p_a, p_b, i, j):
+        count = p_a.size // (6 * len(i))
+        p_a, p_b = (np.ascontiguousarray(p.reshape(-1, 2, 3)) for p in (p_a, p_b))
+        radii = [np.tile(self._radius[k], count) for k in (i, j)]
+        return capsule_distances(
+            *(np.ascontiguousarray(p_a[:, e]) for e in (0, 1)),
+            radii[0],
+            *(np.ascontiguousarray(p_b[:, e]) for e in (0, 1)),
+            radii[1],
+        )
+
+
+def nearest_postures(
+    distances: PairDistances,
+    pairs: np.ndarray,
+    q: np.ndarray,
+    enough: float = -np.inf,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Local minima of pairs' distances within the joints' limits.
+
+    Args:
+        distances: of the pairs.
+        pairs: (K,) which pair to bring together from each start.
+        q: (K, nq) the starts.
+        enough: distance at which a pair's search ends [m].
+
+    Returns:
+        (K,) the least distances found [m] and (K, nq) where.
+    """
+    lower, upper = distances.postures.lower, distances.postures.upper
+    q = q.copy()
+    d, gradient = distances.of_each(pairs, q)
+    alive = d > enough
+    for _ in range(_STEPS):
+        reached = np.unique(pairs[d <= enough])
+        alive &= ~np.isin(pairs, reached)
+        rows = np.flatnonzero(alive)
+        if not len(rows):
+            break
+        down = -gradient[rows]
+        # What would leave the limits stays where it is.
+        stuck = (q[rows] <= lower) & (down < 0.0) | (q[rows] >= upper) & (down > 0.0)
+        down[stuck] = 0.0
+        square = np.maximum(np.einsum("kn,kn->k", down, down), 1e-12)
+        # To where the distance would be gone, were it linear.
+        step = down * ((d[rows] + 0.05) / square)[:, np.newaxis]
+        norm = np.abs(step).max(axis=1, keepdims=True)
+        step *= np.minimum(1.0, _LONGEST / np.maximum(norm, 1e-12))
+        tried = np.clip(
+            q[rows] + _SHARES[:, np.newaxis, np.newaxis] * step, lower, upper
+        )
+        found, gradients = distances.of_each(
+            np.tile(pairs[rows], len(_SHARES)), tried.reshape(-1, q.shape[1])
+        )
+        found = found.reshape(len(_SHARES), -1)
+        best = np.argmin(found, axis=0)
+        least = found[best, np.arange(len(rows))]
+        better = least < d[rows] - 1e-5
+        alive[rows[~better]] = False
+        moved = rows[better]
+        q[moved] = tried[best, np.arange(len(rows))][better]
+        d[moved] = least[better]
+        gradient[moved] = gradients.reshape(len(_SHARES), len(rows), -1)[
+            best, np.arange(len(rows))
+        ][better]
+    return d, q
+
+
 def sample_pairs(
     plant: MultibodyPlant,
     capsules: Mapping[str, Sequence[FittedCapsule]],
@@ -93,65 +259,78 @@ def sample_pairs(
     adjacent: set[frozenset[str]],
     samples: int = SAMPLES,
     twins: Mapping[str, str] | None = None,
+    always_watched: set[frozenset[str]] = frozenset(),
 ) -> SampledPairs:
-    """Samples joint positions uniformly within their limits.
+    """Looks for postures within the joints' limits in which pairs are near.
 
     Args:
         plant: finalized.
         capsules: link to its shapes, in its frame; the order of the pairs.
         rest: (nq,) the rest posture.
         adjacent: pairs that a joint connects, which always touch.
-        samples: number of configurations.
-        twins: link to the same one of the robot's other side, which is treated alike
-            although its capsules are fitted a little otherwise.
+        samples: number of random postures, from which minimisations start.
+        twins: link to the same one of the robot's other side: a pair is watched if its
+            image is.
+        always_watched: pairs that are watched although nothing was found.
     """
-    links = [name for name in capsules if capsules[name]]
-    bodies = {name: plant.GetBodyByName(name) for name in links}
-    welded = {
-        name: {int(b.index()) for b in plant.GetBodiesWeldedTo(bodies[name])}
-        for name in links
-    }
-    candidates = [
-        (a, b)
-        for a, b in itertools.combinations(links, 2)
-        if frozenset((a, b)) not in adjacent and int(bodies[b].index()) not in welded[a]
-    ]
-    gaps = Gaps(capsules, candidates)
-    context = plant.CreateDefaultContext()
-
-    def distances(q: np.ndarray) -> np.ndarray:
-        plant.SetPositions(context, q)
-        return gaps.distances(
-            {name: plant.EvalBodyPoseInWorld(context, bodies[name]) for name in links}
-        )
-
+    candidates = candidate_pairs(plant, capsules, adjacent)
     if not candidates:
-        return SampledPairs([], [], [], [], 0)
-    at_rest = distances(rest)
+        return SampledPairs([], [], [], [], 0, {})
+    distances = PairDistances(plant, capsules, candidates)
+    postures = distances.postures
+    at_rest = distances.of_all(rest[np.newaxis])[0]
     rng = np.random.default_rng(0)
-    lower = np.maximum(plant.GetPositionLowerLimits(), -np.pi)
-    upper = np.minimum(plant.GetPositionUpperLimits(), np.pi)
-    least = at_rest.copy()
-    contacts = np.zeros(len(candidates))
-    for q in rng.uniform(lower, upper, size=(samples, len(lower))):
-        d = distances(q)
-        least = np.minimum(least, d)
-        contacts += d < 0.0
-    touching = {
-        frozenset((twins or {}).get(link, link) for link in pair)
-        for pair, d in zip(candidates, at_rest, strict=True)
-        if d < CLEAR
-    }
+    q = rng.uniform(postures.lower, postures.upper, size=(samples, postures.size))
+    seen = np.concatenate(
+        [distances.of_all(q[k : k + _BLOCK]) for k in range(0, samples, _BLOCK)]
+    )
+    contacts = (seen < 0.0).mean(axis=0)
+    least = np.minimum(at_rest, seen.min(axis=0))
+    unseen = np.flatnonzero(least > NEAR)
+    # So many at a time that all their links' poses fit into memory.
+    for some in np.array_split(unseen, -(-len(unseen) // _PAIRS) or 1):
+        few = np.argsort(seen[:, some], axis=0)[:_STARTS].T
+        others = rng.integers(samples, size=(len(some), _RANDOM))
+        starts = np.concatenate([few, others], axis=1)
+        pairs = np.repeat(some, starts.shape[1])
+        if len(pairs):
+            d, _ = nearest_postures(distances, pairs, q[starts.ravel()], NEAR)
+            np.minimum.at(least, pairs, d)
+    near = {frozenset(candidates[k]) for k in np.flatnonzero(least <= NEAR)}
+    near |= always_watched
+    near |= {frozenset((twins or {}).get(link, link) for link in pair) for pair in near}
     watched, smallest, overlapping, always, never = [], [], [], [], 0
     for index, pair in enumerate(candidates):
-        alike = frozenset(pair) in touching and at_rest[index] < _NEAR
-        if at_rest[index] < CLEAR or alike:
+        if at_rest[index] < CLEAR:
             overlapping.append(list(pair))
-        elif contacts[index] > _ALWAYS * samples:
+        elif contacts[index] > _ALWAYS:
             always.append(list(pair))
-        elif least[index] > _NEAR:
+        elif frozenset(pair) not in near:
             never += 1
         else:
             watched.append(list(pair))
             smallest.append(float(least[index]))
-    return SampledPairs(watched, smallest, overlapping, always, never)
+    shares = {
+        frozenset(pair): float(share)
+        for pair, share in zip(candidates, contacts, strict=True)
+        if share > 0.0
+    }
+    return SampledPairs(watched, smallest, overlapping, always, never, shares)
+
+
+def candidate_pairs(
+    plant: MultibodyPlant,
+    capsules: Mapping[str, Sequence[FittedCapsule]],
+    adjacent: set[frozenset[str]],
+) -> list[tuple[str, str]]:
+    """Pairs of links with capsules that are neither joined nor welded."""
+    links = [name for name in capsules if capsules[name]]
+    welded = {
+        name: {b.name() for b in plant.GetBodiesWeldedTo(plant.GetBodyByName(name))}
+        for name in links
+    }
+    return [
+        (a, b)
+        for a, b in itertools.combinations(links, 2)
+        if frozenset((a, b)) not in adjacent and b not in welded[a]
+    ]

@@ -9,8 +9,14 @@ from pathlib import Path
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import GROUND
-from crar_drake.robot_import.anatomy import find_anatomy, mirrored_links
+from crar_drake.robot_import.anatomy import (
+    elbow_index,
+    find_anatomy,
+    link_twins,
+    longest_chains,
+)
 from crar_drake.robot_import.pair_sampling import sample_pairs
+from crar_drake.robot_import.source_robot import SourceRobot
 
 # How far the ground is below the soles: what pairs keep, if nothing else is said [m].
 _BELOW_SOLES = 0.005
@@ -30,20 +36,26 @@ def choose_pairs(
                 )
     if choices.pairs is not None:
         return []
-    twins = mirrored_links(robot, find_anatomy(robot))
-    adjacent = _adjacent(robot, locked, capsules)
-    found = sample_pairs(plant, capsules, rest, adjacent, twins=twins)
+    found = sample_pairs(
+        plant,
+        capsules,
+        rest,
+        adjacent_pairs(robot, capsules),
+        twins=link_twins(robot),
+        always_watched=_hands_together(robot),
+    )
     allowed = _allowed(robot, capsules, choices.segments)
     choices.pairs = [p for p in found.watched if frozenset(p) not in allowed]
     overlapping = [p for p in found.overlapping if frozenset(p) not in allowed]
     report.guessed["pairs"] = (
-        f"all that came within 2 cm in sampled configurations; {found.never} never did"
+        "all that came within 2 cm, sampled and minimised, their mirror images, and "
+        f"one forearm and hand with the other; {found.never} never did"
     )
     if left_out := [p for p in found.watched if frozenset(p) in allowed]:
         report.warnings.append(
             f"pairs: {', '.join(map(' - '.join, left_out))}: NOT watched, since "
             f"{Path(choices.srdf).name} lets them touch, although they came within "
-            "2 cm in sampled configurations"
+            "2 cm"
         )
     if overlapping:
         report.notes.append(
@@ -120,7 +132,23 @@ def _allowed(robot, capsules, segments) -> set[frozenset[str]]:
     }
 
 
-def _adjacent(robot, locked, capsules) -> set[frozenset[str]]:
+def _hands_together(robot: SourceRobot) -> set[frozenset[str]]:
+    """One forearm, wrist and hand with the other's, whatever was found of them."""
+    sides = []
+    anatomy, X = find_anatomy(robot), robot.poses()
+    if anatomy is not None:
+        for arm in (anatomy.left, anatomy.right):
+            sides.append({*robot.below(arm.joints[elbow_index(X, arm)].child)})
+    elif len(ends := longest_chains(robot)) == 2:
+        ways = [[j for j in robot.path_to(end) if j.moves] for end in ends]
+        if not {j.name for j in ways[0]} & {j.name for j in ways[1]}:
+            sides = [{*robot.below(w[min(3, len(w) - 1)].child)} for w in ways if w]
+    if len(sides) != 2:
+        return set()
+    return {frozenset(pair) for pair in itertools.product(*sides)}
+
+
+def adjacent_pairs(robot, capsules) -> set[frozenset[str]]:
     """Pairs of links with shapes that are joined, be it through bare links."""
     pairs = set()
     for link in capsules:

@@ -31,7 +31,7 @@ def test_every_point_of_the_triangles_is_inside_afterwards():
     points = np.concatenate([points_on(part, 500) for part in parts])
     before = np.min([c.distance(points) for c in capsules], axis=0)
     assert before.max() > 5e-3
-    fit, most = covered(Fit(capsules, 0.5, 1.0, 0.02), parts)
+    fit, most = covered(Fit(capsules, 0.5, 1.0, 0.02, 0.0), parts)
     after = np.min([c.distance(points) for c in fit.capsules], axis=0)
     assert after.max() <= 0.0
     # A vertex was as far outside as the most that was grown, or nearly.

@@ -8,7 +8,12 @@ from pydrake.systems.framework import DiagramBuilder
 from small_urdfs import joint, link, robot
 
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
-from crar_drake.robot_import.pair_sampling import sample_pairs
+from crar_drake.robot_import.pair_sampling import (
+    Gaps,
+    PairDistances,
+    sample_pairs,
+)
+from crar_drake.robot_import.postures import position_ranges
 
 BALL = FittedCapsule(np.zeros(3), np.zeros(3), 0.1)
 POST = FittedCapsule(np.zeros(3), np.array([0, 0, 1.0]), 0.1)
@@ -54,24 +59,83 @@ def test_each_kind(plant):
     assert not any({"ahead", "aside"} <= set(pair) for pair in found.watched)
 
 
-def test_both_sides_are_treated_alike(plant):
-    """A pair that is near at rest is left out if that of the other side touches."""
+def test_a_pair_is_watched_if_its_image_is(plant):
+    """Though it is a little farther away than what counts as near."""
+    above, below = np.array([[0.6, 0.8, 0.0], [0.6, -0.8, 0.0]])
     capsules = {
-        "ball": [FittedCapsule(np.zeros(3), np.zeros(3), 0.05)],
-        "ahead": [FittedCapsule(*[np.array([-0.90, 0, 0])] * 2, 0.04)],
-        "aside": [FittedCapsule(*[np.array([0, -0.90, 0])] * 2, 0.06)],
+        "base": [FittedCapsule(*[0.95 * below] * 2, 0.01)],
+        "ahead": [FittedCapsule(*[0.97 * above - [1.0, 0.0, 0.0]] * 2, 0.01)],
         "tail": [FittedCapsule(np.zeros(3), np.zeros(3), 0.01)],
     }
-    touching, near = ["ball", "aside"], ["ball", "ahead"]
     alone = sample_pairs(plant, capsules, np.zeros(1), set(), 100)
-    assert touching in alone.overlapping and near in alone.watched
-    twins = {"ahead": "aside", "aside": "ahead"}
+    assert alone.watched == [["ahead", "tail"]] and alone.never == 1
+    twins = {"ahead": "base", "base": "ahead"}
     alike = sample_pairs(plant, capsules, np.zeros(1), set(), 100, twins)
-    assert touching in alike.overlapping and near in alike.overlapping
-    # What is farther away is watched all the same.
-    capsules["ahead"] = [FittedCapsule(*[np.array([-0.85, 0, 0])] * 2, 0.04)]
-    far = sample_pairs(plant, capsules, np.zeros(1), set(), 100, twins)
-    assert touching in far.overlapping and near not in far.overlapping
+    assert alike.watched == [["base", "tail"], ["ahead", "tail"]]
+    also = {frozenset(("base", "tail"))}
+    asked = sample_pairs(plant, capsules, np.zeros(1), set(), 100, always_watched=also)
+    assert asked.watched == alike.watched
+
+
+def test_minimising_finds_what_samples_do_not(plant):
+    """Two balls that meet in 3 of 10,000 postures of the joint, of 20 samples."""
+    far = 100.0
+    above = far * np.array([0.6, 0.8, 0.0])
+    capsules = {
+        "ahead": [FittedCapsule(*[above - [1.0, 0.0, 0.0]] * 2, 0.02)],
+        "tail": [FittedCapsule(*[np.array([far - 1.0, 0.0, 0.0])] * 2, 0.02)],
+    }
+    pairs = [("ahead", "tail")]
+    distances = PairDistances(plant, capsules, pairs)
+    lower, upper = distances.postures.lower, distances.postures.upper
+    q = np.random.default_rng(0).uniform(lower, upper, size=(20, 1))
+    assert distances.of_all(q).min() > 1.0
+    found = sample_pairs(plant, capsules, np.zeros(1), set(), 20)
+    assert found.watched == [list(pairs[0])]
+
+
+def test_distances_and_gradients_of_many_postures(plant):
+    """Against Drake's own poses, and differences."""
+    capsules = {
+        "ahead": [
+            POST,
+            FittedCapsule(np.array([0.1, 0, 0]), np.array([0.3, 0, 1]), 0.1),
+        ],
+        "tail": [BALL, FittedCapsule(np.zeros(3), np.array([0.2, 0.1, 0]), 0.05)],
+        "aside": [BALL],
+    }
+    pairs = [("ahead", "tail"), ("tail", "aside")]
+    distances, gaps = PairDistances(plant, capsules, pairs), Gaps(capsules, pairs)
+    q = np.array([[-1.1], [0.2], [0.9]])
+    context = plant.CreateDefaultContext()
+    for row, at in zip(distances.of_all(q), q, strict=True):
+        plant.SetPositions(context, at)
+        poses = {
+            name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+            for name in capsules
+        }
+        np.testing.assert_allclose(row, gaps.distances(poses), atol=1e-12)
+    which = np.array([0, 1, 0])
+    d, gradient = distances.of_each(which, q)
+    np.testing.assert_allclose(d, distances.of_all(q)[np.arange(3), which])
+    ahead, behind = (distances.of_each(which, q + h)[0] for h in (1e-6, -1e-6))
+    np.testing.assert_allclose(gradient[:, 0], (ahead - behind) / 2e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "limits, expected",
+    [((-0.5, 5.0), (-0.5, 5.0)), ((-9.0, 9.0), (-9.0, 2.0 * np.pi - 9.0))],
+)
+def test_ranges_are_not_cut_at_half_a_turn(limits, expected):
+    """A joint of -0.5 to 5 rad reaches all of it; a whole turn is enough."""
+    said = 'lower="{}" upper="{}" effort="20" velocity="5"'.format(*limits)
+    text = robot([link("a"), link("b"), joint("turn", "a", "b", limits=said)])
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("a"))
+    plant.Finalize()
+    lower, upper = position_ranges(plant)
+    np.testing.assert_allclose([lower[0], upper[0]], expected)
 
 
 def test_always_in_contact(plant):

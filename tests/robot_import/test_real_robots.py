@@ -9,7 +9,7 @@ from crar_drake.results.mesh_judge import MeshJudge
 from crar_drake.results.referee import Referee
 from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, load_choices
-from crar_drake.robot_import.capsule_fitting import fit_link
+from crar_drake.robot_import.capsule_fitting import EXCESS, fit_link
 from crar_drake.robot_import.meshes import link_parts
 from crar_drake.robot_import.robot_files import find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
@@ -20,15 +20,15 @@ from crar_drake.simulation.scenario import Scenario, load_scenario
 @pytest.mark.parametrize(
     "robot, links",
     [
-        ("g1_29dof_rev_1_0", ["torso_link", "left_elbow_link"]),
-        ("talos_full_v2", ["arm_left_4_link", "base_link"]),
+        ("g1_29dof_rev_1_0", {"torso_link": 6, "left_elbow_link": 3}),
+        ("talos_full_v2", {"arm_left_4_link": 5, "base_link": 14}),
     ],
 )
 def test_fits_are_close(robot_data, robot, links):
     read = read_urdf(find_urdf(robot)[0])
-    for link in links:
+    for link, most in links.items():
         fit = fit_link(link_parts(read.links[link]))
-        assert fit.good and len(fit.capsules) <= 3
+        assert fit.good(EXCESS) and len(fit.capsules) <= most
 
 
 @pytest.mark.parametrize("robot", ["g1", "g1_whole_body", "talos", "talos_whole_body"])

@@ -1,0 +1,58 @@
+"""How far the surfaces of two links are apart, by their triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from crar_drake.robot_import.meshes import Part
+
+
+class Surfaces:
+    """Triangles of links, prepared when they are first asked for."""
+
+    def __init__(self, segments: Mapping[str, Sequence[Part]]) -> None:
+        """
+        Args:
+            segments: link to its real look, in its frame.
+        """
+        self._segments = segments
+        self._trees: dict = {}
+
+    def gap(self, X: Mapping[str, RigidTransform], a: str, b: str) -> float:
+        """Distance of the nearest triangles of two links; 0 where some intersect [m].
+
+        Args:
+            X: link to its pose.
+            a, b: the links.
+        """
+        import fcl
+
+        placed = [
+            fcl.CollisionObject(
+                self._tree(name),
+                fcl.Transform(X[name].rotation().matrix(), X[name].translation()),
+            )
+            for name in (a, b)
+        ]
+        found = fcl.distance(*placed, fcl.DistanceRequest(), fcl.DistanceResult())
+        return max(0.0, float(found))
+
+    def _tree(self, name: str):
+        import fcl
+
+        if name not in self._trees:
+            parts = self._segments[name]
+            first = np.cumsum([0] + [len(part.vertices) for part in parts])
+            vertices = np.concatenate([part.vertices for part in parts])
+            faces = np.concatenate(
+                [part.faces + n for part, n in zip(parts, first, strict=False)]
+            )
+            tree = fcl.BVHModel()
+            tree.beginModel(len(vertices), len(faces))
+            tree.addSubModel(vertices, faces)
+            tree.endModel()
+            self._trees[name] = tree
+        return self._trees[name]

@@ -1,10 +1,10 @@
 """Pickles that hold data alone, read without running anything that is in them.
 
 A pickle is a program: Python's own reader calls what it names. Here that reader
-(`plain_unpickler`) has the opcodes alone that build plain containers, numbers, texts and
-NumPy arrays; whatever else a file names or does is refused. Nothing is imported and
-nothing is called by a name from the file: the few names that NumPy and joblib write
-stand for functions of `pickled_arrays`.
+(`plain_unpickler`) has the opcodes alone that build plain containers, numbers, texts
+and NumPy arrays; whatever else a file names or does is refused. Nothing is imported
+and nothing is called by a name from the file: the few names that NumPy and joblib
+write stand for functions of `pickled_arrays`.
 
 joblib's `dump` puts the bytes of an array behind the opcodes that describe it, perhaps
 compresses all of it; that is read, too.

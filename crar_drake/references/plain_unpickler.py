@@ -40,8 +40,8 @@ _MOST_COPIES, _FEW_COPIES = 4, 2**20
 _DEEPEST = 30
 _MOST_ENTRIES = 50_000_000
 
-# Containers in one file: a motion's numbers are in arrays, or in a list a frame. What is
-# nothing but containers in containers is refused before they are all made.
+# Containers in one file: a motion's numbers are in arrays, or in a list a frame. What
+# is nothing but containers in containers is refused before they are all made.
 _MOST_CONTAINERS = 1_000_000
 
 _SIMPLE = (bool, int, float, complex, str, bytes, bytearray, np.generic)

@@ -66,7 +66,13 @@ TRICKS = {
 
 @pytest.mark.parametrize(
     "part, end",
-    [(b"(", b"."), (b"]", b"a" * 10), (b")", b"\x85" * 10), (b")\x85", b"."), (b"(1", b"")],
+    [
+        (b"(", b"."),
+        (b"]", b"a" * 10),
+        (b")", b"\x85" * 10),
+        (b")\x85", b"."),
+        (b"(1", b""),
+    ],
 )
 def test_megabytes_of_containers_are_refused_before_they_are_all_made(
     tmp_path, monkeypatch, part, end

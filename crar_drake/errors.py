@@ -46,3 +46,10 @@ class WriteError(CrarError):
     def __reduce__(self) -> tuple:
         # Processes of a pool send their errors.
         return WriteError, (self.path, self._why)
+
+
+def printable(text: str) -> str:
+    """The text without what a terminal obeys: names come from files of others."""
+    return "".join(
+        c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text
+    )

@@ -31,7 +31,7 @@ from crar_drake.commands import (
 )
 from crar_drake.commands.options import Parser, nearest
 from crar_drake.drake_warnings import collected_warnings
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, printable
 
 # In the order of the help.
 COMMANDS = (
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             code = arguments.command(arguments) or 0
         sys.stdout.flush()
     except CrarError as error:
-        print(f"crar-drake: error: {error}", file=sys.stderr)
+        print(f"crar-drake: error: {printable(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stopped:
         about = f" {stopped}" if str(stopped) else ""

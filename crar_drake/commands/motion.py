@@ -15,6 +15,7 @@ from crar_drake.commands.options import (
     add_skeleton,
 )
 from crar_drake.commands.output import OUT, motion_label
+from crar_drake.errors import printable
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -60,7 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
     )
     report = inspect(performer)
     for line in describe(report):
-        print(line)
+        print(printable(line))
     if report.obstacle and arguments.plot is None:
         return
     plot_motion(performer, plot)
@@ -96,7 +97,7 @@ def _describe_reference(arguments: argparse.Namespace, plot: Path) -> None:
     )
     for motion in motions:
         for line in describe_motion(motion, robot):
-            print(line)
+            print(printable(line))
     if len(motions) > 1:
         print(f"{len(motions)} motions, of which the first is drawn")
     plot_robot_motion(motions[0], plot)

@@ -97,7 +97,7 @@ def _read_table(path: Path) -> np.ndarray:
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip():
             continue
-        cells = line.split(",")
+        cells = cells_of(line)
         try:
             row = [float(cell) for cell in cells]
         except ValueError:
@@ -128,6 +128,14 @@ def _read_table(path: Path) -> np.ndarray:
             "finite number"
         )
     return table
+
+
+def cells_of(line: str) -> list[str]:
+    """The cells of a line: between commas, else semicolons, else blanks or tabs."""
+    line = line.strip()
+    if ";" in line:  # a comma beside it is a decimal one, which is no number
+        return line.split(";")
+    return line.split(",") if "," in line else line.split()
 
 
 def _check_not_zero(path: Path, quaternions: np.ndarray) -> None:

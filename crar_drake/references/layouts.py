@@ -12,7 +12,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.nearest import nearest
-from crar_drake.references.csv_layouts import read_csv, write_csv
+from crar_drake.references.csv_layouts import cells_of, read_csv, write_csv
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
 from crar_drake.references.robot_motion import RobotMotion, check_joint_names
@@ -94,7 +94,7 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
 
 def _is_numbers(line: str) -> bool:
     try:
-        return bool([float(cell) for cell in line.split(",")])
+        return bool([float(cell) for cell in cells_of(line)])
     except ValueError:
         return False
 

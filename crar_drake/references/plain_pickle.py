@@ -1,11 +1,10 @@
 """Pickles that hold data alone, read without running anything that is in them.
 
-A pickle is a program: Python's own reader calls what it names. This one is another
-interpreter of the same opcodes (as `pickletools` of the standard library lists them).
-It knows those that build plain containers, numbers, texts and NumPy arrays; whatever
-else a file names or does is refused. Nothing is imported and nothing is called by a
-name from the file: the few names that NumPy and joblib write stand for functions of
-`pickled_arrays`.
+A pickle is a program: Python's own reader calls what it names. Here that reader
+(`plain_unpickler`) has the opcodes alone that build plain containers, numbers, texts
+and NumPy arrays; whatever else a file names or does is refused. Nothing is imported
+and nothing is called by a name from the file: the few names that NumPy and joblib
+write stand for functions of `pickled_arrays`.
 
 joblib's `dump` puts the bytes of an array behind the opcodes that describe it, perhaps
 compresses all of it; that is read, too.
@@ -15,7 +14,6 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import io
 import lzma
 import os
 import pickle
@@ -25,8 +23,8 @@ from pathlib import Path
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
-from crar_drake.references.pickle_opcodes import PickleReader
 from crar_drake.references.pickled_arrays import RefusedPickle
+from crar_drake.references.plain_unpickler import PlainUnpickler
 
 # What a file may unpack to [bytes], and how often its own size: numbers of a motion do
 # not compress that well.
@@ -56,7 +54,7 @@ def read_plain_pickle(path: str | os.PathLike[str]) -> object:
     if not path.is_file():
         raise MotionError(f"{path}: there is no such file")
     try:
-        return PickleReader(_unpacked(path)).read()
+        return PlainUnpickler(_unpacked(path)).load()
     except RefusedPickle as error:
         raise MotionError(f"{path}: {error}") from None
 
@@ -84,7 +82,7 @@ def _for_any_numpy(data: bytes) -> bytes:
     return b"".join([*parts, data[before:]])
 
 
-def _unpacked(path: Path) -> io.BufferedReader | io.BytesIO:
+def _unpacked(path: Path) -> bytes:
     with path.open("rb") as file:
         start = file.read(6)
     if not start:
@@ -108,7 +106,7 @@ def _unpacked(path: Path) -> io.BufferedReader | io.BytesIO:
         raise RefusedPickle(
             f"the compressed file is damaged or cut off ({error})"
         ) from None
-    return path.open("rb")
+    return path.read_bytes()
 
 
 def _starts_pickle(start: bytes) -> bool:
@@ -116,7 +114,7 @@ def _starts_pickle(start: bytes) -> bool:
     return start[:1] == b"]" and start[1:2] != b"\x00"
 
 
-def _bounded(data: bytes, most: int) -> io.BytesIO:
+def _bounded(data: bytes, most: int) -> bytes:
     if len(data) > most:
         raise RefusedPickle(f"it unpacks to more than {most / 2**20:.0f} MiB")
-    return io.BytesIO(data)
+    return data

@@ -1,6 +1,7 @@
 """One motion through every naming, and every convention of axes, unit and rest pose."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +175,80 @@ def test_one_frame_apart_is_left_out(clip, tmp_path) -> None:
     performer = performed(tmp_path, text)
     assert performer.num_frames == clip.num_frames - 1
     assert "frame 1 is a pose apart" in performer.notes[0]
+
+
+def with_frame_time(clip: Clip, written: str) -> str:
+    return re.sub(r"(?<=Frame Time: ).*", written, bvh_text(clip, Convention()))
+
+
+@pytest.mark.parametrize(
+    "written, rate",
+    [
+        ("30", 30.0),
+        ("120", 120.0),
+        ("33.3333", 30.0),
+        ("8.3333", 120.0),
+        ("16667", 60.0),
+        ("0.0333333", 30.0),
+        ("0.04", 25.0),
+    ],
+)
+def test_a_frame_time_that_is_a_rate_or_milliseconds(clip, tmp_path, written, rate):
+    text = with_frame_time(clip, written)
+    performer = performed(tmp_path, text)
+    assert performer.frame_rate == rate
+    odd = float(written) >= 1.0
+    assert odd == any("--frame-rate HZ" in note for note in performer.notes)
+    assert performed(tmp_path, text, frame_rate=77.0).frame_rate == 77.0
+
+
+@pytest.mark.parametrize("written", ["20", "7.7", "1e8"])
+def test_a_frame_time_that_nothing_explains_is_refused(clip, tmp_path, written):
+    text = with_frame_time(clip, written)
+    with pytest.raises(MotionError, match="frame time of .* is none .*--frame-rate HZ"):
+        performed(tmp_path, text)
+
+
+def test_a_slow_rate_is_doubted(clip, tmp_path) -> None:
+    text = with_frame_time(clip, "0.5")
+    assert "a rate of 2 Hz is no camera's" in performed(tmp_path, text).doubts[-1]
+
+
+@pytest.mark.parametrize("held, frames", [(6, 6), (1, 1), (200, 0)])
+def test_frames_of_the_zero_pose_are_left_out(clip, tmp_path, held, frames) -> None:
+    """As converters for DAZ write them; two seconds of it are a part of the motion."""
+    head, rows = with_frame_time(clip, "0.0083333").split("Frame Time: 0.0083333\n")
+    rows = rows.splitlines()
+    place = rows[0].split()[:3]
+    rows = [" ".join(place + ["0"] * (len(rows[0].split()) - 3))] * held + rows
+    head = head.replace(f"Frames: {clip.num_frames}", f"Frames: {len(rows)}")
+    text = head + "Frame Time: 0.0083333\n" + "\n".join(rows) + "\n"
+    performer = performed(tmp_path, text)
+    assert performer.num_frames == len(rows) - frames
+    assert any("a pose apart" in note for note in performer.notes) == bool(frames)
+    if frames > 1:
+        assert performer.notes[0].startswith(f"frames 1 to {frames} are a pose apart")
+
+
+def test_positions_of_nothing_on_every_joint_are_told(clip, plain, tmp_path) -> None:
+    """Each joint has position channels, all 0 beside its OFFSET, but for the root."""
+    lines = bvh_text(clip, Convention()).split("\n")
+    joints = [line for line in lines if "CHANNELS" in line]
+    lines = [
+        line.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ")
+        for line in lines
+    ]
+    start = next(i for i, line in enumerate(lines) if "Frame Time" in line) + 1
+    for i in range(start, len(lines)):
+        if words := lines[i].split():
+            columns = words[:6]
+            for j in range(1, len(joints)):
+                columns += ["0", "0", "0", *words[3 + 3 * j : 6 + 3 * j]]
+            lines[i] = " ".join(columns)
+    performer = performed(tmp_path, "\n".join(lines))
+    assert "more joints are about 0 beside their OFFSET" in performer.notes[0]
+    for joint, positions in plain.positions.items():
+        np.testing.assert_allclose(performer.positions[joint], positions, atol=1e-8)
 
 
 def test_giants_need_a_unit(clip, tmp_path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from crar_drake.errors import MotionError
 from crar_drake.references.npz_layouts import read_npz
 from crar_drake.references.plain_pickle import read_plain_pickle
+from crar_drake.references.plain_unpickler import PlainUnpickler
 
 NESTED = b")" + b"2\x86" * 60  # a tuple of itself twice, 60 deep: 2^60 entries
 COLLIDING = [k * (2**61 - 1) for k in range(1, 20001)]
@@ -61,6 +62,35 @@ TRICKS = {
     + b"B" + struct.pack("<I", 10**5) + bytes(10**5)
     + b"\x85q\x01R" + b"h\x00h\x01R" * 9999 + b"e.",
 }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "part, end",
+    [
+        (b"(", b"."),
+        (b"]", b"a" * 10),
+        (b")", b"\x85" * 10),
+        (b")\x85", b"."),
+        (b"(1", b""),
+    ],
+)
+def test_megabytes_of_containers_are_refused_before_they_are_all_made(
+    tmp_path, monkeypatch, part, end
+):
+    made = 0
+    count = PlainUnpickler.dispatch[part[0]]
+
+    def counted(reader):
+        nonlocal made
+        made += 1
+        count(reader)
+
+    monkeypatch.setitem(PlainUnpickler.dispatch, part[0], counted)
+    file = tmp_path / "a.pkl"
+    file.write_bytes(part * (6_000_000 // len(part)) + end)
+    with pytest.raises(MotionError, match="more than 1000000 containers"):
+        read_plain_pickle(file)
+    assert made <= 1_000_001
 
 
 @pytest.mark.parametrize("trick", TRICKS)

@@ -450,3 +450,14 @@ def test_bad_pickles(tmp_path: Path):
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(good))
     with pytest.raises(MotionError, match="keys are those of gmr-pkl"):
         read_motion(file, layout="motion-lib-pkl")
+
+
+@pytest.mark.parametrize("blank", [";", " ", "\t", "; "])
+def test_other_separators_than_commas_are_read(tmp_path, blank):
+    from crar_drake.references.layouts import holds_reference, read_file
+
+    row = ["0.1", "0", "0.8", "0", "0", "0.1", "0.99498743710662", "0.5"]
+    (tmp_path / "a.csv").write_text((blank.join(row) + "\n") * 3)
+    assert holds_reference(tmp_path / "a.csv")
+    (motion,) = read_file(tmp_path / "a.csv", "xyzw-csv")
+    assert motion.joint_positions.tolist() == [[0.5]] * 3

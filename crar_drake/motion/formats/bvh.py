@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -20,10 +21,17 @@ from typing import NoReturn
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.text_files import read_motion_text
 
 _POSITIONS = {"xposition": 0, "yposition": 1, "zposition": 2}
 _ROTATIONS = {"xrotation": 0, "yrotation": 1, "zrotation": 2}
 _SHORTEST_FRAME = 1e-4  # [s]: no camera takes 10,000 pictures a second
+_LARGEST = 1e9  # in any unit and in degrees: more was never measured
+
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+")
+
+# Positions of a joint that are shorter than this share of its OFFSET are no bone.
+_NO_BONE = 0.2
 
 
 @dataclass(frozen=True)
@@ -81,14 +89,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Bvh:
         MotionError: the file is missing, cut off, or has a frame time of 0, no frames,
             or a wrong number of values in a line; the message names file and line.
     """
-    path = Path(path)
-    try:
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise MotionError(
-            f"{path}: cannot read this motion: {error.strerror or error}"
-        ) from error
-    return _Parser(path, text).parse()
+    return _Parser(Path(path), read_motion_text(path)).parse()
 
 
 class _Parser:
@@ -96,8 +97,7 @@ class _Parser:
 
     def __init__(self, path: Path, text: str) -> None:
         self.path = path
-        # splitlines would break at form feeds and the like, which are mere blanks.
-        self.lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        self.lines = text.split("\n")
         self.number = 0  # of the line that is looked at
         self.joints: list[BvhJoint] = []
 
@@ -221,9 +221,15 @@ class _Parser:
             try:
                 values.append(float(word))
             except ValueError:
-                self.fail(f"expected a number, found {_shown(word)}")
+                comma = _DECIMAL_COMMA.fullmatch(word)
+                self.fail(
+                    f"expected a number, found {_shown(word)}"
+                    + ("; write a point for the decimal comma" if comma else "")
+                )
             if not math.isfinite(values[-1]):
                 self.fail(f"{word} is not a finite number; repair the file")
+            if abs(values[-1]) > _LARGEST:
+                self.fail(f"{_shown(word)} is no measurement; repair the file")
         return values
 
     # The motion -------------------------------------------------------------------
@@ -279,13 +285,13 @@ class _Parser:
                 row = np.array(words, dtype=float)
             except ValueError:
                 row = np.array(self.numbers(words, width))
-            if not np.isfinite(row).all():
+            if not np.abs(row).max() <= _LARGEST:
                 self.numbers(words, width)
             rows.append(row)
         if len(rows) < frames:
             self.number = len(self.lines)
             self.fail(
-                f"{len(rows)} of {frames} frames are there; the file seems cut off"
+                f"{len(rows)} of {frames:g} frames are there; the file seems cut off"
             )
         return np.array(rows)
 
@@ -318,8 +324,10 @@ def bvh_kinematics(bvh: Bvh) -> BvhPoses:
 
     R_FJ = R_FP R_1 R_2 ... in the order of the rotation channels, and
     p_FJ = p_FP + R_FP t, with t the OFFSET or, where a joint has position channels,
-    their values: programs that write them write the whole translation.
+    their values: programs that write them write the whole translation. Joints of
+    `added_positions` have both.
     """
+    added = added_positions(bvh)
     T, J = bvh.num_frames, len(bvh.joints)
     positions = np.zeros((J, T, 3))
     rotations = np.zeros((J, T, 3, 3))
@@ -331,7 +339,9 @@ def bvh_kinematics(bvh: Bvh) -> BvhPoses:
         for channel in joint.channels:
             value = bvh.values[:, column]
             column += 1
-            if channel in _POSITIONS:
+            if channel in _POSITIONS and j in added:
+                t[:, _POSITIONS[channel]] += value
+            elif channel in _POSITIONS:
                 t[:, _POSITIONS[channel]] = value
             else:
                 R = R @ _about(_ROTATIONS[channel], np.radians(value))
@@ -343,6 +353,31 @@ def bvh_kinematics(bvh: Bvh) -> BvhPoses:
             positions[j] = positions[joint.parent] + np.einsum("tij,tj->ti", R_FP, t)
             rotations[j] = R_FP @ R
     return BvhPoses(positions, rotations, local)
+
+
+def added_positions(bvh: Bvh) -> tuple[int, ...]:
+    """Indices of the joints whose positions are 0, or little, beside their OFFSET.
+
+    With these alone the bone would have no length: some programs write what is to be
+    added to the OFFSET.
+    """
+    joints, column = [], 0
+    for j, joint in enumerate(bvh.joints):
+        places = {
+            _POSITIONS[channel]: column + k
+            for k, channel in enumerate(joint.channels)
+            if channel in _POSITIONS
+        }
+        column += len(joint.channels)
+        offset = joint.offset[list(places)]
+        if joint.parent < 0 or np.linalg.norm(offset) <= _NO_BONE * np.linalg.norm(
+            joint.offset
+        ):
+            continue
+        written = np.linalg.norm(bvh.values[:, list(places.values())], axis=1)
+        if np.median(written) < _NO_BONE * np.linalg.norm(offset):
+            joints.append(j)
+    return tuple(joints)
 
 
 def rest_positions(bvh: Bvh, poses: BvhPoses) -> np.ndarray:

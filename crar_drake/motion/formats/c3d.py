@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,10 +56,13 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
         ) from error
     if not path.is_file():
         raise MotionError(f"{path}: there is no such motion file; check the path")
+    _check_whole(path)
     try:
         c3d = ezc3d.c3d(str(path))
     except Exception as error:  # ezc3d raises what its C++ throws, of many kinds
-        raise MotionError(f"{path}: not a readable C3D file: {error}") from error
+        # After its first sentence comes advice to programmers.
+        why = str(error).split(". ")[0].split("\n")[0]
+        raise MotionError(f"{path}: not a readable C3D file: {why}") from error
     parameters = c3d["parameters"]
     points = parameters["POINT"]
     labels = tuple(label.strip() for label in _value(points, "LABELS", []))
@@ -91,6 +95,33 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
         _UNITS[unit],
         _measures(parameters),
     )
+
+
+def _check_whole(path: Path) -> None:
+    """Refuses a file that is cut off, of which ezc3d makes zeros, or never returns.
+
+    Byte 2 of a file is 80; its first block says how many points and frames there are,
+    and where parameters and data begin, in blocks of 512 bytes (www.c3d.org).
+    """
+    data = path.read_bytes()
+    place = 512 * (data[0] - 1) if data else -1
+    if len(data) < 512 or data[1] != 80 or place < 0:
+        raise MotionError(f"{path}: not a readable C3D file, or one that is cut off")
+    if len(data) < place + 4 or len(data) < place + 512 * data[place + 2]:
+        raise MotionError(f"{path}: the file is cut off in its parameters")
+    order = ">" if data[place + 3] == 86 else "<"  # MIPS
+    points, analog, first, last = struct.unpack_from(f"{order}4H", data, 2)
+    (begin,) = struct.unpack_from(f"{order}H", data, 16)
+    # The scale is a float, negative where the numbers are floats: its sign's byte.
+    sign = data[12] if order == ">" else data[13 if data[place + 3] == 85 else 15]
+    size = (4 * points + analog) * (4 if sign & 0x80 else 2)
+    frames = last - first + 1
+    have = max(0, len(data) - 512 * (begin - 1))
+    if frames > 0 and have < frames * size:
+        raise MotionError(
+            f"{path}: the file is cut off in its data: {have // size} of {frames} "
+            "frames are there"
+        )
 
 
 def _value(group, name: str, default):

@@ -17,6 +17,7 @@ from crar_drake.motion.file_frame import (
 )
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import ARM, JOINTS, LEG, SIDES, Fact, Performer
+from crar_drake.motion.rates import rate_doubt
 
 # A performer whose feet are no farther than this from the file's zero height stands
 # on it; else the file's origin is elsewhere (often at the pelvis).
@@ -24,9 +25,13 @@ _FLOOR = 0.15  # [m]
 _FLOOR_QUANTILE = 0.02  # of the frames, by which single bad frames do not count
 
 # A whole body moves this fast from one frame to the next, and this many times as fast
-# as ever later: the first frame is a pose apart, which converters write first.
+# as ever later: what is before is a pose apart, which converters write first, once or
+# some frames long. Out of the zero pose, which is none of a motion, less tells it.
 _APART_SPEED = 6.0  # [m/s]
+_APART_SPEED_AT_REST = 2.0  # [m/s]
 _APART_FACTOR = 5.0
+_HELD_TIME = 0.5  # [s]
+_HELD_SPEED = 0.1  # [m/s] of a pose that is held
 
 REQUIRED = (
     "pelvis",
@@ -120,6 +125,8 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     doubts = [*recording.doubts, *frame.doubts]
     if mirrored:
         doubts.append("toes or knees point backwards: left and right seem swapped")
+    if doubt := rate_doubt(recording.frame_rate):
+        doubts.append(doubt)
     R_WF = frame.R_WF
     world = {joint: frame.metres * p[joint] @ R_WF.T for joint in JOINTS if joint in p}
     facts = [*frame.facts, *recording.facts]
@@ -162,24 +169,39 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     )
 
 
-def first_is_apart(p: Mapping[str, np.ndarray], frame_rate: float) -> bool:
-    """Whether the first frame is a pose by itself, such as a T-pose.
+def frames_apart(
+    p: Mapping[str, np.ndarray], frame_rate: float, at_rest: np.ndarray
+) -> int:
+    """Number of frames at the beginning that are a pose by themselves, as a T-pose.
+
+    It is held for up to half a second, and the body then leaps out of it.
 
     Args:
         p: joint to (T, 3) in any unit.
         frame_rate: samples per second [Hz].
+        at_rest: (T,) whether the skeleton is in its zero pose; out of it a smaller
+            leap counts.
     """
+    leg = leg_length(p)
+    if not leg > 0.0:
+        return 0
     # Against the pelvis, in heights per second.
-    scale = 1.6 * LEG_SHARE / leg_length(p)
+    scale = 1.6 * LEG_SHARE / leg
     moving = [q - p["pelvis"] for joint, q in p.items() if joint != "pelvis"]
     steps = np.mean(
         [np.linalg.norm(np.diff(q, axis=0), axis=1) for q in moving], axis=0
     )
-    if len(steps) < 10:
-        return False
     speed = steps * scale * frame_rate
-    later = max(float(np.quantile(speed[1:], 0.99)), float(speed[1:6].max()))
-    return bool(speed[0] > _APART_SPEED and speed[0] > _APART_FACTOR * later)
+    held = max(1, int(_HELD_TIME * frame_rate))
+    for last in range(min(len(speed) - 9, held)):
+        leap, later = speed[last], speed[last + 1 :]
+        usual = max(float(np.quantile(later, 0.99)), float(later[:5].max()))
+        least = _APART_SPEED_AT_REST if at_rest[: last + 1].all() else _APART_SPEED
+        if leap > least and leap > _APART_FACTOR * usual:
+            return last + 1
+        if leap > _HELD_SPEED:
+            break
+    return 0
 
 
 def _floor(p: Mapping[str, np.ndarray], leg: float) -> tuple[float, Fact | None]:

@@ -12,6 +12,7 @@ from crar_drake.motion.file_frame import body_forward, seems_mirrored
 from crar_drake.motion.formats.bvh import (
     Bvh,
     BvhPoses,
+    added_positions,
     bvh_kinematics,
     rest_positions,
 )
@@ -29,12 +30,15 @@ from crar_drake.motion.performers.assemble import (
     MIRRORED,
     Recording,
     assemble,
-    first_is_apart,
+    frames_apart,
 )
 from crar_drake.motion.performers.bvh_joints import SHORT, JointMatch
+from crar_drake.motion.rates import SLOWEST, rate_meant
 
 # In a standing rest pose, legs point away from the neck by more than this.
 _AWAY = -0.8  # cosine
+
+_NOT_TURNED = 0.01  # [deg]
 
 
 def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
@@ -69,11 +73,18 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         found = sides_swapped(found)
         doubts.append(MIRRORED)
         points = points_of(poses.positions)
-    rate = 1.0 / bvh.frame_time
-    first = 0
-    if first_is_apart(points, rate):
-        first = 1
-        notes.append("frame 1 is a pose apart (often a T-pose): left out")
+    rate = _rate(bvh, name, options, notes)
+    first = frames_apart(points, rate, _at_rest(bvh))
+    if first:
+        which = "frame 1 is" if first == 1 else f"frames 1 to {first} are"
+        notes.append(f"{which} a pose apart (often a T-pose): left out")
+    added = [bvh.joints[j].name for j in added_positions(bvh)]
+    if added:
+        notes.append(
+            f"positions of {added[0]}"
+            + (f" and {len(added) - 1} more joints" if len(added) > 1 else "")
+            + " are about 0 beside their OFFSET: added to it"
+        )
     points = {joint: q[first:] for joint, q in points.items()}
     rotations = {
         joint: poses.rotations[i][first:]
@@ -107,9 +118,7 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
         Recording(
             name=name,
             format="BVH",
-            frame_rate=_exact_rate(rate)
-            if options.frame_rate is None
-            else options.frame_rate,
+            frame_rate=rate,
             rate_source="file" if options.frame_rate is None else "given",
             positions=points,
             joints=labels,
@@ -140,6 +149,36 @@ def bvh_performer(bvh: Bvh, name: str, options: MotionOptions) -> Performer:
 
 def _bone(bvh: Bvh, index: int) -> str:
     return bvh.joints[index].name or f"joint {index + 1}"
+
+
+def _rate(bvh: Bvh, name: str, options: MotionOptions, notes: list[str]) -> float:
+    """Samples per second [Hz]."""
+    if options.frame_rate is not None:
+        return options.frame_rate
+    if 1.0 / bvh.frame_time >= SLOWEST:
+        return _exact_rate(1.0 / bvh.frame_time)
+    rate, note = rate_meant(
+        f"motion {name}",
+        f"a frame time of {bvh.frame_time:g} s",
+        {
+            "the rate in Hz": bvh.frame_time,
+            "milliseconds": 1e3 / bvh.frame_time,
+            "microseconds": 1e6 / bvh.frame_time,
+        },
+    )
+    notes.append(note)
+    return rate
+
+
+def _at_rest(bvh: Bvh) -> np.ndarray:
+    """(T,) whether all joints but the roots are turned by nothing."""
+    columns, column = [], 0
+    for joint in bvh.joints:
+        for channel in joint.channels:
+            if joint.parent >= 0 and channel.endswith("rotation"):
+                columns.append(column)
+            column += 1
+    return np.abs(bvh.values[:, columns]).max(axis=1, initial=0.0) < _NOT_TURNED
 
 
 def _exact_rate(rate: float) -> float:

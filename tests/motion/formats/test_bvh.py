@@ -74,6 +74,9 @@ def test_kinematics_are_scipys(tmp_path) -> None:
             "Frames: 2\nFrame Time: 0.0083333", "Frame Time: 0.0083333\nFrames:\t2"
         ),
         lambda text: text.rstrip(),
+        lambda text: text.encode("utf-16"),
+        lambda text: text.encode("utf-16-le"),
+        lambda text: text.encode("utf-32"),
     ],
 )
 def test_odd_spellings_are_read_the_same(tmp_path, change) -> None:
@@ -106,9 +109,36 @@ def test_a_position_on_a_joint_replaces_its_offset(tmp_path) -> None:
     np.testing.assert_allclose(poses.positions[1, 0], [1, 2, 3] + R.apply([7, 2, 3]))
 
 
+def test_positions_of_nothing_beside_an_offset_are_added_to_it(tmp_path) -> None:
+    text = (
+        TEXT.replace(
+            "CHANNELS 3 Yrotation Xrotation Zrotation",
+            "CHANNELS 4 Xposition Yposition Zposition Zrotation",
+        )
+        .replace("40 50 60", "0 0 0.1 90")
+        .replace("0 0 0\n", "0 0 0 0\n")
+    )
+    poses = bvh_kinematics(read(tmp_path, text))
+    for frame, (y, offset) in enumerate(((30, [1, 2, 3.1]), (0, [1, 2, 3]))):
+        R = Rotation.from_euler("ZXY", [10, 20, y], degrees=True)
+        np.testing.assert_allclose(
+            poses.positions[1, frame], [1, 2, 3] + R.apply(offset), atol=1e-12
+        )
+
+
+def test_names_in_latin_letters_are_read(tmp_path) -> None:
+    bvh = read(tmp_path, TEXT.replace("Hips", "H\u00fcfte").encode("latin-1"))
+    assert bvh.joints[0].name == "H\u00fcfte"
+
+
 @pytest.mark.parametrize(
     "old, new, message",
     [
+        ("10 20 30", "10 1e300 30", ":19: '1e300' is no measurement"),
+        ("10 20 30", "10 2,5 30", ":19: expected a number, found '2,5'; write a point"),
+        ("10 20 30", "10 20-30", ":19: 8 values in frame 1"),
+        ("1.0 2.0 3.0", "1.0 2.0 inf", ":8: inf is not a finite number"),
+        ("Frames: 2", "Frames: 1e308", ":17: '1e308' is no measurement"),
         ("HIERARCHY", "HIERACHY", ":1: not a BVH motion: expected HIERARCHY"),
         (" 40 50 60", " 40 50", ":19: 8 values in frame 1, but the channels are 9"),
         ("60\n", "60 70\n", ":19: 10 values in frame 1"),

@@ -1,0 +1,50 @@
+"""Text of motion files, whatever program wrote it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from crar_drake.errors import MotionError
+
+_MARKS = {b"\xff\xfe\x00\x00": "utf-32", b"\x00\x00\xfe\xff": "utf-32"} | {
+    b"\xff\xfe": "utf-16",
+    b"\xfe\xff": "utf-16",
+}
+
+
+def read_motion_text(path: str | os.PathLike[str], kind: str = "motion") -> str:
+    """The text of a file in UTF-8, UTF-16, UTF-32 or, if it is none, Latin-1.
+
+    Numbers and keywords are ASCII in all of them; names may need the right one.
+    Line ends become \\n; form feeds and the like are mere blanks, and stay.
+
+    Args:
+        path: of the file.
+        kind: what it is called where it cannot be read.
+
+    Raises:
+        MotionError: it cannot be read.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise MotionError(
+            f"{path}: cannot read this {kind}: {error.strerror or error}"
+        ) from error
+    return _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _decoded(data: bytes) -> str:
+    for mark, encoding in _MARKS.items():
+        if data.startswith(mark):
+            return data.decode(encoding, errors="replace")
+    # Without a mark, ASCII in UTF-16 has a zero beside each letter.
+    start = data[:64]
+    for zeros, encoding in ((start[1::2], "utf-16-le"), (start[::2], "utf-16-be")):
+        if len(zeros) > 1 and not any(zeros):
+            return data.decode(encoding, errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")

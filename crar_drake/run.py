@@ -22,6 +22,7 @@ from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.motion.report import inspect
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.lasting_errors import lasting_error_warnings
+from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
@@ -30,7 +31,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import ScaleMasses
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.simulation.warnings import run_warnings
+from crar_drake.simulation.warnings import moves_root, run_warnings
 
 # The controller's outputs that a log keeps.
 _LOGGED = (
@@ -193,8 +194,22 @@ def run_scenario(
         if stopped is not None and not len(log.time):
             raise stopped
         warnings += lasting_error_warnings(log, scenario.controller.blend_time)
+        blended = scenario.controller.blend_time
+        performer = setup.motion.performer
+        lowest = None
+        if stopped is None:
+            try:
+                lowest = _lowest(scenario, setup, log)
+            except ModuleNotFoundError as error:
+                warnings.append(without_meshes(error))
         summary = summarize(
-            log, wall_time, scenario=logged, motion=report, warnings=warnings
+            log,
+            wall_time,
+            scenario=logged,
+            motion=report,
+            warnings=warnings,
+            limbs=limb_directions(log, setup.model, performer, blended),
+            lowest=lowest,
         )
         summary = replace(summary, stopped=reason_of(stopped))
         result = RunResult(log, summary, setup)
@@ -315,6 +330,30 @@ def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:
         root = model.root_positions[:4]
         q[:, root] /= np.linalg.norm(q[:, root], axis=1, keepdims=True)
     return q
+
+
+def _lowest(
+    scenario: Scenario, setup: Setup, log: SimulationLog
+) -> tuple[float, str, float] | None:
+    """What of a robot that a motion moves over the floor was lowest, see
+    `lowest_point`; None of others."""
+    model, blended = setup.model, scenario.controller.blend_time
+    if not moves_root(scenario, model.description):
+        return None
+    if len(log.time) < 2 or log.time[-1] <= blended:
+        return None
+    from crar_drake.references.footing import lowest_point
+    from crar_drake.references.whole_body import WholeBody
+
+    return lowest_point(log, WholeBody(model.description), blended)
+
+
+def without_meshes(error: ModuleNotFoundError) -> str:
+    """What is not known without the library that reads meshes."""
+    return (
+        f"how the robot stood is not known without {error.name}: "
+        "pip install 'crar-drake[robots]'"
+    )
 
 
 def with_lasting_name(scenario: Scenario) -> Scenario:

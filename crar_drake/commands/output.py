@@ -37,16 +37,18 @@ def motion_label(motion: str) -> str:
     return str(label(motion))
 
 
-def final_line(violated: list[str]) -> int:
+def final_line(violated: list[str], bad: int = 0) -> int:
     """Prints the last line of a command that judges: OK, or VIOLATED and what.
 
     Args:
         violated: what is, each in a few words.
+        bad: how many lines BAD are printed above it, of what violates nothing.
 
     Returns:
         The exit code: 1 if something is violated, else 0.
     """
-    print(f"VIOLATED: {'; '.join(violated)}" if violated else "OK", flush=True)
+    ok = f"OK: nothing is violated, but see {bad} BAD above" if bad else "OK"
+    print(f"VIOLATED: {'; '.join(violated)}" if violated else ok, flush=True)
     return int(bool(violated))
 
 

@@ -125,6 +125,10 @@ def run(arguments: argparse.Namespace) -> int:
         for path in result.files:
             print(path)
 
+    def show_bad(result: RunResult) -> None:
+        for line in result.summary.remarks:
+            print(f"BAD: {line}")
+
     try:
         with _progress_bar() as progress:
             result = run_scenario(
@@ -136,16 +140,19 @@ def run(arguments: argparse.Namespace) -> int:
             )
     except (RunFailed, RunInterrupted) as stopped:
         show(stopped.result)
+        show_bad(stopped.result)
         raise
     show(result)
     _show_more(arguments, scenario, result, out, export)
+    show_bad(result)
     summary = result.summary
     return final_line(
         [
             *counted(summary.penetrating_samples, "sample", "penetrate{s}"),
             *counted(summary.beyond_limit_samples, "sample", "beyond a joint limit"),
             *counted(summary.beyond_speed_samples, "sample", "beyond a speed limit"),
-        ]
+        ],
+        len(summary.remarks),
     )
 
 
@@ -157,23 +164,20 @@ def _show_more(
     export: tuple[str, Path] | None,
 ) -> None:
     """How a robot that stands did, and its motion as a reference, where asked for."""
-    from crar_drake.simulation.warnings import moves_root
-
     model = result.setup.model
-    stands = moves_root(scenario, model.description)
-    if not (export or stands or model.num_free):
+    if not (export or model.num_free):
         return
     from crar_drake.references.whole_body import WholeBody
+    from crar_drake.run import without_meshes
 
     robot = WholeBody(model.description)
     blended = scenario.controller.blend_time
-    try:
-        _show_footing(result, robot, out / FOOTING, blended, stands)
-    except ModuleNotFoundError as error:
-        print(
-            f"warning: how the robot stood is not known without {error.name}: "
-            "pip install 'crar-drake[robots]'"
-        )
+    if model.num_free:
+        try:
+            _show_footing(result, robot, out / FOOTING, blended)
+        except ModuleNotFoundError as error:
+            if (line := without_meshes(error)) not in result.summary.warnings:
+                print(f"warning: {line}")
     if export:
         from crar_drake.references.logged_motion import export_log
 
@@ -200,30 +204,24 @@ def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path]
 
 
 def _show_footing(
-    result: RunResult, robot: WholeBody, path: Path, blended: float, stands: bool
+    result: RunResult, robot: WholeBody, path: Path, blended: float
 ) -> None:
-    """Tells how the run stood on the floor once it was blended in, and warns of a robot
-    that stands, and is deep below it; what floats has that written into a file."""
+    """Tells how the run of what floats stood on the floor once it was blended in, and
+    writes that into a file."""
     import json
 
     from crar_drake.files import whole_file
-    from crar_drake.references.footing import footing, lowest_point, sinking
+    from crar_drake.references.footing import footing
 
     log = result.log
     if len(log.time) < 2 or log.time[-1] <= blended:
         return
-    if result.setup.model.num_free:
-        found = footing(log, robot, blended)
-        for line in found.lines():
-            print(line)
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(found.as_dict(), indent=2) + "\n")
-        print(path)
-        lowest = found.lowest, found.lowest_link, found.lowest_time
-    elif stands:
-        lowest = lowest_point(log, robot, blended)
-    if stands and (warning := sinking(*lowest)):
-        print(f"warning: {warning}")
+    found = footing(log, robot, blended)
+    for line in found.lines():
+        print(line)
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(found.as_dict(), indent=2) + "\n")
+    print(path)
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:

@@ -14,7 +14,6 @@ from crar_drake.references.logged_motion import motion_of_log
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.log import SimulationLog
-from crar_drake.robot.description import FLOOR_TOLERANCE
 
 _MOST_RATE = 100.0  # [Hz] of samples that are looked at
 
@@ -103,16 +102,6 @@ def lowest_point(
     """
     rows, seen = _after(log, robot, start)
     return _lowest(Outline(robot).ground_contact(seen, floor=0.0), log.time[rows])
-
-
-def sinking(lowest: float, link: str, time: float) -> str:
-    """A warning of what `lowest_point` found deep below the floor; "" else."""
-    if not lowest < -FLOOR_TOLERANCE:
-        return ""
-    return (
-        f"{-1e3 * lowest:.0f} mm BELOW THE FLOOR: {link} at {time:.2f} s, and no "
-        "distance or limit tells of it; docs/whole-body.md has feet that stand"
-    )
 
 
 def footing(log: SimulationLog, robot: WholeBody, start: float = 0.0) -> Footing:

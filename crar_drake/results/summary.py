@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,10 @@ from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
+from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
+from crar_drake.results.remarks import remarks
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 
@@ -122,6 +124,10 @@ class Summary:
             it did not, or if it is not known.
         sliding_joints: controlled joints whose positions are in m: what is told of
             them is in m, m/s and N where rad, rad/s and Nm stand here.
+        limb_directions: limb to the angle between its direction and the performer's,
+            see `limb_directions`; empty with keyframes, and where it was not computed.
+        remarks: what is bad, though it may violate nothing, a line each, see
+            `remarks`.
     """
 
     version: str
@@ -177,6 +183,8 @@ class Summary:
     arithmetic: str
     stopped: str = ""
     sliding_joints: list[str] = field(default_factory=list)
+    limb_directions: dict[str, LimbDirection] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def title(self) -> str:
@@ -297,6 +305,8 @@ def summarize(
     scenario: Scenario | None = None,
     motion: MotionReport | None = None,
     warnings: Sequence[str] = (),
+    limbs: Mapping[str, LimbDirection] | None = None,
+    lowest: tuple[float, str, float] | None = None,
 ) -> Summary:
     """Computes the figures of a run.
 
@@ -306,6 +316,9 @@ def summarize(
         scenario: of the log, if it is at hand; by default the log's text is parsed.
         motion: the report of the motion, if there is one at hand.
         warnings: lines to keep with the figures.
+        limbs: how far they are off in direction, if it is known.
+        lowest: height over the floor [m], link and time [s] of what was lowest, if it
+            is known.
 
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
@@ -335,7 +348,7 @@ def summarize(
     speed_joint = joints.names[joint] if speed_excess > 0.0 else ""
     torque_sample, torque_joint = _argmax(np.abs(joints.torque))
 
-    return Summary(
+    summary = Summary(
         version=crar_drake.__version__,
         robot=scenario.robot,
         motion=scenario.motion,
@@ -386,7 +399,9 @@ def summarize(
             for name, unit in zip(joints.names, joints.units, strict=True)
             if unit == "m"
         ],
+        limb_directions=dict(limbs or {}),
     )
+    return replace(summary, remarks=remarks(summary, joints, lowest))
 
 
 def _smallest(values: np.ndarray) -> float | None:

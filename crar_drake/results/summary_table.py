@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
@@ -42,6 +43,8 @@ def summary_table(summary: Summary) -> Table:
             f"{summary.rms_orientation_error:.3f} rad",
             f"worst {worst}, {angle:.3f} rad",
         )
+    if summary.limb_directions:
+        table.add_row("limb directions", *_limbs(summary))
     if summary.smallest_distance is not None:
         table.add_row(
             "smallest distance",
@@ -145,6 +148,18 @@ def _admitted(summary: Summary) -> str:
     return (
         f"{clear}; {share(corrected)}{of_steps} corrected, {share(scaled)} scaled, for "
         f"up to {summary.longest_held_back:.3g} s in a row"
+    )
+
+
+def _limbs(summary: Summary) -> tuple[str, str]:
+    """The largest median angle, and whose, with its 95 %."""
+    angles = summary.limb_directions
+    worst = max(angles, key=lambda name: angles[name].median)
+    median, most = np.degrees([angles[worst].median, angles[worst].most])
+    return (
+        f"{median:.0f}°",
+        f"off the performer's in the median, worst {worst.replace('_', ' ')}; 95 % of "
+        f"the time below {most:.0f}°",
     )
 
 

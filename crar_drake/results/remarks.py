@@ -1,0 +1,134 @@
+"""What is bad about a run, though it may violate nothing.
+
+Every threshold stands here, with its reason. What penetrates, or is beyond a limit, is
+a violation, and no matter of a threshold: the figures have it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crar_drake.robot.description import FLOOR_TOLERANCE
+
+if TYPE_CHECKING:
+    from crar_drake.results.summary import ControlledJoints, Summary
+
+# No motor of a joint of a robot of human size gives more [Nm]: the strongest ones
+# there are, hydraulic hips and knees, give about that.
+MOST_TORQUE = 1000.0
+
+# More than its own limit no motor gives. A run that respects limits is at them to
+# rounding.
+MOST_EFFORT = 1.01
+
+# A robot the motors of which hold it back for a tenth of the time does not follow: its
+# errors are several times those of the same robot with a longer horizon
+# (docs/your-robot.md, "Effort and speed limits").
+MOST_LIMITED = 0.1
+
+# A joint so near its limit is at it: the lookahead keeps joints no farther away. For a
+# tenth of the time that is a posture that the robot cannot take, or a wrong branch.
+AT_LIMIT = 0.01  # [rad]
+MOST_AT_LIMIT = 0.1
+
+# A direction within 30 degrees is read as the same gesture. Beyond a right angle the
+# limb points away from where the performer's does.
+MOST_MEDIAN_ANGLE = np.pi / 6.0
+MOST_ANGLE = np.pi / 2.0
+
+
+def remarks(
+    summary: Summary,
+    joints: ControlledJoints,
+    lowest: tuple[float, str, float] | None = None,
+) -> list[str]:
+    """A line for each thing that is bad about a run; most often none.
+
+    Args:
+        summary: its figures.
+        joints: the controlled joints of its log.
+        lowest: height over the floor [m], link and time [s] of what was lowest; None
+            of a robot that does not stand on a floor.
+    """
+    return [
+        *_of_torque(joints),
+        *_of_limited_torque(summary),
+        *_of_joints_at_limits(joints),
+        *_of_the_floor(lowest),
+        *_of_limbs(summary),
+    ]
+
+
+def _of_torque(joints: ControlledJoints) -> list[str]:
+    found = []
+    for i in np.argsort(-np.abs(joints.torque).max(axis=0), kind="stable"):
+        peak, limit = np.abs(joints.torque[:, i]).max(), joints.effort_limits[i]
+        unit = "N" if joints.units[i] == "m" else "Nm"
+        if np.isfinite(limit):
+            if peak > MOST_EFFORT * limit:
+                found.append(
+                    f"peak torque of {joints.names[i]} {peak:.0f} {unit}, where its "
+                    f"motor gives {limit:.0f}"
+                )
+        elif joints.units[i] == "rad" and peak > MOST_TORQUE:
+            found.append(
+                f"peak torque of {joints.names[i]} {peak:.0f} Nm; no motor of a "
+                f"robot's joint gives more than {MOST_TORQUE:.0f}"
+            )
+    return _first(found)
+
+
+def _of_limited_torque(summary: Summary) -> list[str]:
+    share = summary.torque_limited_samples / summary.samples
+    if share <= MOST_LIMITED:
+        return []
+    return [
+        f"torque limits hold the robot back in {100 * share:.0f} % of the samples: it "
+        "is too weak for this motion at this speed, or lookahead.horizon too short"
+    ]
+
+
+def _of_joints_at_limits(joints: ControlledJoints) -> list[str]:
+    turning = np.array([unit == "rad" for unit in joints.units], dtype=bool)
+    # What can hardly move is always there.
+    turning &= joints.upper - joints.lower > 4.0 * AT_LIMIT
+    shares = ((joints.excess > -AT_LIMIT) & turning).mean(axis=0)
+    return _first(
+        [
+            f"{joints.names[i]} is at its limit for {100 * shares[i]:.0f} % of the time"
+            for i in np.argsort(-shares, kind="stable")
+            if shares[i] > MOST_AT_LIMIT
+        ]
+    )
+
+
+def _of_the_floor(lowest: tuple[float, str, float] | None) -> list[str]:
+    if lowest is None or not lowest[0] < -FLOOR_TOLERANCE:
+        return []
+    depth, link, time = lowest
+    return [
+        f"{-1e3 * depth:.0f} mm BELOW THE FLOOR: {link} at {time:.2f} s, and no "
+        "distance or limit tells of it; docs/whole-body.md has feet that stand"
+    ]
+
+
+def _of_limbs(summary: Summary) -> list[str]:
+    found = []
+    for name, angle in summary.limb_directions.items():
+        near = angle.median <= MOST_MEDIAN_ANGLE and angle.most <= MOST_ANGLE
+        if angle.followed and not near:
+            found.append(
+                f"{name.replace('_', ' ')} points {np.degrees(angle.median):.0f}° away "
+                "from where the performer's does, in the median; for 5 % of the time "
+                f"{np.degrees(angle.most):.0f}° or more"
+            )
+    return _first(found)
+
+
+def _first(found: list[str], most: int = 2) -> list[str]:
+    """A short list: the first, and how many more there are."""
+    if len(found) <= most:
+        return found
+    return [*found[: most - 1], f"{found[most - 1]}; and {len(found) - most} more so"]

@@ -45,8 +45,6 @@ _LOGGED = (
     "torque_limit",
 )
 
-COMPILING = "compiling the control law for this computer, once: this takes some minutes"
-
 # The progress is told this often [s of simulated time].
 _SLICE = 0.0625
 
@@ -138,8 +136,8 @@ def run_scenario(
         out: folder to write into; None writes nothing.
         record: whether to make the recording, if there is a folder for it.
         progress: is told simulated time, duration and real-time factor.
-        tell: is told, in a sentence, when the control law has to be compiled first;
-            this does not count as the run's wall time.
+        tell: is told, in sentences, when the control law has to be compiled first, and
+            how far that is; this does not count as the run's wall time.
 
     Raises:
         CrarError: something in the scenario, its robot or its motion is wrong,
@@ -159,7 +157,7 @@ def run_scenario(
 
         if record:
             import crar_drake.results.playback  # noqa: F401
-    with when_compiling(lambda: tell(COMPILING) if tell is not None else None):
+    with when_compiling(tell or (lambda _: None)):
         setup = PrepareScenario(scenario)
         duration = scenario.duration or setup.motion.duration
         record = record and out is not None

@@ -62,6 +62,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="MOTION",
         help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
     )
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="move this robot instead of the scenario's: a name or folder, see "
+        "`crar-drake list`",
+    )
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
@@ -108,6 +114,8 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from crar_drake.simulation.scenario import load_scenario
 
+    for given in (arguments.scenario, arguments.motion):
+        _refuse_reference(given)
     scenario = load_scenario(arguments.scenario)
     _override(scenario, arguments)
     out = arguments.out or OUT / _out_name(scenario, arguments)
@@ -226,9 +234,26 @@ def _show_footing(
         print(f"warning: {warning}")
 
 
+def _refuse_reference(path: str | None) -> None:
+    """Raises ScenarioError: a robot's own motion is nothing that a scenario follows."""
+    from crar_drake.references.layouts import holds_reference
+
+    if path and Path(path).is_file() and holds_reference(path):
+        raise ScenarioError(
+            f"{path}: is a reference motion of a robot, of joint angles, not a "
+            "person's: crar-drake judge, clean and compare take it"
+        )
+
+
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
     """Puts the options in the place of what the scenario says."""
+    from crar_drake.robot.description import whole_body_name
+
     override_motion(scenario, arguments)
+    if arguments.robot is not None:
+        whole = scenario.experiment == WHOLE_BODY
+        robot = whole_body_name(arguments.robot) if whole else arguments.robot
+        scenario.robot = robot
     for name in FILE_OPTIONS:
         value = getattr(arguments, name)
         if value is None:

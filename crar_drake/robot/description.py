@@ -243,6 +243,18 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
     return description
 
 
+def whole_body_name(robot: str) -> str:
+    """The name of a robot's whole body, which reference motions are of.
+
+    It is NAME_whole_body, where NAME alone is of the upper body, and else the name
+    itself; a path stays what it is.
+    """
+    longer = f"{robot}_whole_body"
+    if Path(robot).exists() or longer not in {*robot_names(), *imported_names()}:
+        return robot
+    return longer
+
+
 def lasting_name(robot: str) -> str:
     """How a log names a robot: a name as it is, a path so that it is found from
     every working directory."""

@@ -22,7 +22,7 @@ from crar_drake.robot.description import (
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import Task
+from crar_drake.robot.task import WHOLE_BODY, Task
 from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.simulation.scenario import Scenario, SimulatedRobot, check_periods
@@ -195,8 +195,14 @@ def PrepareScenario(scenario: Scenario) -> Setup:
         CrarError: something in the scenario, its robot or its motion is wrong.
     """
     scenario.validate()
+    description = load_robot_description(scenario.robot)
+    if scenario.experiment == WHOLE_BODY and "left_foot" not in description.task_frames:
+        raise ScenarioError(
+            f"experiment: {WHOLE_BODY}: robot {description.name} has no feet; take one "
+            "with legs, imported with --whole-body, or another experiment"
+        )
     model = ControlModel.FromDescription(
-        load_robot_description(scenario.robot),
+        description,
         scenario.task_list(),
         distances=scenario.controller.distances,
         time_step=scenario.plant_config.time_step,

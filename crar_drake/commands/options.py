@@ -257,8 +257,6 @@ def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
     Raises:
         ScenarioError: the scenario has no motion, or no experiment, to be replaced.
     """
-    if arguments.robot is not None:
-        scenario.robot = arguments.robot
     if arguments.motion is not None:
         if scenario.keyframes:
             raise ScenarioError(
@@ -276,3 +274,8 @@ def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 "scenario with an experiment, or change the file"
             )
         scenario.experiment = arguments.experiment
+    if arguments.robot is not None:
+        from crar_drake.robot.description import whole_body_name
+
+        whole = scenario.experiment == WHOLE_BODY
+        scenario.robot = whole_body_name(arguments.robot) if whole else arguments.robot

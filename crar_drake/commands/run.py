@@ -31,6 +31,7 @@ from crar_drake.commands.options import (
 )
 from crar_drake.commands.output import OUT, counted, final_line, label
 from crar_drake.errors import ScenarioError
+from crar_drake.resources import install_command
 
 # What a run of a robot that floats leaves besides.
 FOOTING = "footing.json"
@@ -173,7 +174,7 @@ def _show_more(
     except ModuleNotFoundError as error:
         print(
             f"warning: how the robot stood is not known without {error.name}: "
-            "pip install 'crar-drake[robots]'"
+            + install_command("robots")
         )
     if export:
         from crar_drake.references.logged_motion import export_log

@@ -34,7 +34,7 @@ MAX_LOG_SAMPLES = 60_000
 # Settings of earlier versions, and what to do about them.
 _RETIRED = {
     ("controller", "arithmetic"): "there is no choice any more: the control law is "
-    "compiled wherever Numba is installed (pip install 'crar-drake[compiled]'); leave "
+    "compiled wherever Numba is installed (pip install '.[compiled]'); leave "
     "the key out",
     ("controller", "lookahead", "longest_move"): "the wish is bounded in speed, not "
     "by what it moves in a period: write fastest_wish, what stands here over the "
@@ -249,7 +249,8 @@ def check_experiment(experiment: str, description: RobotDescription) -> None:
         raise ScenarioError(
             f"experiment: {WHOLE_BODY} follows feet and knees, and robot "
             f"{description.name} has no {', '.join(missing)}: take "
-            f"{' or '.join(EXPERIMENTS)}, or a robot with legs"
+            f"{' or '.join(EXPERIMENTS)}, or a robot with legs, imported "
+            "with --whole-body"
         )
 
 

@@ -522,6 +522,8 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --level x", "'x' is unknown; known: velocity, acceleration"),
         ("run --experiment wrist", "did you mean wrists?"),
         ("run --constraints lookahed", "did you mean lookahead?"),
+        ("run --experiment whole-body", "robot upper_body has no feet"),
+        ("run --robot nobody", "no robot 'nobody'"),
         ("run --duration -1", "--duration: '-1' is not a positive number"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
         ("run --duration long", "--duration: 'long' is not a positive number"),
@@ -554,6 +556,23 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
 )
 def test_mistakes_are_refused(command, expected, empty_folder, capsys):
     assert expected in refused(capsys, *command.split())
+
+
+@pytest.mark.parametrize("command", ["run robot.csv", "run --motion robot.csv"])
+def test_a_robots_own_motion_is_nothing_to_run(command, empty_folder, capsys):
+    row = ",".join(f"{x:g}" for x in [0.0, 0.0, 0.8, 1.0, *np.zeros(32)])
+    Path("robot.csv").write_text(f"{row}\n" * 20)
+    message = refused(capsys, *command.split())
+    assert "robot.csv: is a reference motion of a robot" in message
+    assert "judge, clean and compare" in message
+
+
+def test_run_moves_another_robot(empty_folder, capsys):
+    argv = "run --robot upper_body --motion reaching --experiment wrists"
+    assert main([*argv.split(), "--duration", "0.05", "--no-recording"]) == 0
+    assert "robot: upper_body" in SimulationLog.load(
+        "out/reaching_wrists/log.npz"
+    ).scenario.replace("'", "")
 
 
 def test_an_unknown_key_in_a_scenario_is_named(empty_folder, capsys):

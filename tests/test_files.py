@@ -21,7 +21,7 @@ from crar_drake.files import (
     whole_set,
 )
 
-WAIT = 60.0  # [s] longer than any process here needs
+WAIT = 300.0  # [s] longer than any process here needs, also on a busy computer
 
 HOLDER = """
 import sys, time

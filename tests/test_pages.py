@@ -88,7 +88,7 @@ def test_the_first_pages_program_runs_as_it_stands(tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        timeout=240,
+        timeout=900,
     )
     assert finished.returncode == 0, finished.stderr
     # The wrists have gone up: were they still below, they would be off by 100 mm.

@@ -247,10 +247,9 @@ def check_experiment(experiment: str, description: RobotDescription) -> None:
     missing = [point for point in needs if point not in description.task_frames]
     if experiment == WHOLE_BODY and missing:
         raise ScenarioError(
-            f"experiment: {WHOLE_BODY} follows feet and knees, and robot "
-            f"{description.name} has no {', '.join(missing)}: take "
-            f"{' or '.join(EXPERIMENTS)}, or a robot with legs, imported "
-            "with --whole-body"
+            f"experiment: {WHOLE_BODY}: robot {description.name} has no feet "
+            f"({', '.join(missing)}); take {' or '.join(EXPERIMENTS)}, or a robot with "
+            "legs, imported with --whole-body"
         )
 
 

@@ -327,7 +327,7 @@ def test_the_users_backend_plays_no_part(backend, empty_folder):
         env={**environment, "MPLBACKEND": backend},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert matplotlib.image.imread("x.png").shape[0] > 500
@@ -340,7 +340,7 @@ def test_output_that_nobody_can_take_is_no_traceback():
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
-            timeout=60,
+            timeout=600,
         )
     assert result.returncode == 2
     assert result.stderr == "crar-drake: error: No space left on device\n"
@@ -771,7 +771,7 @@ def test_the_package_runs_as_a_module():
         [sys.executable, "-m", "crar_drake", "--version"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert result.stdout == f"crar-drake {crar_drake.__version__}\n"
 
@@ -812,7 +812,7 @@ def test_help_waits_for_nothing_that_takes_long():
         "print(slow & set(sys.modules), file=sys.stderr)\n"
     )
     result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=600
     )
     assert result.stdout.startswith("usage: crar-drake")
     assert result.stderr == "set()\n"
@@ -844,6 +844,6 @@ def test_a_reader_that_has_enough_is_no_error():
     )
     command = f'"{sys.executable}" -c "{script}" | true; echo ${{PIPESTATUS[0]}}'
     result = subprocess.run(
-        ["bash", "-c", command], capture_output=True, text=True, timeout=60
+        ["bash", "-c", command], capture_output=True, text=True, timeout=600
     )
     assert result.stdout == "0\n" and result.stderr == ""

@@ -57,7 +57,7 @@ def run_without(packages: dict[str, str], *arguments: str, folder: Path):
         capture_output=True,
         text=True,
         cwd=folder,
-        timeout=120,
+        timeout=900,
         check=False,
     )
 

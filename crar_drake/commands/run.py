@@ -264,6 +264,7 @@ def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
     name = Path(path.stem) if shipped else label(path)
     robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
     robot_name = robot.parent.name if robot.suffix else robot.name
+    another = scenario.robot != type(scenario)().robot
     parts = [name.name, arguments.level, arguments.constraints]
     if arguments.motion or (scenario.experiment and arguments.experiment):
         motion = label(scenario.motion)
@@ -271,10 +272,10 @@ def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
         own = not shipped or not scenario.experiment
         if own:
             parts[:0] = [name.name]
-        if arguments.robot or (not own and scenario.robot != type(scenario)().robot):
+        if another and (arguments.robot or not own):
             parts[:0] = [robot_name]
         name = motion if shipped else name.parent / motion
-    elif arguments.robot:
+    elif arguments.robot and another:
         parts[:0] = [robot_name]
     return name.with_name("_".join(filter(None, parts)))
 

@@ -110,7 +110,8 @@ def refuse_robot_motion(path: str | os.PathLike[str]) -> None:
         raise MotionError(
             f"{path} is a motion of a robot's own joints, not of a person: "
             "`crar-drake judge` looks at it, `crar-drake clean` keeps the robot clear "
-            "of itself along it, both with --robot ROBOT"
+            "of itself along it, both with --robot ROBOT (a person's points in a CSV "
+            "begin with a heading such as left_hip_x, left_hip_y, left_hip_z)"
         )
 
 

@@ -558,15 +558,6 @@ def test_mistakes_are_refused(command, expected, empty_folder, capsys):
     assert expected in refused(capsys, *command.split())
 
 
-@pytest.mark.parametrize("command", ["run robot.csv", "run --motion robot.csv"])
-def test_a_robots_own_motion_is_nothing_to_run(command, empty_folder, capsys):
-    row = ",".join(f"{x:g}" for x in [0.0, 0.0, 0.8, 1.0, *np.zeros(32)])
-    Path("robot.csv").write_text(f"{row}\n" * 20)
-    message = refused(capsys, *command.split())
-    assert "robot.csv: is a reference motion of a robot" in message
-    assert "judge, clean and compare" in message
-
-
 def test_run_moves_another_robot(empty_folder, capsys):
     argv = "run --robot upper_body --motion reaching --experiment wrists"
     assert main([*argv.split(), "--duration", "0.05", "--no-recording"]) == 0

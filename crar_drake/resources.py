@@ -7,6 +7,13 @@ import platformdirs
 _PACKAGE = Path(__file__).resolve().parent
 
 
+def install_command(extra: str) -> str:
+    """What installs an extra, from the checkout where there is one."""
+    checkout = _PACKAGE.parent
+    of = str(checkout) if (checkout / "pyproject.toml").is_file() else "crar-drake"
+    return f"pip install '{of}[{extra}]'"
+
+
 def data_folder(kind: str) -> Path:
     """Returns the folder of the shipped "models" or "diagrams".
 

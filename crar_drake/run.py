@@ -20,6 +20,7 @@ from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.files import check_file, turn_to_write, whole_file
 from crar_drake.motion.report import inspect
+from crar_drake.resources import install_command
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.limb_directions import limb_directions
@@ -45,8 +46,6 @@ _LOGGED = (
     "admission",
     "torque_limit",
 )
-
-COMPILING = "compiling the control law for this computer, once: this takes some minutes"
 
 # The progress is told this often [s of simulated time].
 _SLICE = 0.0625
@@ -139,8 +138,8 @@ def run_scenario(
         out: folder to write into; None writes nothing.
         record: whether to make the recording, if there is a folder for it.
         progress: is told simulated time, duration and real-time factor.
-        tell: is told, in a sentence, when the control law has to be compiled first;
-            this does not count as the run's wall time.
+        tell: is told, in sentences, when the control law has to be compiled first, and
+            how far that is; this does not count as the run's wall time.
 
     Raises:
         CrarError: something in the scenario, its robot or its motion is wrong,
@@ -160,7 +159,7 @@ def run_scenario(
 
         if record:
             import crar_drake.results.playback  # noqa: F401
-    with when_compiling(lambda: tell(COMPILING) if tell is not None else None):
+    with when_compiling(tell or (lambda _: None)):
         setup = PrepareScenario(scenario)
         duration = scenario.duration or setup.motion.duration
         record = record and out is not None
@@ -352,7 +351,7 @@ def without_meshes(error: ModuleNotFoundError) -> str:
     """What is not known without the library that reads meshes."""
     return (
         f"how the robot stood is not known without {error.name}: "
-        "pip install 'crar-drake[robots]'"
+        f"{install_command('robots')}"
     )
 
 

@@ -47,6 +47,17 @@ def test_controller_in_your_diagram(run_example) -> None:
 
 
 @pytest.mark.slow
+def test_see_your_diagram(run_example, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    lines = run_example("see_your_diagram.py", "upper_body", "2.2", str(page))
+    told = lines.splitlines()[-3:]
+    assert told[0].endswith("links watch the post") and told[2] == str(page)
+    # The wrist's target passes through the post; the arm stays beside it.
+    assert 4.0 < millimetres(told[1]) < 30.0
+    assert page.stat().st_size > 100_000
+
+
+@pytest.mark.slow
 def test_playback_from_log(run_example, tmp_path: Path) -> None:
     scenario = load_scenario("obstacle_arm")
     scenario.duration = 0.2

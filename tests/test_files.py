@@ -21,7 +21,7 @@ from crar_drake.files import (
     whole_set,
 )
 
-WAIT = 60.0  # [s] longer than any process here needs
+WAIT = 300.0  # [s] longer than any process here needs, also on a busy computer
 
 HOLDER = """
 import sys, time
@@ -210,3 +210,13 @@ def test_a_set_of_files_appears_whole_or_not_at_all(tmp_path):
         "two.txt": "2",
         "last.txt": "3",
     }
+
+
+def test_an_extra_is_installed_from_the_checkout_where_there_is_one(monkeypatch):
+    from crar_drake import resources
+
+    command = resources.install_command("robots")
+    checkout = Path(command.removeprefix("pip install '").partition("[")[0])
+    assert (checkout / "pyproject.toml").is_file() and command.endswith("[robots]'")
+    monkeypatch.setattr(resources, "_PACKAGE", Path("/nowhere/crar_drake"))
+    assert resources.install_command("c3d") == "pip install 'crar-drake[c3d]'"

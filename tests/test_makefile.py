@@ -17,7 +17,7 @@ def make(*arguments: str) -> subprocess.CompletedProcess:
         ["make", "--no-print-directory", "-C", ROOT, *arguments],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
 
 

@@ -66,6 +66,7 @@ def test_it_runs(path, tmp_path, monkeypatch):
         assert (tmp_path / "first_dance.html").stat().st_size > 100_000
     elif path.stem == "your_diagram":
         assert "clear at every step: True" in text
+        assert (tmp_path / "your_diagram.html").stat().st_size > 100_000
         assert "lookahead" in text.splitlines()[-1]  # what the mistake should have been
     else:
         assert re.search(r"^capsules: 0 of \d+ samples in violation", text, re.M)

@@ -88,7 +88,7 @@ def test_the_first_pages_program_runs_as_it_stands(tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        timeout=240,
+        timeout=900,
     )
     assert finished.returncode == 0, finished.stderr
     # The wrists have gone up: were they still below, they would be off by 100 mm.
@@ -140,6 +140,37 @@ def test_the_calls_on_the_page_about_diagrams_work():
     text = YOUR_DIAGRAM.read_text("utf-8")
     section = text[text.index("A `Solution` has") :].partition("\n\n")[0]
     assert sorted(re.findall(r"`([a-z_]+)`", section)) == sorted(fields)
+
+
+def test_the_obstacle_and_the_view_on_the_page_work(tmp_path, monkeypatch):
+    """An obstacle before the controller is added, the view after it."""
+    from pydrake.geometry import Capsule, ProximityProperties, StartMeshcat
+    from pydrake.math import RigidTransform
+    from pydrake.multibody.tree import SpatialInertia
+    from pydrake.visualization import AddDefaultVisualization
+
+    monkeypatch.chdir(tmp_path)
+    live, page, post, watched = programs(YOUR_DIAGRAM)
+    names = (Capsule, ProximityProperties, StartMeshcat, RigidTransform, SpatialInertia)
+    known = {thing.__name__: thing for thing in (*names, Path)}
+    known |= {"dataclasses": dataclasses}
+    known |= {"AddDefaultVisualization": AddDefaultVisualization}
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    known |= {"builder": builder, "plant": plant}
+    known["robot"] = crar_drake.AddRobot(plant, "upper_body")
+    before = len(known["robot"].pairs)
+    exec(post, known)
+    exec(watched, known)
+    tasks = crar_drake.position_tasks(["left_wrist"])
+    controller = crar_drake.AddCrarController(
+        builder, plant, scene_graph, known["robot"], tasks
+    )
+    assert len(controller.model.pairs.names) == before + len(known["links"])
+    exec(live, known)
+    builder.Build()
+    exec(page, known)
+    assert (tmp_path / "mine.html").stat().st_size > 100_000
 
 
 # --- the public names -------------------------------------------------------------

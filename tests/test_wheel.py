@@ -97,7 +97,7 @@ def test_wheel_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
 
     def run(*command: str | Path) -> str:
         finished = subprocess.run(
-            command, cwd=empty, env=clean, capture_output=True, text=True, timeout=240
+            command, cwd=empty, env=clean, capture_output=True, text=True, timeout=900
         )
         assert finished.returncode == 0, finished.stderr
         return finished.stdout

@@ -57,7 +57,7 @@ def write_page(
     duration = max((o.duration for _, o in dancing), default=0.0)
     text = f"""# Robots that nobody corrected
 
-    pip install 'crar-drake[robots-table,compiled]'
+    pip install '.[robots-table,compiled]'
     pip install --no-deps 'holosoma-retargeting>=0.1'  # without torch
     crar-drake fetch 05_02
     python -m benchmarks.robots --duration 4 --sheets out/sheets --page docs/robots.md

@@ -89,8 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
         The exit code: 1 if something is still violated or a file of a folder failed.
     """
     from crar_drake.references.following import CleaningParameters
+    from crar_drake.robot.description import whole_body_name
 
     reference: Path = arguments.reference
+    arguments.robot = whole_body_name(arguments.robot)
     parameters = CleaningParameters(
         hands=arguments.hands, velocity_scale=arguments.velocity_scale
     )

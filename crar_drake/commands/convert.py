@@ -105,9 +105,9 @@ def reference_robot(arguments: argparse.Namespace):
     if not arguments.robot:
         return None
     from crar_drake.references.whole_body import WholeBody
-    from crar_drake.robot.description import load_robot_description
+    from crar_drake.robot.description import load_robot_description, whole_body_name
 
-    return WholeBody(load_robot_description(arguments.robot))
+    return WholeBody(load_robot_description(whole_body_name(arguments.robot)))
 
 
 def _list(names: tuple[str, ...]) -> str:

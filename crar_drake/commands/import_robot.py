@@ -18,7 +18,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         run,
         "Make a robot that scenarios can name, from its URDF, SDF or MJCF "
         "(docs/your-robot.md). "
-        "Needs crar-drake[robots].",
+        "Needs the extra robots.",
     )
     parser.add_argument(
         "robot",

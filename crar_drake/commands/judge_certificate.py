@@ -58,7 +58,7 @@ def _judge(motion: Path, robot: str | None) -> bool:
         check_certificate,
         read_certificate,
     )
-    from crar_drake.robot.description import load_robot_description
+    from crar_drake.robot.description import load_robot_description, whole_body_name
 
     if not motion.is_file():
         raise MotionError(f"{motion}: there is no such file")
@@ -66,7 +66,7 @@ def _judge(motion: Path, robot: str | None) -> bool:
     certificate = read_certificate(place)
     try:
         description = load_robot_description(
-            robot or certificate["robot"]["name"]
+            whole_body_name(robot or certificate["robot"]["name"])
         ).without_ground()
     except CrarError as error:
         if robot:

@@ -93,6 +93,7 @@ def run_references(arguments: argparse.Namespace) -> int:
     )
     from crar_drake.references.reference_judge import Tolerances
     from crar_drake.references.verdict_report import verdict_lines
+    from crar_drake.robot.description import whole_body_name
 
     if not arguments.robot:
         folders = [path for path in arguments.what if path.is_dir()]
@@ -105,6 +106,7 @@ def run_references(arguments: argparse.Namespace) -> int:
             "say which robot the motions are of: --robot ROBOT (imported once by "
             "crar-drake import-robot FILE --whole-body --out ROBOT)"
         )
+    arguments.robot = whole_body_name(arguments.robot)
     if arguments.out is not None:
         check_folder(arguments.out)
     files: list[str] = []

@@ -88,6 +88,15 @@ def add_command(
     return parser
 
 
+def add_scenario_robot(parser: Parser) -> None:
+    """Adds --robot, in the place of a scenario's."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="name or folder of a robot instead of the scenario's",
+    )
+
+
 def add_skeleton(parser: Parser) -> None:
     """Adds --skeleton, of a motion."""
     parser.add_argument(
@@ -216,12 +225,34 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"
 
 
+def chosen_scenario(name: str) -> Scenario:
+    """The scenario of that name or file.
+
+    Raises:
+        ScenarioError: there is none, or it is a motion.
+    """
+    from pathlib import Path
+
+    from crar_drake.motion.catalogue import MOTION_SUFFIXES, refuse_robot_motion
+    from crar_drake.simulation.scenario import load_scenario
+
+    path = Path(name)
+    if path.is_file():
+        refuse_robot_motion(path)
+        if path.suffix.lower() in MOTION_SUFFIXES:
+            raise ScenarioError(
+                f"{name} is a motion, not a scenario: give it as --motion {name}"
+            )
+    return load_scenario(name)
+
+
 def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
-    """Puts --motion and --experiment in the place of what the scenario says.
+    """Puts --robot, --motion and --experiment in the place of what the scenario says.
 
     Args:
         scenario: to be changed; `validate` is left to the caller.
-        arguments: with `scenario`, `motion` and `experiment`, None where not given.
+        arguments: with `scenario`, `robot`, `motion` and `experiment`, None where not
+            given.
 
     Raises:
         ScenarioError: the scenario has no motion, or no experiment, to be replaced.
@@ -243,3 +274,8 @@ def override_motion(scenario: Scenario, arguments: argparse.Namespace) -> None:
                 "scenario with an experiment, or change the file"
             )
         scenario.experiment = arguments.experiment
+    if arguments.robot is not None:
+        from crar_drake.robot.description import whole_body_name
+
+        whole = scenario.experiment == WHOLE_BODY
+        scenario.robot = whole_body_name(arguments.robot) if whole else arguments.robot

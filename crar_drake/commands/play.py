@@ -15,6 +15,8 @@ from crar_drake.commands.options import (
     MOTION_HELP,
     WHOLE_BODY,
     add_command,
+    add_scenario_robot,
+    chosen_scenario,
     override_motion,
     positive,
 )
@@ -46,6 +48,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="a YAML file or the name of a shipped scenario, see `crar-drake list` "
         "(default: %(default)s)",
     )
+    add_scenario_robot(parser)
     parser.add_argument(
         "--motion",
         metavar="MOTION",
@@ -105,9 +108,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
-    from crar_drake.simulation.scenario import load_scenario
-
-    scenario = load_scenario(arguments.scenario)
+    scenario = chosen_scenario(arguments.scenario)
     _override(scenario, arguments)
     name = label(arguments.scenario)
     out = arguments.save or OUT / name.with_name(f"{name.name}_play")

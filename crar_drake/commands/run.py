@@ -23,7 +23,9 @@ from crar_drake.commands.options import (
     add_command,
     add_file_options,
     add_frame_rate,
+    add_scenario_robot,
     add_skeleton,
+    chosen_scenario,
     override_motion,
     positive,
 )
@@ -57,6 +59,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="a YAML file that says what to simulate, or the name of a shipped one, "
         "see `crar-drake list` (default: %(default)s)",
     )
+    add_scenario_robot(parser)
     parser.add_argument(
         "--motion",
         metavar="MOTION",
@@ -106,9 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: 1 if a sample penetrates or is beyond a limit, else 0.
     """
-    from crar_drake.simulation.scenario import load_scenario
-
-    scenario = load_scenario(arguments.scenario)
+    scenario = chosen_scenario(arguments.scenario)
     _override(scenario, arguments)
     out = arguments.out or OUT / _out_name(scenario, arguments)
     export = _export_target(arguments, out)
@@ -258,16 +259,21 @@ def _out_name(scenario: Scenario, arguments: argparse.Namespace) -> Path:
     path = Path(arguments.scenario)
     shipped = path.parent.name in ("", "diagrams") and path.stem in scenario_names()
     name = Path(path.stem) if shipped else label(path)
+    robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
+    robot_name = robot.parent.name if robot.suffix else robot.name
+    another = scenario.robot != type(scenario)().robot
     parts = [name.name, arguments.level, arguments.constraints]
     if arguments.motion or (scenario.experiment and arguments.experiment):
         motion = label(scenario.motion)
         parts[:1] = [motion.name, scenario.experiment]
-        if not shipped or not scenario.experiment:
+        own = not shipped or not scenario.experiment
+        if own:
             parts[:0] = [name.name]
-        elif scenario.robot != type(scenario)().robot:
-            robot = Path(scenario.robot)  # a name, or a robot.yaml in its folder
-            parts[:0] = [robot.parent.name if robot.suffix else robot.name]
+        if another and (arguments.robot or not own):
+            parts[:0] = [robot_name]
         name = motion if shipped else name.parent / motion
+    elif arguments.robot and another:
+        parts[:0] = [robot_name]
     return name.with_name("_".join(filter(None, parts)))
 
 

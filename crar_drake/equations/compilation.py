@@ -10,6 +10,7 @@ What is compiled is kept in the user's cache, so that only the first process com
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +28,10 @@ IS_COMPILED = numba is not None and not numba.config.DISABLE_JIT
 # `whole_programs` builds on Numba's insides, which were looked at in this version. With
 # another one everything is compiled in Numba's usual way, which takes longer.
 _KNOWN_INSIDE = "0.68."
+
+COMPILING = "compiling the control law for this computer, once: this takes some minutes"
+
+_TOLD_EVERY = 5.0  # [s]
 
 
 def arithmetic() -> str:
@@ -176,23 +181,33 @@ if IS_COMPILED:
 
 
 @contextmanager
-def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Calls `tell` once if Numba compiles anything within the block."""
+def when_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+    """Tells of it in sentences if Numba compiles anything within the block.
+
+    Args:
+        tell: is called with one at the first function, and every few seconds from then
+            on with how many are compiled.
+    """
     if not IS_COMPILED:
         yield
         return
     from numba.core import event
 
     class Listener(event.Listener):
-        told = False
+        functions = 0
+        start = told = 0.0
 
         def on_start(self, _: event.Event) -> None:
+            now = time.monotonic()
             if not self.told:
-                self.told = True
-                tell()
+                self.start = self.told = now
+                tell(COMPILING)
+            elif now - self.told >= _TOLD_EVERY:
+                self.told = now
+                tell(f"{self.functions} functions compiled in {now - self.start:.0f} s")
 
         def on_end(self, _: event.Event) -> None:
-            pass
+            self.functions += 1
 
     listener = Listener()
     event.register("numba:compile", listener)

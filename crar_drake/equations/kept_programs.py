@@ -19,8 +19,13 @@ from numba.core import caching, config
 
 _DIGEST = hashlib.sha256().digest_size
 
+# Older Numbas have it by another name.
+_Locator = getattr(caching, "UserProvidedCacheLocator", None) or (
+    caching._UserProvidedCacheLocator
+)
 
-class Place(caching.UserProvidedCacheLocator):
+
+class Place(_Locator):
     """Where a function is kept: one of this package in a folder of its own.
 
     Numba's own place depends on where the source lies. Here the cache's folder stands

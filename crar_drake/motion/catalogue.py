@@ -79,6 +79,8 @@ def load_performer(
     options = options or MotionOptions()
     text = os.fspath(name)
     suffix = Path(text).suffix.lower() if _is_path(name) else ".amc"
+    if _is_path(name):
+        refuse_robot_motion(name)
     if suffix not in _FORMATS:
         for option in ("unit", "up", "facing", "joints"):
             if getattr(options, option):
@@ -95,6 +97,22 @@ def load_performer(
     path = _existing_file(text, suffix, "motion")
     read, make = _FORMATS[suffix]
     return make(read(path), text, options)
+
+
+def refuse_robot_motion(path: str | os.PathLike[str]) -> None:
+    """Raises MotionError if a file holds a motion of a robot's own joints.
+
+    It says which commands take such a motion. A file that is not there is none.
+    """
+    from crar_drake.references.layouts import holds_reference  # which imports robots
+
+    if holds_reference(path) and Path(path).is_file():
+        raise MotionError(
+            f"{path} is a motion of a robot's own joints, not of a person: "
+            "`crar-drake judge` looks at it, `crar-drake clean` keeps the robot clear "
+            "of itself along it, both with --robot ROBOT (a person's points in a CSV "
+            "begin with a heading such as left_hip_x, left_hip_y, left_hip_z)"
+        )
 
 
 def load_clip(

@@ -18,7 +18,7 @@ from crar_drake.play.pacing import Pacer
 from crar_drake.play.page import make_page, viewer_script
 from crar_drake.play.requests import Request
 from crar_drake.play.web_server import PlayServer
-from crar_drake.run import COMPILING, FAILURES, Interrupts
+from crar_drake.run import FAILURES, Interrupts
 from crar_drake.simulation.scenario import Scenario
 
 _FRAME = 1.0 / 30.0  # [s]
@@ -62,7 +62,7 @@ class PlaySession:
         self._server = PlayServer(host, port)
         self._meshcat: Meshcat | None = None
         try:
-            with when_compiling(lambda: tell(COMPILING)):
+            with when_compiling(tell):
                 self.live = LiveSimulation(scenario)
                 self.live.compile()
             self._meshcat = _make_meshcat(host)

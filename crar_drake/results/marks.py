@@ -21,9 +21,18 @@ JOINT = "#33658a"  # steel blue: joint angles, torque and power
 NEARNESS = ("#f7c948", "#f0803c", "#e02b20")
 NEARNESS_STEPS = (3.0, 1.0, 0.25)  # of the warning distance
 
-# The lines of single pairs that came near, the nearest first, and of single targets.
+# The lines of single pairs that came near, the nearest first.
 NEAR_PAIRS = ("#e02b20", "#f0803c", "#c99700", "#8c4a2f")
-TARGETS = ("#4c1d95", "#8c45ff", "#b794f6", "#7a6f9b")
+
+# The lines of single targets: the left one, and the right one or that in the middle, of
+# a kind. Seven and more are told apart by hue, the two of a kind by lightness.
+TARGETS = (
+    ("#4c1d95", "#b794f6"),  # violet
+    ("#0b6b5d", "#3ec9b0"),  # green
+    ("#9a5b00", "#f0b13c"),  # amber
+    ("#111827", "#8a94a3"),  # grey
+    ("#9d174d", "#f08bb8"),  # pink
+)
 
 # Spans of time in which the controller does not track as wished.
 SPANS = {"blending": "#2a9d8f", "braking": "#5b6ee1", "torque limited": "#a8763e"}

@@ -154,17 +154,18 @@ def _draw_errors(
     label: str,
     headline: str,
 ) -> None:
-    """Lengths of the errors (T, 3), task by task; right-hand ones are dashed."""
+    """Lengths of the errors (T, 3), task by task; right-hand ones are light."""
     bases: list[str] = []
     for name, error in errors.items():
         base = name.removeprefix("left_").removeprefix("right_")
         if base not in bases:
             bases.append(base)
+        right = name.startswith("right_")
         ax.plot(
             time,
             np.linalg.norm(error, axis=1),
-            color=marks.TARGETS[bases.index(base) % len(marks.TARGETS)],
-            linestyle="--" if name.startswith("right_") else "-",
+            color=marks.TARGETS[bases.index(base) % len(marks.TARGETS)][right],
+            linestyle="-" if bases.index(base) < len(marks.TARGETS) else "--",
             linewidth=0.9,
             label=name.replace("_", " "),
         )

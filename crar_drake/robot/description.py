@@ -22,7 +22,7 @@ from pydrake.multibody.tree import (
 
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
-from crar_drake.resources import data_folder, imported_robots_folder
+from crar_drake.resources import data_folder, imported_robots_folder, install_command
 from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
@@ -243,6 +243,18 @@ def load_robot_description(robot: str | os.PathLike[str]) -> RobotDescription:
     return description
 
 
+def whole_body_name(robot: str) -> str:
+    """The name of a robot's whole body, which reference motions are of.
+
+    It is NAME_whole_body, where NAME alone is of the upper body, and else the name
+    itself; a path stays what it is.
+    """
+    longer = f"{robot}_whole_body"
+    if Path(robot).exists() or longer not in {*robot_names(), *imported_names()}:
+        return robot
+    return longer
+
+
 def lasting_name(robot: str) -> str:
     """How a log names a robot: a name as it is, a path so that it is found from
     every working directory."""
@@ -274,7 +286,7 @@ def _by_name(name: str) -> Path:
             raise ModelError(
                 f"robot {name!r} is not imported yet; its model is not shipped: "
                 f"run `crar-drake import-robot {name}` once (it needs "
-                "`pip install 'crar-drake[robots]'`)"
+                f"`{install_command('robots')}`)"
             )
         made_from = imported.with_name(IMPORT_FILE)
         if not made_from.is_file() or made_from.read_bytes() != source.read_bytes():

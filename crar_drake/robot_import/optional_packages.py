@@ -6,6 +6,7 @@ import importlib
 from collections.abc import Mapping
 
 from crar_drake.errors import ModelError
+from crar_drake.resources import install_command
 
 
 def require_packages(
@@ -30,5 +31,5 @@ def require_packages(
     if missing:
         raise ModelError(
             f"{purpose} needs {', '.join(missing)}: "
-            f"pip install 'crar-drake[robots]'{otherwise}"
+            f"{install_command('robots')}{otherwise}"
         )

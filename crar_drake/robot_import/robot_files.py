@@ -9,6 +9,7 @@ from pathlib import Path
 
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
+from crar_drake.resources import install_command
 
 # How an import names a file of that package, wherever it is installed.
 PACKAGE_SCHEME = "example-robot-data:"
@@ -44,7 +45,7 @@ def find_urdf(name: str | os.PathLike[str]) -> tuple[Path, str]:
     if folder is None:
         raise ModelError(
             f"no robot {text!r} without the package example-robot-data: "
-            "pip install 'crar-drake[robots]', or give the path of a URDF, SDF or MJCF"
+            f"{install_command('robots')}, or give the path of a URDF, SDF or MJCF"
         )
     if text.startswith(PACKAGE_SCHEME):
         path = folder / text.removeprefix(PACKAGE_SCHEME)

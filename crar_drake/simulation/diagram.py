@@ -25,7 +25,12 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
-from crar_drake.simulation.scenario import Scenario, SimulatedRobot, check_periods
+from crar_drake.simulation.scenario import (
+    Scenario,
+    SimulatedRobot,
+    check_experiment,
+    check_periods,
+)
 from crar_drake.simulation.visualization import AddVisualization
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
@@ -195,8 +200,10 @@ def PrepareScenario(scenario: Scenario) -> Setup:
         CrarError: something in the scenario, its robot or its motion is wrong.
     """
     scenario.validate()
+    description = load_robot_description(scenario.robot)
+    check_experiment(scenario.experiment, description)
     model = ControlModel.FromDescription(
-        load_robot_description(scenario.robot),
+        description,
         scenario.task_list(),
         distances=scenario.controller.distances,
         time_step=scenario.plant_config.time_step,

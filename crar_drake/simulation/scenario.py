@@ -22,7 +22,7 @@ from crar_drake.motion.conditioning import DEFAULT_CUTOFF
 from crar_drake.motion.options import MotionOptions
 from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder
-from crar_drake.robot.description import is_path
+from crar_drake.robot.description import RobotDescription, is_path
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, experiment_tasks
 from crar_drake.simulation.disturbances import Disturbances
 from crar_drake.targets.keyframes import Keyframe
@@ -34,7 +34,7 @@ MAX_LOG_SAMPLES = 60_000
 # Settings of earlier versions, and what to do about them.
 _RETIRED = {
     ("controller", "arithmetic"): "there is no choice any more: the control law is "
-    "compiled wherever Numba is installed (pip install 'crar-drake[compiled]'); leave "
+    "compiled wherever Numba is installed (pip install '.[compiled]'); leave "
     "the key out",
     ("controller", "lookahead", "longest_move"): "the wish is bounded in speed, not "
     "by what it moves in a period: write fastest_wish, what stands here over the "
@@ -234,6 +234,23 @@ class Scenario:
     def to_yaml(self) -> str:
         """The scenario as YAML text, every field written out."""
         return yaml_dump_typed(self)
+
+
+def check_experiment(experiment: str, description: RobotDescription) -> None:
+    """Raises ScenarioError if the experiment follows feet and the robot has none.
+
+    Args:
+        experiment: of a scenario, "" if it lists tasks.
+        description: the robot's.
+    """
+    needs = ("left_foot", "right_foot", "left_knee", "right_knee")
+    missing = [point for point in needs if point not in description.task_frames]
+    if experiment == WHOLE_BODY and missing:
+        raise ScenarioError(
+            f"experiment: {WHOLE_BODY}: robot {description.name} has no feet "
+            f"({', '.join(missing)}); take {' or '.join(EXPERIMENTS)}, or a robot with "
+            "legs, imported with --whole-body"
+        )
 
 
 def check_periods(parameters: CrarParameters, time_step: float) -> None:

@@ -8,7 +8,7 @@ from crar_drake.control.parameters import TargetGovernor
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
-from crar_drake.simulation.scenario import load_scenario
+from crar_drake.simulation.scenario import check_experiment, load_scenario
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
 from crar_drake.teleoperation.target_stream import Gate
@@ -80,8 +80,10 @@ def _make_motion(
         parameters.validate()
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
+    description = load_robot_description(robot or loaded.robot)
+    check_experiment(loaded.experiment, description)
     model = ControlModel.FromDescription(
-        load_robot_description(robot or loaded.robot),
+        description,
         loaded.task_list(),
         distances=parameters.distances,
         time_step=period,

@@ -327,7 +327,7 @@ def test_the_users_backend_plays_no_part(backend, empty_folder):
         env={**environment, "MPLBACKEND": backend},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert matplotlib.image.imread("x.png").shape[0] > 500
@@ -340,7 +340,7 @@ def test_output_that_nobody_can_take_is_no_traceback():
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
-            timeout=60,
+            timeout=600,
         )
     assert result.returncode == 2
     assert result.stderr == "crar-drake: error: No space left on device\n"
@@ -522,6 +522,8 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --level x", "'x' is unknown; known: velocity, acceleration"),
         ("run --experiment wrist", "did you mean wrists?"),
         ("run --constraints lookahed", "did you mean lookahead?"),
+        ("run --experiment whole-body", "robot upper_body has no feet"),
+        ("run --robot nobody", "no robot 'nobody'"),
         ("run --duration -1", "--duration: '-1' is not a positive number"),
         ("run --duration nan", "--duration: 'nan' is not a positive number"),
         ("run --duration long", "--duration: 'long' is not a positive number"),
@@ -554,6 +556,14 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
 )
 def test_mistakes_are_refused(command, expected, empty_folder, capsys):
     assert expected in refused(capsys, *command.split())
+
+
+def test_run_moves_another_robot(empty_folder, capsys):
+    argv = "run --robot upper_body --motion reaching --experiment wrists"
+    assert main([*argv.split(), "--duration", "0.05", "--no-recording"]) == 0
+    assert "robot: upper_body" in SimulationLog.load(
+        "out/reaching_wrists/log.npz"
+    ).scenario.replace("'", "")
 
 
 def test_an_unknown_key_in_a_scenario_is_named(empty_folder, capsys):
@@ -752,7 +762,7 @@ def test_the_package_runs_as_a_module():
         [sys.executable, "-m", "crar_drake", "--version"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert result.stdout == f"crar-drake {crar_drake.__version__}\n"
 
@@ -793,7 +803,7 @@ def test_help_waits_for_nothing_that_takes_long():
         "print(slow & set(sys.modules), file=sys.stderr)\n"
     )
     result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=600
     )
     assert result.stdout.startswith("usage: crar-drake")
     assert result.stderr == "set()\n"
@@ -825,6 +835,6 @@ def test_a_reader_that_has_enough_is_no_error():
     )
     command = f'"{sys.executable}" -c "{script}" | true; echo ${{PIPESTATUS[0]}}'
     result = subprocess.run(
-        ["bash", "-c", command], capture_output=True, text=True, timeout=60
+        ["bash", "-c", command], capture_output=True, text=True, timeout=600
     )
     assert result.stdout == "0\n" and result.stderr == ""

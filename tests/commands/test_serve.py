@@ -27,7 +27,7 @@ def test_a_recorded_motion_over_the_loopback_interface():
             + ["--duration", "1.5", "--rate", "40", "--trouble", "0.2"],
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=900,
         )
     finally:
         server.stop()

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import crar_drake
+from crar_drake.equations import compilation
 from crar_drake.equations.compilation import IS_COMPILED
 
 # A function that calls others.
@@ -183,3 +185,19 @@ def test_a_cache_that_is_read_only_is_read(warm):
     before = _NO_ROOM.format(code=int(errno.EROFS), everything=True)
     told, said = call(warm, before)
     assert (told["hits"], told["misses"], said) == (1, 0, "")
+
+
+@pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
+def test_compiling_is_told_with_how_far_it_is(monkeypatch):
+    import numba
+
+    monkeypatch.setattr(compilation, "_TOLD_EVERY", 0.0)
+    told = []
+    with compilation.when_compiling(told.append):
+        assert told == []
+        for amount in (1.0, 2.0, 3.0):
+            assert numba.njit(lambda x, amount=amount: x + amount)(1.0) == 1.0 + amount
+    assert told[0] == compilation.COMPILING
+    assert re.fullmatch(r"1 functions compiled in \d+ s", told[1])
+    assert re.fullmatch(r"2 functions compiled in \d+ s", told[2])
+    assert len(told) == 3

@@ -271,7 +271,9 @@ def test_judging_a_log_with_a_penetration(folder, capsys):
     code, told = judged(capsys, folder, [[0, 0], [-0.05, 0]], "--every", "0.01")
     assert "1 in penetration, smallest distance -30.0 mm (stand - hook)" in told
     assert "a shift of 30.0 mm would part them" in told
-    assert code == 0, "it is counted, since the log claims nothing"
+    assert code == 1 and told.endswith(
+        "\nVIOLATED: 1 sample with meshes that penetrate\n"
+    )
 
 
 def test_robots_of_primitives_are_judged_by_these_alone(folder, capsys):
@@ -281,7 +283,8 @@ def test_robots_of_primitives_are_judged_by_these_alone(folder, capsys):
     )
     urdf.write_text(text)
     code, told = judged(capsys, folder, [[0, 0]])
-    assert code == 0 and told.count("\n") == 1 and "collision shapes" in told
+    assert code == 0 and told.count("\n") == 2 and told.endswith("\nOK\n")
+    assert "collision shapes" in told
 
 
 @pytest.mark.parametrize(

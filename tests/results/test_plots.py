@@ -1,5 +1,7 @@
 """The plot of a run: a readable page, with the log's data in it."""
 
+from itertools import combinations
+
 import matplotlib.colors
 import matplotlib.image
 import numpy as np
@@ -8,8 +10,9 @@ from matplotlib.figure import Figure
 from small_logs import small_log
 
 from crar_drake.errors import WriteError
-from crar_drake.results import marks
+from crar_drake.results import marks, plots
 from crar_drake.results.plots import draw_run, plot_run
+from crar_drake.robot.task import EXPERIMENTS
 
 
 def _axes(figure: Figure, label: str):
@@ -42,6 +45,18 @@ def test_errors_reach_the_axes():
     assert "5.7 mm" in ax.get_title(loc="left")
     ax = _axes(figure, "orientation error [deg]")
     np.testing.assert_allclose(_line(ax, "tool"), np.degrees([0.1, 0.2, 0.2]))
+
+
+def test_seven_errors_have_colours_that_can_be_told_apart():
+    ax = Figure().add_subplot()
+    names = EXPERIMENTS["upper-body"]
+    plots._draw_errors(
+        ax, np.arange(2.0), dict.fromkeys(names, np.ones((2, 3))), "", ""
+    )
+    colours = [matplotlib.colors.to_rgb(line.get_color()) for line in ax.get_lines()]
+    assert len(colours) == 7
+    apart = [np.linalg.norm(np.subtract(a, b)) for a, b in combinations(colours, 2)]
+    assert min(apart) > 0.3  # of 1.7, from black to white
 
 
 def test_distances_reach_the_axes():

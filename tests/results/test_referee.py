@@ -231,7 +231,7 @@ def test_symmetry_under_swap_and_rigid_motion():
         distance, _, _ = capsule_distance(a0, a1, radius_a, b0, b1, radius_b)
         swapped, _, _ = capsule_distance(b0, b1, radius_b, a0, a1, radius_a)
         turned, _, _ = capsule_distance(a1, a0, radius_a, b0, b1, radius_b)
-        rotation = Rotation.random(rng=rng).as_matrix()
+        rotation = Rotation.random(random_state=rng).as_matrix()
         shift = rng.uniform(-2, 2, 3)
         m0, m1, n0, n1 = (rotation @ p + shift for p in (a0, a1, b0, b1))
         moved, _, _ = capsule_distance(m0, m1, radius_a, n0, n1, radius_b)

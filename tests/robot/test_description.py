@@ -21,6 +21,7 @@ from crar_drake.robot.description import (
     load_robot_description,
     nearest,
     robot_names,
+    whole_body_name,
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -186,3 +187,14 @@ def test_default_description_is_valid():
 def test_a_pair_twice_is_refused(again):
     with pytest.raises(ModelError, match="twice"):
         RobotDescription(pairs=[["a", "b"], again]).validate()
+
+
+def test_reference_motions_find_the_whole_body_by_the_robots_name(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert whole_body_name("g1") == "g1_whole_body"
+    assert whole_body_name("g1_whole_body") == "g1_whole_body"
+    assert whole_body_name("upper_body") == "upper_body"  # there is no longer one
+    (tmp_path / "g1").mkdir()  # a folder of one's own is what it is
+    assert whole_body_name("g1") == "g1"

@@ -8,6 +8,8 @@ import pytest
 from small_mjcfs import humanoid as humanoid_in_mjcf
 from small_urdfs import humanoid, write
 
+from crar_drake.resources import install_command
+
 # A process in which these modules and their distributions are not installed: no finder
 # finds them, as if they were not there.
 WITHOUT = """
@@ -32,6 +34,7 @@ def distribution(name):
     return found(name)
 
 importlib.metadata.distribution = distribution
+from crar_drake.resources import install_command
 from crar_drake.commands import main
 sys.exit(main(sys.argv[1:]))
 """
@@ -54,7 +57,7 @@ def run_without(packages: dict[str, str], *arguments: str, folder: Path):
         capture_output=True,
         text=True,
         cwd=folder,
-        timeout=120,
+        timeout=900,
         check=False,
     )
 
@@ -74,7 +77,7 @@ def test_a_missing_mesh_package_is_named_with_its_extra(module, package, tmp_pat
     finished = run_without({module: package}, *arguments, folder=tmp_path)
     assert only_line(finished) == (
         f"crar-drake: error: importing robots needs {package}: "
-        "pip install 'crar-drake[robots]'"
+        f"{install_command('robots')}"
     )
     assert not (tmp_path / "out").exists()
 
@@ -87,7 +90,7 @@ def test_without_mujoco_an_mjcf_names_its_extra(tmp_path):
     finished = run_without({"mujoco": "mujoco"}, *arguments, folder=tmp_path)
     assert only_line(finished) == (
         "crar-drake: error: importing an MJCF needs mujoco: "
-        "pip install 'crar-drake[robots]'"
+        f"{install_command('robots')}"
     )
     assert not (tmp_path / "out").exists()
 
@@ -100,7 +103,7 @@ def test_without_the_robots_package_its_extra_is_named(robot, tmp_path):
     package = {"example_robot_data": "example-robot-data"}
     finished = run_without(package, *arguments, folder=tmp_path)
     line = only_line(finished)
-    assert "example-robot-data" in line and "pip install 'crar-drake[robots]'" in line
+    assert "example-robot-data" in line and install_command("robots") in line
     assert not (tmp_path / "out").exists()
 
 

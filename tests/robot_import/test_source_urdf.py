@@ -1,11 +1,14 @@
 """Reading a robot's own URDF: what is found, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from small_urdfs import humanoid, joint, link, robot, write
 
 from crar_drake.errors import ModelError
+from crar_drake.resources import install_command
 from crar_drake.robot_import.robot_files import default_name, find_urdf
 from crar_drake.robot_import.source_urdf import read_urdf
 
@@ -121,7 +124,7 @@ def test_without_the_package_names_are_refused(monkeypatch):
     from crar_drake.robot_import import robot_files
 
     monkeypatch.setattr(robot_files, "robot_data_folder", lambda: None)
-    with pytest.raises(ModelError, match=r"pip install 'crar-drake\[robots\]'"):
+    with pytest.raises(ModelError, match=re.escape(install_command("robots"))):
         find_urdf("panda")
 
 

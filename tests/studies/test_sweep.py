@@ -32,7 +32,7 @@ from crar_drake.studies.sweep import (
 )
 
 CASES = make_cases(["a", "b", "c"], constraints=["paper", "lookahead"])
-WAIT = 10.0  # [s] longer than any of these threads needs
+WAIT = 300.0  # [s] longer than any of these threads needs, also on a busy computer
 
 
 def made_up(case: Case, **changes) -> Result:

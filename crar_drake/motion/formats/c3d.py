@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.resources import install_command
 
 _UNITS = {"mm": "mm", "cm": "cm", "m": "m", "in": "in", "": ""}
 
@@ -52,7 +53,7 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
         import ezc3d
     except ImportError as error:
         raise MotionError(
-            f"{path}: C3D files need ezc3d: pip install 'crar-drake[c3d]'"
+            f"{path}: C3D files need ezc3d: {install_command('c3d')}"
         ) from error
     if not path.is_file():
         raise MotionError(f"{path}: there is no such motion file; check the path")

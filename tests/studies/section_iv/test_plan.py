@@ -33,7 +33,7 @@ def test_every_motion_has_both_experiments_at_both_levels_and_lookahead(plan):
     for motion in plan.motions:
         for experiment in ("wrists", "upper-body"):
             # The shipped scenarios are the paper's experiments.
-            paper = load_scenario(f"{motion}_{experiment}").controller
+            paper = load_scenario(f"paper_{motion}_{experiment}").controller
             assert (
                 scenario_of(plan, motion, experiment, "acceleration").controller
                 == paper

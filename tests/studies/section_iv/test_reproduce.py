@@ -273,7 +273,7 @@ def test_the_page_opens_from_disk_without_a_network(made, tmp_path):
         *("--disable-background-networking", "--disable-component-update"),
         *(f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", copy.as_uri()),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     found = re.search(r'<pre id="seen">(.*?)</pre>', done.stdout)
     assert found, done.stderr[-2000:]
     seen = json.loads(found[1])

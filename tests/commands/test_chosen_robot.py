@@ -1,0 +1,82 @@
+"""`run` with another robot, and with what is no scenario."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from crar_drake.commands import main
+from crar_drake.errors import ScenarioError
+from crar_drake.resources import data_folder
+from crar_drake.results.log import SimulationLog
+from crar_drake.simulation.diagram import PrepareScenario
+from crar_drake.simulation.scenario import Scenario, parse_scenario
+from crar_drake.teleoperation.serving import make_server
+
+
+@pytest.fixture(autouse=True)
+def empty_folder(tmp_path, monkeypatch):
+    """Each test runs in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(capsys, *argv: str) -> str:
+    assert main(argv) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    return err
+
+
+def test_run_takes_a_robot_a_motion_and_an_experiment(empty_folder, capsys):
+    shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
+    argv = ["run", "--robot", "mine", "--motion", "boxing", "--experiment", "wrists"]
+    assert main([*argv, "--duration", "0.05", "--no-recording"]) == 0
+    log = SimulationLog.load("out/mine_boxing_wrists/log.npz")
+    scenario = parse_scenario(log.scenario)
+    assert Path(scenario.robot) == empty_folder / "mine"
+    assert (scenario.motion, scenario.experiment) == ("boxing", "wrists")
+    assert scenario.controller.constraints == "lookahead"
+
+
+def test_a_robot_alone_names_its_folder(empty_folder, capsys):
+    shutil.copytree(data_folder("models") / "upper_body", empty_folder / "mine")
+    argv = ["run", "dance_wrists", "--robot", "mine", "--duration", "0.05"]
+    assert main([*argv, "--no-recording"]) == 0
+    assert (empty_folder / "out/mine_dance_wrists/log.npz").is_file()
+
+
+def test_a_robot_that_is_not_there_is_told(capsys):
+    assert "no robot 'upper_bod'" in refused(capsys, "run", "--robot", "upper_bod")
+
+
+@pytest.mark.parametrize("command", ["run", "play"])
+@pytest.mark.parametrize("before", [[], ["--motion"]])
+def test_a_robots_own_motion_is_recognised(command, before, empty_folder, capsys):
+    (empty_folder / "dance.csv").write_text("0,0,0.7,0,0,0,1,0.1,0.2\n" * 3)
+    told = refused(capsys, command, *before, "dance.csv")
+    assert "dance.csv is a motion of a robot's own joints" in told
+    assert "crar-drake judge" in told and "crar-drake clean" in told
+
+
+def test_a_sweep_tells_of_a_robots_own_motion(empty_folder, capsys):
+    (empty_folder / "dance.csv").write_text("0,0,0.7,0,0,0,1,0.1,0.2\n" * 3)
+    main(["sweep", "dance.csv", "--experiment", "wrists", "--jobs", "1"])
+    assert "dance.csv is a motion of a robot's own joints" in capsys.readouterr().err
+
+
+def test_a_persons_motion_is_no_scenario(empty_folder, capsys):
+    (empty_folder / "walk.bvh").write_text("HIERARCHY\n")
+    told = refused(capsys, "run", "walk.bvh")
+    assert "give it as --motion walk.bvh" in told
+
+
+def test_a_robot_without_legs_cannot_follow_a_whole_body(capsys):
+    told = refused(capsys, "run", "--experiment", "whole-body")
+    assert "robot upper_body has no feet (left_foot" in told
+    assert "or a robot with legs" in told
+    assert "upper-body" in told
+    with pytest.raises(ScenarioError, match="has no feet"):
+        PrepareScenario(Scenario(motion="dance", experiment="whole-body"))
+    with pytest.raises(ScenarioError, match="has no feet"):
+        make_server("dance", experiment="whole-body", port=0)

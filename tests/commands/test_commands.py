@@ -126,7 +126,7 @@ def test_a_run_says_loudly_what_is_below_the_floor(empty_folder, capsys):
         )
         assert main(["run", "s.yaml", "--no-recording", "--out", "it"]) == 0
         found = re.findall(
-            r"^warning: (\d+) mm BELOW THE FLOOR: (\w+) at (\d.\d\d) s",
+            r"^BAD: (\d+) mm BELOW THE FLOOR: (\w+) at (\d.\d\d) s",
             capsys.readouterr().out,
             re.MULTILINE,
         )

@@ -28,6 +28,11 @@ def check_address(host: str, port: int) -> None:
         raise CrarError(f"--port: {port} must be from 0 to 65535")
 
 
+def family_of(host: str) -> socket.AddressFamily:
+    """IPv6 of an address with colons, such as ::1, else IPv4."""
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
+
+
 def cannot_listen(what: str, host: str, port: int, error: OSError) -> CrarError:
     """The error that says why nothing can listen there, and what to do.
 

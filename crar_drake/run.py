@@ -394,25 +394,31 @@ class Interrupts:
             raise KeyboardInterrupt
 
 
+# What asks a process to end: Ctrl-C, `kill`, and a terminal that goes away.
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 @contextmanager
 def ctrl_c() -> Iterator[Interrupts]:
-    """Handles SIGINT while the block lasts, if it would raise KeyboardInterrupt.
+    """Handles those of ENDS that would raise KeyboardInterrupt, while the block lasts.
 
     In other threads signals cannot be handled, and an ignored one or a handler of the
     caller's stays.
     """
     interrupts = Interrupts()
-    ours = (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    )
-    if ours:
-        signal.signal(signal.SIGINT, interrupts.handle)
+    ours = [
+        number
+        for number in ENDS
+        if threading.current_thread() is threading.main_thread()
+        and signal.getsignal(number) is signal.default_int_handler
+    ]
+    for number in ours:
+        signal.signal(number, interrupts.handle)
     try:
         yield interrupts
     finally:
-        if ours:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in ours:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _simulate(

@@ -4,7 +4,7 @@ A reference motion of our own, as policies are trained on: its hands go through 
 trunk, so that `crar-drake judge` has something to find and `crar-drake clean` to mend.
 
     crar-drake import-robot g1_whole_body
-    python examples/make_reference.py [file]
+    python examples/make_reference.py [file] [scenario] [seconds]
 """
 
 import sys
@@ -20,11 +20,10 @@ from crar_drake.run import run_scenario
 RATE = 30.0  # [Hz]
 BLENDED = 0.5  # [s] the robot's way onto the motion, which is left out
 
-here = Path(__file__).parent
-out = Path(sys.argv[1]) if len(sys.argv) > 1 else here / "g1_boxing.csv"
-
-scenario = load_scenario("g1_whole_body_boxing")
-scenario.motion, scenario.duration = "boxing", 3.0
+given = dict(enumerate(sys.argv))
+out = Path(given.get(1, Path(__file__).parent / "g1_boxing.csv"))
+scenario = load_scenario(given.get(2, "g1_whole_body_boxing"))
+scenario.motion, scenario.duration = "boxing", float(given.get(3, 3.0))
 scenario.controller.constraints = "none"
 result = run_scenario(scenario)
 robot = WholeBody(result.setup.model.description)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crar_drake.run import run_scenario
@@ -68,6 +69,16 @@ def test_playback_from_log(run_example, tmp_path: Path) -> None:
     assert "0.2 s of 14 watched pairs" in out
     assert page.stat().st_size > 100_000
     assert list(tmp_path.glob("*.html")) == [page]
+
+
+@pytest.mark.slow
+def test_make_reference(run_example, tmp_path: Path) -> None:
+    out = tmp_path / "boxing.csv"
+    run_example("make_reference.py", str(out), "dance_wrists", "1.5")
+    written = np.loadtxt(out, delimiter=",")
+    # A root and 14 joints; without the way onto the motion 1 s at 30 Hz is left.
+    assert written.shape == (31, 7 + 14)
+    assert np.abs(np.diff(written[:, 7:], axis=0)).max() > 0.01
 
 
 @pytest.mark.slow

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from crar_drake import __version__
 from crar_drake.commands import (
@@ -72,7 +75,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     try:
         arguments = parse(argv)
-        with collected_warnings(verbose=arguments.verbose):
+        with (
+            _all_ends_as_ctrl_c(),
+            collected_warnings(verbose=arguments.verbose),
+        ):
             code = arguments.command(arguments) or 0
         sys.stdout.flush()
     except CrarError as error:
@@ -90,6 +96,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         _drop_output()
         return 2
     return code
+
+
+@contextmanager
+def _all_ends_as_ctrl_c() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise KeyboardInterrupt, too, unless they are ignored: whoever
+    asks a command to end, what it did till then is kept."""
+    ours = []
+    if threading.current_thread() is threading.main_thread():
+        ours = [
+            number
+            for number in (signal.SIGTERM, signal.SIGHUP)
+            if signal.getsignal(number) is signal.SIG_DFL
+        ]
+    for number in ours:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _drop_output() -> None:

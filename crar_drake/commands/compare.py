@@ -71,7 +71,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from crar_drake.files import check_file
-    from crar_drake.references.layouts import holds_reference
+    from crar_drake.motion.robots_own import holds_reference
     from crar_drake.results import LOG
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.marks import RUNS

@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _is_reference(motion: str) -> bool:
     """A CSV or NPZ file may also hold the points of a person."""
-    from crar_drake.references.layouts import holds_reference
+    from crar_drake.motion.robots_own import holds_reference
 
     return holds_reference(motion)
 

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import json
+import math
+import os
+import queue
 import sys
+import threading
+from pathlib import Path
 
 from crar_drake.commands.options import (
     EXPERIMENT_HELP,
@@ -12,9 +18,11 @@ from crar_drake.commands.options import (
     add_command,
     positive,
 )
+from crar_drake.errors import CrarError
 
 _SCENARIO = "dance_wrists"
 _PORT = 7670
+_STDERR = 2  # the descriptor
 
 # As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
 # test compares them.
@@ -92,17 +100,26 @@ def add(subparsers: argparse._SubParsersAction) -> None:
             help=f"{text} (default: %(default)g)",
         )
     parser.add_argument(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="JSON of joint to position [rad or m]: the posture that the robot begins "
+        "in (default: its rest posture)",
+    )
+    parser.add_argument(
         "--duration", type=positive, metavar="S", help="end after S seconds"
     )
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
+    from crar_drake.run import ctrl_c
     from crar_drake.teleoperation.serving import make_server
     from crar_drake.teleoperation.target_stream import Gate
 
     server = make_server(
         arguments.scenario,
+        start=_read_start(arguments.start),
         robot=arguments.robot or "",
         experiment=arguments.experiment or "",
         rate=arguments.rate,
@@ -112,16 +129,64 @@ def run(arguments: argparse.Namespace) -> None:
         lcm_url=arguments.lcm,
     )
     host, port = server.address
+    host = f"[{host}]" if ":" in host else host
     print(f"{server.motion.model.description.name}: UDP at {host}:{port}", flush=True)
     if arguments.lcm:
         print(f"LCM at {arguments.lcm}", flush=True)
-    try:
-        server.run(
-            arguments.duration,
-            tell=lambda done: print(done.lines()[3], file=sys.stderr, flush=True),
-        )
-    except KeyboardInterrupt:  # how a server ends
-        pass
-    finally:
-        server.close()
+    told = NeverWaiting()
+    with ctrl_c() as interrupts:
+        try:
+            server.run(
+                arguments.duration,
+                tell=lambda done: told.write(done.lines()[3]),
+                asked=lambda: interrupts.asked,
+            )
+        except KeyboardInterrupt:  # a second one: at once
+            print("crar-drake: ended in motion", file=sys.stderr)
+            raise
+        finally:
+            server.close()
     print("\n".join(server.statistics.lines()))
+
+
+def _read_start(path: Path | None) -> dict[str, float] | None:
+    """Joint to position, of --start."""
+    if path is None:
+        return None
+    try:
+        start = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise CrarError(f"--start: {path}: {error}") from error
+    numbers = isinstance(start, dict) and all(
+        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+        for x in start.values()
+    )
+    if not numbers:
+        raise CrarError(f'--start: {path}: give {{"joint": position, ...}}')
+    return start
+
+
+class NeverWaiting:
+    """Writes lines to stderr, where perhaps nobody reads any more.
+
+    A thread does it, which may wait as long as it likes: meanwhile lines are dropped.
+    """
+
+    def __init__(self) -> None:
+        self._lines: queue.Queue[str] = queue.Queue(maxsize=1)
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def write(self, line: str) -> None:
+        """Hands a line over, or drops it."""
+        try:
+            self._lines.put_nowait(line)
+        except queue.Full:
+            pass
+
+    def _run(self) -> None:
+        try:
+            while True:
+                # Not through sys.stderr, whose lock would be held while this waits.
+                os.write(_STDERR, f"{self._lines.get()}\n".encode())
+        except OSError:  # nobody is there: what comes fills the queue, and is dropped
+            pass

@@ -32,6 +32,7 @@ from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.performers.bvh import bvh_performer
 from crar_drake.motion.performers.c3d import c3d_performer
 from crar_drake.motion.performers.points import points_performer
+from crar_drake.motion.robots_own import holds_reference
 from crar_drake.resources import builtin_motions_folder, cached
 
 CMU_PREFIX = "cmu:"
@@ -104,8 +105,6 @@ def refuse_robot_motion(path: str | os.PathLike[str]) -> None:
 
     It says which commands take such a motion. A file that is not there is none.
     """
-    from crar_drake.references.layouts import holds_reference  # which imports robots
-
     if holds_reference(path) and Path(path).is_file():
         raise MotionError(
             f"{path} is a motion of a robot's own joints, not of a person: "

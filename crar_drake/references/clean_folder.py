@@ -13,6 +13,7 @@ from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
+from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.clean_file import (
     NUMBERS,
     CleanedClip,
@@ -20,7 +21,6 @@ from crar_drake.references.clean_file import (
     number_from,
 )
 from crar_drake.references.following import CleaningParameters
-from crar_drake.references.layouts import is_reference
 from crar_drake.references.motion_certificate import (
     certificate_path,
     file_hash,

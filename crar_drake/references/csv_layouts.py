@@ -22,6 +22,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
+from crar_drake.motion.robots_own import cells_of
 from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
 
@@ -128,14 +129,6 @@ def _read_table(path: Path) -> np.ndarray:
             "finite number"
         )
     return table
-
-
-def cells_of(line: str) -> list[str]:
-    """The cells of a line: between commas, else semicolons, else blanks or tabs."""
-    line = line.strip()
-    if ";" in line:  # a comma beside it is a decimal one, which is no number
-        return line.split(";")
-    return line.split(",") if "," in line else line.split()
 
 
 def _check_not_zero(path: Path, quaternions: np.ndarray) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crar_drake.errors import CrarError
+from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.reference_judge import (
     ReferenceJudge,
     ReferenceVerdict,
@@ -19,7 +20,6 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.studies.fresh_processes import FreshProcesses
 
 # What in a folder is taken for a motion.
-_SUFFIXES = (".csv", ".npz", ".pkl", ".pickle", ".joblib", ".p")
 
 # To read a robot's meshes takes as long as to judge a short motion, so that a process
 # judges several files; not too many, for the last ones to end together.
@@ -65,9 +65,7 @@ class JudgeOptions:
 def motions_below(folder: Path) -> list[Path]:
     """Files of a folder and of those in it that have the suffix of a motion."""
     return sorted(
-        path
-        for path in folder.rglob("*")
-        if path.suffix.lower() in _SUFFIXES and path.is_file()
+        path for path in folder.rglob("*") if is_reference(path) and path.is_file()
     )
 
 

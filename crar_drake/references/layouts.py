@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
-from crar_drake.references.csv_layouts import cells_of, read_csv, write_csv
+from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
 from crar_drake.references.robot_motion import RobotMotion, check_joint_names
@@ -61,43 +61,6 @@ LAYOUTS = {
 
 _READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
 
-# Also seen.
-_SUFFIXES = {".pickle": ".pkl", ".joblib": ".pkl", ".p": ".pkl"}
-
-
-def is_reference(path: str | os.PathLike[str]) -> bool:
-    """Whether a path has the suffix of a robot motion; its contents are not asked."""
-    suffix = Path(path).suffix.lower()
-    return _SUFFIXES.get(suffix, suffix) in _READERS
-
-
-def holds_reference(path: str | os.PathLike[str]) -> bool:
-    """Whether a file has the suffix of a robot motion, and does not hold a person's
-    points instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
-
-    A file that cannot be read is none; whoever reads it says why.
-    """
-    path = Path(path)
-    if not is_reference(path):
-        return False
-    try:
-        if path.suffix.lower() == ".csv":
-            with open(path, encoding="utf-8-sig", errors="replace") as file:
-                return _is_numbers(file.readline())
-        if path.suffix.lower() == ".npz":
-            with zipfile.ZipFile(path) as archive:
-                return "joint_pos.npy" in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return False
-    return True
-
-
-def _is_numbers(line: str) -> bool:
-    try:
-        return bool([float(cell) for cell in cells_of(line)])
-    except ValueError:
-        return False
-
 
 def layout_named(name: str) -> Layout:
     """The layout of that name.
@@ -113,7 +76,7 @@ def layout_named(name: str) -> Layout:
 def layouts_of(path: str | os.PathLike[str]) -> list[str]:
     """Names of the layouts that a file with that suffix can have."""
     suffix = Path(path).suffix.lower()
-    suffix = _SUFFIXES.get(suffix, suffix)
+    suffix = SUFFIXES.get(suffix, suffix)
     return [layout.name for layout in LAYOUTS.values() if layout.suffix == suffix]
 
 
@@ -135,7 +98,7 @@ def read_file(
         suffix = layout_named(layout).suffix
     else:
         suffix = path.suffix.lower()
-        suffix = _SUFFIXES.get(suffix, suffix)
+        suffix = SUFFIXES.get(suffix, suffix)
     if suffix not in _READERS:
         raise MotionError(
             f"{path}: {path.suffix or 'no suffix'} is of no layout that is read; robot "

@@ -10,7 +10,8 @@ A client sends targets, any of the tasks in one line:
 `time` is the client's own clock [s], which only has to run forward; it may be left out.
 Positions are in the world frame W [m], orientations unit quaternions (w, x, y, z); of a
 task that is a joint the position is a number [rad or m]. `{"describe": true}` asks for
-the names and the order of what comes back.
+the names and the order of what comes back, `{"drive": true}` to be the one whose
+targets are followed.
 
 Numbers are all that is taken from a message: nothing in it is run, and no name in it is
 looked up but among those of the tasks.
@@ -65,7 +66,12 @@ class Describe:
     """A client asks for names and order."""
 
 
-def parse(line: bytes, layout: TaskLayout) -> TargetMessage | Describe:
+@dataclass(frozen=True)
+class Drive:
+    """A client wants to be the one whose targets are followed, from now on."""
+
+
+def parse(line: bytes, layout: TaskLayout) -> TargetMessage | Describe | Drive:
     """Reads one line.
 
     Args:
@@ -87,6 +93,8 @@ def parse(line: bytes, layout: TaskLayout) -> TargetMessage | Describe:
         raise MessageError("no JSON object")
     if said == {"describe": True}:
         return Describe()
+    if said == {"drive": True}:
+        return Drive()
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):
         raise MessageError('give "targets", and "time" if you like')
@@ -175,6 +183,7 @@ class Command:
         torques: (nu,) of this period, at the state that it begins in [Nm or N].
         distance: of the nearest watched pair [m]; infinite if none is watched.
         admitted: "as wished", "corrected", or "scaled", see docs/lookahead.md.
+        driver: whose targets are followed, "host:port" or "LCM"; None: nobody's.
     """
 
     time: float
@@ -185,6 +194,7 @@ class Command:
     torques: np.ndarray
     distance: float
     admitted: str
+    driver: str | None = None
 
     def to_line(self) -> bytes:
         """As JSON: numbers have as many digits as make sense for a robot."""
@@ -195,6 +205,7 @@ class Command:
             "of": self.of,
             "status": self.status,
             "admitted": self.admitted,
+            "driver": self.driver,
             "distance": distance,
             "positions": self.positions.round(9).tolist(),
             "velocities": self.velocities.round(9).tolist(),

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import Solution
 from crar_drake.errors import ScenarioError
+from crar_drake.nearest import nearest
+from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
+
+# Slower than this in all joints the robot is at rest [rad/s or m/s].
+_AT_REST = 1e-3
 
 
 class SafeMotion:
@@ -21,16 +28,25 @@ class SafeMotion:
     Attributes:
         model, law: of the robot.
         q, v: (nq,), (nv,) the state.
+        at_rest: whether no joint moves.
     """
 
-    def __init__(self, model: ControlModel, parameters: CrarParameters) -> None:
+    def __init__(
+        self,
+        model: ControlModel,
+        parameters: CrarParameters,
+        start: Mapping[str, float] | None = None,
+    ) -> None:
         """
         Args:
             model: of a plant whose time step is the control period.
             parameters: gains; the constraints must be those that hold by proof.
+            start: joint to where it is at first [rad or m]; the others are as at rest.
 
         Raises:
-            ScenarioError: they are others, or a parameter is out of range.
+            ScenarioError: the constraints are others, or a parameter is out of range;
+                or the robot cannot start there: a joint is not known or beyond its
+                limits, or its links are nearer than the floor.
         """
         if parameters.constraints != "lookahead":
             raise ScenarioError(
@@ -44,15 +60,26 @@ class SafeMotion:
                 "network get lost, and then the robot is to brake"
             )
         self.model, self.law = model, ControlLaw(model, parameters)
-        self.q = model.rest_positions()
+        self.q = _start_positions(model, start or {})
         self.v = np.zeros(model.plant.num_velocities())
         self._still = model.prescribed_at(self.q)
         self._workspace = model.MakeWorkspace()
         self._warm_up()
+        if start:
+            self._check_start(parameters)
 
     def where(self) -> np.ndarray:
         """(layout.size,) [x; 0; 0] of the tasks' points now."""
         return self.model.tasks_at(self.q, self._workspace)
+
+    @property
+    def at_rest(self) -> bool:
+        return bool(np.abs(self.v).max(initial=0.0) < _AT_REST)
+
+    def stop_here(self) -> None:
+        """The robot is where it is, at rest: nobody has told it to move for long."""
+        self.v = np.zeros_like(self.v)
+        self.law.reset()
 
     def advance(self, tasks: np.ndarray) -> Solution:
         """One control step; the state is then that of its `position_command`.
@@ -63,6 +90,22 @@ class SafeMotion:
         solution = self.law.step(self.q, self.v, tasks, self._still)
         self.q, self.v = np.split(solution.position_command, [len(self.q)])
         return solution
+
+    def _check_start(self, parameters: CrarParameters) -> None:
+        """Raises ScenarioError: braking there is not clear."""
+        state = self.q, self.v
+        solution = self.advance(self.where())
+        self.q, self.v = state
+        self.law.reset()
+        if solution.admission[3] == 0.0:
+            nearest = int(solution.signed_distances.argmin())
+            a, b = self.model.pairs.names[nearest]
+            ahead = parameters.lookahead
+            floor = ahead.distance_margin - ahead.admission_slack
+            raise ScenarioError(
+                f"start: {a} - {b} are {1e3 * solution.signed_distances[nearest]:.1f} "
+                f"mm apart there, and the floor is {1e3 * floor:.1f} mm"
+            )
 
     def _warm_up(self) -> None:
         """Some steps that leave nothing behind: whatever is compiled, or read from the
@@ -75,3 +118,26 @@ class SafeMotion:
             self.advance(tasks)
         self.q, self.v = state
         self.law.reset()
+
+
+def _start_positions(model: ControlModel, start: Mapping[str, float]) -> np.ndarray:
+    """(nq,) the rest posture, but for the joints of `start`."""
+    q, names = model.rest_positions(), list(model.position_names)
+    for joint, position in start.items():
+        if names.count(joint) != 1:
+            raise ScenarioError(
+                f"start: no joint {joint!r} with one position"
+                f"{nearest(joint, dict.fromkeys(names))}"
+            )
+        q[names.index(joint)] = position
+    at, lower, upper = q[model.joint_positions], model.lower, model.upper
+    beyond = np.flatnonzero(
+        ~((at >= lower - LIMIT_TOLERANCE) & (at <= upper + LIMIT_TOLERANCE))
+    )
+    if len(beyond):
+        i = int(beyond[0])
+        raise ScenarioError(
+            f"start: {model.joint_names[i]} at {at[i]:g} is beyond its limits, "
+            f"{lower[i]:g} to {upper[i]:g}"
+        )
+    return q

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crar_drake.addresses import cannot_listen, check_address
+from crar_drake.addresses import cannot_listen, check_address, family_of
 from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
@@ -29,6 +29,7 @@ from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
     Describe,
+    Drive,
     MessageError,
     TargetMessage,
     parse,
@@ -41,12 +42,15 @@ _MOST_PER_PERIOD = 64
 # Clients that get commands; another one takes the place of who was silent longest.
 _MOST_CLIENTS = 8
 _CLIENT_TIMEOUT = 5.0  # [s] of silence
+# A robot that got no command for so long is taken to have stopped [s].
+_STALL = 0.1
 _LCM_POLL = 1e-3  # [s] LCM has no socket to wait for
 
 _STATUS = {STATUS_BLENDING: "blending", STATUS_BRAKING: "braking"}
 _ADMITTED = {CORRECTED: "corrected", SCALED: "scaled"}
 
 MALFORMED, OVERSIZED, FLOODING = "malformed", "oversized", "flooding"
+NOT_DRIVING = "not driving"
 
 Address = tuple[str, int]
 
@@ -57,11 +61,13 @@ class Statistics:
 
     Attributes:
         messages: datagrams that arrived, by what became of them: "taken", "malformed",
-            "oversized", "flooding" (more in a period than are read).
+            "oversized", "flooding" (more in a period than are read), "not driving"
+            (targets of another client than the one that drives).
         targets: verdict to number of targets, see `target_stream.VERDICTS`.
         steps: status of the command to how many there were.
         held_back: steps that were corrected or scaled.
         overruns: steps that began more than a period late.
+        stalls: steps that began so late that the robot goes on from rest.
         unsent: commands that the network did not take.
         smallest_distance: of a watched pair [m].
         latency: from a target's arrival to the first command that knows it.
@@ -74,6 +80,7 @@ class Statistics:
     steps: Counter = field(default_factory=Counter)
     held_back: int = 0
     overruns: int = 0
+    stalls: int = 0
     unsent: int = 0
     smallest_distance: float = np.inf
     latency: Latencies = field(default_factory=Latencies)
@@ -99,7 +106,10 @@ class Statistics:
             f"messages: {counted(self.messages)}",
             f"targets: {counted(self.targets)}",
             f"steps: {counted(self.steps)}; {self.held_back} corrected or scaled, "
-            f"{self.overruns} late by more than a period",
+            f"{self.overruns} late by more than a period"
+            + (
+                f", {self.stalls} so late that it went on from rest" * bool(self.stalls)
+            ),
             f"from target to command: {times(self.latency)}",
             f"control step: {times(self.step_time)}",
         ]
@@ -124,7 +134,7 @@ def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
         CrarError: nothing can listen there.
     """
     check_address(host, port)
-    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened = socket.socket(family_of(host), socket.SOCK_DGRAM)
     opened.setblocking(False)
     try:
         opened.bind((host, port))
@@ -179,19 +189,21 @@ class TeleoperationServer:
                 self.close()
                 raise
         self._clients: dict[Address, float] = {}
+        self._driver: object = None  # whose targets are followed
+        self._driven = -math.inf  # when that one's last targets came [s]
         self._arrived: list[float] = []  # of targets that no command knows yet
         self._of: float | None = None
         self._here = motion.where()
         self._budget = _MOST_PER_PERIOD
         self._start = time.monotonic()
-        self._stopped = False
+        self._stopped = self._ends = False
 
     def close(self) -> None:
         """Gives the port free."""
         self._socket.close()
 
     def stop(self) -> None:
-        """Ends `run` after the step that it is in, from whatever thread."""
+        """Ends `run` as soon as the robot is at rest, from whatever thread."""
         self._stopped = True
 
     def run(
@@ -199,13 +211,15 @@ class TeleoperationServer:
         duration: float | None = None,
         tell: Callable[[Statistics], None] | None = None,
         every: float = 5.0,
+        asked: Callable[[], bool] = lambda: False,
     ) -> Statistics:
-        """Serves until interrupted or stopped, or for a time.
+        """Serves until asked to end or stopped, or for a time; then it brakes first.
 
         Args:
             duration: [s]; None for no end.
             tell: is called now and then with what was done so far.
             every: how often [s].
+            asked: whether somebody asks it to end.
 
         Returns:
             The statistics.
@@ -213,20 +227,27 @@ class TeleoperationServer:
         # What lives as long as the server need not be looked through again and again.
         gc.collect()
         gc.freeze()
-        self._start = tick = told = time.monotonic()
+        self._start = told = time.monotonic()
+        tick = self._start + self.period
         self._stopped = False
-        while not self._stopped and (duration is None or tick - self._start < duration):
+        while True:
+            over = duration is not None and tick - self._start >= duration
+            self._ends = self._stopped or over or asked()
+            if self._ends and self.motion.at_rest:
+                return self.statistics
             self._wait(tick)
             late = time.monotonic() - tick
             if late > self.period:
                 self.statistics.overruns += 1
                 tick += late  # what was missed is not made up for
+            if late > _STALL:
+                self.statistics.stalls += 1
+                self.motion.stop_here()
             self.tick(tick)
             tick += self.period
             if tell is not None and tick - told >= every:
                 told = tick
                 tell(self.statistics)
-        return self.statistics
 
     def tick(self, now: float) -> Command:
         """One control step on what has arrived, and its command to all clients.
@@ -237,6 +258,8 @@ class TeleoperationServer:
         statistics = self.statistics
         began = time.monotonic()
         desired = self.stream.desired_at(now, self._here)
+        if self._ends:
+            desired[:] = np.nan  # to brake
         solution = self.motion.advance(desired)
         statistics.step_time.add(time.monotonic() - began)
         held = _ADMITTED.get(float(solution.admission[0]), "as wished")
@@ -251,6 +274,7 @@ class TeleoperationServer:
             torques=solution.actuation,
             distance=float(distances.min()) if len(distances) else float("inf"),
             admitted=held,
+            driver=self._named(now),
         )
         self._send(command, now)
         sent = time.monotonic()
@@ -331,20 +355,37 @@ class TeleoperationServer:
         except MessageError as error:
             self._note(error)
             return
-        self._clients.pop(sender, None)
-        while len(self._clients) >= _MOST_CLIENTS:
-            del self._clients[next(iter(self._clients))]
-        self._clients[sender] = now
         if isinstance(message, Describe):
             self._reply(self._description(), sender)
+            return
+        self._clients.pop(sender, None)
+        while len(self._clients) >= _MOST_CLIENTS:
+            others = (each for each in self._clients if each != self._driver)
+            del self._clients[next(others)]
+        self._clients[sender] = now
+        if isinstance(message, Drive):
+            self._driver, self._driven = sender, now
         else:
             self._use(message, now, sender)
+
+    def _named(self, now: float) -> str | None:
+        """Who drives; None if nobody has for a while."""
+        if now - self._driven > self.stream.gate.timeout:
+            return None
+        if isinstance(self._driver, str):
+            return self._driver
+        host, port = self._driver[:2]
+        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
     def _note(self, error: MessageError) -> None:
         self.statistics.messages[MALFORMED] += 1
         self.statistics.last_error = str(error)[:200]
 
     def _use(self, message: TargetMessage, now: float, sender: object) -> None:
+        if sender != self._driver and self._named(now) is not None:
+            self.statistics.messages[NOT_DRIVING] += 1
+            return
+        self._driver, self._driven = sender, now
         self.statistics.messages["taken"] += 1
         if self.stream.take(message, now, self._here, sender):
             self._arrived.append(now)
@@ -358,7 +399,8 @@ class TeleoperationServer:
             del self._clients[client]
         if self._clients:
             line = command.to_line()
-            for client in list(self._clients):
+            # Who drives comes first, lest others fill the network's buffer.
+            for client in sorted(self._clients, key=lambda each: each != self._driver):
                 self._reply(line, client)
 
     def _reply(self, line: bytes, client: Address) -> None:

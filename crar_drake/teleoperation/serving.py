@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from crar_drake.control.parameters import TargetGovernor
@@ -25,6 +26,7 @@ def make_server(
     experiment: str = "",
     rate: float = 200.0,
     gate: Gate | None = None,
+    start: Mapping[str, float] | None = None,
     host: str = "127.0.0.1",
     port: int = 0,
     lcm_url: str = "",
@@ -39,6 +41,7 @@ def make_server(
         rate: commands per second [Hz].
         gate: what a target may be; it is also the governor's, unless the scenario has
             one of its own.
+        start: see `SafeMotion`.
         host, port, lcm_url: see `TeleoperationServer`.
 
     Raises:
@@ -47,7 +50,7 @@ def make_server(
     """
     opened = listen(host, port)  # what takes no time to find out comes first
     try:
-        motion = _make_motion(scenario, robot, experiment, rate, gate or Gate())
+        motion = _make_motion(scenario, robot, experiment, rate, gate or Gate(), start)
     except BaseException:
         opened.close()
         raise
@@ -55,7 +58,12 @@ def make_server(
 
 
 def _make_motion(
-    scenario: str, robot: str, experiment: str, rate: float, gate: Gate
+    scenario: str,
+    robot: str,
+    experiment: str,
+    rate: float,
+    gate: Gate,
+    start: Mapping[str, float] | None,
 ) -> SafeMotion:
     loaded = load_scenario(scenario)
     if experiment:
@@ -88,4 +96,4 @@ def _make_motion(
         distances=parameters.distances,
         time_step=period,
     )
-    return SafeMotion(model, parameters)
+    return SafeMotion(model, parameters, start)

@@ -1,14 +1,20 @@
 """`crar-drake serve`, its client, and what it says at its end."""
 
+import json
+import os
+import re
+import signal
+import socket
 import subprocess
 import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from crar_drake.commands import main
-from crar_drake.commands.serve import GATE
+from crar_drake.commands import main, serve
+from crar_drake.commands.serve import GATE, NeverWaiting
 from crar_drake.teleoperation.serving import make_server
 from crar_drake.teleoperation.target_stream import Gate
 
@@ -40,6 +46,70 @@ def test_a_recorded_motion_over_the_loopback_interface():
     assert messages["taken"] > 30 and messages["malformed"] > 0
 
 
+def swinging(process) -> tuple[socket.socket, list[dict]]:
+    """A client whose targets have brought the robot to 1 rad/s, and what it heard."""
+    port = int(re.search(r":(\d+)$", process.stdout.readline()).group(1))
+    client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    client.connect(("127.0.0.1", port))
+    client.settimeout(60.0)
+    heard = [{"velocities": [0.0]}]
+    while fastest(heard[-1]) < 1.0:
+        target = {"left_wrist": {"position": [0.45, 0.2, 1.1]}}
+        client.send(json.dumps({"targets": target}).encode())
+        heard.append(json.loads(client.recv(65536)))
+    return client, heard
+
+
+def fastest(command: dict) -> float:
+    return np.abs(command["velocities"]).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_brakes_and_a_second_one_ends_at_once(number):
+    def heeds():  # also where whoever runs the tests ignores them
+        for each in ("SIGINT", "SIGTERM", "SIGHUP"):
+            signal.signal(getattr(signal, each), signal.SIG_DFL)
+
+    for count in (1, 2):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "crar_drake", "serve", "--port", "0"],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeds,
+        )  # fmt: skip
+        client, heard = swinging(process)
+        process.send_signal(getattr(signal, number))
+        while heard[-1]["status"] != "braking":
+            heard.append(json.loads(client.recv(65536)))
+        if count == 2:
+            process.send_signal(getattr(signal, number))
+        out, err = process.communicate(timeout=120)
+        client.settimeout(0.2)
+        try:
+            while True:
+                heard.append(json.loads(client.recv(65536)))
+        except OSError:  # nothing more, or nobody there
+            client.close()
+        if count == 1:
+            assert process.returncode == 0 and not err and "steps:" in out
+            assert heard[-1]["status"] == "braking" and fastest(heard[-1]) < 0.01
+        else:
+            assert process.returncode == 130 and "ended in motion" in err
+            assert fastest(heard[-1]) > 0.01
+
+
+@pytest.mark.parametrize("reader", ["goes away", "does not read"])
+def test_whoever_reads_its_lines_cannot_hold_it(reader, monkeypatch):
+    theirs, ours = os.pipe()
+    if reader == "goes away":
+        os.close(theirs)
+    monkeypatch.setattr(serve, "_STDERR", ours)
+    told = NeverWaiting()
+    for _ in range(1000):  # a pipe takes 64 kB
+        told.write("x" * 1000)
+    if reader == "does not read":
+        assert os.read(theirs, 2).startswith(b"x")
+
+
 def test_the_command_ends_with_what_it_did(capsys):
     assert main(["serve", "--port", "0", "--duration", "0.2"]) == 0
     printed = capsys.readouterr().out
@@ -57,3 +127,23 @@ def test_what_cannot_be_served(capsys):
     assert main(["serve", "--speed", "-1"]) == 2
     assert main(["serve", "no_such"]) == 2
     assert "no scenario 'no_such'" in capsys.readouterr().err
+
+
+def test_a_start_posture_that_is_none(tmp_path, capsys):
+    file = tmp_path / "start.json"
+    wrong = {
+        "[1.0]": 'give {"joint": position, ...}',
+        '{"left_elbow": true}': 'give {"joint": position, ...}',
+        '{"left_elbow": NaN}': 'give {"joint": position, ...}',
+        "{": "Expecting property name",
+        "[" * 100_000: "recursion",
+        '{"left_elbow": 1.0}': "beyond its limits",
+    }
+    for text, message in wrong.items():
+        file.write_text(text)
+        assert main(["serve", "--port", "0", "--start", str(file)]) == 2
+        assert message in capsys.readouterr().err
+    assert main(["serve", "--port", "0", "--start", str(tmp_path / "none")]) == 2
+    assert "No such file" in capsys.readouterr().err
+    file.write_text('{"left_elbow": -1.0}')
+    assert main(["serve", "--port", "0", "--start", str(file), "--duration", "1"]) == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crar_drake.references.layouts import holds_reference
+from crar_drake.motion.robots_own import holds_reference
 
 
 @pytest.mark.parametrize(

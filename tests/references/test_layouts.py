@@ -454,7 +454,8 @@ def test_bad_pickles(tmp_path: Path):
 
 @pytest.mark.parametrize("blank", [";", " ", "\t", "; "])
 def test_other_separators_than_commas_are_read(tmp_path, blank):
-    from crar_drake.references.layouts import holds_reference, read_file
+    from crar_drake.motion.robots_own import holds_reference
+    from crar_drake.references.layouts import read_file
 
     row = ["0.1", "0", "0.8", "0", "0", "0.1", "0.99498743710662", "0.5"]
     (tmp_path / "a.csv").write_text((blank.join(row) + "\n") * 3)

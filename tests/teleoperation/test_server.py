@@ -176,6 +176,7 @@ def test_it_runs_in_real_time_and_describes_itself(server, client):
     thread.start()
     client.send(b'{"describe": true}')
     said = json.loads(client.recv(65536))
+    client.send(b'{"drive": true}')
     commands = [json.loads(client.recv(65536)) for _ in range(3)]
     thread.join()
     model = server.motion.model
@@ -189,6 +190,9 @@ def test_it_runs_in_real_time_and_describes_itself(server, client):
 
 def test_a_client_that_is_silent_gets_no_more(server, client):
     client.send(b'{"describe": true}')
+    server._receive()
+    assert json.loads(client.recv(65536))["tasks"] and not server._clients
+    client.send(b'{"drive": true}')
     (now,) = (server._receive(), server._clients[client.getsockname()])[1:]
     server.tick(now)
     server.tick(now + 6.0)
@@ -196,9 +200,140 @@ def test_a_client_that_is_silent_gets_no_more(server, client):
     for _ in range(12):  # more clients than are answered
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.connect(server.address)
-            other.send(b'{"describe": true}')
+            other.send(b'{"drive": true}')
             server._receive()
     assert len(server._clients) == 8
+
+
+def test_asked_to_end_in_motion_it_brakes_first(server, client):
+    """Although targets still come."""
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    x, _, z = server.motion.where()[:3]
+    speeds = []
+    for k in range(1000):
+        client.send(targets(0.01 * k, left_wrist=[x + 0.3, 0.2, z + 0.2]))
+        speeds.append(np.abs(json.loads(client.recv(65536))["velocities"]).max())
+        if speeds[-1] > 1.0:
+            server.stop()
+            break
+    while thread.is_alive():
+        try:
+            client.settimeout(0.2)
+            speeds.append(np.abs(json.loads(client.recv(65536))["velocities"]).max())
+        except TimeoutError:
+            pass
+    thread.join()
+    assert max(speeds) > 1.0 and speeds[-1] < 1e-2
+    assert server.motion.at_rest
+    assert server.statistics.steps["braking"] * server.period < 1.5
+
+
+def test_after_a_stall_it_goes_on_from_rest(server, client, monkeypatch):
+    now = 0.0
+    there = server.motion.model.layout.unpack(server.motion.where()).p[0] + [0.3, 0, 0]
+
+    def later(tick):  # the clock of a process that is not run between two steps
+        nonlocal now
+        now = tick if len(speeds) != 20 else tick + 0.5
+
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    monkeypatch.setattr(server, "_wait", lambda tick: (later(tick), server._receive()))
+    speeds, step = [], server.motion.advance
+
+    def advance(desired):
+        speeds.append(np.abs(server.motion.v).max())
+        client.send(targets(0.01 * len(speeds), left_wrist=there))
+        return step(desired)
+
+    monkeypatch.setattr(server.motion, "advance", advance)
+    server.run(0.9)
+    assert speeds[19] > 0.3 and speeds[20] == 0.0 and max(speeds[21:]) > 0.3
+    assert server.statistics.stalls == 1
+    assert any("went on from rest" in line for line in server.statistics.lines())
+
+
+def test_one_client_drives_until_another_asks(server, client, monkeypatch):
+    x, y, z = server.motion.where()[:3]
+    now = 0.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+
+    def driver_after(by, towards) -> str | None:
+        nonlocal now
+        now += server.period
+        by.send(targets(now, left_wrist=[x, y, z + towards]))
+        server._receive()
+        return server.tick(now).driver
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.connect(server.address)
+        here, there = (":".join(map(str, s.getsockname())) for s in (client, other))
+        assert driver_after(client, 0.1) == here
+        assert driver_after(other, -0.1) == here
+        assert server.statistics.messages["not driving"] == 1
+        other.send(b'{"drive": true}')
+        assert driver_after(other, -0.1) == there
+        assert driver_after(client, 0.1) == there
+        assert server.statistics.messages["not driving"] == 2
+        # Nobody drives once who did is silent; then whoever speaks does.
+        now += 2 * server.stream.gate.timeout
+        assert server.tick(now).driver is None
+        assert driver_after(client, 0.1) == here
+
+
+def test_whoever_drives_gets_every_command(server, client):
+    """However many others ask for them."""
+    client.send(targets(0.0, left_wrist=server.motion.where()[:3]))
+    server._receive()
+    for _ in range(30):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.connect(server.address)
+            other.send(targets(0.0, left_wrist=[0.0, 0.0, 0.0]))
+        server._receive()
+    assert client.getsockname() in server._clients and len(server._clients) == 8
+    sent = []
+    server._reply = lambda line, to: sent.append(to)
+    server.tick(0.0)
+    assert sent[0] == client.getsockname() and len(sent) == 8
+
+
+def test_it_listens_at_an_address_of_ip_version_6(made):
+    try:
+        server = TeleoperationServer(made.motion, host="::1")
+    except CrarError as error:
+        if "not available" in str(error) or "not supported" in str(error):
+            pytest.skip("this computer has no IPv6")
+        raise
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as client:
+        client.connect(server.address)
+        client.settimeout(5.0)
+        client.send(targets(0.0, left_wrist=[0.3, 0.2, 1.0]))
+        while not server._clients:
+            server._receive()
+        server.tick(0.0)
+        driver = json.loads(client.recv(65536))["driver"]
+        assert driver == f"[::1]:{client.getsockname()[1]}"
+    server.close()
+
+
+def test_it_starts_where_it_is_told(made):
+    model, parameters = made.motion.model, made.motion.law.parameters
+    motion = SafeMotion(model, parameters, {"left_elbow": -1.5, "torso_yaw": 0.2})
+    where = dict(zip(model.position_names, motion.q, strict=True))
+    rest = dict(zip(model.position_names, model.rest_positions(), strict=True))
+    assert where == {**rest, "left_elbow": -1.5, "torso_yaw": 0.2}
+    assert motion.at_rest
+    wrong = {
+        "no joint 'left_elbo'.*did you mean 'left_elbow'": {"left_elbo": 0.0},
+        "left_elbow at 1 is beyond its limits": {"left_elbow": 1.0},
+        "left_elbow at nan": {"left_elbow": np.nan},
+        "apart there, and the floor is": {
+            "left_shoulder_yaw": 1.5, "left_elbow": -2.0, "left_shoulder_roll": -0.3,
+        },
+    }  # fmt: skip
+    for message, start in wrong.items():
+        with pytest.raises(ScenarioError, match=message):
+            SafeMotion(model, parameters, start)
 
 
 def test_what_cannot_be_served(made):

@@ -1,0 +1,54 @@
+"""Whether a file holds a motion of a robot's own joints, or one of a person."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+# Suffixes of robot motions, each to the one that the same files usually have.
+SUFFIXES = {
+    **{usual: usual for usual in (".csv", ".npz", ".pkl")},
+    **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
+}
+
+
+def is_reference(path: str | os.PathLike[str]) -> bool:
+    """Whether a path has the suffix of a robot motion; its contents are not asked."""
+    return Path(path).suffix.lower() in SUFFIXES
+
+
+def holds_reference(path: str | os.PathLike[str]) -> bool:
+    """Whether a file has the suffix of a robot motion, and does not hold a person's
+    points instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
+
+    A file that cannot be read is none; whoever reads it says why.
+    """
+    path = Path(path)
+    if not is_reference(path):
+        return False
+    try:
+        if path.suffix.lower() == ".csv":
+            with open(path, encoding="utf-8-sig", errors="replace") as file:
+                return _is_numbers(file.readline())
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                return "joint_pos.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+    return True
+
+
+def _is_numbers(line: str) -> bool:
+    try:
+        return bool([float(cell) for cell in cells_of(line)])
+    except ValueError:
+        return False
+
+
+def cells_of(line: str) -> list[str]:
+    """The cells of a line: between commas, else semicolons, else blanks or tabs."""
+    line = line.strip()
+    if ";" in line:  # a comma beside it is a decimal one, which is no number
+        return line.split(";")
+    return line.split(",") if "," in line else line.split()

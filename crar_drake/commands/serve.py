@@ -103,8 +103,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--start",
         type=Path,
         metavar="FILE",
-        help="JSON of joint to position [rad or m]: the posture that the robot begins "
-        "in (default: its rest posture)",
+        help="where the robot begins, as JSON of joint to position [rad or m] "
+        "(default: in its rest posture)",
     )
     parser.add_argument(
         "--duration", type=positive, metavar="S", help="end after S seconds"

@@ -8,6 +8,7 @@ import numpy as np
 
 from crar_drake.robot_import.anatomy import Anatomy
 from crar_drake.robot_import.choices import FrameChoice
+from crar_drake.robot_import.inertias import own_mass
 from crar_drake.robot_import.meshes import Part, lowest_points
 from crar_drake.robot_import.source_robot import SourceRobot
 from crar_drake.robot_import.surface_distances import Surfaces
@@ -19,6 +20,8 @@ _LIMBS = (
     ("waist", "neck", "{}_shoulder", "{}_elbow", 0.5, 4.0),
     ("neck", "{}_shoulder", "{}_shoulder", "{}_elbow", 0.1, 1.8),
 )
+# What joints of robots turn to, at most: three times round [rad].
+_MOST_TURNED = 20.0
 _SHORTEST = 0.01  # [m] of a limb
 _APART = 0.02  # [m] that left and right may differ by
 _BELOW = 0.01  # [m] that a foot may be below the floor
@@ -61,6 +64,58 @@ def limb_alarms(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[s
             "frames: the left shoulder is on the right of what `facing` calls ahead"
         )
     return found
+
+
+def number_alarms(robot: SourceRobot, locked: Mapping[str, float]) -> list[str]:
+    """Numbers of a robot's file that are read, and hardly meant.
+
+    Args:
+        robot: as it was read.
+        locked: joints that do not move, whose ranges do not matter.
+    """
+    moving = [j for j in robot.joints.values() if j.moves and j.name not in locked]
+    still = [joint.name for joint in moving if joint.lower == joint.upper]
+    turns = [
+        f"{joint.name} ({joint.lower:g} to {joint.upper:g})"
+        for joint in moving
+        if joint.kind != "prismatic" and _MOST_TURNED < joint.upper < np.inf
+    ]
+    masses = {name: own_mass(link) for name, link in robot.links.items()}
+    negative = [f"{name} ({mass:g} kg)" for name, mass in masses.items() if mass < 0.0]
+    found = []
+    if still:
+        which = "all joints" if len(still) == len(moving) else ", ".join(still)
+        found.append(
+            f"limits: lower = upper of {which}: they cannot move; correct the file, or "
+            "list them in locked"
+        )
+    if turns:
+        found.append(
+            f"limits: {', '.join(turns)} rad, several turns each: are these degrees? "
+            "They were taken for radians"
+        )
+    if negative:
+        found.append(
+            f"masses: negative of {', '.join(negative)}: taken for none; correct the "
+            "file"
+        )
+    return found
+
+
+def coupling_alarms(
+    robot: SourceRobot, anatomy: Anatomy | None, locked: Mapping[str, float]
+) -> list[str]:
+    """Joints of arms that are locked since they follow another, or one follows them."""
+    if anatomy is None:
+        return []
+    arms = {j.name for arm in (anatomy.left, anatomy.right) for j in arm.joints}
+    return [
+        f"locked: {joint.name} follows {joint.mimic} (mimic), and the controller has "
+        f"no coupled joints: both are locked, {joint.mimic} at {locked[joint.mimic]:g} "
+        f"{robot.joints[joint.mimic].unit}; hold them there on the robot, too"
+        for joint in robot.joints.values()
+        if joint.mimic in locked and arms & {joint.name, joint.mimic}
+    ]
 
 
 def floor_alarms(

@@ -243,8 +243,9 @@ def chain_ends(robot: SourceRobot) -> list[str]:
         turns = any(word in name for word in _TURNS)
         last = grips and not turns and not _depth(robot, joint.child)
         named = any(word in name for word in words)
-        # A telescope's joints follow each other, too, and carry a wrist.
-        follows = bool(joint.mimic) and _depth(robot, joint.child, own=True) < 2
+        # A telescope's joints follow each other, too, or a forearm's its elbow's, and
+        # carry a wrist.
+        follows = bool(joint.mimic) and not _depth(robot, joint.child, own=True)
         return follows or leads or last or named
 
     X, ends = robot.poses(), []
@@ -353,20 +354,23 @@ def guess_rest(
             )
     X_zero = robot.poses()
     arms = () if anatomy is None else (anatomy.left, anatomy.right)
+    posture = {**locked, **rest}
     for arm, outwards in zip(arms, (1.0, -1.0), strict=False):
         elbow = elbow_index(X_zero, arm)
         moved = {}
-        for joint in arm.joints[:elbow]:
+        for joint in (j for j in arm.joints[:elbow] if j.name in rest):
             for angle in (-away, away):
                 there = rest[joint.name] + angle
                 if joint.lower < there < joint.upper:
-                    X = robot.poses({**rest, joint.name: there})
+                    X = robot.poses({**posture, joint.name: there})
                     y = X[arm.joints[elbow].child].translation()[1]
                     moved[outwards * y] = (joint.name, there)
         if moved:
             name, there = moved[max(moved)]
             rest[name] = there
         bend = arm.joints[elbow]
+        if bend.name not in rest:
+            continue
         forward = bend.upper > -bend.lower
         there = rest[bend.name] + (_BENT if forward else -_BENT)
         rest[bend.name] = float(np.clip(there, bend.lower, bend.upper))

@@ -18,7 +18,12 @@ from crar_drake.robot.description import (
     RootPose,
     add_robot,
 )
-from crar_drake.robot_import.alarms import floor_alarms, limb_alarms, pair_alarms
+from crar_drake.robot_import.alarms import (
+    floor_alarms,
+    limb_alarms,
+    number_alarms,
+    pair_alarms,
+)
 from crar_drake.robot_import.anatomy import find_anatomy, link_twins
 from crar_drake.robot_import.choices import ImportChoices, load_choices, save_choices
 from crar_drake.robot_import.fit_cache import FitCache
@@ -139,6 +144,7 @@ def import_robot(
     choices = replace(choices, name=choices.name or robot.name)
     robot = without_world(robot, choices)
     report = ImportReport(out, choices, notes=list(robot.notes))
+    report.warnings += robot.warnings
     if choices.srdf:
         robot = with_semantics(robot, out / choices.srdf, choices, report)
     if choices.up_axis is None and (guess := guess_up_axis(robot)) is not None:
@@ -255,6 +261,7 @@ def _make(
             write()
             plant = _parse(description)
     report.warnings += limb_alarms(robot, choices.frames)
+    report.warnings += number_alarms(robot, locked)
     anatomy = find_anatomy(robot)
     if anatomy is not None:
         height = choices.rest_posture.get("waist_z", 0.0)

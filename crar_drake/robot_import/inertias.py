@@ -87,7 +87,7 @@ def inertial_element(
 def own_mass(link: Link) -> float:
     """The mass that the URDF gives [kg]; 0 if none."""
     mass = None if link.inertial is None else link.inertial.find("mass")
-    return 0.0 if mass is None else max(0.0, one_number(mass.get("value", "0")))
+    return 0.0 if mass is None else one_number(mass.get("value", "0"))
 
 
 def stand_in(parts: list[Part], mass: float) -> Inertia:

@@ -97,7 +97,7 @@ def guess_locked(
     lock: Sequence[str] = DEFAULT_LOCK,
 ) -> dict[str, float]:
     """The joints of some groups, at zero or where their limits let them be nearest,
-    and those that cannot be controlled.
+    and those that cannot be controlled; of arms those are in the middle of their range.
 
     Args:
         robot, anatomy, parts: as `joint_groups` has them.
@@ -105,11 +105,32 @@ def guess_locked(
     """
     groups = joint_groups(robot, anatomy, parts)
     bound = uncontrollable(robot)
+
+    def place(joint: Joint) -> float:
+        lower, upper = _range_with_followers(robot, joint)
+        in_arm = groups[joint.name] == "arms" and "arms" not in lock
+        if in_arm and not joint.mimic and np.isfinite(upper - lower):
+            return (lower + upper) / 2.0
+        return float(np.clip(0.0, lower, upper))
+
     return {
-        joint.name: float(np.clip(0.0, joint.lower, joint.upper))
+        joint.name: place(joint)
         for joint in robot.joints.values()
         if joint.kind != "fixed" and (groups[joint.name] in lock or joint.name in bound)
     }
+
+
+def _range_with_followers(robot: SourceRobot, joint: Joint) -> tuple[float, float]:
+    """Where a joint and all that follow it are within their limits; its own range if
+    there is no such place."""
+    lower, upper = joint.lower, joint.upper
+    for other in robot.joints.values():
+        if other.mimic == joint.name and other.multiplier and np.isfinite(other.lower):
+            ends = np.sort(
+                (np.array([other.lower, other.upper]) - other.offset) / other.multiplier
+            )
+            lower, upper = max(lower, float(ends[0])), min(upper, float(ends[1]))
+    return (lower, upper) if lower <= upper else (joint.lower, joint.upper)
 
 
 def uncontrollable(robot: SourceRobot) -> set[str]:

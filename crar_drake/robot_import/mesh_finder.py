@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 
 from crar_drake.errors import ModelError
+from crar_drake.robot_import.robot_files import read_xml
 
 
 class MeshFinder:
@@ -81,7 +81,7 @@ def _is_package(folder: Path, name: str) -> bool:
     if folder.name == name:
         return True
     try:
-        manifest = ElementTree.parse(folder / "package.xml").getroot()
-    except (OSError, ElementTree.ParseError):
+        manifest = read_xml(folder / "package.xml", "a manifest")
+    except ModelError:
         return False
     return (manifest.findtext("name") or "").strip() == name

@@ -11,6 +11,7 @@ import re
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ DEFAULT_FACES = 2500
 # Files whose format defines y as up, whatever an import says of DAE files.
 _Y_UP = (".gltf", ".glb")
 _FAN = 6  # the mode of a glTF primitive that is a fan of triangles
+_STL_HEAD, _STL_TRIANGLE = 84, 50  # bytes of a binary STL
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 # What is up in a file -> rotation to z up, as COLLADA defines it.
 _Z_UP = {
@@ -187,7 +189,12 @@ def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
             "save it without them, or as OBJ"
         )
     try:
-        scene = trimesh.load_scene(source.path)
+        # Unprocessed: what trimesh takes for broken, it leaves out without a word.
+        if source.path.suffix.lower() == ".stl":
+            stl = BytesIO(_whole_stl(source.path.read_bytes()))
+            scene = trimesh.load_scene(stl, file_type="stl", process=False)
+        else:
+            scene = trimesh.load_scene(source.path, process=False)
         bodies = scene.dump()
     except Exception as error:  # each format's reader has errors of its own
         raise ModelError(
@@ -197,6 +204,11 @@ def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
     for body in bodies:
         if not isinstance(body, trimesh.Trimesh) or not len(body.faces):
             continue
+        if len(bad := np.flatnonzero(~np.isfinite(body.vertices).all(axis=1))):
+            p = ", ".join(f"{x:g}" for x in body.vertices[bad[0]])
+            raise ModelError(
+                f"link {link!r}: mesh {source.path}: vertex {bad[0] + 1} is ({p})"
+            )
         body.apply_scale(_metres(body.units))
         colour = _colour(body)
         by_colour.setdefault(colour, []).append(body)
@@ -212,10 +224,23 @@ def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
         # A mirroring scale turns triangles inside out; trimesh turns them back.
         mesh.apply_transform(np.diag([*source.scale, 1.0]))
         mesh.merge_vertices(merge_norm=True, merge_tex=True)
-        if not np.isfinite(mesh.vertices).all():
-            raise ModelError(f"link {link!r}: mesh {source.path} has NaN vertices")
         pieces.append((mesh, colour))
     return pieces
+
+
+def _whole_stl(data: bytes) -> bytes:
+    """A binary STL without what follows its triangles; a text as it is.
+
+    ValueError where it has fewer triangles than it says.
+    """
+    count = int.from_bytes(data[80:_STL_HEAD], "little")
+    length = _STL_HEAD + _STL_TRIANGLE * count
+    if b"facet" in data[:_HEAD] or len(data) < _STL_HEAD:
+        return data
+    if len(data) < length:
+        there = (len(data) - _STL_HEAD) // _STL_TRIANGLE
+        raise ValueError(f"it is cut off: {there} of {count} triangles are there")
+    return data[:length]
 
 
 def _unread_of_gltf(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -13,6 +14,14 @@ from crar_drake.resources import install_command
 
 # How an import names a file of that package, wherever it is installed.
 PACKAGE_SCHEME = "example-robot-data:"
+
+# What a file in another encoding than UTF-8 begins with: a byte order mark, or "<".
+_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe\0\0": "utf-32"} | {
+    **{b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"},
+    **{b"<\0": "utf-16-le", b"\0<": "utf-16-be"},
+}
+_DECLARED = re.compile(rb"\s*<\?xml[^>]*?\bencoding\s*=\s*[\"']([\w.-]+)[\"']")
+_DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
 
 # Names of files and folders that many robots share.
 _SAYS_NOTHING = (
@@ -91,11 +100,11 @@ def default_name(path: Path) -> str:
         if name and name.lower() not in _SAYS_NOTHING:
             return name
     try:
-        root = ElementTree.fromstring(readable_xml(path))
+        root = read_xml(path, "an XML file")
         model = root.find("model")  # of an SDF
         element = root if model is None else model
         name = element.get("name") or element.get("model")
-    except (ElementTree.ParseError, UnicodeDecodeError, OSError):
+    except ModelError:
         name = None  # it is refused where it is read
     return (name or path.stem).replace("/", "_").replace(" ", "_")
 
@@ -104,7 +113,46 @@ def robot_name(name: str, path: Path) -> str:
     return default_name(path) if name.lower() in ("", *_SAYS_NOTHING) else name
 
 
-def readable_xml(path: Path) -> str:
-    """The file's text, readable although it may use undeclared XML prefixes."""
-    text = path.read_text(encoding="utf-8")
-    return text.replace("<drake:", "<_drake_").replace("</drake:", "</_drake_")
+def read_xml(path: Path, what: str) -> ElementTree.Element:
+    """The root element; Drake's prefix, which files use undeclared, is _drake_ in it.
+
+    Args:
+        path: of the file.
+        what: it should be, e.g. "a URDF".
+
+    Raises:
+        ModelError: it cannot be read, or is no XML.
+    """
+    text = xml_text(path, what)
+    text = text.replace("<drake:", "<_drake_").replace("</drake:", "</_drake_")
+    try:
+        return ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ModelError(f"{path}: not {what}: {error}") from error
+
+
+def xml_text(path: Path, what: str) -> str:
+    """A file's text, in the encoding that its first bytes or its declaration say.
+
+    Python's parser would read neither GBK nor another encoding of several bytes, and
+    it heeds no declaration in a text.
+
+    Raises:
+        ModelError: it cannot be read, or is not in that encoding.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
+    marked = next((e for mark, e in _MARKS.items() if data.startswith(mark)), "")
+    declared = _DECLARED.match(data.replace(b"\0", b""))
+    encoding = marked or (declared[1].decode() if declared else "utf-8")
+    try:
+        text = data.decode(encoding)
+    except UnicodeError as error:
+        raise ModelError(f"{path}: not {what}: {error}") from error
+    except LookupError:
+        raise ModelError(
+            f"{path}: not {what}: nobody knows its encoding, {encoding!r}"
+        ) from None
+    return _DECLARATION.sub("", text.lstrip("\ufeff"))

@@ -16,7 +16,7 @@ from xml.sax.saxutils import escape, unescape
 
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.mesh_finder import MeshFinder
-from crar_drake.robot_import.robot_files import readable_xml
+from crar_drake.robot_import.robot_files import read_xml, xml_text
 from crar_drake.robot_import.source_urdf import refuse_loops
 
 # How the names of the visuals begin that are collisions in the original.
@@ -64,14 +64,11 @@ class SdfCopies:
             return self._copies[path]
         copy = self._folder / str(len(self._copies)) / path.name
         self._copies[path] = copy
-        try:
-            root = ElementTree.fromstring(readable_xml(path))
-        except (ElementTree.ParseError, UnicodeDecodeError) as error:
-            raise ModelError(f"{path}: not an SDF: {error}") from error
+        root = read_xml(path, "an SDF")
         refuse_loops(root, path)
         self._find_mimics(root, path)
         files = MeshFinder(path, self._package_paths)
-        text = _COMMENT.sub(_blank, path.read_text(encoding="utf-8"))
+        text = _COMMENT.sub(_blank, xml_text(path, "an SDF"))
         text = _with_addresses(
             text, _MESH, lambda address, line: files.find(address, line)
         )
@@ -100,10 +97,7 @@ class SdfCopies:
         if path.is_dir():
             config, files = path / "model.config", []
             if config.is_file():
-                try:
-                    files = ElementTree.parse(config).getroot().findall("sdf")
-                except ElementTree.ParseError as error:
-                    raise ModelError(f"{config}: no XML: {error}") from error
+                files = read_xml(config, "a model's config").findall("sdf")
             path /= (files[-1].text or "").strip() if files else "model.sdf"
         is_sdf = path.is_file() and path.suffix == ".sdf"
         return self.of(path) if is_sdf else path

@@ -140,6 +140,7 @@ class SourceRobot:
         joints: by name, in the file's order.
         root: the link without a parent.
         notes: what was left out or read otherwise than it stands there.
+        warnings: what of it is hardly meant.
         X_FR: pose of the root link in the frame F that all poses are given in: z
             up, x the robot's front (`facing`).
         loops: chains that the file closes; the tree has them open.
@@ -155,6 +156,7 @@ class SourceRobot:
     root: str
     _parents: dict[str, Joint] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     X_FR: RigidTransform = field(default_factory=RigidTransform)
     loops: tuple[Loop, ...] = ()
     posture: dict[str, float] = field(default_factory=dict)

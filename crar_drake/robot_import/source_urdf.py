@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
 from crar_drake.robot_import.mesh_finder import MeshFinder
-from crar_drake.robot_import.robot_files import readable_xml, robot_name
+from crar_drake.robot_import.robot_files import read_xml, robot_name
 from crar_drake.robot_import.source_robot import (
     MOVING,
     Joint,
@@ -46,10 +46,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         ModelError: the file is no URDF, its links are not one tree, or a mesh or
             package is not there; the message names link, address and remedy.
     """
-    try:
-        root = ElementTree.fromstring(readable_xml(path))
-    except (ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise ModelError(f"{path}: not a URDF: {error}") from error
+    root = read_xml(path, "a URDF")
     if root.tag != "robot":
         raise ModelError(f"{path}: not a URDF: its root element is <{root.tag}>")
     if any("xacro" in str(element.tag) for element in root.iter()):
@@ -58,7 +55,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
             f"ROS's xacro ({path.name} > robot.urdf) and import what that writes"
         )
     refuse_loops(root, path)
-    notes: list[str] = []
+    notes, warnings = [], []
     colours = _read_colours(root, notes)
     meshes = MeshFinder(path, package_paths)
     links = {}
@@ -72,7 +69,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     joints = {}
     for element in root.findall("joint"):
         with _naming(path, "joint", element):
-            joint = _read_joint(element, path)
+            joint = _read_joint(element, path, warnings)
         if joint.name in joints:
             raise ModelError(f"{path}: two joints are named {joint.name!r}")
         joints[joint.name] = joint
@@ -91,6 +88,7 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
         top,
         parents,
         tuple(notes),
+        tuple(warnings),
     )
 
 
@@ -98,7 +96,7 @@ def refuse_loops(root: ElementTree.Element, path: Path) -> None:
     """Refuses what closes a chain without being a joint.
 
     Args:
-        root: of a `readable_xml`.
+        root: of a `read_xml`.
         path: of its file.
 
     Raises:
@@ -267,7 +265,7 @@ def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:
     return Shape(X_LG, kind, size=size, rgba=rgba)
 
 
-def _read_joint(element, path: Path) -> Joint:
+def _read_joint(element, path: Path, warnings: list[str]) -> Joint:
     name = element.get("name") or ""
     kind = element.get("type") or ""
     if kind not in (*MOVING, "fixed", "floating", "planar"):
@@ -289,11 +287,21 @@ def _read_joint(element, path: Path) -> Joint:
     def number(of, key: str) -> float | None:
         if of is None or of.get(key) is None:
             return None
-        return one_number(of.get(key))
+        try:
+            return one_number(of.get(key), infinite=of is limit)
+        except ValueError as error:
+            raise ValueError(f"{key}: {error}") from error
 
     lower, upper = number(limit, "lower"), number(limit, "upper")
-    if kind == "continuous" or lower is None or upper is None:
+    if kind == "continuous" or lower is upper is None:
         lower, upper = -np.inf, np.inf
+    elif lower is None or upper is None:
+        missing = "lower" if lower is None else "upper"
+        lower, upper = lower or 0.0, upper or 0.0
+        warnings.append(
+            f"limits: joint {name} has no {missing} limit, which URDF takes for 0: "
+            f"its range is {lower:g} to {upper:g}"
+        )
     return Joint(
         name,
         kind,

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
+from crar_drake.robot_import.robot_files import read_xml
 from crar_drake.robot_import.source_robot import SourceRobot
 from crar_drake.robot_import.xml_numbers import one_number
-from crar_drake.yaml_files import read_text
 
 # What postures that a robot rests in are called, the first first.
 _RESTS = ("half_sitting", "standing", "home", "ready", "neutral", "default")
@@ -79,11 +78,7 @@ def read_srdf(path: Path, robot: SourceRobot) -> Semantics:
         ModelError: the file cannot be read, is no SRDF, or names no joint and no link
             of the robot.
     """
-    text = read_text(path, ModelError)
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise ModelError(f"{path}: not an SRDF: {error}") from error
+    root = read_xml(path, "an SRDF")
     if root.tag != "robot":
         raise ModelError(f"{path}: not an SRDF: its root element is <{root.tag}>")
     if root.find("link") is not None:

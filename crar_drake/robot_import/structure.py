@@ -8,6 +8,7 @@ from pathlib import Path
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import IMPORT_FILE
+from crar_drake.robot_import.alarms import coupling_alarms
 from crar_drake.robot_import.anatomy import elbow_index, find_anatomy
 from crar_drake.robot_import.choices import ImportChoices
 from crar_drake.robot_import.facing import guess_facing, guess_up, turned
@@ -113,6 +114,7 @@ def guess_structure(
             stated = {n for n in choices.locked if not robot.joints[n].mimic}
             choices.locked |= {n: p for n, p in robot.posture.items() if n in stated}
         report.guessed["locked"] = _how_locked(choices, anatomy is not None)
+        report.warnings += coupling_alarms(robot, anatomy, choices.locked)
     if choices.segments is None:
         group = welded_groups(robot, choices.locked)
         choices.segments = {}

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 
-def numbers_of(text: str | None) -> tuple[float, ...]:
+def numbers_of(text: str | None, infinite: bool = False) -> tuple[float, ...]:
     """Numbers in a text, also those that were written with commas.
 
-    "1.5 2 3", "1.5, 2, 3" and "1.5,2,3" are three numbers, "1,5" is one.
+    "1.5 2 3", "1.5, 2, 3" and "1.5,2,3" are three numbers, "1,5" is one. ValueError
+    where something is none, NaN, or infinite if it must not be.
     """
     words = [word.strip(",") for word in (text or "").split()]
     numbers = []
@@ -20,6 +21,8 @@ def numbers_of(text: str | None) -> tuple[float, ...]:
                 numbers.append(float(piece))
             except ValueError:
                 raise ValueError(f"{text!r} is not made of numbers") from None
+    if np.isnan(numbers).any() or not (infinite or np.isfinite(numbers).all()):
+        raise ValueError(f"{text!r} is not made of finite numbers")
     return tuple(numbers)
 
 
@@ -30,9 +33,9 @@ def three_numbers(text: str | None) -> tuple[float, ...]:
     return numbers
 
 
-def one_number(text: str) -> float:
+def one_number(text: str, infinite: bool = False) -> float:
     """The number that an attribute is; "1,5" is 1.5. ValueError if it is none."""
-    numbers = numbers_of(text)
+    numbers = numbers_of(text, infinite)
     if len(numbers) != 1:
         raise ValueError(f"{text!r} is not a number")
     return numbers[0]

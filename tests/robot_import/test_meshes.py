@@ -143,3 +143,50 @@ def test_unreadable_meshes_are_named(tmp_path):
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(ModelError, match="link 'l': mesh .*hand.stl"):
         one(Shape(RigidTransform(), "mesh", Mesh(path)))
+
+
+def binary_stl(triangles: np.ndarray) -> bytes:
+    """(N, 3, 3) corners, as the format has them, normals of zero."""
+    body = b"".join(
+        np.concatenate([np.zeros((1, 3)), corners]).astype("<f4").tobytes() + b"\0\0"
+        for corners in triangles
+    )
+    return b" " * 80 + len(triangles).to_bytes(4, "little") + body
+
+
+def test_an_stl_with_more_or_fewer_bytes_than_it_says(tmp_path):
+    tetrahedron = trimesh.Trimesh(
+        [[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0.01, 0.01, 0.12]],
+        [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+    )
+    data = binary_stl(tetrahedron.triangles)
+    path = tmp_path / "hand.STL"
+    shape = Shape(RigidTransform(), "mesh", Mesh(path))
+    for more in (b"", b"some bytes", b"\n" * 60):
+        path.write_bytes(data + more)
+        part = one(shape)
+        assert len(part.faces) == 4
+        np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [0.03, 0.03, 0.12])
+    path.write_bytes(data[:-60])
+    with pytest.raises(ModelError, match="hand.STL .*cut off: 2 of 4 triangles"):
+        one(shape)
+    # A binary one may begin like a text, and a text may be short.
+    path.write_bytes(b"solid" + data[5:])
+    assert len(one(shape).faces) == 4
+    path.write_text(trimesh.exchange.stl.export_stl_ascii(tetrahedron))
+    assert len(one(shape).faces) == 4
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "off", "glb"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_vertex_that_is_no_place(tmp_path, suffix, wrong):
+    """It is named, and its triangles do not vanish silently."""
+    path = tmp_path / f"hand.{suffix}"
+    vertices = np.array([[0, 0, 0], [0, 0.03, 0], [0.01, 0.01, 0.12], [0.03, 0, 0]])
+    vertices[1, 0] = wrong
+    faces = [[0, 1, 3], [0, 3, 2], [3, 1, 2], [1, 0, 2]]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    with np.errstate(invalid="ignore"):
+        mesh.export(path)
+    with pytest.raises(ModelError, match=r"hand\.\w+.* vertex \d+ is \(.*(nan|inf)"):
+        one(Shape(RigidTransform(), "mesh", Mesh(path)))

@@ -35,8 +35,8 @@ LOWEST_PYTHON ?= python3.11
 LOWEST := $(VENV)-lowest
 LOWEST_TESTS ?= tests/models tests/robot tests/motion/test_builtin_motions.py \
 	tests/motion/test_retarget.py tests/motion/test_conditioning.py tests/targets \
-	tests/results/test_log.py tests/results/test_plots.py tests/results/test_referee.py \
-	tests/results/test_summary.py tests/results/test_mesh_judge.py tests/simulation \
+	tests/results/test_log.py tests/results/test_plots.py tests/judging/test_referee.py \
+	tests/results/test_summary.py tests/judging/test_mesh_judge.py tests/simulation \
 	tests/robot_import/test_mesh_formats.py tests/robot_import/test_source_mjcf.py \
 	tests/motion/formats/test_c3d.py tests/test_yaml_files.py
 

@@ -20,10 +20,10 @@ import numpy as np
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.step import Memory, Targets
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.sweep import find_motions
 from crar_drake.studies.tables import markdown_table, write_report
 

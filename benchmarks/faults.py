@@ -15,7 +15,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.step import InputError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import FAILURES, RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push, TargetJump

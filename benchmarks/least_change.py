@@ -28,7 +28,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from crar_drake.references.change import rms
 from crar_drake.references.following import HANDS, CleaningParameters, Follower
 from crar_drake.references.frame_targets import configurations
-from crar_drake.references.robot_motion import read_motions
+from crar_drake.references.motion_files import read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame, load_robot_description
 from crar_drake.studies.tables import markdown_table

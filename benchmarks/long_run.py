@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.formats.asf_amc import Clip, write_amc, write_asf
 from crar_drake.results import LOG, RECORDING
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import load_scenario
-from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.tables import markdown_table, write_report
 
 HEADER = [

@@ -14,7 +14,7 @@ import itertools
 
 import numpy as np
 
-from crar_drake.results.mesh_judge import MeshJudge
+from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.robot.description import (
     RobotDescription,
     find_body,

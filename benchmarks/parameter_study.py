@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.sweep import (
     Case,
     Result,

@@ -22,11 +22,11 @@ import numpy as np
 from scipy.signal import welch
 
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.sweep import find_motions
 from crar_drake.studies.tables import markdown_table, write_report
 

@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import CrarError
-from crar_drake.references.footing import Footing, footing
+from crar_drake.judging.mesh_judge import MeshJudge
+from crar_drake.judging.referee import Referee
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import LOG
+from crar_drake.results.footing import Footing, footing
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
-from crar_drake.results.mesh_judge import MeshJudge
-from crar_drake.results.referee import Referee
 from crar_drake.results.summary import summarize
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import run_scenario

@@ -6,6 +6,8 @@ The names that another project needs; `README.md` shows how they go together.
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from crar_drake.version import __version__
+
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
     from crar_drake.control.law import ControlLaw, make_control_law
@@ -28,8 +30,6 @@ if TYPE_CHECKING:
     )
     from crar_drake.simulation.scenario import Scenario, load_scenario
     from crar_drake.targets.start_pose import solve_start_pose
-
-__version__ = "0.1.0"
 
 # Public name to its module. They are imported when first asked for: Drake and SciPy
 # take two seconds, which `crar-drake --help` and a mistyped option need not wait for.
@@ -62,6 +62,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "__version__",
     "AddCrarController",
     "AddRobot",
     "ControlLaw",

@@ -341,8 +341,8 @@ def _lowest(
         return None
     if len(log.time) < 2 or log.time[-1] <= blended:
         return None
-    from crar_drake.references.footing import lowest_point
     from crar_drake.references.whole_body import WholeBody
+    from crar_drake.results.footing import lowest_point
 
     return lowest_point(log, WholeBody(model.description), blended)
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake import load_scenario
-from crar_drake.references.logged_motion import export_log
 from crar_drake.references.whole_body import WholeBody
+from crar_drake.results.logged_motion import export_log
 from crar_drake.run import run_scenario
 
 RATE = 30.0  # [Hz]

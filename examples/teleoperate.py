@@ -18,7 +18,7 @@ import time
 
 import numpy as np
 
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import load_scenario
 

@@ -10,11 +10,11 @@ from spy_meshcat import SpyMeshcat
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import PATH_POINTS, Moves, judge_certificate
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.playback import record_log
 from crar_drake.results.plots import plot_run
-from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import RunResult
 from crar_drake.simulation.scenario import Scenario, parse_scenario

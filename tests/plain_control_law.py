@@ -17,7 +17,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.spatial.transform import Rotation
 
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.results.referee_distances import capsule_distance
+from crar_drake.judging.referee_distances import capsule_distance
 from crar_drake.robot.description import find_body, find_frame
 from crar_drake.robot.model import ControlModel
 

@@ -14,7 +14,7 @@ from crar_drake.drake_warnings import (
     recorded_warnings,
     tell_again,
 )
-from crar_drake.studies.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import FreshProcesses
 
 # Things that real robots have in their URDFs and Drake warns of: joint friction, an
 # inertia that cannot be, and a safety controller.

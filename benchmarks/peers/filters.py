@@ -37,8 +37,9 @@ from crar_drake.files import whole_file
 from crar_drake.references.change import Change, find_change
 from crar_drake.references.following import FEET, CleaningParameters, Follower
 from crar_drake.references.judged_files import motions_below
+from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import ReferenceJudge, ReferenceVerdict
-from crar_drake.references.robot_motion import RobotMotion, read_motions
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import (
     RobotDescription,

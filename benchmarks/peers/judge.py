@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import LIMIT_TOLERANCE, find_frame
 
 FROZEN_SPEED = 1e-6  # [rad/s] below which no joint moves

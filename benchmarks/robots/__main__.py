@@ -24,7 +24,7 @@ from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
 from benchmarks.robots.page import write_page
 from benchmarks.robots.sheet import write_sheet
 from benchmarks.robots.trial import Outcome, load_outcome, try_robot
-from crar_drake.studies.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import FreshProcesses
 
 
 def main() -> None:

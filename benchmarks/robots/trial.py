@@ -16,12 +16,12 @@ from benchmarks.whole_body import late_errors
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ModelError
 from crar_drake.files import whole_file
-from crar_drake.references.footing import footing
+from crar_drake.judging.mesh_judge import MeshJudge
+from crar_drake.judging.referee import Referee
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import LOG
+from crar_drake.results.footing import footing
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.mesh_judge import MeshJudge
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.joint_units import joint_units
 from crar_drake.robot.model import ControlModel

@@ -15,7 +15,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from crar_drake import __version__
 from crar_drake.commands import (
     clean,
     compare,
@@ -35,6 +34,7 @@ from crar_drake.commands import (
 from crar_drake.commands.options import Parser, nearest
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError, printable
+from crar_drake.version import __version__
 
 # In the order of the help.
 COMMANDS = (

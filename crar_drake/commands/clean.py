@@ -158,7 +158,7 @@ def _write_page(
 ) -> None:
     """Before and after; of a file with several motions, of that which changed most."""
     from crar_drake.errors import ModelError
-    from crar_drake.references.motion_page import compare_files
+    from crar_drake.results.motion_page import compare_files
     from crar_drake.robot_import.link_meshes import check_installed
 
     shown = max(clips, key=lambda clip: clip.joints_worst).clip or None

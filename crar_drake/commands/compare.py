@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _compare_references(
     arguments: argparse.Namespace, paths: list[Path], references: list[Path], out: Path
 ) -> None:
-    from crar_drake.references.motion_page import compare_files
+    from crar_drake.results.motion_page import compare_files
 
     others = [path for path in paths if path not in references]
     if others:

@@ -47,12 +47,12 @@ def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
     from crar_drake.files import check_file
     from crar_drake.references.layouts import layout_named, layouts_of
-    from crar_drake.references.resampling import resampled
-    from crar_drake.references.robot_motion import (
+    from crar_drake.references.motion_files import (
         read_motion,
         read_motions,
         write_motions,
     )
+    from crar_drake.references.resampling import resampled
 
     check_file(arguments.out)
     robot = reference_robot(arguments)

@@ -19,9 +19,9 @@ from crar_drake.errors import CrarError
 if TYPE_CHECKING:
     import numpy as np
 
+    from crar_drake.judging.mesh_judge import MeshVerdict, Nearest, PairContact
     from crar_drake.results.certificate import CertificateVerdict, Place
     from crar_drake.results.log import SimulationLog
-    from crar_drake.results.mesh_judge import MeshVerdict, Nearest, PairContact
     from crar_drake.robot.description import RobotDescription
 
 # Between the samples of a log in which meshes are judged [s].
@@ -104,10 +104,10 @@ def run_log(arguments: argparse.Namespace) -> int:
     """
     import numpy as np
 
+    from crar_drake.judging.referee import Referee
     from crar_drake.results.certificate import has_certificate, judge_certificate
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
-    from crar_drake.results.referee import Referee
     from crar_drake.robot.model import ControlModel
     from crar_drake.robot_import.link_meshes import has_meshes
     from crar_drake.simulation.scenario import parse_scenario
@@ -246,7 +246,7 @@ def _judge_meshes(
     from crar_drake.robot_import.link_meshes import check_installed
 
     check_installed()
-    from crar_drake.results.mesh_judge import MeshJudge
+    from crar_drake.judging.mesh_judge import MeshJudge
 
     steps = max(1, len(log.time) - 1)
     every = max(1, round(period * steps / (log.time[-1] - log.time[0] or period)))

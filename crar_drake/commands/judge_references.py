@@ -181,10 +181,10 @@ def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
     import json
     import re
 
-    from crar_drake import __version__
     from crar_drake.files import whole_file
     from crar_drake.references.verdict_plot import plot_verdict
     from crar_drake.references.verdict_report import name_of, verdict_data
+    from crar_drake.version import __version__
 
     data = {
         "version": __version__,

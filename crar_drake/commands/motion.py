@@ -79,8 +79,8 @@ def _describe_reference(arguments: argparse.Namespace, plot: Path) -> None:
     """What is in a motion of a whole robot; a file may hold several."""
     from crar_drake.commands.convert import reference_robot
     from crar_drake.errors import MotionError
+    from crar_drake.references.motion_files import read_motions
     from crar_drake.references.motion_report import describe_motion, plot_robot_motion
-    from crar_drake.references.robot_motion import read_motions
 
     for option in set(FILE_OPTIONS) - {"frame_rate"}:
         if getattr(arguments, option):

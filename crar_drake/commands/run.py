@@ -180,7 +180,7 @@ def _show_more(
             if (line := without_meshes(error)) not in result.summary.warnings:
                 print(f"warning: {line}")
     if export:
-        from crar_drake.references.logged_motion import export_log
+        from crar_drake.results.logged_motion import export_log
 
         layout, file = export
         rate = arguments.export_rate or _EXPORT_RATE
@@ -196,7 +196,7 @@ def _export_target(arguments: argparse.Namespace, out: Path) -> tuple[str, Path]
         return None
     from crar_drake.files import check_file
     from crar_drake.references.layouts import layout_named
-    from crar_drake.references.logged_motion import export_target
+    from crar_drake.results.logged_motion import export_target
 
     layout, file = export_target(arguments.export)
     path = Path(file) if file else out / f"motion{layout_named(layout).suffix}"
@@ -212,7 +212,7 @@ def _show_footing(
     import json
 
     from crar_drake.files import whole_file
-    from crar_drake.references.footing import footing
+    from crar_drake.results.footing import footing
 
     log = result.log
     if len(log.time) < 2 or log.time[-1] <= blended:

@@ -26,6 +26,7 @@ from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
 from crar_drake.motion.formats.bvh import read_bvh
 from crar_drake.motion.formats.c3d import read_c3d
 from crar_drake.motion.formats.point_arrays import read_point_arrays
+from crar_drake.motion.known_trials import known_trials
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
@@ -142,8 +143,6 @@ def load_clip(
 
 def _is_of_the_database(files: MotionFiles) -> bool:
     """Whether the motion is a trial of the CMU database, by its name or contents."""
-    from crar_drake.motion.fetch import known_trials  # which imports this module
-
     if files.name.startswith(CMU_PREFIX):
         return True
     with open(files.amc, "rb") as file:

@@ -6,9 +6,7 @@ A file appears in the cache only when it is complete and checked: bytes gather i
 
 from __future__ import annotations
 
-import csv
 import fcntl
-import functools
 import hashlib
 import http.client
 import os
@@ -19,7 +17,6 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -35,6 +32,7 @@ from crar_drake.motion.catalogue import (
     trial_id,
 )
 from crar_drake.motion.formats.asf_amc import read_amc, read_asf
+from crar_drake.motion.known_trials import KnownTrial, known_trials
 
 DATABASE_URL = "http://mocap.cs.cmu.edu"
 
@@ -55,33 +53,6 @@ class ProgressCallback(Protocol):
 
     def __call__(self, file: str, done: int, total: int | None) -> None:
         """Takes the file's name and its bytes so far; total is None if unknown."""
-
-
-@dataclass(frozen=True)
-class KnownTrial:
-    """Facts about a trial, against which a download is checked.
-
-    Attributes:
-        frames: number of samples.
-        amc_sha256: of the motion file, in hexadecimal.
-        asf_sha256: of the subject's skeleton file, in hexadecimal.
-    """
-
-    frames: int
-    amc_sha256: str
-    asf_sha256: str
-
-
-@functools.cache
-def known_trials() -> Mapping[str, KnownTrial]:
-    """Returns the trials whose checksums are known, by number."""
-    with open(Path(__file__).with_name("known_trials.csv"), encoding="utf-8") as file:
-        return {
-            row["trial"]: KnownTrial(
-                int(row["frames"]), row["amc_sha256"], row["asf_sha256"]
-            )
-            for row in csv.DictReader(file)
-        }
 
 
 def fetch(

@@ -135,7 +135,7 @@ class LiveSimulation:
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.pushes: list[Push] = []
         self._acting: list[Push] = []
-        self.recorder = Recorder(self)
+        self.recorder = Recorder(setup, self.simulator)
         if wanted != first.constraints:
             self._take_over(parameters)
         self._set_clock()
@@ -182,7 +182,7 @@ class LiveSimulation:
         self._push()
         self.simulator.AdvanceTo(next_time + 0.5 * self.period)
         self._tick += 1
-        self.recorder.collect()
+        self.recorder.collect(self.scenario)
 
     # --- what a person does -------------------------------------------------------
 

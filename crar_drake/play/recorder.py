@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pydrake.systems.analysis import Simulator
 
 from crar_drake.results.log import OVER_TIME, SimulationLog
 from crar_drake.run import make_log
+from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
-
-if TYPE_CHECKING:
-    from crar_drake.play.live_simulation import LiveSimulation
 
 KEPT = 600.0  # [s]
 
@@ -32,26 +30,28 @@ class Recorder:
             a gibibyte.
     """
 
-    def __init__(self, live: LiveSimulation, kept: float = KEPT) -> None:
+    def __init__(self, setup: Setup, simulator: Simulator, kept: float = KEPT) -> None:
         """
         Args:
-            live: the simulation.
+            setup: what the simulated diagram is made of.
+            simulator: of the diagram.
             kept: as the attribute.
         """
-        self.kept, self._live = kept, live
+        self.kept, self._setup, self._simulator = kept, setup, simulator
+        self._diagram = simulator.get_system()
         self._pieces: deque[SimulationLog] = deque()
         self._sinks = [
-            live.diagram.GetSubsystemByName(f"log_{name}")
+            self._diagram.GetSubsystemByName(f"log_{name}")
             for name in ("state", "desired_tasks", "diagnostics")
         ]
 
-    def collect(self) -> None:
-        """Takes a piece, if there is one."""
-        root = self._live.simulator.get_mutable_context()
+    def collect(self, scenario: Scenario) -> None:
+        """Takes a piece, if there is one, of that scenario."""
+        root = self._simulator.get_mutable_context()
         times = self._sinks[0].FindLog(root).sample_times()
         if not len(times) or times[-1] - times[0] < _PIECE:
             return
-        self._pieces.append(self._piece(self._live.scenario))
+        self._pieces.append(self._piece(scenario))
         for sink in self._sinks:
             sink.FindMutableLog(root).Clear()
         newest = self._pieces[-1]
@@ -77,6 +77,5 @@ class Recorder:
         )
 
     def _piece(self, scenario: Scenario) -> SimulationLog:
-        live = self._live
-        context = live.simulator.get_context()
-        return make_log(scenario, live.setup, live.diagram, context)
+        context = self._simulator.get_context()
+        return make_log(scenario, self._setup, self._diagram, context)

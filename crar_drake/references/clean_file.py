@@ -23,11 +23,8 @@ from crar_drake.references.motion_certificate import (
     make_certificate,
     write_certificate,
 )
-from crar_drake.references.robot_motion import (
-    RobotMotion,
-    read_motions,
-    write_motions,
-)
+from crar_drake.references.motion_files import read_motions, write_motions
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import MeshFrames, Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description

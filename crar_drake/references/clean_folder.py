@@ -13,6 +13,7 @@ from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.clean_file import (
     NUMBERS,
@@ -28,7 +29,6 @@ from crar_drake.references.motion_certificate import (
     robot_files,
 )
 from crar_drake.robot.description import load_robot_description
-from crar_drake.studies.fresh_processes import FreshProcesses
 
 _HEADER = ("file", "clip", "error", *NUMBERS)
 

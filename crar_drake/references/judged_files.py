@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crar_drake.errors import CrarError
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.motion.robots_own import is_reference
+from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import (
     ReferenceJudge,
     ReferenceVerdict,
     Tolerances,
 )
-from crar_drake.references.robot_motion import read_motions
 from crar_drake.robot.description import load_robot_description
-from crar_drake.studies.fresh_processes import FreshProcesses
 
 # What in a folder is taken for a motion.
 

@@ -12,11 +12,7 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
-from crar_drake.references.csv_layouts import read_csv, write_csv
-from crar_drake.references.npz_layouts import read_npz, write_npz
-from crar_drake.references.pickle_layouts import read_pickle, write_pickle
-from crar_drake.references.robot_motion import RobotMotion, check_joint_names
-from crar_drake.references.whole_body import WholeBody
+from crar_drake.references.robot_motion import RobotMotion
 
 
 @dataclass(frozen=True)
@@ -59,8 +55,6 @@ LAYOUTS = {
     )
 }
 
-_READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
-
 
 def layout_named(name: str) -> Layout:
     """The layout of that name.
@@ -78,78 +72,6 @@ def layouts_of(path: str | os.PathLike[str]) -> list[str]:
     suffix = Path(path).suffix.lower()
     suffix = SUFFIXES.get(suffix, suffix)
     return [layout.name for layout in LAYOUTS.values() if layout.suffix == suffix]
-
-
-def read_file(
-    path: str | os.PathLike[str],
-    layout: str | None = None,
-    rate: float | None = None,
-    joint_names: Sequence[str] | None = None,
-) -> tuple[RobotMotion, ...]:
-    """Reads all motions of a file; see `robot_motion.read_motion`."""
-    path = Path(path)
-    if path.is_dir():
-        raise MotionError(f"{path}: this is a folder; name a file")
-    if not path.is_file():
-        raise MotionError(f"{path}: there is no such file")
-    if path.stat().st_size == 0:
-        raise MotionError(f"{path}: the file is empty")
-    if layout is not None:
-        suffix = layout_named(layout).suffix
-    else:
-        suffix = path.suffix.lower()
-        suffix = SUFFIXES.get(suffix, suffix)
-    if suffix not in _READERS:
-        raise MotionError(
-            f"{path}: {path.suffix or 'no suffix'} is of no layout that is read; robot "
-            f"motions are {', '.join(sorted(_READERS))} files"
-        )
-    return _READERS[suffix](path, layout, rate, joint_names)
-
-
-def write_file(
-    path: str | os.PathLike[str],
-    motions: Sequence[RobotMotion],
-    layout: str,
-    robot: WholeBody | None = None,
-) -> None:
-    """Writes motions into a file; see `robot_motion.write_motion`."""
-    to = layout_named(layout)
-    if not motions:
-        raise MotionError(f"{path}: there is no motion to write")
-    if len(motions) > 1 and not to.several:
-        raise MotionError(
-            f"{path}: {layout} holds one motion, and there are {len(motions)}; choose "
-            "one (--clip), or motion-lib-pkl"
-        )
-    for motion in motions:
-        check_joint_names(motion.joint_names, motion.num_joints, motion.source)
-    ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
-    if to.suffix == ".csv":
-        write_csv(path, ordered[0], layout)
-    elif to.suffix == ".npz":
-        write_npz(path, ordered[0], layout, robot)
-    else:
-        write_pickle(path, ordered, layout, robot)
-
-
-def _in_layouts_order(
-    motion: RobotMotion, to: Layout, robot: WholeBody | None
-) -> RobotMotion:
-    """The motion with its joints as the layout has them."""
-    if robot is None:
-        here = LAYOUTS.get(motion.layout)
-        if here is not None and here.breadth_first != to.breadth_first:
-            raise MotionError(
-                f"{motion.source}: joints are in another order in {to.name} than in "
-                f"{here.name}: say which robot it is (--robot)"
-            )
-        return motion
-    from crar_drake.references.robot_match import matched
-
-    named = matched(motion, robot) if motion.joint_names == () else motion
-    wanted = robot.breadth_first if to.breadth_first else robot.joint_names
-    return reordered(named, wanted)
 
 
 def reordered(motion: RobotMotion, joint_names: Sequence[str]) -> RobotMotion:

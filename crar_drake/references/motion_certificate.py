@@ -17,20 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake import __version__
 from crar_drake.errors import CrarError
 from crar_drake.files import check_file, whole_file
+from crar_drake.judging.referee import Referee
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
-from crar_drake.references.robot_motion import RobotMotion, read_motions
+from crar_drake.references.motion_files import read_motions
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import MeshFrames, Uncovered
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import (
     LIMIT_TOLERANCE,
     SPEED_TOLERANCE,
     RobotDescription,
 )
+from crar_drake.version import __version__
 
 KIND = "crar-drake certificate of a reference motion"
 FORMAT = 2

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from crar_drake.errors import ModelError
+from crar_drake.judging.mesh_judge import MeshJudge, MeshVerdict
+from crar_drake.judging.referee import Referee
 from crar_drake.references.ground_contact import FootSlip, Outline
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import (
@@ -21,8 +23,6 @@ from crar_drake.references.smoothness import (
     step_speeds,
 )
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.mesh_judge import MeshJudge, MeshVerdict
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import (
     LIMIT_TOLERANCE,
     SPEED_TOLERANCE,

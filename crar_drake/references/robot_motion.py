@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 
 if TYPE_CHECKING:
-    from crar_drake.references.whole_body import WholeBody
+    pass
 
 # The layout of a file that does not tell whether its joints are depth first or breadth
 # first, until its robot does.
@@ -150,106 +150,6 @@ class RobotMotion:
 
     def _error(self, text: str) -> MotionError:
         return MotionError(f"{self.source}: {text}" if self.source else text)
-
-
-def read_motion(
-    path: str | os.PathLike[str],
-    layout: str | None = None,
-    rate: float | None = None,
-    joint_names: Sequence[str] | None = None,
-    clip: str | None = None,
-    robot: WholeBody | None = None,
-) -> RobotMotion:
-    """Reads the one motion of a file.
-
-    Args:
-        path: of the file.
-        layout: its name (`layouts.LAYOUTS`); by default what the file looks like.
-        rate: samples per second [Hz]; by default what the file says, else the usual
-            one of its layout, which is told among the guesses.
-        joint_names: (n,) names of its joints in its order, where the file has none.
-        clip: which motion, where the file holds several.
-        robot: that it is a motion of. With it the joints are checked, put into the
-            robot's order (`WholeBody.joint_names`) and named.
-
-    Raises:
-        MotionError: the file is not there, damaged or of no known layout, is of
-            another robot, or holds several motions and none was named; the message
-            names the file.
-    """
-    motions = read_motions(path, layout, rate, joint_names, robot)
-    if clip is not None:
-        for motion in motions:
-            if motion.clip == clip:
-                return motion
-        from crar_drake.nearest import nearest
-
-        known = [motion.clip for motion in motions]
-        raise MotionError(f"{path}: there is no clip {clip!r}{nearest(clip, known)}")
-    if len(motions) > 1:
-        names = ", ".join(motion.clip for motion in motions[:5])
-        raise MotionError(
-            f"{path}: holds {len(motions)} motions; name one of them ({names}"
-            + (", ...)" if len(motions) > 5 else ")")
-        )
-    return motions[0]
-
-
-def read_motions(
-    path: str | os.PathLike[str],
-    layout: str | None = None,
-    rate: float | None = None,
-    joint_names: Sequence[str] | None = None,
-    robot: WholeBody | None = None,
-) -> tuple[RobotMotion, ...]:
-    """Reads all motions of a file, at least one; see `read_motion`."""
-    from crar_drake.references.layouts import read_file
-
-    motions = read_file(path, layout, rate, joint_names)
-    if robot is None:
-        for motion in motions:
-            if motion.layout == UNTOLD_ORDER:
-                raise motion.untold_order()
-        return motions
-    from crar_drake.references.robot_match import matched
-
-    return tuple(matched(motion, robot) for motion in motions)
-
-
-def write_motion(
-    path: str | os.PathLike[str],
-    motion: RobotMotion,
-    layout: str,
-    robot: WholeBody | None = None,
-) -> None:
-    """Writes a motion, whole or not at all.
-
-    Args:
-        path: of the file.
-        motion: to be written. What it has in `extras` is written if the layout is the
-            one that they were read from.
-        layout: its name.
-        robot: that moves; needed where a layout has what follows from the robot
-            (poses of bodies), unless the motion is as it was read.
-
-    Raises:
-        MotionError: the layout needs a robot and there is none, or the robot has
-            other joints.
-        WriteError: the file cannot be written.
-    """
-    write_motions(path, (motion,), layout, robot)
-
-
-def write_motions(
-    path: str | os.PathLike[str],
-    motions: Sequence[RobotMotion],
-    layout: str,
-    robot: WholeBody | None = None,
-) -> None:
-    """Writes several motions into one file, if the layout can; see `write_motion`."""
-    from crar_drake.references.layouts import write_file
-
-    write_file(path, motions, layout, robot)
 
 
 def check_joint_names(

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pydrake.multibody.tree import BodyIndex
 
 from crar_drake.errors import ModelError
+from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
+from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.judged_pairs import pairs_beyond_one_joint
-from crar_drake.results.mesh_judge import MeshJudge
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
 

@@ -17,8 +17,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.judging.referee import Referee
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import LIMIT_TOLERANCE
 
 # Of a braking path, both ends included.

@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 
 from crar_drake.figures import save_figure
 from crar_drake.results import marks
+from crar_drake.results.controlled_joints import ControlledJoints, controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.summary import (
-    ControlledJoints,
     Summary,
-    controlled_joints,
     summarize,
     task_layout,
 )

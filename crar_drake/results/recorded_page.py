@@ -3,7 +3,7 @@
 `write_page` puts what is recorded of them into Meshcat's own page, which holds the
 robots, with what `results/page/` holds: it moves them, and draws targets, distances and
 the time line. Runs come from logs (`playback`), reference motions from their files
-(`crar_drake.references.motion_page`).
+(`crar_drake.results.motion_page`).
 """
 
 from __future__ import annotations

@@ -6,14 +6,13 @@ a violation, and no matter of a threshold: the figures have it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
+from crar_drake.results.controlled_joints import ControlledJoints
+from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.robot.description import FLOOR_TOLERANCE
-
-if TYPE_CHECKING:
-    from crar_drake.results.summary import ControlledJoints, Summary
 
 # No motor of a joint of a robot of human size gives more [Nm]: the strongest ones
 # there are, hydraulic hips and knees, give about that.
@@ -40,24 +39,26 @@ MOST_ANGLE = np.pi / 2.0
 
 
 def remarks(
-    summary: Summary,
     joints: ControlledJoints,
+    torque_limited: float,
+    limb_directions: Mapping[str, LimbDirection],
     lowest: tuple[float, str, float] | None = None,
 ) -> list[str]:
     """A line for each thing that is bad about a run; most often none.
 
     Args:
-        summary: its figures.
         joints: the controlled joints of its log.
+        torque_limited: share of the samples in which torque limits hold it back.
+        limb_directions: limb to how far it is off.
         lowest: height over the floor [m], link and time [s] of what was lowest; None
             of a robot that does not stand on a floor.
     """
     return [
         *_of_torque(joints),
-        *_of_limited_torque(summary),
+        *_of_limited_torque(torque_limited),
         *_of_joints_at_limits(joints),
         *_of_the_floor(lowest),
-        *_of_limbs(summary),
+        *_of_limbs(limb_directions),
     ]
 
 
@@ -80,8 +81,7 @@ def _of_torque(joints: ControlledJoints) -> list[str]:
     return _first(found)
 
 
-def _of_limited_torque(summary: Summary) -> list[str]:
-    share = summary.torque_limited_samples / summary.samples
+def _of_limited_torque(share: float) -> list[str]:
     if share <= MOST_LIMITED:
         return []
     return [
@@ -114,9 +114,9 @@ def _of_the_floor(lowest: tuple[float, str, float] | None) -> list[str]:
     ]
 
 
-def _of_limbs(summary: Summary) -> list[str]:
+def _of_limbs(limb_directions: Mapping[str, LimbDirection]) -> list[str]:
     found = []
-    for name, angle in summary.limb_directions.items():
+    for name, angle in limb_directions.items():
         near = angle.median <= MOST_MEDIAN_ANGLE and angle.most <= MOST_ANGLE
         if angle.followed and not near:
             found.append(

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 
 from crar_drake.errors import CrarError, WriteError
 from crar_drake.files import sole_writer, whole_file
+from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.nearest import nearest
 from crar_drake.simulation.scenario import Scenario, parse_scenario
-from crar_drake.studies.fresh_processes import FreshProcesses
 
 if TYPE_CHECKING:
-    from crar_drake.results.referee import Violations
+    from crar_drake.judging.referee import Violations
     from crar_drake.results.summary import Summary
     from crar_drake.run import RunResult
 
@@ -195,7 +195,7 @@ def run_case(case: Case, scenario: str = "") -> Result:
 
 def judge(case: Case, run: RunResult) -> tuple[Result, Violations]:
     """The figures of a run, and what the referee says of its every sample."""
-    from crar_drake.results.referee import Referee
+    from crar_drake.judging.referee import Referee
 
     log, summary, model = run.log, run.summary, run.setup.model
     referee = Referee(

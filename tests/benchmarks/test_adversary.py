@@ -36,7 +36,7 @@ from benchmarks.adversary.targets import approach, chirp, waves
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ScenarioError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import find_body
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw")  # those that need no import

@@ -21,7 +21,7 @@ from benchmarks.faults import (
     under,
 )
 from crar_drake.control.step import InputError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances
 

@@ -15,7 +15,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 
 FILES = ("robot.urdf", "robot_mujoco.xml", "robot_pinocchio.urdf")
 

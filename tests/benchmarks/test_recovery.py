@@ -18,7 +18,7 @@ from benchmarks.recovery import (
     violating_posture,
 )
 from crar_drake.errors import CrarError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario

@@ -50,7 +50,7 @@ from benchmarks.step_timing import (
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import capsule_distances, compilation
 from crar_drake.errors import CrarError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
 

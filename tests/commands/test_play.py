@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from crar_drake.commands import main
+from crar_drake.judging.referee import Referee
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot
-from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks
 from docs.headless_browser import HeadlessBrowser, find_browser

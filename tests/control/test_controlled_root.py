@@ -27,9 +27,9 @@ from scipy.spatial.transform import Rotation
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import Moves
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import RootPose
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

@@ -11,8 +11,8 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.step import STATUS_BRAKING, InputError
+from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import Moves
-from crar_drake.results.referee import Referee
 from crar_drake.robot.model import ControlModel
 
 

@@ -37,9 +37,9 @@ from crar_drake.equations.admission import AS_WISHED, SCALED
 from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
+from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import Moves
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import ROOTS, RootPose
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

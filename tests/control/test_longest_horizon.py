@@ -16,7 +16,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 
 PERIOD, T, LONGEST = 5e-3, 0.012, 1.0 / 12.0
 LONGER = [T * (LONGEST / T) ** (k / 4) for k in (1, 2, 3, 4)]

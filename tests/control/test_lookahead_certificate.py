@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import judge_certificate
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario

@@ -15,7 +15,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.control.step import InputError
 from crar_drake.errors import ScenarioError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.results.summary import summarize
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task

@@ -62,7 +62,7 @@ from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.equations.placed_shapes import own_velocities
 from crar_drake.errors import ModelError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.kinematics import JointTree

@@ -19,7 +19,7 @@ from crar_drake.equations.capsule_distances import (
     capsule_sizes,
     nearest_of_pairs,
 )
-from crar_drake.results.referee_distances import capsule_distance
+from crar_drake.judging.referee_distances import capsule_distance
 
 NUM_PAIRS = 100_000
 

@@ -19,10 +19,10 @@ from crar_drake.motion.fetch import (
     LICENCE_NOTICE,
     KnownTrial,
     fetch,
-    known_trials,
     rich_progress,
 )
 from crar_drake.motion.formats.asf_amc import read_amc, read_asf
+from crar_drake.motion.known_trials import known_trials
 
 ASF = b"""\
 :version 1.10

@@ -11,10 +11,10 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from crar_drake.control.modes.fading import FadingMode
 from crar_drake.errors import CrarError, ModelError, ScenarioError
+from crar_drake.judging.referee import Referee
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.recorder import OVER_TIME
 from crar_drake.results.certificate import judge_certificate
-from crar_drake.results.referee import Referee
 from crar_drake.simulation.scenario import Scenario, load_scenario
 
 PERIOD = 5e-3

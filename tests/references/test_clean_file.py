@@ -19,7 +19,7 @@ from crar_drake.references.motion_certificate import (
     check_certificate,
     read_certificate,
 )
-from crar_drake.references.robot_motion import read_motions, write_motions
+from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 

@@ -7,10 +7,10 @@ import pytest
 from small_reference_robots import SPEED, reaching, write_robot
 
 from crar_drake.errors import ModelError, MotionError, ScenarioError
+from crar_drake.judging.referee import Referee
 from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.following import CleaningParameters, Follower
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 
 RATE = 50.0

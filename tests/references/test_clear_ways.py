@@ -7,11 +7,11 @@ from small_reference_robots import reaching, write_robot
 from crar_drake.equations import nearby
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.nearby import ball_distances, nearby_distances
+from crar_drake.judging.referee import Referee
 from crar_drake.references import following
 from crar_drake.references.clear_ways import ClearWays
 from crar_drake.references.following import CleaningParameters, Follower
 from crar_drake.references.frame_targets import configurations
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 
 RATE = 50.0

@@ -17,13 +17,13 @@ from small_biped import (
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layouts import LAYOUTS
-from crar_drake.references.robot_motion import (
-    RobotMotion,
+from crar_drake.references.motion_files import (
     read_motion,
     read_motions,
     write_motion,
     write_motions,
 )
+from crar_drake.references.robot_motion import RobotMotion
 
 P, Q, JOINTS = moving_samples()
 RATE = 40.0
@@ -455,10 +455,9 @@ def test_bad_pickles(tmp_path: Path):
 @pytest.mark.parametrize("blank", [";", " ", "\t", "; "])
 def test_other_separators_than_commas_are_read(tmp_path, blank):
     from crar_drake.motion.robots_own import holds_reference
-    from crar_drake.references.layouts import read_file
 
     row = ["0.1", "0", "0.8", "0", "0", "0.1", "0.99498743710662", "0.5"]
     (tmp_path / "a.csv").write_text((blank.join(row) + "\n") * 3)
     assert holds_reference(tmp_path / "a.csv")
-    (motion,) = read_file(tmp_path / "a.csv", "xyzw-csv")
+    motion = read_motion(tmp_path / "a.csv", "xyzw-csv")
     assert motion.joint_positions.tolist() == [[0.5]] * 3

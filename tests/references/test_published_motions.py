@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.references.robot_motion import read_motion, write_motion
+from crar_drake.references.motion_files import read_motion, write_motion
 
 
 @pytest.fixture(scope="module")

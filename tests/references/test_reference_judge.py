@@ -21,8 +21,9 @@ from small_biped import (
 from crar_drake.commands import main
 from crar_drake.references import judged_files
 from crar_drake.references.judged_files import judge_here
+from crar_drake.references.motion_files import write_motion
 from crar_drake.references.reference_judge import ReferenceJudge, Tolerances
-from crar_drake.references.robot_motion import RobotMotion, write_motion
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.robot.description import load_robot_description
 
 LEG = THIGH + SHIN

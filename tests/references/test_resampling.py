@@ -9,8 +9,9 @@ from small_biped import DEPTH_FIRST, biped, moving_samples, whole_biped
 
 from crar_drake.commands import main
 from crar_drake.errors import MotionError
+from crar_drake.references.motion_files import read_motion, write_motion
 from crar_drake.references.resampling import resampled
-from crar_drake.references.robot_motion import RobotMotion, read_motion, write_motion
+from crar_drake.references.robot_motion import RobotMotion
 
 
 def course(rate: float, duration: float = 2.0, **changes) -> RobotMotion:

@@ -8,8 +8,9 @@ import pytest
 from small_biped import BREADTH_FIRST, DEPTH_FIRST, moving_samples, whole_biped
 
 from crar_drake.errors import MotionError
+from crar_drake.references.motion_files import read_motion, write_motion
 from crar_drake.references.robot_match import matched
-from crar_drake.references.robot_motion import RobotMotion, read_motion, write_motion
+from crar_drake.references.robot_motion import RobotMotion
 
 P, Q, JOINTS = moving_samples()
 

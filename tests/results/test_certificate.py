@@ -15,8 +15,8 @@ from small_logs import small_log
 
 from crar_drake.control.modes.lookahead import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import has_certificate, judge_certificate
-from crar_drake.results.referee import Referee
 
 BALL = """
   <link name="{0}">

@@ -1,14 +1,13 @@
 """What is called bad about a run: on both sides of every threshold."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from small_logs import small_log
 
+from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.remarks import remarks
-from crar_drake.results.summary import controlled_joints, summarize
+from crar_drake.results.summary import summarize
 
 
 def found(lowest=None, limbs=None, **changes) -> str:
@@ -19,8 +18,9 @@ def found(lowest=None, limbs=None, **changes) -> str:
         "q": np.array([[9.0, 0.5, 0.0]] * 3),
     }
     log = small_log(**(good | changes))
-    summary = replace(summarize(log), limb_directions=limbs or {})
-    return "\n".join(remarks(summary, controlled_joints(log), lowest))
+    summary = summarize(log)
+    share = summary.torque_limited_samples / summary.samples
+    return "\n".join(remarks(controlled_joints(log), share, limbs or {}, lowest))
 
 
 def test_a_good_run_has_no_remark():

@@ -31,7 +31,7 @@ from crar_drake.equations.admission import path_bounds
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.free_joints import displaced
 from crar_drake.errors import ModelError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import (
     RobotDescription,
     RootPose,

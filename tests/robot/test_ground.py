@@ -18,7 +18,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import ModelError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import (
     RobotDescription,

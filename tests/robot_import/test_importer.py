@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from small_urdfs import humanoid, humanoid_with_legs, joint, link, robot, write
 
 from crar_drake.errors import ModelError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, position_tasks

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.results.mesh_judge import MeshJudge
-from crar_drake.results.referee import Referee
+from crar_drake.judging.mesh_judge import MeshJudge
+from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import import_file
 from crar_drake.robot_import import import_robot, load_choices
 from crar_drake.robot_import.capsule_fitting import EXCESS, fit_link

@@ -22,8 +22,8 @@ from tumbling import Tumbling
 
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.judging.referee import Referee
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.diagram import AddCrarController

@@ -10,7 +10,7 @@ import pytest
 from drake import lcmt_drake_signal
 
 from crar_drake.errors import CrarError, ScenarioError
-from crar_drake.results.referee import Referee
+from crar_drake.judging.referee import Referee
 from crar_drake.teleoperation import server as module
 from crar_drake.teleoperation.lcm_link import TARGETS
 from crar_drake.teleoperation.messages import LONGEST, MessageError

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from crar_drake.control.parameters import LEVELS
+from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot
 from crar_drake.results.snapshots import SnapshotRenderer
-from crar_drake.results.summary import controlled_joints
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.studies.section_iv.plan import (
     EXPERIMENT_1,

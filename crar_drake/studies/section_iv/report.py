@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-import crar_drake
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.files import whole_file
@@ -34,6 +33,7 @@ from crar_drake.studies.section_iv.plan import (
 )
 from crar_drake.studies.section_iv.simulate import Outcome, page_path
 from crar_drake.studies.sweep_figures import clip_label
+from crar_drake.version import __version__
 
 REPORT = "report.html"
 FIGURES = "figures"
@@ -167,7 +167,7 @@ def _page(r: Reproduction, out: Path) -> str:
     length = "whole" if r.plan.duration is None else f"{r.plan.duration:g} s of each"
     parts = [
         "<h1>Constrained Resolved Acceleration Control: Section IV reproduced</h1>",
-        f"<p>crar-drake {crar_drake.__version__} on {escape(motions)} ({length}; the "
+        f"<p>crar-drake {__version__} on {escape(motions)} ({length}; the "
         f"first is the dance). {len(r.outcomes)} simulations, of which this run made "
         f"{r.simulated} in {r.wall_time:.0f} s. {escape(_machine())}.</p>",
         f"<p>{held} of {len(r.findings)} findings hold. Where one does not, its row "

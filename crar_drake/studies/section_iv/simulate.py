@@ -18,16 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
-import crar_drake
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
+from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.summary import controlled_joints, task_layout
+from crar_drake.results.summary import task_layout
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import parse_scenario
-from crar_drake.studies.fresh_processes import FreshProcesses
 from crar_drake.studies.section_iv.plan import REDUNDANCY, Plan, Simulation
 from crar_drake.studies.sweep import Case, Result, failed, judge
+from crar_drake.version import __version__
 
 RESULTS, LOGS, PAGES = "results", "logs", "pages"
 
@@ -250,7 +251,7 @@ def _rms(squares: np.ndarray) -> float:
 def _to_json(outcome: Outcome) -> str:
     details = asdict(outcome.details) if outcome.details else None
     record = {
-        "version": crar_drake.__version__,
+        "version": __version__,
         "scenario": outcome.simulation.scenario,
         "result": _without_nan(asdict(outcome.result)),
         "details": details and _without_nan(details),
@@ -261,7 +262,7 @@ def _to_json(outcome: Outcome) -> str:
 def _from_json(text: str, simulation: Simulation) -> Outcome | None:
     """None if it is of another scenario or version."""
     record = json.loads(text)
-    if record["version"] != crar_drake.__version__:
+    if record["version"] != __version__:
         return None
     if record["scenario"] != simulation.scenario:
         return None

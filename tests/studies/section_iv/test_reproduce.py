@@ -16,8 +16,8 @@ import pytest
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError
+from crar_drake.judging.referee import Referee
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.referee import Referee
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks

@@ -23,7 +23,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.results.referee_distances import distance_of_axes
+from crar_drake.judging.referee_distances import distance_of_axes
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE, find_body
 
 

@@ -15,9 +15,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.results.judged_pairs import pairs_beyond_one_joint
-from crar_drake.results.mesh_distance import TriangleMesh, mesh_distance
-from crar_drake.results.mesh_hulls import HULL_MARGIN, Hulls
+from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
+from crar_drake.judging.mesh_distance import TriangleMesh, mesh_distance
+from crar_drake.judging.mesh_hulls import HULL_MARGIN, Hulls
 from crar_drake.robot.description import (
     RobotDescription,
     add_robot,

@@ -14,9 +14,9 @@ from small_robots import LINK
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.references.clean_file import clean_file
-from crar_drake.references.motion_page import compare_files, compare_motions
-from crar_drake.references.robot_motion import read_motion, write_motions
+from crar_drake.references.motion_files import read_motion, write_motions
 from crar_drake.references.whole_body import WholeBody
+from crar_drake.results.motion_page import compare_files, compare_motions
 from crar_drake.robot.description import load_robot_description
 from docs.headless_browser import HeadlessBrowser, find_browser
 

@@ -4,7 +4,7 @@ import pytest
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from crar_drake.results.judged_pairs import pairs_beyond_one_joint
+from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
 
 LINKS = ("a", "b", "c", "d")
 

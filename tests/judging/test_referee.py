@@ -11,8 +11,8 @@ from scipy.optimize import brentq, lsq_linear
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
-from crar_drake.results.referee import Referee
-from crar_drake.results.referee_distances import capsule_distance
+from crar_drake.judging.referee import Referee
+from crar_drake.judging.referee_distances import capsule_distance
 
 ROOT_HALF = math.sqrt(0.5)
 

@@ -21,7 +21,7 @@ from small_urdfs import joint, link, robot, write
 from benchmarks.mesh_range import mesh_range
 from crar_drake.commands import main
 from crar_drake.errors import ModelError
-from crar_drake.results.mesh_judge import MeshJudge
+from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.joint_names import names_by_joint
 from crar_drake.robot.model import ControlModel

@@ -9,8 +9,9 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layouts import LAYOUTS, layout_named
+from crar_drake.references.motion_files import write_motion
 from crar_drake.references.resampling import resampled
-from crar_drake.references.robot_motion import RobotMotion, write_motion
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import check_logged_robot

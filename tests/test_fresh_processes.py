@@ -6,7 +6,7 @@ from concurrent.futures import as_completed
 
 import pytest
 
-from crar_drake.studies.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import FreshProcesses
 
 
 def process_and_threads(_: int) -> tuple[int, str]:

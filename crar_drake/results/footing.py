@@ -10,10 +10,10 @@ import numpy as np
 from crar_drake.motion.planted_feet import ContactThresholds
 from crar_drake.references.ground_contact import GroundContact, Outline
 from crar_drake.references.ground_demand import ground_wrench, outside_support
-from crar_drake.references.logged_motion import motion_of_log
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_motion import motion_of_log
 
 _MOST_RATE = 100.0  # [Hz] of samples that are looked at
 

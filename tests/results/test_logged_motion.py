@@ -10,14 +10,14 @@ from small_walker import HEIGHT, walker
 
 from crar_drake.errors import CrarError, MotionError
 from crar_drake.motion.performer import SIDES
-from crar_drake.references.footing import footing, lowest_point
-from crar_drake.references.logged_motion import (
+from crar_drake.references.motion_files import read_motion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.results.footing import footing, lowest_point
+from crar_drake.results.logged_motion import (
     export_log,
     export_target,
     motion_of_log,
 )
-from crar_drake.references.robot_motion import read_motion
-from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.joint_names import names_by_joint
 
 RATE = 200.0

@@ -12,7 +12,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial import ConvexHull, QhullError
 
-from crar_drake.results.mesh_distance import TriangleMesh, distance_apart
+from crar_drake.judging.mesh_distance import TriangleMesh, distance_apart
 from crar_drake.robot_import.link_meshes import LinkMesh
 
 # A flat part's points are moved apart by this, for it to have a hull; all parts' are,

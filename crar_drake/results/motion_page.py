@@ -19,12 +19,13 @@ from pydrake.math import RigidTransform, RotationMatrix
 from crar_drake.errors import CrarError
 from crar_drake.motion.planted_feet import runs
 from crar_drake.references.change import rms
+from crar_drake.references.motion_files import read_motion
 from crar_drake.references.reference_judge import (
     PairFrames,
     ReferenceJudge,
     ReferenceVerdict,
 )
-from crar_drake.references.robot_motion import RobotMotion, read_motion
+from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.results import marks
 from crar_drake.results.recorded_page import (

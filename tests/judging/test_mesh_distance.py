@@ -6,7 +6,7 @@ import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from scipy.spatial import ConvexHull
 
-from crar_drake.results.mesh_distance import (
+from crar_drake.judging.mesh_distance import (
     TriangleMesh,
     mesh_distance,
     meshes_meet,

@@ -1,0 +1,174 @@
+"""Reads and writes files of robots' motions, whatever their layout."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.robots_own import SUFFIXES
+from crar_drake.nearest import nearest
+from crar_drake.references.csv_layouts import read_csv, write_csv
+from crar_drake.references.layouts import LAYOUTS, Layout, layout_named, reordered
+from crar_drake.references.npz_layouts import read_npz, write_npz
+from crar_drake.references.pickle_layouts import read_pickle, write_pickle
+from crar_drake.references.robot_match import matched
+from crar_drake.references.robot_motion import (
+    UNTOLD_ORDER,
+    RobotMotion,
+    check_joint_names,
+)
+from crar_drake.references.whole_body import WholeBody
+
+_READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
+
+
+def read_motion(
+    path: str | os.PathLike[str],
+    layout: str | None = None,
+    rate: float | None = None,
+    joint_names: Sequence[str] | None = None,
+    clip: str | None = None,
+    robot: WholeBody | None = None,
+) -> RobotMotion:
+    """Reads the one motion of a file.
+
+    Args:
+        path: of the file.
+        layout: its name (`layouts.LAYOUTS`); by default what the file looks like.
+        rate: samples per second [Hz]; by default what the file says, else the usual
+            one of its layout, which is told among the guesses.
+        joint_names: (n,) names of its joints in its order, where the file has none.
+        clip: which motion, where the file holds several.
+        robot: that it is a motion of. With it the joints are checked, put into the
+            robot's order (`WholeBody.joint_names`) and named.
+
+    Raises:
+        MotionError: the file is not there, damaged or of no known layout, is of
+            another robot, or holds several motions and none was named; the message
+            names the file.
+    """
+    motions = read_motions(path, layout, rate, joint_names, robot)
+    if clip is not None:
+        for motion in motions:
+            if motion.clip == clip:
+                return motion
+        known = [motion.clip for motion in motions]
+        raise MotionError(f"{path}: there is no clip {clip!r}{nearest(clip, known)}")
+    if len(motions) > 1:
+        names = ", ".join(motion.clip for motion in motions[:5])
+        raise MotionError(
+            f"{path}: holds {len(motions)} motions; name one of them ({names}"
+            + (", ...)" if len(motions) > 5 else ")")
+        )
+    return motions[0]
+
+
+def read_motions(
+    path: str | os.PathLike[str],
+    layout: str | None = None,
+    rate: float | None = None,
+    joint_names: Sequence[str] | None = None,
+    robot: WholeBody | None = None,
+) -> tuple[RobotMotion, ...]:
+    """Reads all motions of a file, at least one; see `read_motion`."""
+    motions = _read_file(Path(path), layout, rate, joint_names)
+    if robot is None:
+        for motion in motions:
+            if motion.layout == UNTOLD_ORDER:
+                raise motion.untold_order()
+        return motions
+    return tuple(matched(motion, robot) for motion in motions)
+
+
+def write_motion(
+    path: str | os.PathLike[str],
+    motion: RobotMotion,
+    layout: str,
+    robot: WholeBody | None = None,
+) -> None:
+    """Writes a motion, whole or not at all.
+
+    Args:
+        path: of the file.
+        motion: to be written. What it has in `extras` is written if the layout is the
+            one that they were read from.
+        layout: its name.
+        robot: that moves; needed where a layout has what follows from the robot
+            (poses of bodies), unless the motion is as it was read.
+
+    Raises:
+        MotionError: the layout needs a robot and there is none, or the robot has
+            other joints.
+        WriteError: the file cannot be written.
+    """
+    write_motions(path, (motion,), layout, robot)
+
+
+def write_motions(
+    path: str | os.PathLike[str],
+    motions: Sequence[RobotMotion],
+    layout: str,
+    robot: WholeBody | None = None,
+) -> None:
+    """Writes several motions into one file, if the layout can; see `write_motion`."""
+    to = layout_named(layout)
+    if not motions:
+        raise MotionError(f"{path}: there is no motion to write")
+    if len(motions) > 1 and not to.several:
+        raise MotionError(
+            f"{path}: {layout} holds one motion, and there are {len(motions)}; choose "
+            "one (--clip), or motion-lib-pkl"
+        )
+    for motion in motions:
+        check_joint_names(motion.joint_names, motion.num_joints, motion.source)
+    ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
+    if to.suffix == ".csv":
+        write_csv(path, ordered[0], layout)
+    elif to.suffix == ".npz":
+        write_npz(path, ordered[0], layout, robot)
+    else:
+        write_pickle(path, ordered, layout, robot)
+
+
+def _read_file(
+    path: Path,
+    layout: str | None,
+    rate: float | None,
+    joint_names: Sequence[str] | None,
+) -> tuple[RobotMotion, ...]:
+    if path.is_dir():
+        raise MotionError(f"{path}: this is a folder; name a file")
+    if not path.is_file():
+        raise MotionError(f"{path}: there is no such file")
+    if path.stat().st_size == 0:
+        raise MotionError(f"{path}: the file is empty")
+    if layout is not None:
+        suffix = layout_named(layout).suffix
+    else:
+        suffix = path.suffix.lower()
+        suffix = SUFFIXES.get(suffix, suffix)
+    if suffix not in _READERS:
+        raise MotionError(
+            f"{path}: {path.suffix or 'no suffix'} is of no layout that is read; robot "
+            f"motions are {', '.join(sorted(_READERS))} files"
+        )
+    return _READERS[suffix](path, layout, rate, joint_names)
+
+
+def _in_layouts_order(
+    motion: RobotMotion, to: Layout, robot: WholeBody | None
+) -> RobotMotion:
+    """The motion with its joints as the layout has them."""
+    if robot is None:
+        here = LAYOUTS.get(motion.layout)
+        if here is not None and here.breadth_first != to.breadth_first:
+            raise MotionError(
+                f"{motion.source}: joints are in another order in {to.name} than in "
+                f"{here.name}: say which robot it is (--robot)"
+            )
+        return motion
+    named = matched(motion, robot) if motion.joint_names == () else motion
+    wanted = robot.breadth_first if to.breadth_first else robot.joint_names
+    return reordered(named, wanted)

@@ -1,0 +1,80 @@
+"""A log's columns of the controlled joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.results.log import SimulationLog
+
+
+@dataclass(frozen=True)
+class ControlledJoints:
+    """A log's columns of the controlled joints: T samples, n joints.
+
+    Attributes:
+        names: (n,) the joints.
+        units: (n,) of their positions, "rad" or "m".
+        q: (T, n) positions [rad or m].
+        v: (T, n) velocities [rad/s or m/s].
+        torque: (T, n) efforts [Nm or N].
+        acceleration: (T, n) commanded accelerations [rad/s² or m/s²].
+        lower, upper: (n,) limits, infinite where there is none [rad or m].
+        excess: (T, n) how far beyond the nearer limit, negative inside, -inf for
+            an unlimited joint [rad or m].
+        velocity_limits: (n,) largest speeds, infinite where there is none [as v].
+        speed_excess: (T, n) how much faster than that, negative where slower [as v].
+        effort_limits: (n,) largest efforts, infinite where there is none [as torque].
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    q: np.ndarray
+    v: np.ndarray
+    torque: np.ndarray
+    acceleration: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    excess: np.ndarray
+    velocity_limits: np.ndarray
+    speed_excess: np.ndarray
+    effort_limits: np.ndarray
+
+    @property
+    def power(self) -> np.ndarray:
+        """(T,) sum over the joints of |tau_i qdot_i| [W]."""
+        return np.abs(self.torque * self.v).sum(axis=1)
+
+
+def controlled_joints(log: SimulationLog) -> ControlledJoints:
+    """Picks the columns of the controlled joints out of a log, by name."""
+    positions = log.position_names.tolist()
+    columns = [positions.index(name) for name in log.controlled_names]
+    q, lower, upper = log.q[:, columns], log.lower[columns], log.upper[columns]
+    torque = [
+        # More than one actuator may move a joint.
+        log.actuation[:, log.actuator_names == name].sum(axis=1)
+        for name in log.controlled_names
+    ]
+    strongest = [
+        log.effort_limits[log.actuator_names == name].sum()
+        for name in log.controlled_names
+    ]
+    velocities = log.velocity_names.tolist()
+    columns = [velocities.index(name) for name in log.controlled_names]
+    v, fastest = log.v[:, columns], log.velocity_limits[columns]
+    return ControlledJoints(
+        names=tuple(log.controlled_names.tolist()),
+        units=tuple(log.controlled_units.tolist()),
+        q=q,
+        v=v,
+        torque=np.stack(torque, axis=1),
+        acceleration=log.desired_acceleration[:, columns],
+        lower=lower,
+        upper=upper,
+        excess=np.maximum(q - upper, lower - q),
+        velocity_limits=fastest,
+        speed_excess=np.abs(v) - fastest,
+        effort_limits=np.array(strongest),
+    )

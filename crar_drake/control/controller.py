@@ -109,7 +109,8 @@ class CrarController(LeafSystem):
         signed_distances: (Nc,) in the order of the description's pairs [m].
         constraint_weights: (n,) diagonal of W, Eq. (27).
         position_command: (nq + nv,) [q; v] one control period after the solve.
-        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN.
+        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN, 3
+            braking because no robot has the measured state (`control.plausible`).
         resting_margins: (2,) where the robot would come to rest, the smallest
             distance [m] and the smallest margin to a joint limit [rad]; NaN unless
             constraints are "lookahead".
@@ -328,6 +329,10 @@ class CrarController(LeafSystem):
         Accelerations do not jump: see `modes.fading`. A governor goes on from where it
         is if its bounds stay. The law is the system's, not the context's: of a diagram
         that several simulators run, all go on by it.
+
+        Braking over a longer time (`lookahead.horizon`, or a smaller Gv) leads farther:
+        if that path is not clear, the port `admission` says so in its last number, and
+        nothing is proved until it is clear again. A shorter time keeps the claim.
 
         Call it between two ticks: outputs of the present one that were read already
         were those of the law before.

@@ -17,9 +17,11 @@ from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.mode import Before, Resolved
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.plausible import PlausibleStates
 from crar_drake.control.step import (
     STATUS_BLENDING,
     STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
     STATUS_TRACKING,
     ControlStep,
     InputError,
@@ -47,7 +49,10 @@ from crar_drake.robot.workspace import Workspace
 _NOTHING = np.zeros(0)
 _STATUS = {
     status: np.array([status])
-    for status in (STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING)
+    for status in (
+        *(STATUS_TRACKING, STATUS_BLENDING),
+        *(STATUS_BRAKING, STATUS_IMPLAUSIBLE),
+    )
 }
 
 
@@ -94,6 +99,7 @@ class ControlLaw:
             model.row_weights if model.weighs_rows else _NOTHING,
         )
         self.mode = MODES[gains.constraints](model, gains, task_gains)
+        self._plausible = PlausibleStates(model, self._period)
         self._efforts = EffortLimits(model, self.mode, gains)
         self.effort_limits = self._efforts.limits
         self.reset()
@@ -248,7 +254,13 @@ class ControlLaw:
         model, mode = self.model, self.mode
         if model.num_free:
             self._check_orientation("the measured position of the root", q, time)
-        measured = self._measure(workspace, q, v)
+        last = memory.state if tick == memory.tick + 1 else None
+        believed = v
+        if mode.brakes_without_targets:
+            believed = self._plausible.believed(v, None if last is None else last[1])
+        measured = self._measure(workspace, q, believed)
+        if believed is not v or not self._came(last, q, v):
+            return self._brake(workspace, tick, measured, STATUS_IMPLAUSIBLE)
         if not targets.finite():
             if mode.brakes_without_targets:
                 return self._brake(workspace, tick, measured)
@@ -308,8 +320,17 @@ class ControlLaw:
                 vdot=solution.acceleration,
                 kept=resolved.kept,
                 governed=governed,
+                state=(q, v),
             ),
         )
+
+    def _came(
+        self, last: tuple[np.ndarray, np.ndarray] | None, q: np.ndarray, v: np.ndarray
+    ) -> bool:
+        """Whether a robot may have come from the last state to this one."""
+        if last is None or not self.mode.brakes_without_targets:
+            return True
+        return self._plausible.way(*last, q, v)
 
     def hold(
         self,
@@ -331,6 +352,8 @@ class ControlLaw:
             q, v: (nq,), (nv,) state of the whole plant.
         """
         model, held = self.model, step.solution
+        if self.mode.brakes_without_targets and step.memory.state is not None:
+            v = self._plausible.believed(v, step.memory.state[1])
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
@@ -380,9 +403,13 @@ class ControlLaw:
         return self.mode.brakes_without_targets
 
     def _brake(
-        self, workspace: Workspace, tick: int, measured: Measured
+        self,
+        workspace: Workspace,
+        tick: int,
+        measured: Measured,
+        status: float = STATUS_BRAKING,
     ) -> ControlStep:
-        """Without targets: q_ddot = -q_dot / T, and blend in when they are back."""
+        """q_ddot = -q_dot / T, and blend in when the targets are back, or the state."""
         model = self.model
         answer = Answer(
             vdot=-measured.v / self.parameters.braking_horizon,
@@ -391,8 +418,9 @@ class ControlLaw:
             W=np.ones(model.n),
             qdot_c=np.zeros(model.n),
         )
-        solution = self._solution(workspace, measured, Resolved(answer), STATUS_BRAKING)
-        return ControlStep(solution, Memory(tick=tick))
+        solution = self._solution(workspace, measured, Resolved(answer), status)
+        after = measured.v + self._period * solution.acceleration
+        return ControlStep(solution, Memory(tick, state=(measured.q[0], after)))
 
     def _solution(
         self,

@@ -16,6 +16,7 @@ from crar_drake.errors import CrarError
 STATUS_TRACKING = 0.0  # the targets as given
 STATUS_BLENDING = 1.0  # on the way onto the targets
 STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
+STATUS_IMPLAUSIBLE = 3.0  # no robot has the measured state: coming to rest
 
 
 class InputError(CrarError):
@@ -64,7 +65,9 @@ class Memory:
         start_time: when blending began [s], None if it has yet to.
         start: what was measured then; None if it has yet to begin.
         v, vdot: (nv,) measured velocities and commanded accelerations of that step;
-            None where the targets were lost.
+            None where the robot braked.
+        state: (nq,), (nv,) what was measured, with velocities that were believed; None
+            before the first step.
         kept: the constraint mode's own.
         governed: (layout.size,) the targets as they were governed; None without a
             governor, and where the targets were lost.
@@ -77,6 +80,7 @@ class Memory:
     vdot: np.ndarray | None = None
     kept: Any = None
     governed: np.ndarray | None = None
+    state: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(slots=True)
@@ -96,7 +100,8 @@ class Solution:
         position_command: (nq + nv,) the q and v that the accelerations lead to
             in one control period, see `equations.prediction`; of unit quaternions.
         constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
-        status: (1,) STATUS_TRACKING, STATUS_BLENDING or STATUS_BRAKING.
+        status: (1,) STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING or
+            STATUS_IMPLAUSIBLE.
         torque_limit: (2,) how much the effort limits left of the way from braking to
             the wish, 1 where they are not active or not respected; and by which share
             of its limit the worst actuator was beyond it before clipping, see

@@ -488,7 +488,7 @@ class Present(NamedTuple):
         low: (Np,) no distance on it is smaller [m]; a guess where a pair is not clear.
         level: (Np,) the floor; where a pair is not clear, the smallest distance seen,
             unless that is none (NaN).
-        held: whether every pair is clear, but for rounding.
+        held: whether every pair is shown to be clear, but for rounding.
     """
 
     low: np.ndarray
@@ -526,16 +526,15 @@ def examine_present(
     level = np.full(len(low), gains.floor)
     needed = gains.floor + travel(farther(s, gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
-    found = path_bounds(q, x, straight, level, ~(low >= needed), r, here)
+    found = path_bounds(q, x, straight, level - _ROUNDING, ~(low >= needed), r, here)
     held = True
     for pair in range(len(low)):
         if found.low[pair] < np.inf:
             low[pair] = max(low[pair], found.low[pair])
         if found.at[pair] >= 0.0:
-            low[pair] = min(found.d[pair], gains.floor)
-            if np.isfinite(low[pair]):
-                level[pair] = low[pair]
-            held = held and low[pair] >= gains.floor - _ROUNDING
+            low[pair], held = min(found.d[pair], gains.floor), False
+        if np.isfinite(low[pair]):
+            level[pair] = min(low[pair], gains.floor)
     return Present(low, level, held)
 
 

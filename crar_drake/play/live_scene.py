@@ -12,7 +12,7 @@ import math
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.play.live_simulation import GAINS, LiveSimulation
 from crar_drake.play.pacing import Pacer
@@ -24,7 +24,8 @@ from crar_drake.simulation.visualization import set_surroundings
 PREFIX = "/crar/robot0"
 NEAR_PAIRS = 8  # of which at most the page shows how near they are
 
-_STATUS = {STATUS_BLENDING: "blending in", STATUS_BRAKING: "braking"}
+_STATUS = dict.fromkeys((STATUS_BRAKING, STATUS_IMPLAUSIBLE), "braking")
+_STATUS[STATUS_BLENDING] = "blending in"
 _ADMITTED = {CORRECTED: "corrected", SCALED: "slowed down"}
 
 

@@ -72,7 +72,7 @@ def marked_spans(log: SimulationLog) -> dict[str, list[tuple[float, float]]]:
     status = log.status[:, 0]
     marked = {
         "blending": status == STATUS_BLENDING,
-        "braking": status == STATUS_BRAKING,
+        "braking": status >= STATUS_BRAKING,
         "torque limited": (log.torque_limit[:, 0] < 1.0)
         | (log.torque_limit[:, 1] > 0.0),
     }

@@ -6,7 +6,7 @@ a violation, and no matter of a threshold: the figures have it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -43,6 +43,7 @@ def remarks(
     torque_limited: float,
     limb_directions: Mapping[str, LimbDirection],
     lowest: tuple[float, str, float] | None = None,
+    implausible: Sequence[float] = (),
 ) -> list[str]:
     """A line for each thing that is bad about a run; most often none.
 
@@ -52,13 +53,25 @@ def remarks(
         limb_directions: limb to how far it is off.
         lowest: height over the floor [m], link and time [s] of what was lowest; None
             of a robot that does not stand on a floor.
+        implausible: times of samples with a measured state that no robot has [s].
     """
     return [
+        *_of_implausible_states(implausible),
         *_of_torque(joints),
         *_of_limited_torque(torque_limited),
         *_of_joints_at_limits(joints),
         *_of_the_floor(lowest),
         *_of_limbs(limb_directions),
+    ]
+
+
+def _of_implausible_states(times: Sequence[float]) -> list[str]:
+    if not len(times):
+        return []
+    return [
+        f"{len(times)} samples with a measured state that no robot has, the first at "
+        f"{times[0]:.3f} s: the robot braked; check sensors, units and the order of "
+        "joints"
     ]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.control.step import STATUS_BRAKING
+from crar_drake.control.step import STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
@@ -113,6 +113,8 @@ class Summary:
         torque_clipped_samples: those among them where not even braking was within
             the limits, so that torques were clipped.
         braking_samples: samples without targets, which count in no error.
+        implausible_samples: samples with a measured state that no robot has, see
+            `control.plausible`; the robot braked, and they count in no error.
         frame_rate: of the motion [Hz]; None for keyframes, or if not known.
         frame_rate_source: "given" by the user, stated by the "file", that of the CMU
             "database", or "assumed"; "" if there is none.
@@ -175,6 +177,7 @@ class Summary:
     torque_limited_samples: int
     torque_clipped_samples: int
     braking_samples: int
+    implausible_samples: int
     frame_rate: float | None  # [Hz]
     frame_rate_source: str
     motion_findings: list[str]
@@ -317,6 +320,7 @@ def summarize(
         torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
         torque_clipped_samples=int(np.count_nonzero(log.torque_limit[:, 1] > 0.0)),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
+        implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),
         frame_rate=motion.frame_rate if motion else None,
         frame_rate_source=motion.rate_source if motion else "",
         motion_findings=list(motion.findings) if motion else [],
@@ -332,7 +336,8 @@ def summarize(
         limb_directions=dict(limbs or {}),
     )
     limited = summary.torque_limited_samples / summary.samples
-    found = remarks(joints, limited, summary.limb_directions, lowest)
+    implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]
+    found = remarks(joints, limited, summary.limb_directions, lowest, implausible)
     return replace(summary, remarks=found)
 
 

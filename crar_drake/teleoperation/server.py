@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING, STATUS_IMPLAUSIBLE
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
 from crar_drake.teleoperation.latencies import Latencies
@@ -46,7 +46,8 @@ _CLIENT_TIMEOUT = 5.0  # [s] of silence
 _STALL = 0.1
 _LCM_POLL = 1e-3  # [s] LCM has no socket to wait for
 
-_STATUS = {STATUS_BLENDING: "blending", STATUS_BRAKING: "braking"}
+_STATUS = dict.fromkeys((STATUS_BRAKING, STATUS_IMPLAUSIBLE), "braking")
+_STATUS[STATUS_BLENDING] = "blending"
 _ADMITTED = {CORRECTED: "corrected", SCALED: "scaled"}
 
 MALFORMED, OVERSIZED, FLOODING = "malformed", "oversized", "flooding"

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import judge_certificate
@@ -89,6 +90,37 @@ def test_what_the_log_claims_of_braking_paths_is_true(run):
     assert verdict.told_unclear == run.summary.unclear_steps == 0
     assert verdict.steps.judged >= 100 and verdict.steps.below_floor == 0
     assert verdict.clearance == run.summary.path_clearance >= verdict.floor
+
+
+def test_a_longer_braking_time_in_mid_motion_has_its_path_asked_anew(run):
+    """Where the path over it leads below the floor, it is reported as not clear; the
+    path over the own time, or over a shorter one, is clear."""
+    log, model, referee = run.log, run.setup.model, referee_of(run)
+    gains = parse_scenario(log.scenario).controller
+    ahead, T = gains.lookahead, gains.braking_horizon
+    floor = ahead.distance_margin - ahead.admission_slack
+    laws = [
+        ControlLaw(model, replace(gains, lookahead=replace(ahead, horizon=horizon)))
+        for horizon in (0.5 * T, T, 8.0 * T)
+    ]
+    ticks = np.arange(0, len(log.time), round(gains.period / log.time[1]))
+    unclear = 0
+    for k in ticks[:: max(1, len(ticks) // 100)]:
+        q, v = log.q[k], log.v[k]
+        clear = []
+        for law in laws:
+            law.reset()
+            solution = law.step(q, v, model.tasks_at(q), model.prescribed_at(q))
+            clear.append(solution.admission[3])
+        nearest = min(
+            referee.distances(q + share * 8.0 * T * v).min()
+            for share in np.linspace(0.0, 1.0, 9)
+        )
+        assert clear[:2] == [1.0, 1.0]
+        if nearest < floor - 1e-6:
+            assert clear[2] == 0.0
+            unclear += 1
+    assert unclear > 3
 
 
 def test_more_rows_than_joints_are_among_the_cases():

@@ -252,8 +252,8 @@ def test_the_keys_of_the_json_are_stable():
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
         "resting_distance resting_margin admitted_steps corrected_steps scaled_steps "
         "unclear_steps unexamined_steps path_clearance longest_held_back "
-        "torque_limited_samples torque_clipped_samples braking_samples frame_rate "
-        "frame_rate_source "
+        "torque_limited_samples torque_clipped_samples braking_samples "
+        "implausible_samples frame_rate frame_rate_source "
         "motion_findings warnings wall_time real_time_factor arithmetic "
         "stopped sliding_joints limb_directions remarks"
     )

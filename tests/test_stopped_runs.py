@@ -1,5 +1,6 @@
 """Runs that do not come to their end, or whose files do not fit: what is kept."""
 
+import argparse
 import gc
 import json
 import os
@@ -179,14 +180,38 @@ def interrupt() -> None:
     signal.raise_signal(signal.SIGINT)
 
 
-def test_an_interrupted_run_is_kept(it, monkeypatch, capsys, whole, interruptible):
-    in_the_middle(monkeypatch, interrupt)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_run_is_kept(
+    it, monkeypatch, capsys, whole, interruptible, number
+):
+    """By Ctrl-C, by `kill`, or by a terminal that goes away."""
+    in_the_middle(monkeypatch, lambda: signal.raise_signal(number))
     assert main(RUN) == 130
     until = check_part(it, whole, "interrupted")
     output = capsys.readouterr()
     told = f"crar-drake: interrupted at {until:.3f} s of 0.2 s; it holds what was"
     assert told in output.err
     assert "it/log.npz" in output.out and "rms task error" in output.out
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_every_command_tidies_up_when_it_is_asked_to_end(monkeypatch, capsys, number):
+    """What Ctrl-C does in any command, these do, and only there."""
+    tidied = []
+
+    def command(arguments) -> None:
+        try:
+            signal.raise_signal(number)
+        finally:
+            tidied.append(True)
+
+    monkeypatch.setattr(
+        "crar_drake.commands.parse",
+        lambda argv: argparse.Namespace(command=command, verbose=False),
+    )
+    assert main(["list"]) == 130 and tidied == [True]
+    assert "interrupted" in capsys.readouterr().err
+    assert signal.getsignal(number) is signal.SIG_DFL
 
 
 def test_a_second_interrupt_does_not_wait_for_the_step(

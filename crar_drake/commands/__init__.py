@@ -32,8 +32,9 @@ from crar_drake.commands import (
     sweep,
 )
 from crar_drake.commands.options import Parser, nearest
+from crar_drake.commands.output import tell_failure
 from crar_drake.drake_warnings import collected_warnings
-from crar_drake.errors import CrarError, printable
+from crar_drake.errors import CrarError
 from crar_drake.version import __version__
 
 # In the order of the help.
@@ -81,20 +82,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         ):
             code = arguments.command(arguments) or 0
         sys.stdout.flush()
-    except CrarError as error:
-        print(f"crar-drake: error: {printable(str(error))}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt as stopped:
-        about = f" {stopped}" if str(stopped) else ""
-        print(f"crar-drake: interrupted{about}", file=sys.stderr)
-        return 130
     except BrokenPipeError:  # of `crar-drake list | head`
         _drop_output()
-    except OSError as error:  # a full disk, a file that may not be read
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"crar-drake: error: {where}{error.strerror or error}", file=sys.stderr)
-        _drop_output()
-        return 2
+    except (CrarError, KeyboardInterrupt, OSError) as error:
+        code = tell_failure(error)
+        if isinstance(error, OSError):  # a full disk, a file that may not be read
+            _drop_output()
     return code
 
 

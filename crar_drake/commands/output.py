@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from crar_drake.errors import CrarError, printable
 
 if TYPE_CHECKING:
     from crar_drake.studies.sweep import Result
@@ -50,6 +54,31 @@ def final_line(violated: list[str], bad: int = 0) -> int:
     ok = f"OK: nothing is violated, but see {bad} BAD above" if bad else "OK"
     print(f"VIOLATED: {'; '.join(violated)}" if violated else ok, flush=True)
     return int(bool(violated))
+
+
+def tell_failure(error: BaseException) -> int:
+    """Says on stderr why a command failed.
+
+    Args:
+        error: that ended it; of a kind that no user makes, its traceback is printed.
+
+    Returns:
+        The exit code.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        about = f" {error}" if str(error) else ""
+        print(f"crar-drake: interrupted{about}", file=sys.stderr)
+        return 130
+    if isinstance(error, CrarError):
+        what = printable(str(error))
+    elif isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        what = f"{where}{error.strerror or error}"
+    else:
+        traceback.print_exception(error)
+        return 1
+    print(f"crar-drake: error: {what}", file=sys.stderr)
+    return 2
 
 
 def counted(number: int, what: str, does: str) -> list[str]:

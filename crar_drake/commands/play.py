@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ from crar_drake.commands.options import (
     override_motion,
     positive,
 )
-from crar_drake.commands.output import OUT, label
+from crar_drake.commands.output import OUT, label, tell_failure
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -138,9 +139,20 @@ def run(arguments: argparse.Namespace) -> None:
                 pass
             interrupts.ignore()
             _finish(session, out, arguments, interrupts)
-        except BaseException:
-            session.close("the simulation has ended")
+        except BaseException as error:
+            session.end("the simulation has ended")
+            _close(session, error)
             raise
+    _close(session)
+
+
+def _close(session: PlaySession, error: BaseException | None = None) -> None:
+    """Ends Meshcat; and the process here, where it could not end as usual."""
+    if session.close():
+        return
+    code = 0 if error is None else tell_failure(error)
+    sys.stdout.flush()
+    os._exit(code)
 
 
 def _override(scenario: Scenario, arguments: argparse.Namespace) -> None:
@@ -180,7 +192,7 @@ def _finish(
         print()
         record = False
     interrupts.ignore()  # until files are written
-    session.close()  # if that was what it disturbed
+    session.end()  # if that was what it disturbed
     if not wanted:
         print("nothing is kept")
         return
@@ -204,7 +216,7 @@ def _finish(
 def _tell_end(session: PlaySession, out: Path, asks: bool) -> None:
     live, pacer = session.live, session.pacer
     where = "the terminal asks whether to keep it" if asks else f"it is kept in {out}"
-    session.close(f"ended after {live.time:.1f} s; {where}")
+    session.end(f"ended after {live.time:.1f} s; {where}")
     print(
         f"{live.time:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
         f"{live.told()}"

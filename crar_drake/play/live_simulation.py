@@ -37,6 +37,7 @@ _MOST_EVENTS, _MOST_TOLD = 10_000, 1000
 GAINS = ("K", "Kp", "Gv")
 
 PUSH_TIME = 0.1  # [s]
+MOST_PUSHED = 1000.0  # by all pushes of a person's that act at a time [N]
 
 
 @dataclass(frozen=True)
@@ -247,11 +248,19 @@ class LiveSimulation:
 
         Raises:
             ModelError: there is no such frame.
+            CrarError: all pushes together would be too strong.
         """
         push = Push(frame, list(map(float, force)), self._now, PUSH_TIME)
         applied_force(
             self.plant, self.model.description.task_frames, push
         )  # refuses others
+        acting = [p for p in self._scheduled if p.start <= push.start]
+        total = sum(np.linalg.norm(p.force) for p in (*acting, push))
+        if total > MOST_PUSHED:
+            raise CrarError(
+                f"pushes of {total:.0f} N together; at most {MOST_PUSHED:g} N act at a "
+                f"time, each for {PUSH_TIME:g} s"
+            )
         self._scheduled.append(push)
         x, y, z = push.force
         self._note(f"{frame} pushed by {x:.0f}, {y:.0f}, {z:.0f} N")

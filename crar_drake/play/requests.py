@@ -66,6 +66,10 @@ def parse(body: bytes) -> Request:
         raise RequestError(f"longer than {LONGEST} bytes")
     try:
         said = json.loads(body)
+        # JSON can name halves of characters, which no text may have.
+        json.dumps(said, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise RequestError("text that is no valid Unicode") from error
     except (ValueError, RecursionError) as error:
         raise RequestError(f"no JSON: {error}") from error
     if not isinstance(said, dict) or not isinstance(said.get("do"), str):

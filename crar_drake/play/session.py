@@ -6,6 +6,7 @@ import gc
 import queue
 import time
 from collections.abc import Callable
+from ctypes import py_object, pythonapi
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -115,7 +116,7 @@ class PlaySession:
         finally:
             gc.unfreeze()
 
-    def close(self, told: str = "") -> None:
+    def end(self, told: str = "") -> None:
         """Ends the page.
 
         Args:
@@ -124,7 +125,21 @@ class PlaySession:
         if told:
             self._server.show({"ended": told})
         self._server.close()
-        self._scene = self._meshcat = None
+
+    def close(self) -> bool:
+        """Ends the page and Meshcat, when all else is done.
+
+        Returns:
+            Whether the process can end as usual. An empty message from any web page
+            ends the thread of Meshcat's web socket. Its destructor then waits for ever
+            and is not called, and so the process would abort at its end.
+        """
+        self.end()
+        meshcat, self._scene, self._meshcat = self._meshcat, None, None
+        if meshcat is None or _is_alive(meshcat):
+            return True
+        pythonapi.Py_IncRef(py_object(meshcat))
+        return False
 
     def say(self, text: str) -> None:
         """Tells a person who looks at the page something, for some seconds."""
@@ -181,6 +196,14 @@ class PlaySession:
                     live.push(request.frame, np.array(request.value))
         except CrarError as error:  # wrong for this robot, or these gains
             self.say(str(error))
+
+
+def _is_alive(meshcat: Meshcat) -> bool:
+    try:
+        meshcat.port()
+    except RuntimeError:
+        return False
+    return True
 
 
 def _make_meshcat(host: str) -> Meshcat:

@@ -351,8 +351,17 @@ class TeleoperationServer:
         if len(data) > LONGEST:
             self.statistics.messages[OVERSIZED] += 1
             return
+        lines = [line for line in data.split(b"\n") if line.strip()] or [data]
+        for number, line in enumerate(lines):
+            self._budget -= number > 0  # the datagram is counted already
+            if self._budget < 0:
+                self.statistics.messages[FLOODING] += 1
+            else:
+                self._take_line(line, sender, now)
+
+    def _take_line(self, line: bytes, sender: Address, now: float) -> None:
         try:
-            message = parse(data, self.stream.layout)
+            message = parse(line, self.stream.layout)
         except MessageError as error:
             self._note(error)
             return

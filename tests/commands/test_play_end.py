@@ -1,7 +1,11 @@
 """How `crar-drake play` ends: the question on a terminal, and Ctrl-C once and twice."""
 
+import re
 import signal
+import socket
+import subprocess
 import sys
+import urllib.request
 
 import pytest
 
@@ -28,6 +32,38 @@ def terminal(monkeypatch, tmp_path):
 
 def play(*arguments: str) -> int:
     return main(["play", "obstacle_arm", "--no-browser", "--port", "0", *arguments])
+
+
+@pytest.mark.slow
+def test_an_empty_message_to_meshcat_loses_nothing(tmp_path):
+    """Any web page can send it; it ends the thread of Meshcat's web socket, whose
+    destructor then waits for ever."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "crar_drake", "play", "obstacle_arm", "--no-browser"]
+        + ["--port", "0", "--duration", "2", "--save", "kept"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    url = process.stdout.readline().split()[0]
+    page = urllib.request.urlopen(url, timeout=60).read().decode()
+    port = int(re.search(r'"meshcatPort": ?(\d+)', page)[1])
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as web:
+        web.sendall(
+            b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
+            b"Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        assert b"101 Switching" in web.recv(4096)
+        web.sendall(b"\x81\x80\0\0\0\0")  # a text of no length
+        with pytest.raises(ConnectionRefusedError):  # the thread has ended
+            while process.poll() is None:
+                socket.create_connection(("127.0.0.1", port), timeout=60).close()
+        out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert {path.name for path in (tmp_path / "kept").iterdir()} == {
+        *("log.npz", "plot.png", "recording.html", "summary.json")
+    }
+    assert SimulationLog.load(tmp_path / "kept" / "log.npz").time[-1] >= 1.9
+    assert "recording.html" in out
 
 
 def ctrl_c() -> None:
@@ -93,11 +129,11 @@ def test_ctrl_c_twice_keeps_the_log(terminal, monkeypatch, capsys, where):
                 ctrl_c()
                 pytest.fail("the step should be left")
 
-    usual_close, closed = PlaySession.close, []
+    usual_end, closed = PlaySession.end, []
 
-    def close(self: PlaySession, told: str = "") -> None:
+    def end(self: PlaySession, told: str = "") -> None:
         closed.append(told)
-        usual_close(self, told)
+        usual_end(self, told)
         if where != "in a step" and len(closed) == 1:
             ctrl_c()
 
@@ -109,7 +145,7 @@ def test_ctrl_c_twice_keeps_the_log(terminal, monkeypatch, capsys, where):
         return usual_log(self)
 
     monkeypatch.setattr(LiveSimulation, "step", step)
-    monkeypatch.setattr(PlaySession, "close", close)
+    monkeypatch.setattr(PlaySession, "end", end)
     monkeypatch.setattr(LiveSimulation, "logged_scenario", logged_scenario)
     made = []
     monkeypatch.setattr(

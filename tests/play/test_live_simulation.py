@@ -191,6 +191,18 @@ def test_a_push_gives_its_impulse_and_nothing_else_is_touched(live):
         live.push("no_such", np.zeros(3))
 
 
+def test_pushes_are_bounded_in_sum(live):
+    """Of those that act at a time: a crowd's, or a program's."""
+    for _ in range(2):
+        live.push("left_wrist", np.array([0.0, 0.0, 400.0]))
+    with pytest.raises(CrarError, match="pushes of 1300 N together; at most 1000 N"):
+        live.push("right_wrist", np.array([300.0, 400.0, 0.0]))
+    live.push("right_wrist", np.array([0.0, 200.0, 0.0]))
+    for _ in range(25):  # longer than each lasts
+        live.step()
+    live.push("right_wrist", np.array([300.0, 400.0, 0.0]))
+
+
 def test_a_motion_that_is_off_stands(live):
     assert not live.motion.on
     phase = live.phase

@@ -37,6 +37,8 @@ def test_what_can_be_asked_for(body, request_):
     "body, why",
     [
         (b"", "no JSON"),
+        (rb'{"do": "push", "frame": "\ud800", "value": [0, 0, 1]}', "no valid Unicode"),
+        (rb'{"do": "\udc00"}', "no valid Unicode"),
         (b"\xff\xfe", "no JSON"),
         (b"[" * LONGEST, "no JSON"),
         (b" " * (LONGEST + 1), "longer than"),

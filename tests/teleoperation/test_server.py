@@ -133,6 +133,20 @@ def test_a_flood_is_read_in_part_and_thrown_away(server, client):
     assert sum(messages.values()) == 200
 
 
+def test_several_lines_in_a_datagram_are_as_many_messages(server, client):
+    lines = [targets(0.01 * k, left_wrist=[0.2, 0.2, 0.9]) for k in range(5)]
+    client.send(b"\n".join([*lines, b"", b"{", lines[0] + b"\n"]))
+    server._receive()
+    assert server.statistics.messages == {"taken": 6, "malformed": 1}
+    assert server.statistics.targets["late"] == 1
+    server.tick(0.0)
+    # However short they are, a period has its budget.
+    client.send(b"{\n" * 4000)
+    server._receive()
+    messages = server.statistics.messages
+    assert messages["malformed"] == 1 + 64 and messages["flooding"] == 4000 - 64
+
+
 def test_messages_that_take_long_to_read_do_not_hold_up_the_step(
     server, client, monkeypatch
 ):

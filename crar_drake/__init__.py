@@ -6,7 +6,7 @@ The names that another project needs; `README.md` shows how they go together.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from crar_drake.version import __version__
+from crar_drake.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
@@ -62,7 +62,6 @@ _MODULES = {
 }
 
 __all__ = [
-    "__version__",
     "AddCrarController",
     "AddRobot",
     "ControlLaw",

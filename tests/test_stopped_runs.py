@@ -169,11 +169,17 @@ def test_a_run_without_a_folder_raises_what_it_was(monkeypatch):
 
 @pytest.fixture
 def interruptible():
-    """A background job may have been started with SIGINT ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """A background job may have been started with signals ignored."""
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {n: signal.signal(n, handler) for n, handler in usual.items()}
     yield
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    signal.signal(signal.SIGINT, before)
+    assert {n: signal.getsignal(n) for n in usual} == usual
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def interrupt() -> None:
@@ -195,7 +201,9 @@ def test_an_interrupted_run_is_kept(
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_every_command_tidies_up_when_it_is_asked_to_end(monkeypatch, capsys, number):
+def test_every_command_tidies_up_when_it_is_asked_to_end(
+    monkeypatch, capsys, interruptible, number
+):
     """What Ctrl-C does in any command, these do, and only there."""
     tidied = []
 
@@ -211,7 +219,6 @@ def test_every_command_tidies_up_when_it_is_asked_to_end(monkeypatch, capsys, nu
     )
     assert main(["list"]) == 130 and tidied == [True]
     assert "interrupted" in capsys.readouterr().err
-    assert signal.getsignal(number) is signal.SIG_DFL
 
 
 def test_a_second_interrupt_does_not_wait_for_the_step(

@@ -13,6 +13,7 @@ from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.joint_centres import file_joint, joint_centres
 from crar_drake.motion.performer import Fact, Performer
 from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.travel import pinned_pelvis
 
 # A bone turns by more than this against its parent in one frame: a flip. In the CMU
 # files the fastest limbs of dances and karate turn by 20 to 50 degrees in 1/120 s
@@ -134,7 +135,9 @@ def inspect(motion: Performer | Clip) -> MotionReport:
     steps = {name: _steps(samples) for name, samples in points.items()}
     flips = _find_flips(performer)
     doubts = list(performer.doubts)
-    if not doubts:  # else speeds say nothing of the rate
+    if pinned := pinned_pelvis(performer):
+        doubts.append(f"{pinned}; feet slide, and a whole body cannot follow it")
+    elif not doubts:  # else speeds say nothing of the rate
         doubts += _doubt_rate(performer, points, flips)
     watched = points or {"waist": performer.positions["pelvis"]}
     return MotionReport(

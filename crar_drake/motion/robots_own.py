@@ -6,6 +6,9 @@ import os
 import zipfile
 from pathlib import Path
 
+from crar_drake.errors import MotionError
+from crar_drake.motion.text_files import read_motion_text
+
 # Suffixes of robot motions, each to the one that the same files usually have.
 SUFFIXES = {
     **{usual: usual for usual in (".csv", ".npz", ".pkl")},
@@ -29,12 +32,13 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
         return False
     try:
         if path.suffix.lower() == ".csv":
-            with open(path, encoding="utf-8-sig", errors="replace") as file:
-                return _is_numbers(file.readline())
+            lines = read_motion_text(path).split("\n", 100)
+            told = (line for line in lines if not line.lstrip().startswith("#"))
+            return _is_numbers(next(filter(str.strip, told), ""))
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 return "joint_pos.npy" in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+    except (OSError, MotionError, zipfile.BadZipFile):
         return False
     return True
 

@@ -23,6 +23,7 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.robots_own import cells_of
+from crar_drake.motion.text_files import read_motion_text
 from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
 
@@ -90,13 +91,10 @@ def write_csv(path: str | os.PathLike[str], motion: RobotMotion, layout: str) ->
 
 def _read_table(path: Path) -> np.ndarray:
     """(T, 7 + n) numbers."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise MotionError(f"{path}: this is no text, and so no CSV file") from None
     rows: list[list[float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip():
+    lines = read_motion_text(path).split("\n")
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
             continue
         cells = cells_of(line)
         try:

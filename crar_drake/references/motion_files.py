@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
 from crar_drake.references.csv_layouts import read_csv, write_csv
@@ -74,6 +76,8 @@ def read_motions(
 ) -> tuple[RobotMotion, ...]:
     """Reads all motions of a file, at least one; see `read_motion`."""
     motions = _read_file(Path(path), layout, rate, joint_names)
+    if rate is None:
+        motions = tuple(_with_plausible_rate(motion) for motion in motions)
     if robot is None:
         for motion in motions:
             if motion.layout == UNTOLD_ORDER:
@@ -130,6 +134,18 @@ def write_motions(
         write_npz(path, ordered[0], layout, robot)
     else:
         write_pickle(path, ordered, layout, robot)
+
+
+def _with_plausible_rate(motion: RobotMotion) -> RobotMotion:
+    """The motion; one that states the time between frames for the rate has the rate."""
+    rate, told = motion.rate, rate_doubt(motion.rate, "--rate")
+    if 0.0 < rate < SLOWEST:
+        where = str(motion.source)
+        readings = {"the time between frames in seconds": 1.0 / rate}
+        rate, told = rate_meant(where, f"a rate of {rate:g} Hz", readings, "--rate")
+    if not told:
+        return motion
+    return replace(motion, rate=rate, guesses=(*motion.guesses, told)).as_read()
 
 
 def _read_file(

@@ -30,6 +30,10 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
+# Who is higher than this throughout does not jump: the root is in another place, or in
+# another unit [m].
+_AIRBORNE = 0.5
+
 # Capsules that are farther apart are not plotted [m].
 _NEAR = 0.05
 
@@ -310,6 +314,8 @@ def _with_violations(
         found.append("speed limits")
     if verdict.lowest.min() < -tolerances.below_ground:
         found.append("below the ground")
+    if verdict.feet and verdict.lowest.min() > _AIRBORNE:
+        found.append("never on the ground")
     if verdict.jumps:
         found.append("jumps")
     if any(foot.worst > tolerances.slip for foot in verdict.feet):

@@ -17,6 +17,7 @@ from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
 from crar_drake.motion.retarget_legs import LegsMotion, retarget_legs
 from crar_drake.motion.smooth_steps import soft_positive
+from crar_drake.motion.travel import pinned_pelvis
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.ankle_limits import LegSolver
 from crar_drake.targets.leg_room import LegClearance
@@ -96,6 +97,11 @@ def retarget_whole_body(
         MotionError: the performer lacks something.
         ScenarioError: the robot does.
     """
+    if pinned := pinned_pelvis(performer):
+        raise MotionError(
+            f"motion {performer.name}: {pinned}; a whole body needs a motion that says "
+            "where the pelvis is in the room (experiments wrists and upper-body do not)"
+        )
     shapes, trunk = body_shapes(model)
     solvers = {
         side: LegSolver(model, side, leg, performer.frame_rate)

@@ -374,7 +374,7 @@ def test_bad_csv_files(tmp_path: Path, robot):
     )
     refused("there is no layout 'xyzw'", table(), layout="xyzw")
     file.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(MotionError, match="no text"):
+    with pytest.raises(MotionError, match="line 1: .* is no number"):
         read_motion(file)
     with pytest.raises(MotionError, match="no such file"):
         read_motion(tmp_path / "b.csv")
@@ -461,3 +461,50 @@ def test_other_separators_than_commas_are_read(tmp_path, blank):
     assert holds_reference(tmp_path / "a.csv")
     motion = read_motion(tmp_path / "a.csv", "xyzw-csv")
     assert motion.joint_positions.tolist() == [[0.5]] * 3
+
+
+def test_comments_and_encodings_of_a_csv(tmp_path):
+    from crar_drake.motion.robots_own import holds_reference
+
+    row = "0.1,0,0.8,0,0,0.1,0.99498743710662,0.5\n"
+    text = f"# x, y, z, ...\n\n{row}{row}# the end\n"
+    for encoding in ("utf-8", "utf-8-sig", "utf-16", "latin-1"):
+        (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+        assert holds_reference(tmp_path / "a.csv")
+        assert read_motion(tmp_path / "a.csv", "xyzw-csv").num_frames == 2
+
+
+@pytest.mark.parametrize(
+    "fps, rate, told",
+    [
+        (1.0 / 30.0, 30.0, "the time between frames in seconds"),
+        (0.02, 50.0, "the time between frames in seconds"),
+        (30, 30.0, ""),
+        (3.0, 3.0, "no camera's"),
+        (12000, 12000.0, "no camera's"),
+    ],
+)
+def test_rates_that_no_motion_has(tmp_path, fps, rate, told):
+    held = dict(fps=fps, root_pos=P, root_rot=xyzw(Q), dof_pos=JOINTS)
+    held |= dict(local_body_pos=None, link_body_list=None)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
+    names = np.array(DEPTH_FIRST)
+    np.savez(
+        tmp_path / "a.npz", joint_pos=np.hstack([P, Q, JOINTS]), fps=fps,
+        joint_names=names, body_pos_w=np.zeros((len(P), 6, 3)),
+        body_quat_w=np.tile([1.0, 0, 0, 0], (len(P), 6, 1)),
+    )  # fmt: skip
+    for name in ("a.pkl", "a.npz"):
+        read = read_motion(tmp_path / name)
+        assert read.rate == rate and read.is_as_read
+        assert any(told in guess for guess in read.guesses) or not told
+        # Whoever says a rate is believed.
+        assert read_motion(tmp_path / name, rate=0.5).rate == 0.5
+
+
+def test_a_rate_that_means_nothing_is_refused(tmp_path):
+    held = dict(fps=0.7, root_pos=P, root_rot=xyzw(Q), dof_pos=JOINTS)
+    held |= dict(local_body_pos=None, link_body_list=None)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
+    with pytest.raises(MotionError, match=r"a.pkl.* rate of 0.7 Hz .*--rate HZ"):
+        read_motion(tmp_path / "a.pkl")

@@ -109,6 +109,15 @@ def test_ground(judge: ReferenceJudge):
     )
 
 
+@pytest.mark.parametrize("height", [4.0, 84.0])
+def test_a_motion_that_is_nowhere_near_the_ground(judge: ReferenceJudge, height):
+    verdict = judge.judge(motion(np.zeros((20, 5)), STANDING + height))
+    assert verdict.violations == ("never on the ground",)
+    # A jump is none, nor is one that lands.
+    flight = motion(np.zeros((20, 5)), STANDING + 0.4)
+    assert judge.judge(flight).violations == ()
+
+
 def test_feet_stand_although_the_motion_floats(judge: ReferenceJudge):
     joints = np.zeros((20, 5))
     sliding = motion(joints, STANDING + 0.04)

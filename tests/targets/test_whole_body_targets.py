@@ -18,7 +18,9 @@ from crar_drake.motion.joint_centres import JOINT_CENTRES
 from crar_drake.motion.leg_shape import TrunkShape
 from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.planted_feet import ContactThresholds, runs
+from crar_drake.motion.report import inspect
 from crar_drake.motion.retarget_legs import retarget_legs
+from crar_drake.motion.travel import pinned_pelvis
 from crar_drake.motion.turns import hip_turns
 from crar_drake.references.ground_contact import foot_slip
 from crar_drake.robot.description import find_frame
@@ -104,6 +106,21 @@ def test_feet_stand_on_the_floor_and_are_in_reach(model, whole):
         np.testing.assert_allclose(
             np.linalg.norm(knee - foot.positions, axis=1), SHANK, atol=2e-3
         )
+
+
+def test_a_pelvis_that_is_pinned_is_refused(model, performer, whole):
+    """As of a pose estimator: all points relative to it."""
+    p = performer.positions
+    still = {joint: q - p["pelvis"] + p["pelvis"][0] for joint, q in p.items()}
+    pinned = replace(performer, positions=still)
+    with pytest.raises(MotionError, match="the pelvis never moves, although a foot"):
+        retarget_whole_body(model, pinned, segment_lengths(model), 6.0)
+    (doubt,) = inspect(pinned).doubts
+    assert "relative to it, as pose estimators give them" in doubt
+    assert not any("pelvis never" in doubt for doubt in inspect(performer).doubts)
+    # Somebody who stands does not move it either.
+    standing = {joint: np.repeat(q[:1], len(q), axis=0) for joint, q in p.items()}
+    assert not pinned_pelvis(replace(performer, positions=standing))
 
 
 def test_the_hips_path_is_scaled_by_the_legs(performer, whole):

@@ -7,17 +7,27 @@ or stands at 0 0 0, or is NaN.
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import math
 import os
 import struct
+import subprocess
+import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, printable
 from crar_drake.resources import install_command
+
+_CHILD = Path(__file__).with_name("ezc3d_child.py")
+_PATIENCE = 60.0  # [s]
+_SLOWEST = 1e6  # [bytes/s]
+_MEMORY = 2**32  # [bytes]; what libraries reserve is most of it
 
 _UNITS = {"mm": "mm", "cm": "cm", "m": "m", "in": "in", "": ""}
 
@@ -49,52 +59,37 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
             points or frames.
     """
     path = Path(path)
-    try:
-        import ezc3d
-    except ImportError as error:
-        raise MotionError(
-            f"{path}: C3D files need ezc3d: {install_command('c3d')}"
-        ) from error
+    if importlib.util.find_spec("ezc3d") is None:
+        raise MotionError(f"{path}: C3D files need ezc3d: {install_command('c3d')}")
     if not path.is_file():
         raise MotionError(f"{path}: there is no such motion file; check the path")
     _check_whole(path)
-    try:
-        c3d = ezc3d.c3d(str(path))
-    except Exception as error:  # ezc3d raises what its C++ throws, of many kinds
-        # After its first sentence comes advice to programmers.
-        why = str(error).split(". ")[0].split("\n")[0]
-        raise MotionError(f"{path}: not a readable C3D file: {why}") from error
-    parameters = c3d["parameters"]
+    parameters, data, residuals = _read_by_ezc3d(path)
     points = parameters["POINT"]
-    labels = tuple(label.strip() for label in _value(points, "LABELS", []))
     # Beyond 255 labels a second list goes on.
-    for number in range(2, 10):
-        labels += tuple(
-            label.strip() for label in _value(points, f"LABELS{number}", [])
-        )
-    data = np.moveaxis(c3d["data"]["points"][:3], 0, -1)
-    positions = np.swapaxes(data, 0, 1).astype(float)  # (T, M, 3)
+    lists = ["LABELS", *(f"LABELS{number}" for number in range(2, 10))]
+    labels = tuple(label.strip() for name in lists for label in points.get(name, []))
+    positions = np.moveaxis(data, 0, -1).swapaxes(0, 1).astype(float)  # (T, M, 3)
     labels = labels[: positions.shape[1]]
     if not labels or not positions.size:
         what = "no frames" if labels else "no labelled points"
         raise MotionError(f"{path}: it has {what}")
     positions = positions[:, : len(labels)]
-    residuals = c3d["data"]["meta_points"]["residuals"][0, : len(labels)].T
-    hidden = (residuals < 0.0) | np.all(positions == 0.0, axis=-1)
+    hidden = (residuals[: len(labels)].T < 0.0) | np.all(positions == 0.0, axis=-1)
     positions[hidden] = np.nan
-    unit = " ".join(_value(points, "UNITS", [""])[:1]).strip().lower()
+    unit = " ".join(points.get("UNITS", [""])[:1]).strip().lower()
     if unit not in _UNITS:
         raise MotionError(
             f"{path}: POINT:UNITS {unit!r} is not known; say the unit: --unit"
         )
-    rates = _value(points, "RATE", [])
+    rates = points.get("RATE", [])
     rate = float(rates[0]) if len(rates) else 0.0
     return Markers(
         labels,
         positions,
         rate if math.isfinite(rate) and rate > 0.0 else 0.0,
         _UNITS[unit],
-        _measures(parameters),
+        _measures(parameters["PROCESSING"]),
     )
 
 
@@ -125,18 +120,40 @@ def _check_whole(path: Path) -> None:
         )
 
 
-def _value(group, name: str, default):
-    return group[name]["value"] if name in group else default
+def _read_by_ezc3d(path: Path) -> tuple[dict, np.ndarray, np.ndarray]:
+    """What `ezc3d_child` tells: groups of parameters, points (3, M, T) and residuals.
+
+    Raises:
+        MotionError: ezc3d cannot read the file, or does not come to an end.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "points.npz"
+        size = path.stat().st_size
+        command = [sys.executable, "-P", _CHILD, path, out, str(_MEMORY + 50 * size)]
+        try:
+            finished = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=_PATIENCE + size / _SLOWEST,
+            )
+        except subprocess.TimeoutExpired:
+            why = "ezc3d does not come to an end"
+        else:
+            if finished.returncode == 0:
+                with np.load(out) as read:
+                    parameters = json.loads(str(read["parameters"]))
+                    return parameters, read["points"], read["residuals"]
+            said = finished.stderr.strip().split("\n")[-1]
+            why = said if finished.returncode == 1 else "ezc3d crashes"
+    raise MotionError(f"{path}: not a readable C3D file: {printable(why)}")
 
 
-def _measures(parameters) -> dict[str, float]:
+def _measures(group: Mapping[str, list]) -> dict[str, float]:
     """Single numbers of PROCESSING, where Vicon writes a subject's measures."""
-    if "PROCESSING" not in parameters:
-        return {}
-    group = parameters["PROCESSING"]
-    found = {}
-    for name in group:
-        value = group[name].get("value", []) if hasattr(group[name], "get") else []
-        if len(value) == 1 and isinstance(value[0], float) and value[0] > 0.0:
-            found[name] = float(value[0])
-    return found
+    return {
+        name: float(value[0])
+        for name, value in group.items()
+        if len(value) == 1 and isinstance(value[0], float) and value[0] > 0.0
+    }

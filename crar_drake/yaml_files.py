@@ -92,6 +92,7 @@ def load_yaml(
     """
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
+        _check_names(root, source, error)
         # No text would be taken for no argument.
         document = yaml_load_data(text) if root is not None else None
         lines = _lines(root, source, error) if document is not None else {}
@@ -135,6 +136,17 @@ def load_yaml(
 
 
 # --- the text ---------------------------------------------------------------------
+
+
+def _check_names(root: yaml.Node | None, source: str, error: type[CrarError]) -> None:
+    """Keys at the top are names: Drake's reader crashes at a number."""
+    for key, _ in root.value if isinstance(root, yaml.MappingNode) else ():
+        kind = key.tag.rpartition(":")[2]
+        if kind in ("int", "float", "bool", "null", "timestamp"):
+            raise error(
+                f"{source}: line {key.start_mark.line + 1}: the key {key.value[:40]} "
+                "is no name"
+            )
 
 
 def _syntax(error: yaml.YAMLError, text: str) -> str:

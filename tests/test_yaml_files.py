@@ -187,6 +187,8 @@ def test_an_unknown_key_is_told_with_its_level_and_the_keys_there(text, path, hi
         (VALID + "a: " + 5000 * "[", ["nested too deep"]),
         (VALID + "tasks: &t [*t]", ["tasks[0]"]),
         (VALID + "controller: !Foo {Kp: 3}", ["controller._tag", "unknown"]),
+        ("999: dance\n" + VALID, ["line 1", "the key 999 is no name"]),
+        (VALID + "true: dance\n", ["the key true is no name"]),
     ],
 )
 def test_what_is_no_yaml_or_no_mapping(text, words):

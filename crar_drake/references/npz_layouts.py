@@ -26,7 +26,6 @@ names are in neither. (mjlab trained on the other kind tracks wrong links.)
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
-from crar_drake.references.plain_pickle import LARGEST
+from crar_drake.motion.array_files import load_arrays
 from crar_drake.references.robot_motion import UNTOLD_ORDER, RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
@@ -67,7 +66,7 @@ def read_npz(
     Raises:
         MotionError: the file is damaged.
     """
-    arrays = _load(path)
+    arrays = load_arrays(path)
     if "joint_pos" not in arrays:
         log = "; it looks like the log of a run" if "signed_distances" in arrays else ""
         raise MotionError(
@@ -217,37 +216,6 @@ def _turning(R: Rotation, step: float) -> np.ndarray:
     inner = (R[2:] * R[:-2].inv()).as_rotvec() / (2.0 * step)
     first, last = ((R[i + 1] * R[i].inv()).as_rotvec() / step for i in (0, len(R) - 2))
     return np.vstack([first, inner, last])
-
-
-def _load(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST:
-            raise MotionError(
-                f"{path}: it unpacks to more than {LARGEST / 2**30:g} GiB"
-            )
-        with np.load(path, allow_pickle=False) as file:
-            return {key: file[key] for key in file.files}
-    except MotionError:
-        raise
-    except ValueError as error:
-        raise MotionError(
-            f"{path}: one of its arrays is damaged or holds objects, which are not "
-            f"read ({error})"
-        ) from None
-    except MemoryError:
-        raise MotionError(
-            f"{path}: one of its arrays says that it is larger than the memory"
-        ) from None
-    except Exception as error:
-        # Each unpacker, and NumPy's reader of headers, has errors of its own.
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        raise MotionError(
-            f"{path}: it is no NPZ file, or one that is damaged, cut off or encrypted "
-            f"({error})"
-        ) from None
 
 
 def _numbers(

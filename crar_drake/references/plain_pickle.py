@@ -23,12 +23,12 @@ from pathlib import Path
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
+from crar_drake.motion.array_files import LARGEST
 from crar_drake.references.pickled_arrays import RefusedPickle
 from crar_drake.references.plain_unpickler import PlainUnpickler
 
-# What a file may unpack to [bytes], and how often its own size: numbers of a motion do
-# not compress that well.
-LARGEST = 4 * 2**30
+# How often its own size a file may unpack to, beyond what is small [bytes]: numbers of
+# a motion do not compress that well.
 _LARGEST_RATIO, _SMALL = 100, 64 * 2**20
 
 # First bytes of what joblib compresses with, and what unpacks it.

@@ -142,7 +142,7 @@ def test_wrong_files_are_told(truth, tmp_path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((10, 66)))
     assert "must be numbers of shape (T, J, 3)" in refusal("a.npy", frame_rate=30.0)
     (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 and no more")
-    assert "not a readable" in refusal("a.npz")
+    assert "it is no NPZ file" in refusal("a.npz")
     np.savez(tmp_path / "a.npz", poses=np.zeros((10, 156)), mocap_framerate=120.0)
     assert "the file holds poses (10, 156)" in refusal("a.npz")
     names = LAYOUTS["SMPL-22"]
@@ -159,3 +159,29 @@ def test_wrong_files_are_told(truth, tmp_path) -> None:
     assert "no left_elbow, right_elbow among its points: pelvis" in refusal("a.npz")
     np.savez(tmp_path / "a.npz", positions=points[:1], names=names, fps=60)
     assert "single frame" in refusal("a.npz")
+
+
+@pytest.mark.parametrize("suffix", ["npz", "npy"])
+def test_changed_bytes_of_an_archive_are_refused(suffix, truth, tmp_path) -> None:
+    """NumPy's and Python's readers raise a dozen kinds of errors at them."""
+    points = points_of(truth, LAYOUTS["SMPL-22"])[:3]
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "npz":
+        np.savez(path, positions=points, frame_rate=30.0)
+    else:
+        np.save(path, points)
+    data, rng = path.read_bytes(), np.random.default_rng(5)
+    refused = 0
+    for _ in range(300):
+        changed = bytearray(data)
+        for place in rng.choice(len(data), 3):
+            # Mostly where it says what is in it.
+            place = place % 150 if rng.random() < 0.7 else place
+            changed[place] = rng.integers(256)
+        path.write_bytes(changed)
+        try:
+            performed(path, frame_rate=30.0)
+        except MotionError as error:
+            assert str(path) in str(error) or "motion a" in str(error)
+            refused += 1
+    assert refused > 100

@@ -313,6 +313,7 @@ class _AsfParser:
             if self.block is not None:
                 self.lines.fail(f"the bone begun on line {self.block_line} has no end")
             self.block, self.block_line = {}, self.lines.number
+            self.last_key = ""
         elif self.block is None:
             self.lines.fail(f"expected begin, found {_shown(words[0])}")
         elif key == "end":

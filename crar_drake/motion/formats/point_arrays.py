@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.array_files import load_arrays
+from crar_drake.motion.plausible import refuse_far
 
 _ARRAYS = ("positions", "joints", "keypoints", "keypoints_3d", "joints3d", "poses3d")
 _NAMES = ("names", "joint_names", "labels")
@@ -50,26 +52,12 @@ def read_point_arrays(path: str | os.PathLike[str]) -> PointArrays:
             the message names file and line.
     """
     path = Path(path)
-    try:
-        if path.suffix.lower() == ".csv":
-            return _read_csv(path)
-        loaded = np.load(path, allow_pickle=False)
-        if path.suffix.lower() == ".npy":
-            return PointArrays((), _checked(path, "the array", loaded), 0.0)
-        with loaded:
-            return _of_npz(path, {key: loaded[key] for key in loaded.files})
-    except OSError as error:
-        raise MotionError(
-            f"{path}: cannot read this motion: {error.strerror or error}"
-        ) from error
-    except MotionError:
-        raise
-    except (ValueError, EOFError, KeyError) as error:  # BadZipFile is an OSError's kin
-        raise MotionError(f"{path}: not a readable file of arrays: {error}") from error
-    except Exception as error:
-        if type(error).__name__ != "BadZipFile":
-            raise
-        raise MotionError(f"{path}: not a readable NPZ file: {error}") from error
+    if path.suffix.lower() == ".csv":
+        return _read_csv(path)
+    arrays = load_arrays(path)
+    if path.suffix.lower() == ".npy":
+        return PointArrays((), _checked(path, "the array", arrays[""]), 0.0)
+    return _of_npz(path, arrays)
 
 
 def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
@@ -120,6 +108,7 @@ def _checked(path: Path, what: str, array: np.ndarray) -> np.ndarray:
         raise MotionError(f"{path}: the motion has no frames")
     positions = array.astype(float)
     positions[~np.isfinite(positions).all(axis=2)] = np.nan
+    refuse_far(f"{path}: {what}", positions)
     return positions
 
 

@@ -17,6 +17,7 @@ from crar_drake.motion.file_frame import (
 )
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import ARM, JOINTS, LEG, SIDES, Fact, Performer
+from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.rates import rate_doubt
 
 # A performer whose feet are no farther than this from the file's zero height stands
@@ -112,6 +113,8 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
         raise MotionError(
             f"motion {name}: it has a single frame; at least 2 are needed"
         )
+    for joint, samples in p.items():
+        refuse_far(f"motion {name}: {joint}", samples)
     mirrored = seems_mirrored(p)
     frame = find_frame(
         p,

@@ -361,6 +361,12 @@ BAD_SKELETONS = [
     ("direction", ASF.replace("0 -2 0", "0 0 0"), None, ["thigh", "direction"]),
     ("few", ASF.replace("0 -2 0", "0 -2"), "0 -2", ["direction", "3 values"]),
     ("dof", ASF.replace("dof ry", "dof tx"), "dof tx", ["tx", "rx ry rz"]),
+    (
+        "limits of no bone",
+        ASF.replace("  end\n:hier", "  end\n  begin\n  (1 2)\n  end\n:hier"),
+        "  (1 2)",
+        ["without the word limits"],
+    ),
     ("axis", ASF.replace("30  XYZ", "30  ZYX"), "ZYX", ["ZYX", "XYZ"]),
     ("order", ASF.replace("RX RY RZ", "RZ RY RX"), "order", ["root order"]),
     ("offset", ASF.replace("orientation 0", "orientation 9"), "orient", ["0 0 0"]),

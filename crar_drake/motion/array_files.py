@@ -1,0 +1,52 @@
+"""NumPy's files of arrays, from anywhere: damaged ones are refused."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+
+LARGEST = 4 * 2**30  # that a file may unpack to [bytes]
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ file by name, or the one of an NPY file as "".
+
+    Raises:
+        MotionError: it cannot be read, is damaged, holds objects, or unpacks to more
+            than LARGEST.
+    """
+    try:
+        if path.suffix.lower() == ".npy":
+            return {"": np.load(path, allow_pickle=False)}
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST:
+            raise MotionError(
+                f"{path}: it unpacks to more than {LARGEST / 2**30:g} GiB"
+            )
+        with np.load(path, allow_pickle=False) as file:
+            return {key: file[key] for key in file.files}
+    except MotionError:
+        raise
+    except ValueError as error:
+        raise MotionError(
+            f"{path}: one of its arrays is damaged or holds objects, which are not "
+            f"read ({error})"
+        ) from None
+    except MemoryError:
+        raise MotionError(
+            f"{path}: one of its arrays says that it is larger than the memory"
+        ) from None
+    except Exception as error:
+        # Each unpacker, and NumPy's reader of headers, has errors of its own.
+        if isinstance(error, OSError) and error.filename is not None:
+            raise MotionError(f"{path}: cannot be read: {error.strerror}") from error
+        kind = path.suffix[1:].upper()
+        raise MotionError(
+            f"{path}: it is no {kind} file, or one that is damaged, cut off or "
+            f"encrypted ({error})"
+        ) from None

@@ -17,6 +17,7 @@ from crar_drake.robot_import.choices import FrameChoice
 from crar_drake.robot_import.source_robot import Joint, SourceRobot
 
 FEWEST_JOINTS = 4  # of an arm
+_ENOUGH = 6  # joints of an arm, for any pose of its hand
 _LEG_WORDS = ("leg", "hip", "knee", "ankle", "foot", "thigh", "calf", "shank")
 _ARM_WORDS = ("arm", "shoulder", "elbow", "wrist", "hand")
 AWAY = 0.25  # [rad] of an arm from the trunk, at rest
@@ -242,11 +243,20 @@ def chain_ends(robot: SourceRobot) -> list[str]:
         grips = any(word in name for word in _GRIPS)
         turns = any(word in name for word in _TURNS)
         last = grips and not turns and not _depth(robot, joint.child)
+        # A jaw opens one way from closed, at zero, at the end of an arm that needs no
+        # more joints.
+        opens = joint.lower == 0.0 or joint.upper == 0.0
+        jaw = (
+            opens and not _depth(robot, joint.child) and joints_before(joint) >= _ENOUGH
+        )
         named = any(word in name for word in words)
         # A telescope's joints follow each other, too, or a forearm's its elbow's, and
         # carry a wrist.
         follows = bool(joint.mimic) and not _depth(robot, joint.child, own=True)
-        return follows or leads or last or named
+        return follows or leads or last or jaw or named
+
+    def joints_before(joint: Joint) -> int:
+        return sum(each.moves for each in robot.path_to(joint.parent))
 
     X, ends = robot.poses(), []
 

@@ -25,6 +25,7 @@ from crar_drake.robot_import.alarms import (
     pair_alarms,
 )
 from crar_drake.robot_import.anatomy import find_anatomy, link_twins
+from crar_drake.robot_import.body_plan import frame_alarms, refuse_hand, turned_hands
 from crar_drake.robot_import.choices import ImportChoices, load_choices, save_choices
 from crar_drake.robot_import.fit_cache import FitCache
 from crar_drake.robot_import.import_report import ImportReport, Progress
@@ -152,6 +153,7 @@ def import_robot(
     up_axis = choices.up_axis or "z"
     parts = {name: link_parts(link, up_axis) for name, link in robot.links.items()}
     robot = face_ahead(robot, parts, choices, report)
+    refuse_hand(robot)
     guess_structure(robot, parts, choices, report)
     try:
         locked = check_structure(robot, choices, file)
@@ -261,6 +263,10 @@ def _make(
             write()
             plant = _parse(description)
     report.warnings += limb_alarms(robot, choices.frames)
+    report.warnings += frame_alarms(
+        robot, find_anatomy(robot), choices.frames, choices.base == "floating"
+    )
+    report.notes += turned_hands(robot, choices.frames)
     report.warnings += number_alarms(robot, locked)
     anatomy = find_anatomy(robot)
     if anatomy is not None:

@@ -1,0 +1,164 @@
+"""What kind of body a robot has, where it is none that a person's motion fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
+
+from crar_drake.errors import ModelError
+from crar_drake.robot_import.anatomy import (
+    FEWEST_JOINTS,
+    Anatomy,
+    chain_ends,
+    mirrored_chains,
+)
+from crar_drake.robot_import.choices import FrameChoice
+from crar_drake.robot_import.leg_and_head_frames import LEG_POINTS
+from crar_drake.robot_import.source_robot import Joint, SourceRobot
+
+_SIDES = ("left", "right")
+_UPPER = ("waist", "neck") + tuple(
+    f"{side}_{point}" for side in _SIDES for point in ("shoulder", "elbow", "wrist")
+)
+_LIMB = 3  # joints of a limb, or of a finger, at least
+_LONGEST_FINGER = 0.2  # [m], from the palm
+_FINGERS = 3  # of a hand, at least
+_DOWN = 0.1  # [m] that a leg hangs down, at least
+_LARGEST_ANGLE = np.radians(45.0)
+_QUADRUPED = "four legs and no arms, a quadruped"
+_TO_DO = "list them as frames in import.yaml (docs/your-robot.md) and import again"
+
+
+def refuse_hand(robot: SourceRobot) -> None:
+    """Raises ModelError if the robot is a hand alone: all its limbs are fingers."""
+    X, limbs = robot.poses(), _own_joints(robot)
+    reaches = [
+        np.linalg.norm(X[end].translation() - X[joints[0].parent].translation())
+        for end, joints in limbs.items()
+        if len(joints) >= _LIMB
+    ]
+    if len(reaches) >= _FINGERS and max(reaches) < _LONGEST_FINGER:
+        raise ModelError(
+            f"{robot.path}: a hand with {len(reaches)} fingers, and neither a humanoid "
+            "nor an arm; import the robot that carries it"
+        )
+
+
+def frame_alarms(
+    robot: SourceRobot,
+    anatomy: Anatomy | None,
+    frames: Mapping[str, FrameChoice],
+    floating: bool,
+) -> list[str]:
+    """Frames that a motion of a person needs and that are not there, and why.
+
+    Args:
+        robot: in a frame whose x axis is its front.
+        anatomy: its arms.
+        frames: the motion's points.
+        floating: whether the whole body may be moved.
+    """
+    missing = [name for name in _UPPER if name not in frames]
+    if missing:
+        told = _why_no_arms(robot) if anatomy is None else "not all of it was found"
+        if not told:
+            return []
+        if told == _QUADRUPED:
+            return [f"frames: {told}: keyframes can be run, no motion of a person"]
+        return [
+            f"frames: {told}. Without {', '.join(missing)} no motion of a person can "
+            f"be run, only keyframes; {_TO_DO}"
+        ]
+    wanted = [f"{side}_{point}" for side in _SIDES for point in LEG_POINTS]
+    missing = [name for name in wanted if name not in frames]
+    if not floating or not missing:
+        return []
+    return [
+        f"frames: without {', '.join(missing)} no motion can be run with "
+        f"--experiment whole-body; {_TO_DO}"
+    ]
+
+
+def _why_no_arms(robot: SourceRobot) -> str:
+    """Why a robot with several limbs has no left and right arm; "" of a single arm."""
+    limbs = [joints for joints in _own_joints(robot).values() if len(joints) >= _LIMB]
+    if len(limbs) < 2:
+        return ""
+    X = robot.poses()
+    pairs = mirrored_chains(robot, _LIMB)
+    legs = [
+        pair
+        for pair in pairs
+        if X[pair[0].joints[0].child].translation()[2]
+        - X[pair[0].hand].translation()[2]
+        > _DOWN
+    ]
+    if len(legs) > 1 and len(legs) == len(pairs):
+        return _QUADRUPED
+    for left, right in pairs:
+        if len(left.joints) < FEWEST_JOINTS:
+            return (
+                f"the chains that end in {left.hand} and {right.hand} mirror each "
+                f"other with {len(left.joints)} joints; arms are found that have "
+                f"{FEWEST_JOINTS} or more"
+            )
+    for i, a in enumerate(limbs):
+        for b in limbs[i + 1 :]:
+            if len(a) == len(b) >= FEWEST_JOINTS and _are_copies(X, a, b):
+                return (
+                    f"the chains that end in {a[-1].child} and {b[-1].child} are "
+                    "alike, side by side: arms are found that mirror each other"
+                )
+    return "no pair of arms that mirror each other was found"
+
+
+def _are_copies(X: Mapping, a: list[Joint], b: list[Joint]) -> bool:
+    """Whether one chain is the other in another place, turned or not."""
+
+    def lengths(chain: list[Joint]) -> np.ndarray:
+        p = np.array([X[joint.child].translation() for joint in chain])
+        return np.linalg.norm(np.diff(p, axis=0), axis=1)
+
+    return np.allclose(lengths(a), lengths(b), atol=1e-3)
+
+
+def turned_hands(robot: SourceRobot, frames: Mapping[str, FrameChoice]) -> list[str]:
+    """Hands whose x axis is not to the fingertips, as a motion's hands have it."""
+    X, found = robot.poses(), []
+    for side in _SIDES:
+        if not {f"{side}_hand", f"{side}_wrist", f"{side}_elbow"} <= set(frames):
+            continue
+        p = [
+            X[frame.link].multiply(np.array(frame.point, dtype=float))
+            for frame in (frames[f"{side}_elbow"], frames[f"{side}_wrist"])
+        ]
+        forearm = p[1] - p[0]
+        hand = frames[f"{side}_hand"]
+        turned = RotationMatrix(RollPitchYaw(hand.rpy))
+        x = X[hand.link].rotation().multiply(turned).matrix()[:, 0]
+        angle = np.arccos(np.clip(x @ forearm / np.linalg.norm(forearm), -1.0, 1.0))
+        if angle > _LARGEST_ANGLE:
+            found.append(f"{side}_hand ({np.degrees(angle):.0f}°)")
+    if not found:
+        return []
+    return [
+        f"frames: x of {', '.join(found)} does not point along the forearm to the "
+        "fingertips. Points follow all the same; before you use its orientation turn "
+        "it: rpy in import.yaml"
+    ]
+
+
+def _own_joints(robot: SourceRobot) -> dict[str, list[Joint]]:
+    """The end of each chain to its moving joints beyond those that all have."""
+    ways = {
+        end: [joint for joint in robot.path_to(end) if joint.moves]
+        for end in chain_ends(robot)
+    }
+    common = 0
+    for joints in zip(*ways.values(), strict=False):
+        if len({joint.name for joint in joints}) > 1:
+            break
+        common += 1
+    return {end: way[common:] for end, way in ways.items()} if len(ways) > 1 else ways

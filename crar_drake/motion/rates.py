@@ -20,10 +20,7 @@ _NEAR = 2e-3  # of a usual rate: files round frame times to three digits or more
 
 
 def rate_meant(
-    where: str,
-    stated: str,
-    readings: Mapping[str, float],
-    option: str = "--frame-rate",
+    where: str, stated: str, readings: Mapping[str, float]
 ) -> tuple[float, str]:
     """The rate that a file means which states an impossible one, and a sentence.
 
@@ -32,7 +29,6 @@ def rate_meant(
         stated: what the file says, as in "a frame time of 30 s".
         readings: what else the number could be ("a rate", "milliseconds") to the
             rate then [Hz].
-        option: that says the rate.
 
     Returns:
         The rate [Hz], and what is to be told.
@@ -44,21 +40,21 @@ def rate_meant(
     if len(usual) != 1:
         could = ", ".join(f"{rate:g} Hz if {what}" for what, rate in readings.items())
         raise MotionError(
-            f"{where}: {stated} is none ({could}); say the rate: {option} HZ"
+            f"{where}: {stated} is none ({could}); say the rate: --frame-rate HZ"
         )
     ((reading, rate),) = usual.items()
     near = min(_USUAL, key=lambda usual_rate: abs(math.log(rate / usual_rate)))
     return near, (
-        f"{stated} is none: taken as {reading}, so {near:g} Hz; {option} HZ says "
+        f"{stated} is none: taken as {reading}, so {near:g} Hz; --frame-rate HZ says "
         "another"
     )
 
 
-def rate_doubt(rate: float, option: str = "--frame-rate") -> str:
+def rate_doubt(rate: float) -> str:
     """Why a rate [Hz] is doubted, or ""."""
     if _PLAUSIBLE[0] <= rate <= _PLAUSIBLE[1]:
         return ""
-    return f"a rate of {rate:g} Hz is no camera's: is it another? {option} HZ"
+    return f"a rate of {rate:g} Hz is no camera's: is it another? --frame-rate HZ"
 
 
 def _is_usual(rate: float) -> bool:

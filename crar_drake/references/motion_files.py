@@ -138,11 +138,11 @@ def write_motions(
 
 def _with_plausible_rate(motion: RobotMotion) -> RobotMotion:
     """The motion; one that states the time between frames for the rate has the rate."""
-    rate, told = motion.rate, rate_doubt(motion.rate, "--rate")
+    rate, told = motion.rate, rate_doubt(motion.rate)
     if 0.0 < rate < SLOWEST:
         where = str(motion.source)
         readings = {"the time between frames in seconds": 1.0 / rate}
-        rate, told = rate_meant(where, f"a rate of {rate:g} Hz", readings, "--rate")
+        rate, told = rate_meant(where, f"a rate of {rate:g} Hz", readings)
     if not told:
         return motion
     return replace(motion, rate=rate, guesses=(*motion.guesses, told)).as_read()

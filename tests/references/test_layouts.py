@@ -506,5 +506,5 @@ def test_a_rate_that_means_nothing_is_refused(tmp_path):
     held = dict(fps=0.7, root_pos=P, root_rot=xyzw(Q), dof_pos=JOINTS)
     held |= dict(local_body_pos=None, link_body_list=None)
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
-    with pytest.raises(MotionError, match=r"a.pkl.* rate of 0.7 Hz .*--rate HZ"):
+    with pytest.raises(MotionError, match=r"a.pkl.* rate of 0.7 Hz .*--frame-rate HZ"):
         read_motion(tmp_path / "a.pkl")

@@ -51,6 +51,7 @@ class SdfCopies:
         """
         self._folder, self._package_paths = folder, package_paths
         self._copies: dict[Path, Path] = {}
+        self._open: set[Path] = set()  # whose copies are being made
         self.mimics: dict[str, tuple[str, float, float]] = {}
 
     def of(self, path: Path) -> Path:
@@ -60,8 +61,11 @@ class SdfCopies:
             ModelError: it, or what it includes, is no XML, or a mesh, model or package
                 is not there.
         """
+        if path in self._open:
+            raise ModelError(f"{path}: it includes itself")
         if path in self._copies:
             return self._copies[path]
+        self._open.add(path)
         copy = self._folder / str(len(self._copies)) / path.name
         self._copies[path] = copy
         root = read_xml(path, "an SDF")
@@ -82,6 +86,7 @@ class SdfCopies:
         files.check()
         copy.parent.mkdir()
         copy.write_text(_COLLISION_ELEMENT.sub(_as_visual, text), encoding="utf-8")
+        self._open.discard(path)
         return copy
 
     def told_of_originals(self, message: str) -> str:

@@ -145,11 +145,15 @@ def AddCrarController(
             f"the plant's time step is {plant.time_step():g} s but the control model's "
             f"{model_plant.time_step():g} s; with joint damping they must be the same"
         )
-    controller = builder.AddSystem(
-        CrarController(
-            control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
-        )
+    controller = CrarController(
+        control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
     )
+    # A diagram's systems have names of their own; so a second robot can have one.
+    name, number = controller.get_name(), 1
+    while builder.HasSubsystemNamed(controller.get_name()):
+        number += 1
+        controller.set_name(f"{name}_{number}")
+    builder.AddSystem(controller)
     builder.Connect(
         estimated_state or plant.get_state_output_port(),
         controller.get_input_port_estimated_state(),

@@ -403,3 +403,15 @@ def test_cassie(robot_data):
             assert (mine["pelvis"].inverse() @ mine[name]).IsNearlyEqualTo(
                 expected, 1e-9
             )
+
+
+def test_files_that_include_themselves_are_refused(tmp_path):
+    """Drake's reader would crash."""
+    text = (
+        '<sdf version="1.9"><model name="{}"><include><uri>{}</uri></include>'
+        '<link name="a"/></model></sdf>'
+    )
+    (tmp_path / "a.sdf").write_text(text.format("m", "b.sdf"))
+    (tmp_path / "b.sdf").write_text(text.format("n", "a.sdf"))
+    with pytest.raises(ModelError, match="a.sdf: it includes itself"):
+        read_robot(tmp_path / "a.sdf")

@@ -361,3 +361,46 @@ def test_prepared_setup_gives_the_same_diagram():
     states = [c.get_discrete_state_vector().CopyToVector() for c in contexts]
     np.testing.assert_array_equal(states[0], states[1])
     np.testing.assert_array_equal(states[0][:7], setup.start_positions)
+
+
+def test_two_robots_in_one_diagram_do_as_each_alone():
+    """Of two kinds, and of one: names are unique, and nothing is shared."""
+
+    def torques(*robots: tuple[str, str]) -> list[np.ndarray]:
+        builder, controllers = DiagramBuilder(), []
+        for number, (name, frame) in enumerate(robots):
+            plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+            plant.set_name(f"plant_{number}")
+            scene_graph.set_name(f"scene_graph_{number}")
+            robot = AddRobot(plant, name)
+            plant.Finalize()
+            controller = AddCrarController(
+                builder, plant, scene_graph, robot, [Task(frame=frame)]
+            )
+            model = controller.model
+            target = model.tasks_at(model.rest_positions())
+            target[2] += 0.05
+            values = [(target, controller.get_input_port_desired_tasks())]
+            if model.n_p:
+                still = model.prescribed_at(model.rest_positions())
+                values.append((still, controller.get_input_port_desired_prescribed()))
+            for value, port in values:
+                source = builder.AddSystem(ConstantVectorSource(value))
+                builder.Connect(source.get_output_port(), port)
+            controllers.append(controller)
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(0.1)
+        root = simulator.get_context()
+        return [
+            c.get_output_port_actuation().Eval(c.GetMyContextFromRoot(root))
+            for c in controllers
+        ]
+
+    body, arm = ("upper_body", "left_wrist"), ("obstacle_arm", "tool")
+    alone = [*torques(body), *torques(arm)]
+    for both, expected in (
+        (torques(body, arm), alone),
+        (torques(arm, arm), [alone[1]] * 2),
+    ):
+        for found, its in zip(both, expected, strict=True):
+            np.testing.assert_array_equal(found, its)

@@ -84,7 +84,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
-    from crar_drake.errors import ModelError
+    from crar_drake.errors import ModelError, printable
     from crar_drake.files import whole_file
     from crar_drake.resources import imported_robots_folder
     from crar_drake.robot.description import IMPORT_FILE, import_file
@@ -136,7 +136,7 @@ def run(arguments: argparse.Namespace) -> None:
             progress=progress,
         )
     for line in report.lines():
-        print(line)
+        print(printable(line))
     print()
     for name in (IMPORT_FILE, "robot.yaml", "robot.urdf", "picture.png", "report.txt"):
         print(out / name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from crar_drake.errors import MotionError
@@ -12,12 +13,16 @@ _MARKS = {b"\xff\xfe\x00\x00": "utf-32", b"\x00\x00\xfe\xff": "utf-32"} | {
     b"\xfe\xff": "utf-16",
 }
 
+# Escapes, and marks that turn the direction of a text.
+_OBEYED = re.compile("[\x01-\x08\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
 
 def read_motion_text(path: str | os.PathLike[str], kind: str = "motion") -> str:
     """The text of a file in UTF-8, UTF-16, UTF-32 or, if it is none, Latin-1.
 
     Numbers and keywords are ASCII in all of them; names may need the right one.
-    Line ends become \\n; form feeds and the like are mere blanks, and stay.
+    Line ends become \\n; form feeds and the like are mere blanks, and stay. What a
+    terminal would obey, in a name, is escaped.
 
     Args:
         path: of the file.
@@ -32,7 +37,8 @@ def read_motion_text(path: str | os.PathLike[str], kind: str = "motion") -> str:
         raise MotionError(
             f"{path}: cannot read this {kind}: {error.strerror or error}"
         ) from error
-    return _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
+    text = _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
+    return _OBEYED.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def _decoded(data: bytes) -> str:

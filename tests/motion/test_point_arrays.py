@@ -161,6 +161,21 @@ def test_wrong_files_are_told(truth, tmp_path) -> None:
     assert "single frame" in refusal("a.npz")
 
 
+def test_comments_encodings_and_escapes_of_a_csv(truth, tmp_path) -> None:
+    names = LAYOUTS["SMPL-22"]
+    text = "# made by a tool\n" + csv_text(truth, 5).replace("\n", "\n# and so on\n", 1)
+    path = tmp_path / "a.csv"
+    for encoding in ("utf-8", "utf-8-sig", "utf-16"):
+        path.write_bytes(text.encode(encoding))
+        assert performed(path).num_frames == 5
+    path.write_text(text.replace(names[0], "\x1b[31m" + names[0]))
+    told = " ".join(performed(path).matches())
+    assert told.isprintable() and r"\x1b[31m" in told
+    path.write_text("\n".join(text.split("\n")[:4] + ["1,2"]))
+    with pytest.raises(MotionError, match="a.csv:5: 2 values, but the heading has"):
+        performed(path)
+
+
 @pytest.mark.parametrize("suffix", ["npz", "npy"])
 def test_changed_bytes_of_an_archive_are_refused(suffix, truth, tmp_path) -> None:
     """NumPy's and Python's readers raise a dozen kinds of errors at them."""

@@ -68,7 +68,7 @@ def read_c3d(path: str | os.PathLike[str]) -> Markers:
     points = parameters["POINT"]
     # Beyond 255 labels a second list goes on.
     lists = ["LABELS", *(f"LABELS{number}" for number in range(2, 10))]
-    labels = tuple(label.strip() for name in lists for label in points.get(name, []))
+    labels = tuple(printable(x.strip()) for name in lists for x in points.get(name, []))
     positions = np.moveaxis(data, 0, -1).swapaxes(0, 1).astype(float)  # (T, M, 3)
     labels = labels[: positions.shape[1]]
     if not labels or not positions.size:

@@ -17,9 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, printable
 from crar_drake.motion.array_files import load_arrays
 from crar_drake.motion.plausible import refuse_far
+from crar_drake.motion.text_files import read_motion_text
 
 _ARRAYS = ("positions", "joints", "keypoints", "keypoints_3d", "joints3d", "poses3d")
 _NAMES = ("names", "joint_names", "labels")
@@ -81,7 +82,11 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
     rate = first(_RATES)
     names = first(_NAMES)
     positions = _checked(path, "the positions", points)
-    listed = tuple(str(name) for name in np.ravel(names)) if names is not None else ()
+    listed = (
+        tuple(printable(str(name)) for name in np.ravel(names))
+        if names is not None
+        else ()
+    )
     if listed and len(listed) != positions.shape[1]:
         raise MotionError(
             f"{path}: {len(listed)} names for {positions.shape[1]} points"
@@ -113,43 +118,41 @@ def _checked(path: Path, what: str, array: np.ndarray) -> np.ndarray:
 
 
 def _read_csv(path: Path) -> PointArrays:
-    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
-        rows = csv.reader(file)
-        heading = [cell.strip() for cell in next(rows, [])]
-        columns: dict[str, dict[str, int]] = {}
-        time = None
-        for i, cell in enumerate(heading):
-            found = re.fullmatch(r"(.+?)[\s_.:]*([xyzXYZ])", cell)
-            if cell.lower() in ("time", "t", "timestamp"):
-                time = i
-            elif found and cell.lower() not in ("frame", "index"):
-                columns.setdefault(found[1], {})[found[2].lower()] = i
-        points = {name: axes for name, axes in columns.items() if len(axes) == 3}
-        if not points:
+    lines = read_motion_text(path).split("\n")
+    # A comment is an empty row, so that lines keep their numbers.
+    rows = csv.reader("" if line.startswith("#") else line for line in lines)
+    heading = [cell.strip() for cell in next(filter(None, rows), [])]
+    columns: dict[str, dict[str, int]] = {}
+    time = None
+    for i, cell in enumerate(heading):
+        found = re.fullmatch(r"(.+?)[\s_.:]*([xyzXYZ])", cell)
+        if cell.lower() in ("time", "t", "timestamp"):
+            time = i
+        elif found and cell.lower() not in ("frame", "index"):
+            columns.setdefault(found[1], {})[found[2].lower()] = i
+    points = {name: axes for name, axes in columns.items() if len(axes) == 3}
+    if not points:
+        raise MotionError(
+            f"{path}:{rows.line_num}: expected a heading such as left_hip_x, left_hip_y, "
+            f"left_hip_z; found {', '.join(heading[:6]) or 'nothing'}"
+        )
+    order = [axes[axis] for axes in points.values() for axis in "xyz"]
+    values, times = [], []
+    for row in rows:
+        if not any(cell.strip() for cell in row):
+            continue
+        line = rows.line_num
+        if len(row) != len(heading):
             raise MotionError(
-                f"{path}:1: expected a heading such as left_hip_x, left_hip_y, "
-                f"left_hip_z; found {', '.join(heading[:6]) or 'nothing'}"
+                f"{path}:{line}: {len(row)} values, but the heading has {len(heading)}"
             )
-        order = [axes[axis] for axes in points.values() for axis in "xyz"]
-        values, times = [], []
-        for row in rows:
-            if not any(cell.strip() for cell in row):
-                continue
-            line = rows.line_num
-            if len(row) != len(heading):
-                raise MotionError(
-                    f"{path}:{line}: {len(row)} values, but the heading has "
-                    f"{len(heading)}"
-                )
-            try:
-                # An empty cell is a point that was not seen.
-                values.append(
-                    [float(row[i]) if row[i].strip() else np.nan for i in order]
-                )
-                if time is not None:
-                    times.append(float(row[time]))
-            except ValueError as error:
-                raise MotionError(f"{path}:{line}: {error}") from error
+        try:
+            # An empty cell is a point that was not seen.
+            values.append([float(row[i]) if row[i].strip() else np.nan for i in order])
+            if time is not None:
+                times.append(float(row[time]))
+        except ValueError as error:
+            raise MotionError(f"{path}:{line}: {error}") from error
     if not values:
         raise MotionError(f"{path}: the motion has no frames")
     positions = np.array(values).reshape(len(values), -1, 3)

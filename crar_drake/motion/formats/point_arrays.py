@@ -133,8 +133,8 @@ def _read_csv(path: Path) -> PointArrays:
     points = {name: axes for name, axes in columns.items() if len(axes) == 3}
     if not points:
         raise MotionError(
-            f"{path}:{rows.line_num}: expected a heading such as left_hip_x, left_hip_y, "
-            f"left_hip_z; found {', '.join(heading[:6]) or 'nothing'}"
+            f"{path}:{rows.line_num}: expected a heading such as left_hip_x, "
+            f"left_hip_y, left_hip_z; found {', '.join(heading[:6]) or 'nothing'}"
         )
     order = [axes[axis] for axes in points.values() for axis in "xyz"]
     values, times = [], []

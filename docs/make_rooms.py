@@ -3,7 +3,8 @@
     python docs/make_rooms.py
 
 A room is a folder of `crar_drake`; what lies beside the folders is left out. An arrow
-points from a room to one that it imports, with the number of such imports.
+points from a room to one that it imports, with the number of such imports. Rooms are in
+three layers, each of which does without those above it.
 """
 
 import ast
@@ -13,6 +14,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "crar_drake"
+
+# Layer to its rooms, the lowest first. `run` is a module beside them.
+LAYERS = {
+    "the law": ("equations", "robot", "control"),
+    "motions": ("motion", "targets", "robot_import", "judging", "references"),
+    "runs": (
+        *("simulation", "results", "run", "studies", "play", "teleoperation"),
+        "commands",
+    ),
+}
 
 
 def count_imports() -> Counter:
@@ -31,6 +42,12 @@ def count_imports() -> Counter:
 
 def draw_rooms(target: Path) -> None:
     dot = ["digraph { node [shape=box fontname=sans] edge [fontname=sans fontsize=9]"]
+    for number, (layer, rooms) in enumerate(LAYERS.items()):
+        inside = "; ".join(room for room in rooms if (PACKAGE / room).is_dir())
+        dot.append(
+            f'subgraph cluster_{number} {{ label="{layer}" fontname=sans '
+            f"style=dashed; {inside} }}"
+        )
     dot += [
         f'{room} -> {imported} [label="{number}"]'
         for (room, imported), number in sorted(count_imports().items())

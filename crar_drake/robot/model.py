@@ -130,7 +130,16 @@ class ControlModel:
             [(find_body(plant, a), find_body(plant, b)) for a, b in description.pairs],
             distances,
         )
-        self.pair_moves, self.robot_by_pair, self.robot_ahead = numbers_of_robot(self)
+        self.pair_moves, self.robot_by_pair, self.robot_ahead = numbers_of_robot(
+            self.joints,
+            self.pairs,
+            self.layout,
+            self.task_targets,
+            self.order,
+            self.positions,
+            self.n,
+            self.turn,
+        )
         self._check_distances()
 
     @staticmethod
@@ -200,7 +209,7 @@ class ControlModel:
 
     def MakeWorkspace(self) -> Workspace:
         """Allocates contexts to compute in; one per thread or system context."""
-        return Workspace(self)
+        return Workspace(self.diagram, self.plant, self.scene_graph)
 
     def evaluate(
         self, workspace: Workspace, q: np.ndarray, v: np.ndarray

@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import Frame, RigidBody
 
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.kinematics import Robot, TaskPoints
-from crar_drake.equations.tasks import task_of_rows, task_wrenches
+from crar_drake.equations.tasks import TaskLayout, task_of_rows, task_wrenches
+from crar_drake.robot.collision_pairs import WatchedPairs
+from crar_drake.robot.kinematics import JointTree
 
-if TYPE_CHECKING:
-    from crar_drake.robot.model import ControlModel
 
-
-def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
+def numbers_of_robot(
+    joints: JointTree,
+    pairs: WatchedPairs,
+    layout: TaskLayout,
+    task_targets: Sequence[tuple[Frame, np.ndarray]],
+    order: np.ndarray,
+    positions: np.ndarray,
+    n: int,
+    turn: int,
+) -> tuple[np.ndarray, Held, Held]:
     """Collects every point whose position a step needs, and what moves it.
 
     Args:
-        model: whose joints, tasks and pairs are known.
+        joints, pairs, layout, task_targets, order, positions, n, turn: as those of a
+            `ControlModel`.
 
     Returns:
         `pair_moves`, `robot_by_pair` and `robot_ahead` of the model.
     """
-    joints, order, pairs = model.joints, model.order, model.pairs
 
     def coordinates(body: RigidBody, x_B: np.ndarray, one: float):
         """Of a point (one 1) or vector (one 0) on a body: its frame, and there."""
@@ -40,11 +47,11 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
             (frame, np.append(vector, 0.0))
             for frame, vector in zip(frames, vectors[order], strict=True)
         ]
-    tasks = [frame.body() for frame, _ in model.task_targets]
-    for frame, p_FT in model.task_targets:
+    tasks = [frame.body() for frame, _ in task_targets]
+    for frame, p_FT in task_targets:
         p_B = frame.GetFixedPoseInBodyFrame().multiply(p_FT)
         placed.append(coordinates(frame.body(), p_B, 1.0))
-    for frame, _ in (model.task_targets[i] for i in model.layout.angular_tasks):
+    for frame, _ in (task_targets[i] for i in layout.angular_tasks):
         R = frame.GetFixedRotationMatrixInBodyFrame().matrix()
         placed += [coordinates(frame.body(), column, 0.0) for column in R.T]
     first_axis = len(placed)
@@ -64,16 +71,16 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
         links = np.array([joints.place(body)[0] for body in bodies], dtype=int)
         return joints.moved_by[links][:, order].astype(float, order="C")
 
-    of_rows = task_of_rows(model.layout)
+    of_rows = task_of_rows(layout)
     carries = moved(tasks)
-    tree, rows = hold(joints.tree), hold(model.layout.rows)
+    tree, rows = hold(joints.tree), hold(layout.rows)
     task_points = TaskPoints(
-        fixed=task_wrenches(model.layout),
+        fixed=task_wrenches(layout),
         of_rows=of_rows,
         carried=carries[of_rows],
         carries=carries,
         above=joints.moved_by[frames][:, order].astype(float, order="C"),
-        of_joints=_joint_rows(model),
+        of_joints=_joint_rows(layout, len(order)),
     )
     task_points = hold(task_points)
     carried = moved(pairs.bodies)
@@ -86,9 +93,9 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
         return hold(
             Robot(
                 order,
-                model.positions,
-                model.n,
-                model.turn,
+                positions,
+                n,
+                turn,
                 selection,
                 first,
                 tree,
@@ -105,11 +112,10 @@ def numbers_of_robot(model: ControlModel) -> tuple[np.ndarray, Held, Held]:
     return pair_moves, numbers(1, False), numbers(2, True)
 
 
-def _joint_rows(model: ControlModel) -> np.ndarray:
+def _joint_rows(layout: TaskLayout, nv: int) -> np.ndarray:
     """(m, nv) 1 where a row is a joint, in the order of `order`; (0, 0) if none."""
-    layout = model.layout
     if not len(layout.joint_rows):
         return np.zeros((0, 0))
-    rows = np.zeros((layout.m, model.n + model.n_p))
+    rows = np.zeros((layout.m, nv))
     rows[layout.joint_rows, layout.rows.joints] = 1.0
     return rows

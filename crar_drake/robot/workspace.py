@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, Diagram
 
 from crar_drake.equations.kinematics import State
-
-if TYPE_CHECKING:
-    from crar_drake.robot.model import ControlModel
 
 
 @dataclass(slots=True)
@@ -91,21 +89,26 @@ class Distances:
 class Workspace:
     """The contexts that a ControlModel computes in. A copy is an independent one."""
 
-    def __init__(self, model: ControlModel) -> None:
-        self._model = model
+    def __init__(
+        self, diagram: Diagram, plant: MultibodyPlant, scene_graph: SceneGraph
+    ) -> None:
+        """
+        Args:
+            diagram: that has the other two.
+            plant, scene_graph: of the model.
+        """
+        self._systems = diagram, plant, scene_graph
         # The roots must be kept alive: the others are parts of them.
-        self._roots = [model.diagram.CreateDefaultContext() for _ in range(2)]
+        self._roots = [diagram.CreateDefaultContext() for _ in range(2)]
         here, ahead = self._roots
-        self.plant_context: Context = model.plant.GetMyMutableContextFromRoot(here)
-        self.scene_graph_context: Context = model.scene_graph.GetMyContextFromRoot(here)
+        self.plant_context: Context = plant.GetMyMutableContextFromRoot(here)
+        self.scene_graph_context: Context = scene_graph.GetMyContextFromRoot(here)
         # For distances elsewhere, so that asking them disturbs nothing.
-        self.plant_context_ahead: Context = model.plant.GetMyMutableContextFromRoot(
+        self.plant_context_ahead: Context = plant.GetMyMutableContextFromRoot(ahead)
+        self.scene_graph_context_ahead: Context = scene_graph.GetMyContextFromRoot(
             ahead
         )
-        self.scene_graph_context_ahead: Context = (
-            model.scene_graph.GetMyContextFromRoot(ahead)
-        )
-        self.forces = MultibodyForces(model.plant)
+        self.forces = MultibodyForces(plant)
 
     def scene_graph_context_of(self, plant_context: Context) -> Context:
         """SceneGraph's context beside one of the two of the plant."""
@@ -114,4 +117,4 @@ class Workspace:
         return self.scene_graph_context_ahead
 
     def __deepcopy__(self, memo: dict) -> Workspace:
-        return Workspace(self._model)
+        return Workspace(*self._systems)

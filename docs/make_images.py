@@ -52,7 +52,7 @@ class View(NamedTuple):
     higher: float = 0.0  # how far the camera and what it looks at are raised [m]
 
 
-VIEWS = {"compare": View(7.0, 12.5), "g1_boxing": View(0.0, 2.5, 660, 1.8, 0.28)}
+VIEWS = {"compare": View(7.0, 12.5), "g1_boxing": View(0.0, 2.5, 640, 1.7, 0.27)}
 # Nobody presses a button in a picture.
 _HIDDEN = "#crar-controls, #crar-legend { display: none !important; }"
 
@@ -73,7 +73,9 @@ def draw_comparison(page: Path) -> None:
             "document.head.append(Object.assign(document.createElement('style'), "
             f"{{ textContent: '{_HIDDEN}' }}))"
         )
-        browser.evaluate(  # Meshcat's y points up
+        # Meshcat's y points up. As if a user had moved it, the camera then stays.
+        browser.evaluate(
+            "viewer.controls.dispatchEvent({ type: 'start' }); "
             "for (const it of [viewer.camera.position, viewer.controls.target]) "
             f"it.y += {view.higher}; viewer.camera.zoom = {view.zoom}; "
             "viewer.camera.updateProjectionMatrix(); viewer.controls.update()"
@@ -95,7 +97,9 @@ def draw_comparison(page: Path) -> None:
 
 
 def copy_figures(reproduction: Path) -> None:
-    shown = (IMAGES.parent / "measurements" / "reproduction.md").read_text(encoding="utf-8")
+    shown = (IMAGES.parent / "measurements" / "reproduction.md").read_text(
+        encoding="utf-8"
+    )
     for figure in (reproduction / "figures").iterdir():
         name = f"section-iv-{figure.name}"
         if name in shown:

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.step import Memory, Targets
+from crar_drake.control.records import Memory, Targets
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario

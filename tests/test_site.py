@@ -133,7 +133,7 @@ def test_the_reference_has_all_public_names_and_all_rooms(pages):
         # Each public name stands in one place only.
         assert not {f"crar_drake.{key}" for key in crar_drake.__all__} & ids
     ids = pages["docs/site/rooms/control.html"].ids
-    assert "crar_drake.control.step.Memory" in ids
+    assert "crar_drake.control.records.Memory" in ids
     assert "crar_drake.control.law.ControlLaw" not in ids
 
 

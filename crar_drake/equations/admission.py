@@ -4,7 +4,7 @@ Under q_ddot = -q_dot/T the robot moves on the straight line in joint space from
 q_s = q + T q_dot: its *braking path*. A state is *clear* if every watched pair of
 shapes keeps a floor on the whole path, and q_s is within the joint limits. Braking
 leads from a clear state to a clear one, whose path is part of the first. So a step is
-admitted only if the next state is clear, too: as the law wishes it, else corrected,
+admitted only if the next state is clear, too: as the guard has it, else corrected,
 else scaled towards braking, which always is. `docs/lookahead.md` has theorem and proof.
 
 Clear is found for the whole of a path, by bounds and not by samples: two capsules are
@@ -37,7 +37,7 @@ from crar_drake.equations.vectors import (
 )
 
 # How a step was admitted.
-AS_WISHED = 0.0
+AS_NOMINAL = 0.0
 CORRECTED = 1.0
 SCALED = 2.0
 
@@ -45,7 +45,7 @@ SCALED = 2.0
 _HALVINGS = 7
 # Where a pair is known not to be clear, the worst place is sought among so many halves.
 _SEARCHED = 4
-# A wish is scaled to one of 2^this shares.
+# A step is scaled to one of 2^this shares.
 _BISECTIONS = 6
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.
@@ -510,7 +510,7 @@ def examine_present(
 
     Args:
         q, v: (nq,), (nv,) state.
-        s: (nv,) the wish.
+        s: (nv,) the velocity of the guard.
         d: (2, Nr) distances of all rows at q and at q_s [m].
         r, reaches: of the robot.
         gains: of the admission.
@@ -524,7 +524,7 @@ def examine_present(
     ends = d[:, reaches.value.rows]
     low = 0.5 * (ends[0] + ends[1] - travel(x, here))
     level = np.full(len(low), gains.floor)
-    needed = gains.floor + travel(farther(s, gains) * s, beyond)
+    needed = gains.floor + travel(step_reach(s, gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
     found = path_bounds(q, x, straight, level - _ROUNDING, ~(low >= needed), r, here)
     held = True
@@ -539,7 +539,7 @@ def examine_present(
 
 
 @compiled
-def farther(s: np.ndarray, gains: AdmissionGains) -> float:
+def step_reach(s: np.ndarray, gains: AdmissionGains) -> float:
     """(A6): the next braking path is nowhere farther than this times s from the present
     one, period + e of `next_path` [s]."""
     return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
@@ -595,7 +595,7 @@ def check_step(
     straight = np.zeros(len(x))
     reaches = reaching(q, T * v, straight, reaches, r.turn)
     reaches = reaching(start, x, straight, reaches, r.turn)
-    near = present.low - travel(farther(s, gains) * s, reaches)
+    near = present.low - travel(step_reach(s, gains) * s, reaches)
     bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
     clear = not (bounds.at >= 0.0).any()
     clearance = np.inf

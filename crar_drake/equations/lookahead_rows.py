@@ -29,7 +29,7 @@ BOUNDING_WEIGHT = 1e6
 ONE_SIDED_RANGE = 2.0 * np.pi
 
 # q_s is not asked to move faster than this unless it is given [rad/s or m/s].
-FASTEST_WISH = 16.0
+NOMINAL_SPEED_LIMIT = 16.0
 
 
 class LookaheadGains(NamedTuple):
@@ -50,7 +50,7 @@ class LookaheadGains(NamedTuple):
     influence_distance: float  # [m]
     period: float  # of the controller [s]
     slip_share: float  # of what was seen last, in the slip's low-pass
-    fastest_wish: float = FASTEST_WISH  # of q_s [rad/s or m/s]
+    nominal_speed_limit: float = NOMINAL_SPEED_LIMIT  # of q_s [rad/s or m/s]
     task_norm: bool = False  # whether the guard's norm is that of the tasks
     guard_damping: float = 0.0  # nu of that norm [m]
     approach_rate: float = 0.0  # kappa [1/s]; 0: rows weigh by their margins instead

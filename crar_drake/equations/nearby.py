@@ -12,9 +12,9 @@ from crar_drake.equations.admission import (
     Bounds,
     Reaches,
     extended,
-    farther,
     path_bounds,
     reaching,
+    step_reach,
     travel,
 )
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
@@ -223,7 +223,7 @@ def watched_nearby(
     n, r = numbers.value, robot.value
     gains = n.admission
     x = gains.T * v[r.order]
-    next_ = farther(v, gains) * fastest[r.order]
+    next_ = step_reach(v, gains) * fastest[r.order]
     of = reaching_within(q[r.positions], np.abs(x) + next_, n.reaches)
     here, beyond = travel(x, of), travel(next_, of)
     enough = here + np.maximum(n.gains.influence_distance, gains.floor + beyond)
@@ -247,7 +247,7 @@ def still_clear(
         numbers: of all pairs.
     """
     n = numbers.value
-    next_ = farther(s, n.admission) * s
+    next_ = step_reach(s, n.admission) * s
     far = n.admission.T * np.abs(v) + np.abs(next_)
     moved = travel(next_, reaching_within(q, far, n.reaches))
     return bool((room - moved >= n.admission.floor).all())

@@ -12,7 +12,11 @@ import math
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING, STATUS_IMPLAUSIBLE
+from crar_drake.control.records import (
+    STATUS_BLENDING,
+    STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
+)
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.play.live_simulation import GAINS, LiveSimulation
 from crar_drake.play.pacing import Pacer

@@ -37,8 +37,8 @@ import numpy as np
 
 from crar_drake.control.checks import check_numbers
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.modes import validate
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.equations.admission import SCALED
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.following import (
@@ -178,7 +178,7 @@ class CleaningParameters:
                 admission_slack=self.admission_slack,
                 influence_distance=self.influence_distance,
                 retreat_rate=0.5 / period,
-                fastest_wish=3.0 / period,
+                nominal_speed_limit=3.0 / period,
                 guard_norm="tasks",
                 lost_target="error",
             ),
@@ -240,7 +240,7 @@ class Follower:
                 capsules and spheres, or no frames of hands that are asked for.
         """
         self.parameters = parameters or CleaningParameters()
-        self.parameters.validate()
+        validate(self.parameters)
         self.description, self.rate = description, rate
         self.steps = self.parameters.steps_per_frame(rate)
         period = 1.0 / (rate * self.steps)

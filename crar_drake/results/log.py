@@ -34,7 +34,7 @@ class SimulationLog:
         task_error: (T, m) Eq. (11) against them [rad, m].
         signed_distances: (T, Nc) per watched pair, from the control model [m].
         constraint_weights: (T, n) diagonal of W, of the controlled joints.
-        status: (T, 1) tracking, blending, braking, implausible: `control.step`.
+        status: (T, 1) tracking, blending, braking, implausible: `control.records`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
         admission: (T, 4) how the control step was admitted (0 as wished, 1 corrected,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.control.records import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.results.log import SimulationLog
 
 TARGET = "#8c45ff"  # violet, as in Meshcat: a target, and the error to it

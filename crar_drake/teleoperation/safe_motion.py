@@ -8,7 +8,7 @@ import numpy as np
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import Solution
+from crar_drake.control.records import Solution
 from crar_drake.errors import ScenarioError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import LIMIT_TOLERANCE

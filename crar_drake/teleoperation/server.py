@@ -20,7 +20,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING, STATUS_IMPLAUSIBLE
+from crar_drake.control.records import (
+    STATUS_BLENDING,
+    STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
+)
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
 from crar_drake.teleoperation.latencies import Latencies

@@ -29,7 +29,7 @@ from pydrake.systems.framework import DiagramBuilder
 from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import (
     admission,
@@ -38,13 +38,12 @@ from crar_drake.equations import (
     placed_shapes,
 )
 from crar_drake.equations.admission import (
-    AS_WISHED,
+    AS_NOMINAL,
     CORRECTED,
     SCALED,
     AdmissionGains,
     check_step,
     examine_present,
-    farther,
     gradients_at,
     next_path,
     path_bounds,
@@ -52,6 +51,7 @@ from crar_drake.equations.admission import (
     reaching,
     scale_step,
     shadow_gap,
+    step_reach,
     travel,
     velocity_bounds,
 )
@@ -173,8 +173,8 @@ def test_the_next_path_is_no_farther_than_its_velocity_takes_it() -> None:
             rest, end = start + x, without + still
             for t in np.linspace(0.0, 1.0, 7):
                 off = start + t * (rest - start) - (without + t * (end - without))
-                assert (np.abs(off) <= farther(s, gains) * np.abs(s) + 1e-14).all()
-            np.testing.assert_allclose(rest - end, farther(s, gains) * s, atol=1e-14)
+                assert (np.abs(off) <= step_reach(s, gains) * np.abs(s) + 1e-14).all()
+            np.testing.assert_allclose(rest - end, step_reach(s, gains) * s, atol=1e-14)
 
 
 # --- A2: limits and speeds ----------------------------------------------------------
@@ -852,7 +852,7 @@ def test_admission_alone_keeps_states_clear(case: str) -> None:
     # In a few milliseconds nothing is reached, nor by joints that are all but locked.
     if period > 1e-3 and case != "narrow, 5 ms":
         ways = set(run.how[:, 0])
-        assert {AS_WISHED, CORRECTED} <= ways
+        assert {AS_NOMINAL, CORRECTED} <= ways
         assert SCALED in ways or "arm" in case
 
 

@@ -19,7 +19,8 @@ import numpy as np
 
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.records import Memory, Targets
+from crar_drake.control.records import Memory
+from crar_drake.equations.references import Targets
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario
@@ -29,7 +30,7 @@ from crar_drake.studies.tables import markdown_table, write_report
 
 PERIOD = 5e-3  # [s]
 NUDGE = 1e-9  # [rad] and [rad/s]
-MANNERS = ("as wished", "corrected", "scaled")
+MANNERS = ("nominal", "corrected", "scaled")
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def run_case(
             steps[manner] += 1
             largest[manner] = max(largest[manner], float(np.abs(difference).max()))
         q, v = np.split(step.solution.position_command, [len(q)])
-        memory = step.memory
+        memory = step
     return Continuity(tuple(steps), tuple(largest), changed)
 
 

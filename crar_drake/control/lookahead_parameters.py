@@ -13,15 +13,15 @@ GUARD_NORMS = ("joints", "tasks")
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
 
-# How fast margins may be used up where there is a preview [1/s]: of pairs, which it
-# sees coming, and of limits, which motions of others run into again and again.
+# With a preview, unless it is given. How fast margins may be used up [1/s]: of pairs,
+# which it sees coming, and of limits, which motions of others run into again and again.
 _PREVIEW_APPROACH = 200.0
 _PREVIEW_LIMIT_APPROACH = 10.0
-# What else is so unless it is given. A plan sees obstacles coming, so that the robot
-# may be near them at speed: T [s], but so many periods at least. Its nominal velocities
-# are slower than feedback's may be [rad/s].
+# T [s], but so many periods at least: a plan sees obstacles coming, so that a robot may
+# be near at speed. At 1.6 periods the next path still begins on the present one.
 _PREVIEW_HORIZON = 0.012
 _PREVIEW_PERIODS = 1.6
+# A plan asks for no jumps as feedback does; 16 would be faster, and no closer [rad/s].
 _PREVIEW_NOMINAL_SPEED_LIMIT = 9.0
 
 
@@ -132,11 +132,9 @@ class LookaheadParameters:
         """How fast q_s is asked to move at most [rad/s]."""
         if self.nominal_speed_limit is not None:
             return self.nominal_speed_limit
-        return (
-            NOMINAL_SPEED_LIMIT
-            if self.preview is None
-            else _PREVIEW_NOMINAL_SPEED_LIMIT
-        )
+        if self.preview is not None:
+            return _PREVIEW_NOMINAL_SPEED_LIMIT
+        return NOMINAL_SPEED_LIMIT
 
     def approach_rates(self, period: float) -> tuple[float, float]:
         """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.

@@ -21,10 +21,14 @@ from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
-from crar_drake.equations.vectors import dot_rows, put, put_at, some_columns
+from crar_drake.equations.vectors import put, put_at, some_columns
 
 
-def _ball_distances_loops(points, pairs, some):
+@compiled
+def ball_distances(
+    points: np.ndarray, pairs: ShapePairs, some: np.ndarray
+) -> np.ndarray:
+    """How far the balls about two shapes are apart, (N,) [m]; as `nearest_points`."""
     d = np.empty(len(some))
     # Of a signed place Numba asks each time whether it counts from the end.
     for i in range(len(some)):
@@ -36,17 +40,6 @@ def _ball_distances_loops(points, pairs, some):
         z = points[a, 2] - points[b, 2] + 0.5 * (points[u, 2] - points[v, 2])
         d[i] = np.sqrt(x * x + y * y + z * z) - pairs.sizes.balls[of]
     return d
-
-
-@compiled(loops=_ball_distances_loops)
-def ball_distances(
-    points: np.ndarray, pairs: ShapePairs, some: np.ndarray
-) -> np.ndarray:
-    """How far the balls about two shapes are apart, (N,) [m]; as `nearest_points`."""
-    p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
-    p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
-    apart = p_a - p_b + 0.5 * (u - v)
-    return np.sqrt(dot_rows(apart, apart)) - pairs.sizes.balls[some]
 
 
 @compiled

@@ -41,7 +41,8 @@ from crar_drake.equations.vectors import (
     times,
 )
 
-# Share of a limit that braking in the next step may need [1].
+# Share of a limit that braking in the next step may need [1]: the rest is for what
+# changes in between, of Coriolis forces and gravity.
 _RESERVE = 0.8
 
 

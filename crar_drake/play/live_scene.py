@@ -99,7 +99,7 @@ class LiveScene:
             "near": self._near(distances),
             "smallest": _short(distances.min(initial=math.inf), 5),
             "status": _STATUS.get(float(live.output("status")[0]), "tracking"),
-            "admitted": _ADMITTED.get(float(admission[0]), "as wished"),
+            "admitted": _ADMITTED.get(float(admission[0]), "nominal"),
             # Whether the robot could brake on a clear path now; None: nobody says.
             "clear": bool(admission[3]) if np.isfinite(admission[3]) else None,
             "pushed": live.pushed,

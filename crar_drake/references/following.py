@@ -37,7 +37,6 @@ import numpy as np
 
 from crar_drake.control.checks import check_numbers
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.equations.admission import SCALED
 from crar_drake.equations.compilation import Held, hold
@@ -192,8 +191,8 @@ class Cleaned:
     Attributes:
         q: (T, n) positions of the controlled joints [rad or m].
         admitted: (T,) how the steps to each frame were admitted, the worst of them:
-            0 as wished, 1 corrected, 2 scaled, see `equations.admission`.
-        share: (T,) the least share of the wish among them.
+            0 nominal, 1 corrected, 2 scaled, see `equations.admission`.
+        share: (T,) the least share of the nominal step among them.
         clear: (T,) whether the law found the braking path clear in all of them.
         moved_start: how far the first frame was moved, by its farthest joint [rad or
             m]; 0 where the reference's own is clear.
@@ -240,7 +239,7 @@ class Follower:
                 capsules and spheres, or no frames of hands that are asked for.
         """
         self.parameters = parameters or CleaningParameters()
-        validate(self.parameters)
+        self.parameters.validate()
         self.description, self.rate = description, rate
         self.steps = self.parameters.steps_per_frame(rate)
         period = 1.0 / (rate * self.steps)

@@ -109,7 +109,7 @@ class Summary:
             says, or saw where the path was not clear [m]; None without such steps.
         longest_held_back: time spent in corrected or scaled steps in a row [s].
         torque_limited_samples: samples where the effort limits allowed less than what
-            was wished for; 0 unless they are respected.
+            was nominal; 0 unless they are respected.
         torque_clipped_samples: those among them where not even braking was within
             the limits, so that torques were clipped.
         braking_samples: samples without targets, which count in no error.

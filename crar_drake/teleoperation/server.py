@@ -267,7 +267,7 @@ class TeleoperationServer:
             desired[:] = np.nan  # to brake
         solution = self.motion.advance(desired)
         statistics.step_time.add(time.monotonic() - began)
-        held = _ADMITTED.get(float(solution.admission[0]), "as wished")
+        held = _ADMITTED.get(float(solution.admission[0]), "nominal")
         status = _STATUS.get(float(solution.status[0]), "tracking")
         distances = solution.signed_distances
         command = Command(
@@ -287,7 +287,7 @@ class TeleoperationServer:
             statistics.latency.add(sent - arrived)
         self._arrived.clear()
         statistics.steps[status] += 1
-        statistics.held_back += held != "as wished"
+        statistics.held_back += held != "nominal"
         statistics.smallest_distance = min(
             statistics.smallest_distance, command.distance
         )

@@ -11,7 +11,7 @@ def test_a_nudge_changes_little(tmp_path):
         ["--motion", "boxing", "--every", "10", "--duration", "0.5", "--out", str(out)]
     )
     header, _, *rows = [line for line in out.read_text().splitlines() if "|" in line]
-    assert "steps as wished" in header
+    assert "steps nominal" in header
     assert [row.split("|")[1].strip() for row in rows] == [
         "boxing, wrists",
         "boxing, upper-body",

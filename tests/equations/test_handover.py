@@ -58,11 +58,11 @@ def test_every_number_comes_out_where_it_went_in(make, posture: bool) -> None:
         start,
         (0.25, 0.5, 0.75),
     )
-    q, v, asked, *targets = hand_over(measured, targets)
+    q, v, asked, *handed = hand_over(measured, targets)
     np.testing.assert_array_equal(q, measured.q[0])
     np.testing.assert_array_equal(v, measured.v)
     np.testing.assert_array_equal(asked, measured.asked)
-    found = take_over(*targets)
+    found = take_over(*handed)
     assert tuple(found.blend) == targets.blend
     for name in ("tasks", "prescribed", "posture"):
         np.testing.assert_array_equal(getattr(found, name), getattr(targets, name))

@@ -31,8 +31,10 @@ from crar_drake.equations.references import Targets
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
-FADE_TIME = 0.2  # [s]
-_SETTLING = 2  # steps
+# Longer than a joint takes to accelerate, shorter than anybody waits [s].
+FADE_TIME = 0.2
+# A mode's second step is the first that knows the one before [1].
+_SETTLING = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,8 @@ from crar_drake.robot.workspace import Workspace
 _NOT_GIVEN = np.zeros(0)
 _NO_TARGETS = Targets(_NOT_GIVEN, _NOT_GIVEN, _NOT_GIVEN)
 
-# A longer way to brake is at most so many times as long as the next shorter one.
+# A longer horizon is at most so many times the next shorter one: with twice as much,
+# torsos lagged where only one in between was clear.
 _HORIZON_RATIO = 1.7
 
 

@@ -1,4 +1,4 @@
-"""Authors the built-in motions: python -m crar_drake.motion.builtin.author_motions
+"""Authors the built-in motions: python examples/author_motions.py
 
 Everything here was invented for this project; nothing is a recording. A motion is a
 few keyed tracks: where the performer walks and faces, how the trunk bends, and where
@@ -33,6 +33,7 @@ from crar_drake.motion.formats.asf_amc import (
     write_amc,
     write_asf,
 )
+from crar_drake.resources import builtin_motions_folder
 
 FRAME_RATE = 60.0  # [Hz]
 SMOOTHING = 0.045  # standard deviation of the Gaussian over the keyed tracks [s]
@@ -886,4 +887,4 @@ def write_motions(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write_motions(Path(__file__).parent)
+    write_motions(builtin_motions_folder())

@@ -5,7 +5,7 @@ then needs high gains to make up for it. Here the accelerations of the next mome
 some 0.2 s, are chosen as a whole: those that follow the targets, as they are expected
 to go on, the closest with the least acceleration, and past the obstacles. Only the
 first of them is the nominal one, and all are chosen anew at the next step.
-`docs/lookahead.md` has the derivation.
+`docs/theory/theorem.md` has the derivation.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def expected_motion(
         x_i = (tau_i + h) q_dot + sum_j (C_ij + h length_j) q_ddot_j,    j <= i,
 
     of the prescribed joints with the one acceleration that they have now.
-    `docs/lookahead.md` says what h is for.
+    `docs/theory/theorem.md` says what h is for.
 
     Args:
         v: (nv,) velocities.

@@ -5,7 +5,7 @@ root is passed on as it is, and the control law runs on the robot with its root 
 every joint is a task that follows the reference, and the feet are tasks of high weight
 that keep their poses relative to the root, by which they keep them in the world. No
 torque is needed: the robot is where the law's acceleration leads, exactly, and the
-*admission* of each step proves the motion clear (`docs/lookahead.md`).
+*admission* of each step proves the motion clear (`docs/theory/theorem.md`).
 
 What changes least is, in each step, the norm of (L6) and (L7),
 

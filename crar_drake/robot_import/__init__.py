@@ -1,6 +1,6 @@
 """From a robot's own URDF, SDF or MJCF to a folder that the controller can use.
 
-`import_robot` is the whole way; `docs/your-robot.md` walks it. Needs the optional
+`import_robot` is the whole way; `docs/guides/your-robot.md` walks it. Needs the optional
 dependencies of the extra `robots`.
 """
 

@@ -22,7 +22,7 @@ class SafeMotion:
     """A control law in a loop with its own prediction.
 
     The state is the one that the law commanded last, so that what
-    [the theorem](docs/lookahead.md) says of the exact model holds of the commands,
+    [the theorem](docs/theory/theorem.md) says of the exact model holds of the commands,
     whatever the targets are. Prescribed joints stand still.
 
     Attributes:

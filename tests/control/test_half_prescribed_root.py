@@ -251,7 +251,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
         q, v = by_drake(moves, model, q, v, solution.acceleration)
         if how != SCALED and k % 4:
             continue
-        # Against the world to the third order in a period, see docs/lookahead.md.
+        # Against the world to the third order in a period, see docs/theory/theorem.md.
         for judge, slack in ((own, 1e-6), (every, 1e-4)):
             smallest = nearest_in_braking(judge, moves, q, v)
             assert smallest >= FLOOR - slack
@@ -261,7 +261,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
 
 
 def missing(model: ControlModel, v, vdot, period: float, step: float) -> float:
-    """What docs/lookahead.md says is missing of the floor against the world [m]."""
+    """What docs/theory/theorem.md says is missing of the floor against the world [m]."""
     by, reach = root_entries(model)[1][:3], 0.75  # from the root to the end of an arm
     omega, alpha = v[by], vdot[by]
     speed = max(np.linalg.norm(omega), np.linalg.norm(omega + period * alpha))

@@ -3,9 +3,20 @@
     python docs/make_images.py [out/compare.html] [out/reproduce/cmu]
 
 `images/diagram.svg` comes from the diagram itself (needs Graphviz). Given a page of
-`crar-drake compare`, `images/compare.webp` is what a browser shows of it, moving (needs
-Chromium); given the folder of a reproduction, those that `reproduction.md` shows become
-`images/section-iv-*`. The first page's picture is made by
+`crar-drake compare` that `VIEWS` names, `images/NAME.webp` is what a browser shows of
+it, moving (needs Chromium); given the folder of a reproduction, those pictures that
+`measurements/reproduction.md` shows become `images/section-iv-*`.
+
+The first page's picture, a G1 before and after `crar-drake clean`, is made by
+
+    crar-drake import-robot g1_whole_body
+    crar-drake clean examples/g1_boxing.csv --robot g1_whole_body \\
+        --out out/cleaned.csv --no-page
+    crar-drake compare examples/g1_boxing.csv out/cleaned.csv \\
+        --robot g1_whole_body --label raw --label cleaned --out out/g1_boxing.html
+    python docs/make_images.py out/g1_boxing.html
+
+and that of the built-in robot, without and with constraints, by
 
     crar-drake run --no-recording --constraints none --out out/none
     crar-drake run --no-recording --out out/lookahead
@@ -18,6 +29,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from headless_browser import HeadlessBrowser
@@ -27,8 +39,19 @@ from crar_drake import MakeCrarDiagram, load_scenario
 
 IMAGES = Path(__file__).resolve().parent / "images"
 SIZE = 880, 600  # [pixels]
-START, END = 7.0, 12.5  # of what is shown of the runs [s]
 RATE = 8.0  # pictures per second
+
+
+class View(NamedTuple):
+    """What is shown of a page, and how near."""
+
+    start: float  # [s]
+    end: float  # [s]
+    zoom: float = 1.0
+    higher: float = 0.0  # how far the camera and what it looks at are raised [m]
+
+
+VIEWS = {"compare": View(7.0, 12.5), "g1_boxing": View(0.0, 2.5, 1.2, 0.3)}
 # Nobody presses a button in a picture.
 _HIDDEN = "#crar-controls, #crar-legend { display: none !important; }"
 
@@ -42,20 +65,25 @@ def draw_diagram() -> None:
 
 
 def draw_comparison(page: Path) -> None:
-    pictures = []
+    view, pictures = VIEWS[page.stem], []
     with HeadlessBrowser(*SIZE) as browser:
-        browser.open(page, f"#t={START}")
+        browser.open(page, f"#t={view.start}")
         browser.evaluate(
             "document.head.append(Object.assign(document.createElement('style'), "
             f"{{ textContent: '{_HIDDEN}' }}))"
         )
-        for time in np.arange(START, END, 1.0 / RATE):
+        browser.evaluate(  # Meshcat's y points up
+            "for (const it of [viewer.camera.position, viewer.controls.target]) "
+            f"it.y += {view.higher}; viewer.camera.zoom = {view.zoom}; "
+            "viewer.camera.updateProjectionMatrix(); viewer.controls.update()"
+        )
+        for time in np.arange(view.start, view.end, 1.0 / RATE):
             browser.evaluate(f"crar.seek({time})")
             browser.settle()
             pictures.append(Image.open(io.BytesIO(browser.screenshot())).convert("RGB"))
     first, *others = pictures
     first.save(
-        IMAGES / "compare.webp",
+        IMAGES / f"{page.stem}.webp",
         append_images=others,
         save_all=True,
         duration=round(1e3 / RATE),
@@ -66,7 +94,7 @@ def draw_comparison(page: Path) -> None:
 
 
 def copy_figures(reproduction: Path) -> None:
-    shown = (IMAGES.parent / "reproduction.md").read_text(encoding="utf-8")
+    shown = (IMAGES.parent / "measurements" / "reproduction.md").read_text(encoding="utf-8")
     for figure in (reproduction / "figures").iterdir():
         name = f"section-iv-{figure.name}"
         if name in shown:

@@ -2,8 +2,9 @@
 
     python -m benchmarks.step [--quick] [--markdown docs/measurements/speed.md]
 
-`docs/measurements/speed.md` says what is measured and what is to be reached. Everything is timed
-in one process and one thread, by turns, so that figures of one run can be compared.
+`docs/measurements/speed.md` says what is measured and what is to be reached. Everything
+is timed in one process and one thread, by turns, so that figures of one run can be
+compared.
 """
 
 from __future__ import annotations

@@ -346,7 +346,8 @@ class PlainControlLaw:
             return q_i
         return min(max(q_i, lower + LIMIT_CLAMP), upper - LIMIT_CLAMP)
 
-    # --- constraints "lookahead", docs/theory/theorem.md -------------------------------
+    # --- constraints "lookahead", docs/theory/theorem.md
+    # -------------------------------
 
     def _lookahead(self, q, v, J, v_r, a_r, vdot_p, posture):
         model, gains, ahead = self.model, self.gains, self.gains.lookahead

@@ -203,9 +203,11 @@ def test_headed_lists_become_field_lists():
 
 def test_pages_that_docstrings_name_are_links():
     assert (
-        as_markdown("see `docs/measurements/faults.md`") == "see [`docs/measurements/faults.md`](/docs/measurements/faults.md)"
+        as_markdown("see `docs/measurements/faults.md`") == "see
+        [`docs/measurements/faults.md`](/docs/measurements/faults.md)"
     )
-    assert as_markdown("[it](docs/measurements/faults.md)") == "[it](/docs/measurements/faults.md)"
+    assert as_markdown("[it](docs/measurements/faults.md)") ==
+    "[it](/docs/measurements/faults.md)"
 
 
 def test_comments_behind_fields_are_told():

@@ -5,7 +5,8 @@ q_s = q + T q_dot: its *braking path*. A state is *clear* if every watched pair 
 shapes keeps a floor on the whole path, and q_s is within the joint limits. Braking
 leads from a clear state to a clear one, whose path is part of the first. So a step is
 admitted only if the next state is clear, too: as the guard has it, else corrected,
-else scaled towards braking, which always is. `docs/theory/theorem.md` has theorem and proof.
+else scaled towards braking, which always is. `docs/theory/theorem.md` has theorem and
+proof.
 
 Clear is found for the whole of a path, by bounds and not by samples: two capsules are
 at least as far apart as their shadows on any fixed direction, and how a shadow moves

@@ -3,7 +3,8 @@
 The paper's W looks at the present configuration, per joint, and lets a joint go
 free as soon as its share of a gradient shrinks; it asks for a more rigorous W, an
 adaptive Gv and less damping. Here the constraints are imposed where the robot would
-come to rest, and only along their gradients. `docs/theory/theorem.md` has the derivation.
+come to rest, and only along their gradients. `docs/theory/theorem.md` has the
+derivation.
 
 Let T be a braking horizon. Under q_ddot = -q_dot/T the robot comes to rest at
 

@@ -46,7 +46,7 @@ from crar_drake.equations.vectors import (
 )
 
 # A step is corrected so often before it is scaled. Each costs a guard; of the steps of
-# the recordings these leave at most 0.02 % to be scaled (docs/measurements/figures.md).
+# the recordings these leave at most 0.02 % to be scaled (docs/measurements/sweep.md).
 _CORRECTIONS = 4
 # A correction aims so far above the level that a pair must keep [m]: more than the
 # distance bends within a step, less than the 1 mm between floor and margin.

@@ -261,7 +261,8 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
 
 
 def missing(model: ControlModel, v, vdot, period: float, step: float) -> float:
-    """What docs/theory/theorem.md says is missing of the floor against the world [m]."""
+    """What docs/theory/theorem.md says is missing of the floor against the world
+    [m]."""
     by, reach = root_entries(model)[1][:3], 0.75  # from the root to the end of an arm
     omega, alpha = v[by], vdot[by]
     speed = max(np.linalg.norm(omega), np.linalg.norm(omega + period * alpha))

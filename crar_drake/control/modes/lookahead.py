@@ -1,4 +1,5 @@
-"""Constraints that hold where the robot would come to rest: `docs/theory/theorem.md`."""
+"""Constraints that hold where the robot would come to rest:
+`docs/theory/theorem.md`."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math

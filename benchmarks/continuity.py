@@ -1,7 +1,7 @@
 """How much the commanded acceleration changes for a tiny change of the state.
 
-python -m benchmarks.continuity [--out table.md] [--motion M ...] [--period P]
-    [--every N] [--duration S] [--preview S]
+python -m benchmarks.continuity [--motion M ...] [--period P] [--every N]
+    [--duration S] [--preview S] [--page docs/measurements/continuity.md]
 
 A jump here would be chatter on a robot whose sensors have noise. The robot follows the
 motion by the exact model; at every N-th control step the same step is taken once more
@@ -10,26 +10,26 @@ from a state that differs by 1e-9 in a random direction, everything else equal.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.step import Memory, Targets
+from crar_drake.control.records import Memory
+from crar_drake.equations.references import Targets
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.studies.sweep import find_motions
-from crar_drake.studies.tables import markdown_table, write_report
 
 PERIOD = 5e-3  # [s]
 NUDGE = 1e-9  # [rad] and [rad/s]
-MANNERS = ("as wished", "corrected", "scaled")
+MANNERS = ("nominal", "corrected", "scaled")
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Continuity:
     """What came of one motion.
 
     Attributes:
-        steps: (3,) compared, by how they were admitted: as wished, corrected, scaled.
+        steps: (3,) compared, by how they were admitted: nominal, corrected, scaled.
         largest: (3,) largest change of an acceleration among them [rad/s^2].
         changed: steps that were admitted in another manner from the other state; they
             count with the one that was further from the wish.
@@ -105,12 +105,12 @@ def run_case(
             steps[manner] += 1
             largest[manner] = max(largest[manner], float(np.abs(difference).max()))
         q, v = np.split(step.solution.position_command, [len(q)])
-        memory = step.memory
+        memory = step
     return Continuity(tuple(steps), tuple(largest), changed)
 
 
-def make_report(results: dict[str, Continuity]) -> str:
-    """A table in Markdown, a row per run."""
+def make_table(results: dict[str, Continuity]) -> Table:
+    """A row per run, and one of all."""
     header = ["run"]
     for manner in MANNERS:
         header += [f"steps {manner}", "largest change [rad/s²]"]
@@ -126,20 +126,20 @@ def make_report(results: dict[str, Continuity]) -> str:
         for count, change in zip(result.steps, result.largest, strict=True):
             row += [str(count), f"{change:.1e}" if count else "–"]
         rows.append([*row, str(result.changed)])
-    return markdown_table([*header, "another manner"], rows)
+    return Table([*header, "another manner"], rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    benchmark = Benchmark("benchmarks.continuity", __doc__, "continuity")
+    parser = benchmark.parser
     parser.add_argument("--motion", nargs="*", default=["dance", "boxing"])
     parser.add_argument("--period", type=float, default=PERIOD)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--duration", type=float, help="of each, at most [s]")
     add_preview_option(parser)
     parser.add_argument("--jobs", type=int)
-    parser.add_argument("--out", type=Path)
-    given = parser.parse_args(arguments)
+    given = benchmark.parse(arguments)
     with FreshProcesses(given.jobs) as pool:
         waiting = {
             f"{Path(motion).stem}, {experiment}": pool.submit(
@@ -155,8 +155,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for experiment in EXPERIMENTS
         }
         results = {name: future.result() for name, future in waiting.items()}
-    write_report(make_report(results), given.out)
+    part = "preview" if given.preview else "defaults"
+    benchmark.report(part, [make_table(results)])
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

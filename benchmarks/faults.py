@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import FAILURES, RunResult, run_scenario

@@ -4,7 +4,7 @@
 
 The triangles are asked over a grid of these joints, from limit to limit; the others are
 at rest. Where links meet that are built so near each other that nobody watches them,
-it is for the motion to stay away from there. docs/whole-body.md has figures.
+it is for the motion to stay away from there. docs/guides/whole-body.md has figures.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from crar_drake.commands.options import positive
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 
 

@@ -1,11 +1,10 @@
 """Starts in a violation: how fast, and how gently, the lookahead leaves it.
 
-python -m benchmarks.recovery [--out table.md] [--preview S]
+python -m benchmarks.recovery [--preview S] [--page docs/measurements/recovery.md]
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +12,7 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
+from benchmarks.page import Benchmark, Table, run
 from benchmarks.preview_option import add_preview_option, lookahead_defaults
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
@@ -23,7 +23,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.run import make_log
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.tables import markdown_table, write_report
 from crar_drake.targets.desired_motion import DesiredMotion
 
 PENETRATION = 0.015  # [m]
@@ -199,9 +198,9 @@ def default_scenario(
     return Scenario(motion="dance", experiment=experiment, controller=controller)
 
 
-def report(results: Sequence[tuple[str, Recovery]]) -> str:
-    """A Markdown table of (experiment, recovery)."""
-    return markdown_table(
+def make_table(results: Sequence[tuple[str, Recovery]]) -> Table:
+    """A row for each (experiment, recovery)."""
+    return Table(
         [
             "start",
             "experiment",
@@ -232,10 +231,9 @@ def report(results: Sequence[tuple[str, Recovery]]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs every start in both experiments, with the target inside and outside."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", help="Markdown file for the table")
-    add_preview_option(parser)
-    arguments = parser.parse_args(argv)
+    benchmark = Benchmark("benchmarks.recovery", __doc__, "recovery")
+    add_preview_option(benchmark.parser)
+    arguments = benchmark.parse(argv)
     results = [
         (
             experiment,
@@ -248,8 +246,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         for start in STARTS
         for inside in (True, False)
     ]
-    write_report(report(results), arguments.out)
+    part = "preview" if arguments.preview else "defaults"
+    benchmark.report(part, [make_table(results)])
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

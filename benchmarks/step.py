@@ -1,9 +1,10 @@
 """How long a control step takes, and of what; compiled where Numba is installed.
 
-    python -m benchmarks.step [--quick] [--markdown docs/speed.md]
+    python -m benchmarks.step [--quick] [--markdown docs/measurements/speed.md]
 
-`docs/speed.md` says what is measured and what is to be reached. Everything is timed
-in one process and one thread, by turns, so that figures of one run can be compared.
+`docs/measurements/speed.md` says what is measured and what is to be reached. Everything
+is timed in one process and one thread, by turns, so that figures of one run can be
+compared.
 """
 
 from __future__ import annotations

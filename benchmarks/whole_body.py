@@ -9,7 +9,7 @@ sample, the triangles of the meshes every 50 ms, and `references.footing` (slip 
 planted feet, lowest point, what the ground would have to give). Errors and footing
 leave out what is blended in at the start. The smallest files come first; a folder of a
 recording that has its log is judged, not run again, so that a stopped benchmark can be
-continued, and several can share a folder. docs/whole-body.md has figures.
+continued, and several can share a folder. docs/guides/whole-body.md has figures.
 """
 
 from __future__ import annotations

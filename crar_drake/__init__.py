@@ -10,13 +10,13 @@ from crar_drake.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
-    from crar_drake.control.law import ControlLaw, make_control_law
+    from crar_drake.control.law import ControlLaw
     from crar_drake.control.parameters import (
         CrarParameters,
         LookaheadParameters,
         TargetGovernor,
     )
-    from crar_drake.control.step import Solution
+    from crar_drake.control.records import Solution
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -50,13 +50,12 @@ _MODULES = {
     "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
-    "Solution": "control.step",
+    "Solution": "control.records",
     "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",
-    "make_control_law": "control.law",
     "position_tasks": "robot.task",
     "solve_start_pose": "targets.start_pose",
 }
@@ -84,13 +83,18 @@ __all__ = [
     "TaskLayout",
     "load_robot_description",
     "load_scenario",
-    "make_control_law",
     "position_tasks",
     "solve_start_pose",
 ]
 
 
+# Names that went, and what is in their place.
+_GONE = {"make_control_law": "ControlLaw(model, parameters)"}
+
+
 def __getattr__(name: str) -> Any:
+    if name in _GONE:
+        raise AttributeError(f"{__name__}.{name} is {_GONE[name]} now")
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = importlib.import_module(f"{__name__}.{_MODULES[name]}")

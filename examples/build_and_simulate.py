@@ -20,13 +20,14 @@ scenario = Scenario(
 )
 diagram = MakeCrarDiagram(scenario)
 simulator = Simulator(diagram)
-context = simulator.get_context()
+controller = diagram.GetSubsystemByName("crar_controller")
+context = controller.GetMyContextFromRoot(simulator.get_context())
 
 smallest = np.inf
 for time in np.arange(0.0, seconds, 0.05):
     simulator.AdvanceTo(time)
-    distances = diagram.GetOutputPort("signed_distances").Eval(context)
-    error = diagram.GetOutputPort("task_error").Eval(context)
-    smallest = min(smallest, distances.min())
+    reported = controller.diagnostics(context)
+    error = reported["task_error"]
+    smallest = min(smallest, reported["signed_distances"].min())
 print(f"task error at {seconds:g} s: {1e3 * np.abs(error).max():.1f} mm")
 print(f"smallest distance: {1e3 * smallest:.1f} mm")

@@ -74,7 +74,8 @@ for index in plant.GetBodyIndices(plant.GetModelInstanceByName("upper_body")):
 
 simulator.AdvanceTo(seconds)
 controller_context = controller.GetMyContextFromRoot(simulator.get_context())
-error = controller.get_output_port_task_error().Eval(controller_context)
-distances = controller.get_output_port_signed_distances().Eval(controller_context)
+reported = controller.diagnostics(controller_context)
+error = reported["task_error"]
+distances = reported["signed_distances"]
 print(f"wrists off by at most {1e3 * np.abs(error).max():.1f} mm")
 print(f"smallest distance {1e3 * distances.min():.1f} mm")

@@ -92,7 +92,7 @@ meshcat.PublishRecording()
 page.write_text(meshcat.StaticHtml())
 
 context = controller.GetMyContextFromRoot(simulator.get_context())
-distances = controller.get_output_port_signed_distances().Eval(context)
+distances = controller.diagnostics(context)["signed_distances"]
 print(f"{len(links)} links watch the post")
 print(f"smallest distance from it {1e3 * distances[-len(links) :].min():.1f} mm")
 print(page)

@@ -23,7 +23,7 @@ from crar_drake.robot.model import ControlModel
 
 KV = JacobianWrtVariable.kV
 LIMIT_CLAMP, DISTANCE_CLAMP, SMALLEST_MARGIN = 1e-4, 1e-3, 1e-4
-FASTEST_WISH = 16.0
+NOMINAL_SPEED_LIMIT = 16.0
 FAR = 0.05  # [m] pairs whose balls are farther apart are not looked at
 
 
@@ -346,7 +346,8 @@ class PlainControlLaw:
             return q_i
         return min(max(q_i, lower + LIMIT_CLAMP), upper - LIMIT_CLAMP)
 
-    # --- constraints "lookahead", docs/lookahead.md -------------------------------
+    # --- constraints "lookahead", docs/theory/theorem.md
+    # -------------------------------
 
     def _lookahead(self, q, v, J, v_r, a_r, vdot_p, posture):
         model, gains, ahead = self.model, self.gains, self.gains.lookahead
@@ -436,7 +437,7 @@ class PlainControlLaw:
         )
         W = 1.0 + (weight[active, None] * g[active] ** 2).sum(axis=0)
         s = qdot + T * (alpha + z)
-        s = s / max(1.0, np.abs(s).max() / FASTEST_WISH)
+        s = s / max(1.0, np.abs(s).max() / NOMINAL_SPEED_LIMIT)
         # Stage 2, L7.
         s, _ = one_sided_least_squares(
             np.eye(n), s, root[:, None] * g, root * (retreat - drift)

@@ -1,4 +1,4 @@
-"""The index of equations in docs/equations.md is true and complete.
+"""The index of equations in docs/theory/equations.md is true and complete.
 
 Run as a program, this file tells which of the index's functions run in control steps.
 """

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes import MODES
+from crar_drake.control.modes import MODES, validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -35,21 +35,21 @@ def test_the_pages_mode_is_chosen_by_its_name(with_the_pages_mode):
     q = model.rest_positions()
     v = np.zeros(len(q))
     tasks = model.tasks_at(q)
-    tasks[:3] += 0.5  # far away: the wish is large
+    tasks[:3] += 0.5  # far away
     free, gentle = (
         ControlLaw(model, CrarParameters(constraints=mode, blend_time=0.0)).step(
             q, v, tasks
         )
         for mode in ("none", "gentle")
     )
-    wish = np.abs(free.acceleration).max()
-    assert wish > with_the_pages_mode["LARGEST"]
+    nominal = np.abs(free.acceleration).max()
+    assert nominal > with_the_pages_mode["LARGEST"]
     np.testing.assert_array_equal(
         gentle.acceleration, np.clip(free.acceleration, -20.0, 20.0)
     )
-    assert gentle.of_mode["wished_acceleration"] == wish
+    assert gentle.of_mode["nominal_acceleration"] == nominal
 
 
 def test_without_the_page_there_is_no_such_mode():
     with pytest.raises(ScenarioError, match="'gentle' is none of none, paper, look"):
-        CrarParameters(constraints="gentle").validate()
+        validate(CrarParameters(constraints="gentle"))

@@ -133,7 +133,7 @@ def test_the_reference_has_all_public_names_and_all_rooms(pages):
         # Each public name stands in one place only.
         assert not {f"crar_drake.{key}" for key in crar_drake.__all__} & ids
     ids = pages["docs/site/rooms/control.html"].ids
-    assert "crar_drake.control.step.Memory" in ids
+    assert "crar_drake.control.records.Memory" in ids
     assert "crar_drake.control.law.ControlLaw" not in ids
 
 
@@ -203,9 +203,11 @@ def test_headed_lists_become_field_lists():
 
 def test_pages_that_docstrings_name_are_links():
     assert (
-        as_markdown("see `docs/faults.md`") == "see [`docs/faults.md`](/docs/faults.md)"
+        as_markdown("see `docs/measurements/faults.md`") == "see
+        [`docs/measurements/faults.md`](/docs/measurements/faults.md)"
     )
-    assert as_markdown("[it](docs/faults.md)") == "[it](/docs/faults.md)"
+    assert as_markdown("[it](docs/measurements/faults.md)") ==
+    "[it](/docs/measurements/faults.md)"
 
 
 def test_comments_behind_fields_are_told():

@@ -22,7 +22,7 @@ import crar_drake.results.plots
 import crar_drake.run
 from crar_drake.commands import main
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.errors import CrarError, ScenarioError, WriteError
 from crar_drake.results.log import SimulationLog
 from crar_drake.run import RunFailed, RunInterrupted, run_scenario

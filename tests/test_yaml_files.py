@@ -229,7 +229,7 @@ def test_what_drake_reads_is_not_refused():
         ("import", "most_capsules: many", ["most_capsules (line 1)", "a whole number"]),
         ("import", "sauce: a", ["sauce (line 1): unknown key", "'source'"]),
         ("import", "base: yes", ["base (line 1): expected text, found true"]),
-        ("import", "", ["empty", "docs/your-robot.md"]),
+        ("import", "", ["empty", "docs/guides/your-robot.md"]),
     ],
 )
 def test_robots_and_imports_are_read_alike(tmp_path: Path, name, text, words):

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from benchmarks.adversary.attacks import Episode
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, Setup
 from crar_drake.simulation.scenario import Scenario

@@ -2,7 +2,7 @@
 
     python -m benchmarks.peers.compare               # run and print
     python -m benchmarks.peers.compare --tune        # choose settings.json anew
-    python -m benchmarks.peers.compare --page docs/peers.md
+    python -m benchmarks.peers.compare --page docs/measurements/peers.md
 
 Makes an environment for each peer under --out (the versions are in `peers.py`), writes
 the problem, runs every controller on every case in several rounds, one after the

@@ -110,7 +110,7 @@ def tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def page(rows: Sequence[Row], chosen: dict[str, dict[str, dict]]) -> str:
-    """docs/peers.md, from the rows and from what tuning kept."""
+    """docs/measurements/peers.md, from the rows and from what tuning kept."""
     template = (Path(__file__).parent / "page.md").read_text()
     parts = {
         f"{{{{{case}}}}}": markdown_table(

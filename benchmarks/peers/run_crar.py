@@ -15,11 +15,11 @@ from pydrake.systems.framework import DiagramBuilder
 from benchmarks.peers.driver import Controller, Problem, Targets, main, run
 from benchmarks.peers.problem import describe
 from crar_drake import (
+    ControlLaw,
     ControlModel,
     CrarParameters,
     LookaheadParameters,
     load_robot_description,
-    make_control_law,
     position_tasks,
 )
 from crar_drake.equations.compilation import IS_COMPILED
@@ -56,7 +56,7 @@ class Crar(Controller):
         assert list(model.joint_names) == problem.joints
         # No controller of the comparison knows of efforts.
         settings = {"respect_effort_limits": False} | settings
-        self.law = make_control_law(
+        self.law = ControlLaw(
             model, CrarParameters(period=period, lookahead=lookahead, **settings)
         )
 

@@ -3,7 +3,8 @@
     pip install '.[robots-table,compiled]'
     pip install --no-deps 'holosoma-retargeting>=0.1'  # without torch
     crar-drake fetch 05_02
-    python -m benchmarks.robots --duration 4 --sheets out/sheets --page docs/robots.md
+    python -m benchmarks.robots --duration 4 --sheets out/sheets --page
+    docs/measurements/robots.md
 
 Each robot of `catalogue.py` is imported with one and the same command, `crar-drake
 import-robot FILE --lock hands,head,other`, and nothing is corrected. Who has two arms

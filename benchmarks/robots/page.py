@@ -60,7 +60,8 @@ def write_page(
     pip install '.[robots-table,compiled]'
     pip install --no-deps 'holosoma-retargeting>=0.1'  # without torch
     crar-drake fetch 05_02
-    python -m benchmarks.robots --duration 4 --sheets out/sheets --page docs/robots.md
+    python -m benchmarks.robots --duration 4 --sheets out/sheets --page
+    docs/measurements/robots.md
 
 This page is written by that command. It imports robots of packages on PyPI with
 `crar-drake import-robot FILE --lock hands,head,other`, corrects nothing, and sets each

@@ -38,7 +38,7 @@ SEVEN = "upper-body"
 TOOL = "tool"
 
 _PERIOD = 0.005  # [s] of control
-# Whose settings let feet stand, see docs/whole-body.md.
+# Whose settings let feet stand, see docs/guides/whole-body.md.
 _WHOLE_BODY_SCENARIO = "g1_whole_body_dance"
 _MESH_PERIOD = 0.05  # [s]
 

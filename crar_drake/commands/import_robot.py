@@ -17,7 +17,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "import-robot",
         run,
         "Make a robot that scenarios can name, from its URDF, SDF or MJCF "
-        "(docs/your-robot.md). "
+        "(docs/guides/your-robot.md). "
         "Needs the extra robots.",
     )
     parser.add_argument(

@@ -83,7 +83,8 @@ def add_command(
     parser.add_argument(
         "--verbose",
         action="store_true",
-        help="print all that Drake says, not one line for warnings of a kind",
+        help="print all figures, and all that Drake says instead of one line for "
+        "warnings of a kind",
     )
     return parser
 

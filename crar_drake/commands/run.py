@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
     from crar_drake.run import RunFailed, RunInterrupted, run_scenario
 
     def show(result: RunResult) -> None:
-        Console().print(summary_table(result.summary))
+        Console().print(summary_table(result.summary, arguments.verbose))
         for line in result.summary.warnings:
             print(f"warning: {line}")
         for path in result.files:

@@ -48,7 +48,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         run,
         "Take targets of hands and other points over UDP or LCM, and answer with "
         "joint positions and torques that keep the robot from running into itself. "
-        "docs/teleoperation.md has the messages.",
+        "docs/guides/teleoperation.md has the messages.",
     )
     parser.add_argument(
         "scenario",

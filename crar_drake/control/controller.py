@@ -24,14 +24,8 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.fading import FadingMode, without_fading
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import (
-    ControlStep,
-    InputError,
-    Memory,
-    Solution,
-    Targets,
-    check_finite,
-)
+from crar_drake.control.records import InputError, Memory, Solution, check_finite
+from crar_drake.equations.references import Targets
 from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
@@ -39,8 +33,8 @@ from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 
-# All that every mode tells of a solution, at once.
-_values_of_law = attrgetter(*(diagnostic.name for diagnostic in OF_LAW))
+# All that every mode reports of a solution, at once.
+_values_of_law = attrgetter(*(diagnostic.key for diagnostic in OF_LAW))
 
 
 @dataclass(slots=True)
@@ -50,11 +44,11 @@ class _Solve:
     Attributes:
         workspace: the control model's contexts. They are here because each further
             cache entry costs every step as much as reading a port.
-        step: the results.
+        memory: the results, and what they leave to the next tick.
     """
 
     workspace: Workspace
-    step: ControlStep
+    memory: Memory
 
 
 class CrarController(LeafSystem):
@@ -71,16 +65,10 @@ class CrarController(LeafSystem):
                               ┌────────────────┐
         estimated_state ─────►│                ├──► actuation
         desired_tasks ───────►│                ├──► desired_acceleration
-        desired_prescribed ──►│ CrarController ├──► task_error
-        nominal_posture ─────►│                ├──► signed_distances
-                              │                ├──► constraint_weights
-                              │                ├──► position_command
-                              │                ├──► status
-                              │                ├──► resting_margins
-                              │                ├──► admission
-                              │                ├──► torque_limit
-                              │                ├──► root_force
-                              └────────────────┴──► diagnostics
+        desired_prescribed ──►│ CrarController ├──► position_command
+        nominal_posture ─────►│                ├──► root_force
+                              │                ├──► diagnostics
+                              └────────────────┘
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
     positions and velocities; n controlled and n_p prescribed joints, m task rows,
@@ -105,29 +93,32 @@ class CrarController(LeafSystem):
             of the present torque tick.
         desired_acceleration: (nv,) commanded accelerations of all joints, held for a
             control period.
-        task_error: (m,) Eq. (11) against desired_tasks [rad, m].
-        signed_distances: (Nc,) in the order of the description's pairs [m].
-        constraint_weights: (n,) diagonal of W, Eq. (27).
         position_command: (nq + nv,) [q; v] one control period after the solve.
-        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN, 3
-            braking because no robot has the measured state (`control.plausible`).
-        resting_margins: (2,) where the robot would come to rest, the smallest
-            distance [m] and the smallest margin to a joint limit [rad]; NaN unless
-            constraints are "lookahead".
-        admission: (4,) how the step was admitted (0 as wished, 1 corrected, 2 scaled
-            towards braking), the share of the wish, a bound from below for all
-            distances on the braking path one period on [m], and whether the present
-            one is clear (1) or not (0), see `docs/lookahead.md`. The last two are NaN
-            where a watched pair is not examined: one with a shape that is neither a
-            capsule nor a sphere, unless it is above a half space. All are NaN unless
-            constraints are "lookahead", and while it brakes without targets.
-        torque_limit: (2,) share of the wish that the effort limits allowed, and the
-            excess before clipping of the present torque tick, see `Solution`.
         root_force: (nv,) generalized forces for the plant's applied_generalized_force:
             what must push a free root, that no motor moves, at the state of the present
             torque tick [Nm, N]; 0 for all other joints. Only if the root is free.
-        diagnostics: all of the above but root_force one after the other, for loggers:
-            one port is cheaper than nine. `diagnostics_slices` tells what is where.
+        diagnostics: the parts below one after the other; `diagnostics_slices` says
+            where, and `diagnostics(context)` has them by name.
+
+    Parts of diagnostics, after actuation, desired_acceleration and position_command:
+        task_error: (m,) Eq. (11) against desired_tasks [rad, m].
+        signed_distances: (Nc,) in the order of the description's pairs [m].
+        constraint_weights: (n,) diagonal of W, Eq. (27).
+        status: (1,) 0 tracking, 1 blending in, 2 braking because a target is NaN, 3
+            braking because no robot has the measured state (`control.plausible`).
+        torque_limit: (2,) share of the nominal accelerations that the effort limits
+            allowed, and the excess before clipping of the present torque tick, see
+            `Solution`.
+        resting_margins: (2,) where the robot would come to rest, the smallest
+            distance [m] and the smallest margin to a joint limit [rad]; NaN unless
+            constraints are "lookahead".
+        admission: (4,) how the step was admitted (0 as the nominal one, 1 corrected, 2
+            scaled towards braking), the share of the nominal step, a bound from below
+            for all distances on the braking path one period on [m], and whether the
+            present one is clear (1) or not (0), see `docs/theory/theorem.md`. The last
+            two are NaN where a watched pair is not examined: one with a shape that is
+            neither a capsule nor a sphere, unless it is above a half space. All are NaN
+            unless constraints are "lookahead", and while it brakes without targets.
 
     The law is solved once a control period, at t = 0, period, 2 period, ..., on the
     state of that instant, and its accelerations are held until the next. What realises
@@ -146,7 +137,7 @@ class CrarController(LeafSystem):
     Attributes:
         law: the `ControlLaw` that the system wraps.
         model: the `ControlModel` that it computes with.
-        diagnostics_slices: output port to its place in "diagnostics".
+        diagnostics_slices: name of a part to its place in the port "diagnostics".
 
     Limits: joints with as many velocities as positions, all actuated, but for a root
     that floats by a quaternion, its position and its orientation each prescribed or
@@ -195,7 +186,7 @@ class CrarController(LeafSystem):
         if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
 
-        nothing_yet = ControlStep(None, Memory())
+        nothing_yet = Memory()
         held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
         self._held_index = int(held)
         sources = {
@@ -222,18 +213,15 @@ class CrarController(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._Update)
 
         self._outputs, self.diagnostics_slices, end = {}, {}, 0
-        for diagnostic in all_diagnostics():
-            port, size = diagnostic.port, diagnostic.size(model)
-            self._outputs[port] = self.DeclareVectorOutputPort(
-                port, size, self._MakeOutputCalc(diagnostic), sources
-            )
-            self.diagnostics_slices[port] = slice(end, end + size)
+        for part in all_diagnostics():
+            name, size = part.name, part.size(model)
+            if part.connected:
+                self._outputs[name] = self.DeclareVectorOutputPort(
+                    name, size, self._MakeOutputCalc(part.key), sources
+                )
+            self.diagnostics_slices[name] = slice(end, end + size)
             end += size
-        self._absent = {
-            diagnostic.port: np.full(diagnostic.size(model), np.nan)
-            for diagnostic in of_modes()
-        }
-        self._of_modes = [(d.name, self._absent[d.port]) for d in of_modes()]
+        self._of_modes = [(d.key, np.full(d.size(model), np.nan)) for d in of_modes()]
         self._outputs["diagnostics"] = self.DeclareVectorOutputPort(
             "diagnostics", end, self._CalcDiagnostics, sources
         )
@@ -251,6 +239,7 @@ class CrarController(LeafSystem):
             )
         )
         self._state_name, self._target_names = x, (tasks, prescribed, posture)
+        self.law.target_names = self._target_names
 
     @property
     def model(self) -> ControlModel:
@@ -282,46 +271,36 @@ class CrarController(LeafSystem):
         """Port (nv,): commanded accelerations, held [rad/s^2 or m/s^2]."""
         return self._outputs["desired_acceleration"]
 
-    def get_output_port_task_error(self) -> OutputPort:
-        """Port (m,): Eq. (11) [rad, m]."""
-        return self._outputs["task_error"]
-
-    def get_output_port_signed_distances(self) -> OutputPort:
-        """Port (Nc,): signed distance per watched pair [m]."""
-        return self._outputs["signed_distances"]
-
-    def get_output_port_constraint_weights(self) -> OutputPort:
-        """Port (n,): diagonal of W."""
-        return self._outputs["constraint_weights"]
-
     def get_output_port_position_command(self) -> OutputPort:
         """Port (nq + nv,): [q; v] one control period on."""
         return self._outputs["position_command"]
-
-    def get_output_port_status(self) -> OutputPort:
-        """Port (1,): tracking, blending in or braking, see `control.step`."""
-        return self._outputs["status"]
-
-    def get_output_port_resting_margins(self) -> OutputPort:
-        """Port (2,): smallest distance [m] and limit margin [rad] at rest."""
-        return self._outputs["resting_margins"]
-
-    def get_output_port_admission(self) -> OutputPort:
-        """Port (4,): how the step was admitted, share, clearance [m], clear or not."""
-        return self._outputs["admission"]
-
-    def get_output_port_torque_limit(self) -> OutputPort:
-        """Port (2,): share of the wish that the effort limits allowed, and the excess
-        before clipping."""
-        return self._outputs["torque_limit"]
 
     def get_output_port_root_force(self) -> OutputPort | None:
         """Port (nv,): what must push a free root [Nm, N]; None if nothing is free."""
         return self._outputs.get("root_force")
 
     def get_output_port_diagnostics(self) -> OutputPort:
-        """Port: all other outputs, placed as `diagnostics_slices` says."""
+        """Port: all parts, placed as `diagnostics_slices` says."""
         return self._outputs["diagnostics"]
+
+    def diagnostics(self, context: Context) -> dict[str, np.ndarray]:
+        """The parts of the port `diagnostics` by name, see the class documentation.
+
+        Args:
+            context: the controller's own, `GetMyContextFromRoot` of a diagram's.
+        """
+        values = self._outputs["diagnostics"].Eval(context)
+        return {name: values[at] for name, at in self.diagnostics_slices.items()}
+
+    def __getattr__(self, name: str):
+        # Found only where nothing has the name.
+        part = name.removeprefix("get_output_port_")
+        if part != name and part in self.__dict__.get("diagnostics_slices", {}):
+            raise AttributeError(
+                f"{part} has no port of its own: it is a part of the port diagnostics, "
+                f'controller.diagnostics(context)["{part}"]'
+            )
+        raise AttributeError(f"CrarController has no attribute {name!r}")
 
     def TakeOver(self, context: Context, parameters: CrarParameters) -> None:
         """Goes on by a law with other gains or constraints, from the next tick on.
@@ -331,7 +310,7 @@ class CrarController(LeafSystem):
         that several simulators run, all go on by it.
 
         Braking over a longer time (`lookahead.horizon`, or a smaller Gv) leads farther:
-        if that path is not clear, the port `admission` says so in its last number, and
+        if that path is not clear, `admission` says so in its last number, and
         nothing is proved until it is clear again. A shorter time keeps the claim.
 
         Call it between two ticks: outputs of the present one that were read already
@@ -354,51 +333,42 @@ class CrarController(LeafSystem):
                 "controller.nominal_posture_gain: the controller was made without it"
             )
         law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
-        held = self._GetHeld(context)
-        memory = replace(held.memory, kept=without_fading(held.memory.kept))
+        law.target_names = self._target_names
+        memory = without_fading(self._GetHeld(context))
         if new.governor != old.governor:
             memory = replace(memory, governed=None)
         self.law = law
-        context.get_mutable_abstract_state(self._held_index).set_value(
-            ControlStep(held.solution, memory, held.torque_tick)
-        )
+        context.get_mutable_abstract_state(self._held_index).set_value(memory)
 
     def _CalcRootForce(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._EvalSolution(context).root_force)
 
     def _CalcDiagnostics(self, context: Context, output: BasicVector) -> None:
         solution = self._EvalSolution(context)
-        told = solution.of_mode.get
-        of_mode = [told(name, absent) for name, absent in self._of_modes]
+        # NaN where the constraint mode does not report it.
+        reported = solution.of_mode.get
+        of_mode = [reported(key, absent) for key, absent in self._of_modes]
         output.SetFromVector(np.concatenate((*_values_of_law(solution), *of_mode)))
 
-    def _MakeOutputCalc(self, diagnostic: Diagnostic):
+    def _MakeOutputCalc(self, key: str):
         def calc(context: Context, output: BasicVector) -> None:
-            solution = self._EvalSolution(context)
-            output.SetFromVector(self._value(solution, diagnostic))
+            output.SetFromVector(getattr(self._EvalSolution(context), key))
 
         return calc
-
-    def _value(self, solution: Solution, diagnostic: Diagnostic) -> np.ndarray:
-        """NaN where the constraint mode does not tell it."""
-        absent = self._absent.get(diagnostic.port)
-        if absent is None:
-            return getattr(solution, diagnostic.name)
-        return solution.of_mode.get(diagnostic.name, absent)
 
     def _EvalSolution(self, context: Context) -> Solution:
         """The held solution, or that of a tick whose update has not come yet."""
         held = self._GetHeld(context)
-        now, then = self._Tick(context.get_time()), (held.memory.tick, held.torque_tick)
+        now, then = self._Tick(context.get_time()), (held.tick, held.torque_tick)
         newer = now > then and self._plant_is_discrete
         # An older tick: the user set the time back.
         if held.solution is None or newer or now < then:
-            return self._solve_cache.Eval(context).step.solution
+            return self._solve_cache.Eval(context).memory.solution
         return held.solution
 
     def _Update(self, context: Context, state: State) -> None:
-        step = self._solve_cache.Eval(context).step
-        state.get_mutable_abstract_state(self._held_index).set_value(step)
+        memory = self._solve_cache.Eval(context).memory
+        state.get_mutable_abstract_state(self._held_index).set_value(memory)
 
     def _CalcStep(self, context: Context, value: AbstractValue) -> None:
         time = context.get_time()
@@ -410,24 +380,23 @@ class CrarController(LeafSystem):
         solve = value.get_value()
         workspace = solve.workspace
         q, v = x[: self._nq], x[self._nq :]
-        same_period = held.solution is not None and tick == held.memory.tick
+        same_period = held.solution is not None and tick == held.tick
         if same_period and torque_tick > held.torque_tick:
-            solve.step = self.law.hold(workspace, held, torque_tick, q, v)
+            solve.memory = self.law.hold(workspace, held, torque_tick, q, v)
             return
-        memory = held.memory if tick > held.memory.tick else Memory()
+        memory = held if tick > held.tick else Memory()
         targets = Targets(
-            tasks=self._EvalPort(self._tasks_port, context),
-            prescribed=self._EvalPort(self._prescribed_port, context),
-            nominal_posture=self._EvalPosture(context, q),
-            names=self._target_names,
+            self._EvalPort(self._tasks_port, context),
+            self._EvalPort(self._prescribed_port, context),
+            self._EvalPosture(context, q),
         )
-        step = self.law.solve(workspace, memory, tick, time, q, v, targets)
+        solve.memory = self.law.solve(workspace, memory, tick, time, q, v, targets)
         if torque_tick:
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.
-            memory = replace(step.memory, v=None, vdot=None, governed=None)
-            step = replace(step, memory=memory, torque_tick=torque_tick)
-        solve.step = step
+            solve.memory = replace(
+                solve.memory, torque_tick=torque_tick, continues=False, governed=None
+            )
 
     def _EvalPort(self, port: InputPort | None, context: Context) -> np.ndarray:
         if port is None:
@@ -447,7 +416,7 @@ class CrarController(LeafSystem):
             return self._EvalPort(port, context)
         return self.law.default_posture(q)
 
-    def _GetHeld(self, context: Context) -> ControlStep:
+    def _GetHeld(self, context: Context) -> Memory:
         return context.get_abstract_state(self._held_index).get_value()
 
     def _Tick(self, time: float) -> tuple[int, int]:
@@ -459,11 +428,11 @@ class CrarController(LeafSystem):
 
 @cache
 def of_modes() -> tuple[Diagnostic, ...]:
-    """What only some constraint mode tells; the ports of all are always there."""
+    """What only some constraint mode reports; the parts of all are always there."""
     return tuple(d for mode in MODES.values() for d in mode.diagnostics)
 
 
 @cache
 def all_diagnostics() -> tuple[Diagnostic, ...]:
-    """What the controller tells, in the order of its output ports."""
+    """What the controller reports, in the order of the port diagnostics."""
     return (*OF_LAW, *of_modes())

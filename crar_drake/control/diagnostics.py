@@ -1,4 +1,4 @@
-"""What a control step tells: each declared once, for ports, loggers and logs."""
+"""What a control step reports: each part declared once, for the ports and logs."""
 
 from __future__ import annotations
 
@@ -10,40 +10,44 @@ if TYPE_CHECKING:
 
 
 class Diagnostic(NamedTuple):
-    """One output of the control law.
+    """One part of the controller's port `diagnostics`.
 
     Attributes:
-        port: of `CrarController`.
-        size: of the port, for a model.
+        name: of the part.
+        size: of it, for a model.
         meaning: for people, with units.
-        field: of `Solution`, or of a mode's diagnostics; by default the port's name.
+        field: of `Solution`, or of a mode's diagnostics; by default the name.
         logged: whether `SimulationLog` keeps it.
+        connected: whether it has a port of its own, too.
     """
 
-    port: str
+    name: str
     size: Callable[[ControlModel], int]
     meaning: str
     field: str = ""
     logged: bool = True
+    connected: bool = False
 
     @property
-    def name(self) -> str:
-        """The field that holds the value."""
-        return self.field or self.port
+    def key(self) -> str:
+        """What holds the value."""
+        return self.field or self.name
 
 
-# Those of every mode, in the order of the controller's ports.
+# Those of every mode, in their order in the port.
 OF_LAW = (
     Diagnostic(
         "actuation",
         lambda model: model.plant.num_actuated_dofs(),
         "efforts in the plant's actuator order [Nm or N]",
+        connected=True,
     ),
     Diagnostic(
         "desired_acceleration",
         lambda model: model.plant.num_velocities(),
         "commanded accelerations of all joints [rad/s^2 or m/s^2]",
         field="acceleration",
+        connected=True,
     ),
     Diagnostic(
         "task_error",
@@ -65,6 +69,7 @@ OF_LAW = (
         lambda model: model.plant.num_positions() + model.plant.num_velocities(),
         "[q; v] one control period on",
         logged=False,
+        connected=True,
     ),
     Diagnostic(
         "status",
@@ -74,7 +79,7 @@ OF_LAW = (
     Diagnostic(
         "torque_limit",
         lambda model: 2,
-        "share of the wish that the effort limits allowed, and by which share of its "
-        "limit the worst actuator was beyond it before clipping",
+        "share of the nominal accelerations that the effort limits allowed, and by "
+        "which share of its limit the worst actuator was beyond it before clipping",
     ),
 )

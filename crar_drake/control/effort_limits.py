@@ -1,7 +1,7 @@
 """Accelerations whose torques the motors have, for a whole control period.
 
-Where a wish takes more than the effort limits, the nearest accelerations that do not
-are found, `equations.torque_limit`; then the constraint mode admits them again.
+Where the nominal ones take more than the effort limits, the nearest accelerations that
+do not are found, `equations.torque_limit`; then the constraint mode admits them again.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from crar_drake.control.modes.mode import Mode
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.records import Solution
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.torque_limit import (
@@ -22,7 +23,7 @@ from crar_drake.equations.torque_limit import (
     held_step,
     nearest_accelerations,
     next_braking_torque,
-    share_of_wish,
+    share_of_nominal,
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
@@ -44,8 +45,8 @@ _SURE = 0.9
 _NO_INERTIA = np.zeros((0, 0))
 
 
-class Effort(NamedTuple):
-    """Accelerations and what they take.
+class _Nominal(NamedTuple):
+    """The nominal accelerations and what they take.
 
     Attributes:
         vdot: (nv,) accelerations [rad/s^2 or m/s^2].
@@ -58,22 +59,22 @@ class Effort(NamedTuple):
     inertia: np.ndarray
 
 
-class Limited(NamedTuple):
-    """Accelerations within the limits.
+class _Candidate(NamedTuple):
+    """Accelerations that may be within the limits.
 
     Attributes:
         vdot: (nv,) accelerations.
         actuation: (nu,) their torque, clipped if nothing else helps.
         torque_limit: (2,) `Solution.torque_limit`.
         after: (nq + nv,) state that they lead to in a control period.
-        told: what the mode tells of them, if it was asked.
+        reported: by the mode of them, if it was asked.
     """
 
     vdot: np.ndarray
     actuation: np.ndarray
     torque_limit: np.ndarray
     after: np.ndarray
-    told: Mapping[str, np.ndarray] = {}
+    reported: Mapping[str, np.ndarray] = {}
 
 
 class _Braking(NamedTuple):
@@ -91,7 +92,7 @@ class _Braking(NamedTuple):
 
 
 class EffortLimits:
-    """What the effort limits of a robot make of a wish.
+    """What the effort limits of a robot make of nominal accelerations.
 
     Attributes:
         limits: (nu,) effort limits, infinite where there is none [Nm or N].
@@ -144,31 +145,47 @@ class EffortLimits:
         self, workspace: Workspace, measured: Measured, vdot: np.ndarray
     ) -> None:
         """Compiles what has yet to be, at the workspace's state."""
-        wish = self._effort(workspace, vdot)
+        nominal = self._effort(workspace, vdot)
         joints = self._model.controlled
-        self._nearest(self._braking, workspace, measured, wish, self.limits, joints)
+        self._nearest(self._braking, workspace, measured, nominal, self.limits, joints)
 
-    def limited(
+    def limit(
+        self, workspace: Workspace, measured: Measured, solution: Solution
+    ) -> None:
+        """Changes a solution's accelerations to the nearest that are within the limits
+        and the mode's bounds, in this period's torque ticks, too; and adds what follows
+        from them.
+
+        Args:
+            workspace: at the state of the control step, where it is left.
+            measured: of the same state.
+            solution: of the mode.
+        """
+        vdot = solution.acceleration
+        actuation = self._model.inverse_dynamics(workspace, vdot)
+        if self.finite:
+            found = self._limited(workspace, measured, vdot, actuation)
+        else:
+            found = self._unlimited(measured, vdot, actuation, self._period)
+        solution.acceleration, solution.actuation = found.vdot, found.actuation
+        solution.torque_limit, solution.position_command = (
+            found.torque_limit,
+            found.after,
+        )
+        if found.reported:
+            solution.of_mode = {**solution.of_mode, **found.reported}
+
+    def _limited(
         self,
         workspace: Workspace,
         measured: Measured,
         vdot: np.ndarray,
         actuation: np.ndarray,
-    ) -> Limited:
-        """Accelerations near the wish that are within the limits and the mode's bounds,
-        in this period's torque ticks, too; the wish where nothing is limited.
-
-        Args:
-            workspace: at the state of the control step, where it is left.
-            measured: of the same state.
-            vdot, actuation: (nv,), (nu,) the wish and its torque.
-        """
-        if not self.finite:
-            return self._unlimited(measured, vdot, actuation, self._period)
+    ) -> _Candidate:
         inertia = self._model.effort_per_acceleration(workspace)
-        wish = Effort(vdot, actuation, inertia)
+        nominal = _Nominal(vdot, actuation, inertia)
         limits = self.limits
-        found = self._within(workspace, measured, wish, limits)
+        found = self._within(workspace, measured, nominal, limits)
         for _ in range(_TRIES):
             excess = self._excess_to_come(workspace, measured, found)
             if excess is None:
@@ -177,7 +194,7 @@ class EffortLimits:
             lowered = np.minimum(limits, np.abs(found.actuation)) - _GROWTH * excess
             lowered = np.maximum(lowered, _MOST_FREE * self.limits)
             limits = np.where(excess > 0.0, lowered, limits)
-            again = self._within(workspace, measured, wish, limits)
+            again = self._within(workspace, measured, nominal, limits)
             if again.torque_limit[1] > _NO_EXCESS:
                 break
             found = again
@@ -187,43 +204,52 @@ class EffortLimits:
         """`clip_torque`, for accelerations that are decided already."""
         return clip_torque(actuation, self.limits)
 
-    def _effort(self, workspace: Workspace, vdot: np.ndarray) -> Effort:
+    def _effort(self, workspace: Workspace, vdot: np.ndarray) -> _Nominal:
         model = self._model
-        return Effort(
+        return _Nominal(
             vdot,
             model.inverse_dynamics(workspace, vdot),
             model.effort_per_acceleration(workspace),
         )
 
     def _within(
-        self, workspace: Workspace, measured: Measured, wish: Effort, limits: np.ndarray
-    ) -> Limited:
-        """The wish, or the nearest within these limits (nu,), as the mode allows it.
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        nominal: _Nominal,
+        limits: np.ndarray,
+    ) -> _Candidate:
+        """The nominal accelerations, or the nearest within these limits (nu,) that the
+        mode admits.
 
         Where the motors have not the torque to brake within the horizon, they may have
         it for one of the mode's longer ones. That counts if this braking path is clear,
         too, as it then is after the step. Of those from which braking is possible for
-        the motors again, what leaves the most of the wish is taken.
+        the motors again, what leaves the most of the nominal is taken.
         """
-        args = (workspace, measured, wish, limits)
+        args = (workspace, measured, nominal, limits)
         found = self._with(self._braking, *args)
         if not self._slower:
             return found
-        best = self._rank(self._braking, measured, wish, found)
+        best = self._rank(self._braking, measured, nominal, found)
         if best == (True, 0.0, 1.0):
             return found
         for slower in self._slower:
             other = self._with(slower, *args)
-            rank = self._rank(slower, measured, wish, other)
-            if rank > best and slower.mode.may_brake(measured, other.told):
+            rank = self._rank(slower, measured, nominal, other)
+            if rank > best and slower.mode.may_brake(measured, other.reported):
                 found, best = other, rank
         return found
 
     def _rank(
-        self, braking: _Braking, measured: Measured, wish: Effort, found: Limited
+        self,
+        braking: _Braking,
+        measured: Measured,
+        nominal: _Nominal,
+        found: _Candidate,
     ) -> tuple[bool, float, float]:
         """Whether the next step's braking is within the limits; else how long it takes,
-        the more of it the better; how much is left of the wish."""
+        the more of it the better; how much is left of the nominal."""
         share, excess = found.torque_limit.tolist()
         if excess > _NO_EXCESS:
             return False, 0.0, -excess
@@ -231,7 +257,7 @@ class EffortLimits:
         tau = next_braking_torque(
             found.vdot,
             found.actuation,
-            wish.inertia,
+            nominal.inertia,
             measured.v,
             self._model.controlled,
             T,
@@ -246,27 +272,31 @@ class EffortLimits:
         braking: _Braking,
         workspace: Workspace,
         measured: Measured,
-        wish: Effort,
+        nominal: _Nominal,
         limits: np.ndarray,
-    ) -> Limited:
+    ) -> _Candidate:
         """The nearest of the controlled joints, or where that is not enough, of all; or
-        a share of the wish, if that is more than the mode leaves of the nearest."""
-        slowed = self._slowed(braking, measured, wish, limits)
+        a share of the nominal, if that is more than the mode leaves of the nearest."""
+        slowed = self._slowed(braking, measured, nominal, limits)
         share, excess = slowed.torque_limit.tolist()  # an array is slow to unpack
         if share == 1.0 and excess == 0.0:
             if braking is self._braking:
                 return slowed  # which the mode has admitted as its own
-            found = self._admitted(braking, workspace, measured, wish, limits, slowed)
-            if np.array_equal(found.vdot, wish.vdot):
+            found = self._admitted(
+                braking, workspace, measured, nominal, limits, slowed
+            )
+            if np.array_equal(found.vdot, nominal.vdot):
                 found.torque_limit[0] = 1.0
             return found
         for joints in self._giving_way:
-            near = self._nearest(braking, workspace, measured, wish, limits, joints)
-            found = self._admitted(braking, workspace, measured, wish, limits, near)
+            near = self._nearest(braking, workspace, measured, nominal, limits, joints)
+            found = self._admitted(braking, workspace, measured, nominal, limits, near)
             if found.torque_limit[1] <= _NO_EXCESS:
                 break
         if excess == 0.0 and share > found.torque_limit[0]:
-            scaled = self._admitted(braking, workspace, measured, wish, limits, slowed)
+            scaled = self._admitted(
+                braking, workspace, measured, nominal, limits, slowed
+            )
             if scaled.torque_limit[0] > found.torque_limit[0]:
                 return scaled
         return found
@@ -276,10 +306,10 @@ class EffortLimits:
         braking: _Braking,
         workspace: Workspace,
         measured: Measured,
-        wish: Effort,
+        nominal: _Nominal,
         limits: np.ndarray,
         joints: np.ndarray,
-    ) -> Limited:
+    ) -> _Candidate:
         """The nearest accelerations within the limits of those joints that give way, or
         what is left of them."""
         model, n = self._model, self._model.n
@@ -287,9 +317,9 @@ class EffortLimits:
         bounds[0] = -np.inf
         bounds[:, :n] = braking.mode.acceleration_bounds(measured) or bounds[:, :n]
         near = nearest_accelerations(
-            wish.vdot,
-            wish.actuation,
-            wish.inertia,
+            nominal.vdot,
+            nominal.actuation,
+            nominal.inertia,
             measured.v,
             joints,
             limits,
@@ -298,7 +328,7 @@ class EffortLimits:
             braking.horizon,
             self._period,
         )
-        found = wish._replace(
+        found = nominal._replace(
             vdot=near, actuation=model.inverse_dynamics(workspace, near)
         )
         return self._slowed(braking, measured, found, limits)
@@ -308,55 +338,61 @@ class EffortLimits:
         braking: _Braking,
         workspace: Workspace,
         measured: Measured,
-        wish: Effort,
+        nominal: _Nominal,
         limits: np.ndarray,
-        slowed: Limited,
-    ) -> Limited:
+        slowed: _Candidate,
+    ) -> _Candidate:
         """What the mode admits of accelerations within the limits."""
         model = self._model
         actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
-        vdot, told = braking.mode.admit_again(measured, slowed.vdot)
+        vdot, reported = braking.mode.admit_again(measured, slowed.vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
             after = self._unlimited(measured, vdot, actuation, self._period).after
-        limit[0] = share_of_wish(
-            vdot, wish.vdot, measured.v, model.controlled, self._braking.horizon
+        limit[0] = share_of_nominal(
+            vdot, nominal.vdot, measured.v, model.controlled, self._braking.horizon
         )
-        return Limited(vdot, actuation, limit, after, told)
+        return _Candidate(vdot, actuation, limit, after, reported)
 
     def _slowed(
-        self, braking: _Braking, measured: Measured, wish: Effort, limits: np.ndarray
-    ) -> Limited:
+        self,
+        braking: _Braking,
+        measured: Measured,
+        nominal: _Nominal,
+        limits: np.ndarray,
+    ) -> _Candidate:
         """`limit_torque` at the state. Where the prescribed joints ask for more than
         the motors have, whatever the others do, they brake along."""
         for holding in braking.holdings:
-            found = self._held(measured, wish, limits, self._period, holding)
+            found = self._held(measured, nominal, limits, self._period, holding)
             if found.torque_limit[1] == 0.0:
                 break
         return found
 
     def _unlimited(
         self, measured: Measured, vdot: np.ndarray, actuation: np.ndarray, time: float
-    ) -> Limited:
+    ) -> _Candidate:
         """The same accelerations and torque, and what they lead to after `time` [s]."""
-        wish = Effort(vdot, actuation, _NO_INERTIA)
-        return self._held(measured, wish, self.limits, time, self._braking.holdings[0])
+        nominal = _Nominal(vdot, actuation, _NO_INERTIA)
+        return self._held(
+            measured, nominal, self.limits, time, self._braking.holdings[0]
+        )
 
     def _held(
         self,
         measured: Measured,
-        wish: Effort,
+        nominal: _Nominal,
         limits: np.ndarray,
         time: float,
         holding: Held,
-    ) -> Limited:
+    ) -> _Candidate:
         q, v = measured.q[0], measured.v
-        found = held_step(q, v, *wish, limits, time, holding)
-        return Limited(*map(found.__getitem__, self._parts))
+        found = held_step(q, v, *nominal, limits, time, holding)
+        return _Candidate(*map(found.__getitem__, self._parts))
 
     def _excess_to_come(
-        self, workspace: Workspace, measured: Measured, found: Limited
+        self, workspace: Workspace, measured: Measured, found: _Candidate
     ) -> np.ndarray | None:
         """By how much (nu,) torques will be beyond the limits at this period's torque
         ticks, while the accelerations are held; None if none will.

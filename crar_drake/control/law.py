@@ -14,20 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from crar_drake.control.effort_limits import EffortLimits
-from crar_drake.control.modes import MODES
-from crar_drake.control.modes.mode import Before, Resolved
+from crar_drake.control.modes import MODES, validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.plausible import PlausibleStates
-from crar_drake.control.step import (
+from crar_drake.control.records import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,
     STATUS_TRACKING,
-    ControlStep,
     InputError,
     Memory,
     Solution,
-    Targets,
     check_finite,
 )
 from crar_drake.equations.blending import smooth_step
@@ -36,10 +33,9 @@ from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
 from crar_drake.equations.references import (
-    Answer,
     BlendStart,
+    Targets,
     TaskGains,
-    Wanted,
     error_from_targets,
 )
 from crar_drake.equations.vectors import is_finite
@@ -65,7 +61,10 @@ class ControlLaw:
         mode: of the constraints.
         effort_limits: (nu,) see `CrarParameters.effort_limits` [Nm or N].
         speed_limits: (nv,) see `CrarParameters.speed_limits` [rad/s or m/s].
+        target_names: what errors call tasks, prescribed positions and nominal posture.
     """
+
+    target_names = ("tasks", "prescribed", "nominal_posture")
 
     def __init__(
         self, model: ControlModel, parameters: CrarParameters | None = None
@@ -76,7 +75,7 @@ class ControlLaw:
         """
         self.model = model
         self.parameters = parameters or CrarParameters()
-        self.parameters.validate()
+        validate(self.parameters)
         gains = self.parameters
         # Always of one type, lest functions be compiled for another.
         self._blend_time = float(gains.blend_time)
@@ -117,11 +116,11 @@ class ControlLaw:
             model.tasks_at(q), model.prescribed_at(q), self.default_posture(q)
         )
         workspace = model.MakeWorkspace()
-        step = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
+        memory = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
         if self._efforts.finite:
             measured = self._measure(workspace, q, v)
             self._efforts.compile(workspace, measured, np.ones_like(v))
-        self.hold(workspace, step, 1, q, v)
+        self.hold(workspace, memory, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:
         """The nominal posture where none is given: the robot's rest posture.
@@ -147,7 +146,7 @@ class ControlLaw:
     def reset(self) -> None:
         """Makes `step` forget its past: the next call is a first step."""
         self._workspace = self.model.MakeWorkspace()
-        self._step = ControlStep(None, Memory())
+        self._memory = Memory()
 
     def step(
         self,
@@ -174,7 +173,7 @@ class ControlLaw:
         Raises:
             InputError: an argument has a NaN or the wrong size; it is named.
         """
-        model, memory = self.model, self._step.memory
+        model, memory = self.model, self._memory
         q, v = _of_sizes(
             ("q", q, model.plant.num_positions()),
             ("v", v, model.plant.num_velocities()),
@@ -190,10 +189,10 @@ class ControlLaw:
         time = tick * self.parameters.period
         check_finite("q", q, time)
         check_finite("v", v, time)
-        self._step = self.solve(
+        self._memory = self.solve(
             self._workspace, memory, tick, time, q, v, Targets(*targets)
         )
-        return self._step.solution
+        return self._memory.solution
 
     def torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The torque of the last step's accelerations at a new state.
@@ -212,18 +211,18 @@ class ControlLaw:
             InputError: there was no step yet, or an argument has a NaN or the wrong
                 size; it is named.
         """
-        if self._step.solution is None:
+        if self._memory.solution is None:
             raise InputError("there is no acceleration to hold yet: call step first")
         q, v = _of_sizes(
             ("q", q, self.model.plant.num_positions()),
             ("v", v, self.model.plant.num_velocities()),
         )
-        time = self._step.memory.tick * self.parameters.period
+        time = self._memory.tick * self.parameters.period
         check_finite("q", q, time)
         check_finite("v", v, time)
         if self.model.num_free:
             self._check_orientation("q", q, time)
-        return self.hold(self._workspace, self._step, 1, q, v).solution.actuation
+        return self.hold(self._workspace, self._memory, 1, q, v).solution.actuation
 
     def solve(
         self,
@@ -234,7 +233,7 @@ class ControlLaw:
         q: np.ndarray,
         v: np.ndarray,
         targets: Targets,
-    ) -> ControlStep:
+    ) -> Memory:
         """One control step, without side effects but on the workspace.
 
         Args:
@@ -243,7 +242,10 @@ class ControlLaw:
             tick: number of this control step.
             time: of this step [s].
             q, v: (nq,), (nv,) state of the whole plant.
-            targets: what to do.
+            targets: what to do; where blending begins is the law's to say.
+
+        Returns:
+            The results, in `solution`, and what the next step is to be given.
 
         Raises:
             InputError: a target is not finite or a desired orientation a quaternion
@@ -254,53 +256,38 @@ class ControlLaw:
         model, mode = self.model, self.mode
         if model.num_free:
             self._check_orientation("the measured position of the root", q, time)
-        last = memory.state if tick == memory.tick + 1 else None
+        before = memory if tick == memory.tick + 1 else Memory()
         believed = v
         if mode.brakes_without_targets:
-            believed = self._plausible.believed(v, None if last is None else last[1])
+            believed = self._plausible.believed(v, before.v)
         measured = self._measure(workspace, q, believed)
-        if believed is not v or not self._came(last, q, v):
+        if believed is not v or not self._came(before, q, v):
             return self._brake(workspace, tick, measured, STATUS_IMPLAUSIBLE)
-        if not targets.finite():
-            if mode.brakes_without_targets:
-                return self._brake(workspace, tick, measured)
-            targets.check(time)
-        turn = model.turn - model.n  # among the prescribed
-        if turn >= 0 and not has_orientation(targets.prescribed, turn):
-            if mode.brakes_without_targets:
-                return self._brake(workspace, tick, measured)
-            raise _no_orientation(targets.names[1], time)
+        if not self._usable(targets, time):
+            return self._brake(workspace, tick, measured)
         start_time, start = memory.start_time, memory.start
         if start is None:
-            state = model.state_here(measured)
-            start_time = time
-            start = BlendStart(
-                state.R,
-                state.p,
-                q[model.prescribed_positions],
-                state.q[model.layout.rows.joints],
-            )
+            start_time, start = time, self._start(measured)
         blend = smooth_step(time - start_time, self._blend_time)
         tasks, governed = targets.tasks, None
         if self._target_bounds is not None:
-            tasks = governed = self._govern(memory, tick, measured, targets.tasks)
-        posture = targets.nominal_posture
+            tasks = governed = self._govern(before.governed, measured, targets.tasks)
+        posture = targets.posture
         if self._with_posture and blend[0] < 1.0:
             # As the targets, lest the first step be a jerk.
             here = q[model.controlled_positions[: model.n]]
             posture = here + blend[0] * (posture - here)
-        wanted = Wanted(tasks, targets.prescribed, posture, start, blend)
-        before = None
-        if memory.v is not None:
-            follows = tick == memory.tick + 1
-            before = Before(follows, memory.v, memory.vdot, memory.kept)
-        resolved = mode.resolve(workspace, measured, wanted, before)
+        solution = mode.resolve(
+            workspace,
+            measured,
+            Targets(tasks, targets.prescribed, posture, start, blend),
+            before if before.continues else None,
+        )
         if governed is not None and not np.array_equal(governed, targets.tasks):
-            error = self._error(measured, targets.tasks)
-            resolved = replace(resolved, answer=resolved.answer._replace(error=error))
-        if not is_finite(resolved.answer.vdot):
+            solution.task_error = self._error(measured, targets.tasks)
+        if not is_finite(solution.acceleration):
             # A quaternion of zero length is a number, but no orientation.
-            if is_finite(resolved.answer.error):
+            if is_finite(solution.task_error):
                 raise FloatingPointError(
                     "the commanded acceleration is not finite: an overflow reached the "
                     "solver; are positions, velocities or targets beyond all sense?"
@@ -309,51 +296,70 @@ class ControlLaw:
                 return self._brake(workspace, tick, measured)
             raise _no_orientation("desired_tasks", time)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        solution = self._solution(workspace, measured, resolved, status)
-        return ControlStep(
-            solution,
-            Memory(
-                tick,
-                start_time,
-                start,
-                v=v,
-                vdot=solution.acceleration,
-                kept=resolved.kept,
-                governed=governed,
-                state=(q, v),
-            ),
+        self._complete(solution, workspace, measured, status)
+        return Memory(
+            tick,
+            solution=solution,
+            q=q,
+            v=v,
+            continues=True,
+            start_time=start_time,
+            start=start,
+            governed=governed,
         )
 
-    def _came(
-        self, last: tuple[np.ndarray, np.ndarray] | None, q: np.ndarray, v: np.ndarray
-    ) -> bool:
-        """Whether a robot may have come from the last state to this one."""
-        if last is None or not self.mode.brakes_without_targets:
+    def _usable(self, targets: Targets, time: float) -> bool:
+        """Whether targets are finite, and an orientation among the prescribed positions
+        is one; raises InputError where that is an error."""
+        tasks, prescribed, posture = targets[:3]
+        finite = is_finite(tasks) and is_finite(prescribed) and is_finite(posture)
+        turn = self.model.turn - self.model.n  # among the prescribed
+        oriented = not finite or turn < 0 or has_orientation(prescribed, turn)
+        if (finite and oriented) or self.mode.brakes_without_targets:
+            return finite and oriented
+        for name, value in zip(self.target_names, targets[:3], strict=True):
+            check_finite(name, value, time)
+        raise _no_orientation(self.target_names[1], time)
+
+    def _start(self, measured: Measured) -> BlendStart:
+        """What is measured, to blend from."""
+        model = self.model
+        state = model.state_here(measured)
+        return BlendStart(
+            state.R,
+            state.p,
+            measured.q[0][model.prescribed_positions],
+            state.q[model.layout.rows.joints],
+        )
+
+    def _came(self, before: Memory, q: np.ndarray, v: np.ndarray) -> bool:
+        """Whether a robot may have come here from the state a period ago."""
+        if before.q is None or not self.mode.brakes_without_targets:
             return True
-        return self._plausible.way(*last, q, v)
+        return self._plausible.way(before.q, before.v, q, v)
 
     def hold(
         self,
         workspace: Workspace,
-        step: ControlStep,
+        memory: Memory,
         torque_tick: int,
         q: np.ndarray,
         v: np.ndarray,
-    ) -> ControlStep:
-        """The step with the torque that its accelerations take at a later state.
+    ) -> Memory:
+        """The same with the torque that the accelerations take at a later state.
 
         Where effort limits are respected, the torque is clipped: what the limits allow
         was decided in the control step.
 
         Args:
             workspace: of the model; left at the state (q, v).
-            step: that is held.
+            memory: of the control step whose accelerations are held.
             torque_tick: for the result.
             q, v: (nq,), (nv,) state of the whole plant.
         """
-        model, held = self.model, step.solution
-        if self.mode.brakes_without_targets and step.memory.state is not None:
-            v = self._plausible.believed(v, step.memory.state[1])
+        model, held = self.model, memory.solution
+        if self.mode.brakes_without_targets and memory.q is not None:
+            v = self._plausible.believed(v, memory.v)
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
@@ -369,19 +375,19 @@ class ControlLaw:
             torque_limit=torque_limit,
             root_force=root_force,
         )
-        return ControlStep(solution, step.memory, torque_tick)
+        return replace(memory, solution=solution, torque_tick=torque_tick)
 
     def _govern(
-        self, memory: Memory, tick: int, measured: Measured, tasks: np.ndarray
+        self, before: np.ndarray | None, measured: Measured, tasks: np.ndarray
     ) -> np.ndarray:
         """The governed targets, [x; v; a] (layout.size,).
 
-        They begin at the measured pose and velocity: in the first step, after a gap
-        in time, and when targets that were lost are back.
+        They begin at the measured pose and velocity where there are none of a period
+        ago: in the first step, after a gap in time, and when targets that were lost are
+        back.
         """
         rows, bounds = self.model.layout.rows, self._target_bounds
-        before = memory.governed
-        if before is None or tick != memory.tick + 1:
+        if before is None:
             state = self.model.state_here(measured)
             joints = state.q[self.model.layout.rows.joints]
             pose = self.model.layout.pack(state.R, state.p, q=joints)
@@ -408,50 +414,31 @@ class ControlLaw:
         tick: int,
         measured: Measured,
         status: float = STATUS_BRAKING,
-    ) -> ControlStep:
+    ) -> Memory:
         """q_ddot = -q_dot / T, and blend in when the targets are back, or the state."""
         model = self.model
-        answer = Answer(
-            vdot=-measured.v / self.parameters.braking_horizon,
-            error=np.full(model.m, np.nan),
-            d=model.state_here(measured).d[0],
-            W=np.ones(model.n),
-            qdot_c=np.zeros(model.n),
+        solution = Solution(
+            acceleration=-measured.v / self.parameters.braking_horizon,
+            task_error=np.full(model.m, np.nan),
+            signed_distances=model.state_here(measured).d[0],
+            constraint_weights=np.ones(model.n),
+            constrained_velocity=np.zeros(model.n),
         )
-        solution = self._solution(workspace, measured, Resolved(answer), status)
+        self._complete(solution, workspace, measured, status)
         after = measured.v + self._period * solution.acceleration
-        return ControlStep(solution, Memory(tick, state=(measured.q[0], after)))
+        return Memory(tick, solution=solution, q=measured.q[0], v=after)
 
-    def _solution(
+    def _complete(
         self,
+        solution: Solution,
         workspace: Workspace,
         measured: Measured,
-        resolved: Resolved,
         status: float,
-    ) -> Solution:
-        model, answer = self.model, resolved.answer
-        vdot, actuation, torque_limit, after, told = self._efforts.limited(
-            workspace,
-            measured,
-            answer.vdot,
-            model.inverse_dynamics(workspace, answer.vdot),
-        )
-        diagnostics = resolved.diagnostics
-        if told:
-            diagnostics = {**diagnostics, **told}
-        return Solution(
-            actuation=actuation,
-            acceleration=vdot,
-            task_error=answer.error,
-            signed_distances=answer.d,
-            constraint_weights=answer.W,
-            position_command=after,
-            constrained_velocity=answer.qdot_c,
-            status=_STATUS[status],
-            torque_limit=torque_limit,
-            root_force=model.root_force(workspace, vdot),
-            of_mode=diagnostics,
-        )
+    ) -> None:
+        """Adds what follows from the accelerations, which effort limits may change."""
+        self._efforts.limit(workspace, measured, solution)
+        solution.root_force = self.model.root_force(workspace, solution.acceleration)
+        solution.status = _STATUS[status]
 
     def _measure(self, workspace: Workspace, q: np.ndarray, v: np.ndarray) -> Measured:
         """The state; and where the robot would come to rest, if the mode looks there
@@ -489,10 +476,3 @@ def _no_orientation(what: str, time: float) -> InputError:
         f"{what} has a quaternion of zero length at t = {time:g} s; give unit "
         "quaternions (w, x, y, z), see TaskLayout"
     )
-
-
-def make_control_law(
-    model: ControlModel, parameters: CrarParameters | None = None
-) -> ControlLaw:
-    """`ControlLaw(model, parameters)`, under the name that older code knows."""
-    return ControlLaw(model, parameters)

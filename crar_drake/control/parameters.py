@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
-from crar_drake.control.modes import MODES
-from crar_drake.control.modes.lookahead import LookaheadParameters, preview_horizon
+from crar_drake.control.lookahead_parameters import (
+    LookaheadParameters,
+    preview_horizon,
+)
 from crar_drake.equations.governor import Bounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
@@ -19,7 +21,6 @@ if TYPE_CHECKING:
     from crar_drake.robot.model import ControlModel
 
 LEVELS = ("velocity", "acceleration")
-CONSTRAINTS = tuple(MODES)
 METRICS = ("identity", "inertia")
 
 # A torque loop of 1 kHz is usual, and enough: the torque period unless it is given [s].
@@ -156,11 +157,12 @@ class CrarParameters:
     def validate(self) -> None:
         """Checks every field; YAML loading does not.
 
+        `control.modes.validate` also asks the constraint mode whether they go with it.
+
         Raises:
             ScenarioError: names the field, its value and what it may be.
         """
         check_choice("controller", self, "level", LEVELS)
-        check_choice("controller", self, "constraints", tuple(MODES))
         check_choice("controller", self, "distances", DISTANCES)
         check_choice("controller", self, "metric", METRICS)
         check_numbers(
@@ -183,7 +185,6 @@ class CrarParameters:
         self.lookahead.validate()
         self.governor.validate()
         self._check_gains()
-        MODES[self.constraints].check(self)
 
     def _check_gains(self) -> None:
         """Raises ScenarioError where the feedback diverges in discrete time.

@@ -4,8 +4,9 @@ Under q_ddot = -q_dot/T the robot moves on the straight line in joint space from
 q_s = q + T q_dot: its *braking path*. A state is *clear* if every watched pair of
 shapes keeps a floor on the whole path, and q_s is within the joint limits. Braking
 leads from a clear state to a clear one, whose path is part of the first. So a step is
-admitted only if the next state is clear, too: as the law wishes it, else corrected,
-else scaled towards braking, which always is. `docs/lookahead.md` has theorem and proof.
+admitted only if the next state is clear, too: as the guard has it, else corrected,
+else scaled towards braking, which always is. `docs/theory/theorem.md` has theorem and
+proof.
 
 Clear is found for the whole of a path, by bounds and not by samples: two capsules are
 at least as far apart as their shadows on any fixed direction, and how a shadow moves
@@ -29,23 +30,25 @@ from crar_drake.equations.placed_shapes import (
 )
 from crar_drake.equations.prediction import next_state
 from crar_drake.equations.vectors import (
-    cross_rows,
-    dot_rows,
     put,
     put_at,
     transposed_times,
 )
 
 # How a step was admitted.
-AS_WISHED = 0.0
+AS_NOMINAL = 0.0
 CORRECTED = 1.0
 SCALED = 2.0
 
 # A path is halved so often before a pair that is not shown to be clear counts as not.
+# Each halving leaves a quarter of what curvature takes from a part's bound, (A4): seven
+# leave less than 1/10,000, some hundredths of a millimetre of any path.
 _HALVINGS = 7
-# Where a pair is known not to be clear, the worst place is sought among so many halves.
+# Where a pair is known not to be clear, the worst place is sought among so many halves:
+# to a sixteenth of the path, which is all that a row needs to point the right way.
 _SEARCHED = 4
-# A wish is scaled to one of 2^this shares.
+# A step is scaled to one of 2^this shares: each bisection checks all pairs anew, and a
+# finer share than 1/64 moves no robot farther.
 _BISECTIONS = 6
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.
@@ -268,20 +271,6 @@ def path_curvature(x: np.ndarray, pairs: np.ndarray, reaches: Reaches) -> np.nda
     return curvature + (own * (speed + 2.0 * before)).sum(axis=1)
 
 
-def _shadow_gap_loops(n, at, pairs, some, a, b, half):
-    gap = np.empty(len(n))
-    for k in range(len(n)):
-        p, u = at[pairs.start_a[some[k]]], at[pairs.vector_a[some[k]]]
-        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p, u, a[k], half)
-        p, u = at[pairs.start_b[some[k]]], at[pairs.vector_b[some[k]]]
-        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p, u, b[k], half)
-        gap[k] = min(
-            min(a_0 - da_0, a_1 - da_1) - max(b_0 - db_0, b_1 - db_1),
-            min(a_0 + da_0, a_1 + da_1) - max(b_0 + db_0, b_1 + db_1),
-        )
-    return gap
-
-
 @compiled
 def _end_shadows(n, p, u, a, half):
     """Of one segment of (A4): the shadows of both ends, and what they move by."""
@@ -301,7 +290,7 @@ def _end_shadows(n, p, u, a, half):
     return start, start + along, moves, moves + turns
 
 
-@compiled(loops=_shadow_gap_loops)
+@compiled
 def shadow_gap(
     n: np.ndarray,
     at: np.ndarray,
@@ -331,19 +320,17 @@ def shadow_gap(
     Returns:
         (k,) a bound from below, to the first order [m].
     """
-    p_a, u = at[pairs.start_a[some]], at[pairs.vector_a[some]]
-    p_b, v = at[pairs.start_b[some]], at[pairs.vector_b[some]]
-    w_a, w_b = a[:, :3], b[:, :3]
-    a_0, b_0 = dot_rows(n, p_a), dot_rows(n, p_b)
-    a_1, b_1 = a_0 + dot_rows(n, u), b_0 + dot_rows(n, v)
-    da_0 = half * dot_rows(n, a[:, 3:] + cross_rows(w_a, p_a))
-    db_0 = half * dot_rows(n, b[:, 3:] + cross_rows(w_b, p_b))
-    da_1 = da_0 + half * dot_rows(n, cross_rows(w_a, u))
-    db_1 = db_0 + half * dot_rows(n, cross_rows(w_b, v))
-    return np.minimum(
-        np.minimum(a_0 - da_0, a_1 - da_1) - np.maximum(b_0 - db_0, b_1 - db_1),
-        np.minimum(a_0 + da_0, a_1 + da_1) - np.maximum(b_0 + db_0, b_1 + db_1),
-    )
+    gap = np.empty(len(n))
+    for k in range(len(n)):
+        p, u = at[pairs.start_a[some[k]]], at[pairs.vector_a[some[k]]]
+        a_0, a_1, da_0, da_1 = _end_shadows(n[k], p, u, a[k], half)
+        p, u = at[pairs.start_b[some[k]]], at[pairs.vector_b[some[k]]]
+        b_0, b_1, db_0, db_1 = _end_shadows(n[k], p, u, b[k], half)
+        gap[k] = min(
+            min(a_0 - da_0, a_1 - da_1) - max(b_0 - db_0, b_1 - db_1),
+            min(a_0 + da_0, a_1 + da_1) - max(b_0 + db_0, b_1 + db_1),
+        )
+    return gap
 
 
 @compiled
@@ -510,7 +497,7 @@ def examine_present(
 
     Args:
         q, v: (nq,), (nv,) state.
-        s: (nv,) the wish.
+        s: (nv,) the velocity of the guard.
         d: (2, Nr) distances of all rows at q and at q_s [m].
         r, reaches: of the robot.
         gains: of the admission.
@@ -524,7 +511,7 @@ def examine_present(
     ends = d[:, reaches.value.rows]
     low = 0.5 * (ends[0] + ends[1] - travel(x, here))
     level = np.full(len(low), gains.floor)
-    needed = gains.floor + travel(farther(s, gains) * s, beyond)
+    needed = gains.floor + travel(step_reach(s, gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
     found = path_bounds(q, x, straight, level - _ROUNDING, ~(low >= needed), r, here)
     held = True
@@ -539,7 +526,7 @@ def examine_present(
 
 
 @compiled
-def farther(s: np.ndarray, gains: AdmissionGains) -> float:
+def step_reach(s: np.ndarray, gains: AdmissionGains) -> float:
     """(A6): the next braking path is nowhere farther than this times s from the present
     one, period + e of `next_path` [s]."""
     return gains.period + 0.5 * gains.period * (gains.period + gains.step) / gains.T
@@ -595,7 +582,7 @@ def check_step(
     straight = np.zeros(len(x))
     reaches = reaching(q, T * v, straight, reaches, r.turn)
     reaches = reaching(start, x, straight, reaches, r.turn)
-    near = present.low - travel(farther(s, gains) * s, reaches)
+    near = present.low - travel(step_reach(s, gains) * s, reaches)
     bounds = path_bounds(start, x, straight, level, ~(near >= level), r, reaches)
     clear = not (bounds.at >= 0.0).any()
     clearance = np.inf

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.admission import AS_WISHED, farther, travel
+from crar_drake.equations.admission import AS_NOMINAL, step_reach, travel
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
@@ -25,7 +25,7 @@ from crar_drake.equations.nearby import (
     watched_nearby,
 )
 from crar_drake.equations.prediction import next_state
-from crar_drake.equations.references import BlendStart, Wanted
+from crar_drake.equations.references import BlendStart, Targets
 
 # Pairs are looked for so much farther away than the first step needs, and this besides
 # [rad or m], for the steps that come after.
@@ -55,7 +55,7 @@ class FollowerNumbers(NamedTuple):
         robot: holds a `Robot` in two configurations, of a root that does not float,
             with a row for each pair of capsules and spheres.
         law: holds the `LookaheadNumbers` of these.
-        prescribed: (nq_p + 2 n_p,) of the prescribed joints, see `Wanted`.
+        prescribed: (nq_p + 2 n_p,) of the prescribed joints, see `Targets`.
         start: of no blending, which is over.
         expected: a step's |s| is first taken to be at most so many times |q_dot|.
         on_it, along_it: nearer to the reference than this is on it [rad or m, and per
@@ -114,7 +114,7 @@ def far_for_a_while(
         numbers: of the follower.
     """
     law = numbers.law.value
-    ahead = law.gains.T + numbers.expected * farther(v, law.admission)
+    ahead = law.gains.T + numbers.expected * step_reach(v, law.admission)
     far = ahead * np.abs(v)
     far[: len(to)] += np.abs(to - q[: len(to)])
     return _AHEAD * far + _BESIDES
@@ -172,7 +172,7 @@ def follow_steps(
     r, law = numbers.robot.value, numbers.law.value
     T, period, n = law.gains.T, law.gains.period, r.n
     q, v, memory = begin.q, begin.v, begin.memory
-    how, share, clear, steps, asked = AS_WISHED, 1.0, True, 0, 0
+    how, share, clear, steps, asked = AS_NOMINAL, 1.0, True, 0, 0
     # Of the pairs that are near for a while none has been found yet.
     middle, far = q[r.positions], np.full(len(v), -1.0)
     for k in range(len(targets)):
@@ -182,11 +182,11 @@ def follow_steps(
         here, moving = q[r.positions], v[r.order]
         braking, fastest = T * np.abs(moving), numbers.expected * np.abs(v)
         measured = Measured(with_resting(q, v, r, T), v, _NOTHING_ASKED)
-        wanted = Wanted(
+        wanted = Targets(
             targets[k], numbers.prescribed, _NOTHING, numbers.start, (1.0, 0.0, 0.0)
         )
         while True:
-            beyond = farther(v, law.admission) * fastest[r.order]
+            beyond = step_reach(v, law.admission) * fastest[r.order]
             if (np.abs(here - middle) + braking + beyond > far).any():
                 middle = here
                 far = np.maximum(
@@ -195,23 +195,21 @@ def follow_steps(
                 rows, robot, some = near_for_a_while(q, far, numbers)
             near, room, watching, its_law = watched_nearby(q, v, fastest, robot, some)
             watched[rows[near]] = True
-            answer, slip, _, _, told, plan = lookahead_step(
-                measured, wanted, watching, its_law, memory
-            )
+            found = lookahead_step(measured, wanted, watching, its_law, memory)
+            vdot, _, _, _, slip, _, plan, _, admission, _ = found
             asked += 1
-            vdot = answer.vdot
             s = v + T * vdot
             if not np.isfinite(vdot).all():
                 return Followed(
                     OnTheWay(q, vdot, memory), steps, asked, how, share, clear
                 )
-            beyond = farther(v, law.admission) * np.abs(s[r.order])
+            beyond = step_reach(v, law.admission) * np.abs(s[r.order])
             covered = (np.abs(here - middle) + braking + beyond <= far).all()
             if covered and still_clear(here, moving, s[r.order], room, some):
                 break
             fastest = np.maximum(fastest, 2.0 * np.abs(s))
-        how, share = max(how, told[0]), min(share, told[1])
-        clear = clear and told[3] == 1.0
+        how, share = max(how, admission[0]), min(share, admission[1])
+        clear = clear and admission[3] == 1.0
         # Rows are those of other pairs in the next step: nothing is known of them.
         memory = LookaheadMemory(
             moving[:n], vdot[r.order][:n], slip, memory.weighed, plan

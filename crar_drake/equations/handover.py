@@ -10,10 +10,10 @@ import numpy as np
 
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.references import BlendStart, Wanted
+from crar_drake.equations.references import BlendStart, Targets
 
 
-def hand_over(measured: Measured, wanted: Wanted) -> tuple:
+def hand_over(measured: Measured, targets: Targets) -> tuple:
     """State and targets as arguments of a compiled step, which begins with `take_over`
     of all but the first three.
 
@@ -24,11 +24,11 @@ def hand_over(measured: Measured, wanted: Wanted) -> tuple:
         measured.q[0],
         measured.v,
         measured.asked,
-        wanted.tasks,
-        wanted.prescribed,
-        wanted.posture,
-        *wanted.start,
-        *wanted.blend,
+        targets.tasks,
+        targets.prescribed,
+        targets.posture,
+        *targets.start,
+        *targets.blend,
     )
 
 
@@ -44,8 +44,8 @@ def take_over(
     s: float,
     s_dot: float,
     s_ddot: float,
-) -> Wanted:
+) -> Targets:
     """The targets out of `hand_over`."""
-    return Wanted(
+    return Targets(
         tasks, prescribed, posture, BlendStart(R, p, q_p, q), (s, s_dot, s_ddot)
     )

@@ -3,7 +3,8 @@
 The paper's W looks at the present configuration, per joint, and lets a joint go
 free as soon as its share of a gradient shrinks; it asks for a more rigorous W, an
 adaptive Gv and less damping. Here the constraints are imposed where the robot would
-come to rest, and only along their gradients. `docs/lookahead.md` has the derivation.
+come to rest, and only along their gradients. `docs/theory/theorem.md` has the
+derivation.
 
 Let T be a braking horizon. Under q_ddot = -q_dot/T the robot comes to rest at
 
@@ -22,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.admission import (
-    AS_WISHED,
+    AS_NOMINAL,
     SCALED,
     check_step,
     examine_present,
@@ -41,9 +42,9 @@ from crar_drake.equations.lookahead_guard import (
     damped_gram,
     guard,
     guard_norm,
+    nominal_velocity,
     share_within,
     step_bounds,
-    wish_velocity,
 )
 from crar_drake.equations.lookahead_rows import (
     join_constraints,
@@ -59,8 +60,8 @@ from crar_drake.equations.lookahead_rows import (
     weighed_margins,
     with_resting,
 )
-from crar_drake.equations.preview import preview_plan, previewed_wish
-from crar_drake.equations.references import Answer, Wanted, find_references
+from crar_drake.equations.preview import preview_plan, previewed_velocity
+from crar_drake.equations.references import Targets, find_references
 from crar_drake.equations.vectors import smallest, times
 
 
@@ -77,31 +78,33 @@ class LookaheadMemory(NamedTuple):
 @compiled
 def lookahead_step(
     measured: Measured,
-    wanted: Wanted,
+    targets: Targets,
     robot: Held,
     mode: Held,
     before: LookaheadMemory,
-) -> tuple[Answer, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, ...]:
     """(L3)-(L13) in their order: one control step of the mode.
 
     Args:
         measured: the state, and q_s.
-        wanted: the targets.
+        targets: what to do.
         robot: holds a `Robot` with a row for each pair of shapes.
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that
             nothing slipped, and infinite margins.
 
     Returns:
-        The answer; (n,) slip; (2 Nr + nl,) `weighed_margins`; (2,) the smallest
+        (nv,) accelerations in the plant's order; (m,) Eq. (11) against the targets as
+        given; (n,) diagonal of W; (n,) q_dot_c; (n,) slip; (2 Nr + nl,)
+        `weighed_margins`; (N n,) the plan, where there is a preview; (2,) the smallest
         distance [m] and the smallest margin to a limit [rad] at q_s; (4,) of `admit`;
-        (N n,) the plan, where there is a preview.
+        (Nc,) signed distances [m].
     """
     r, numbers = robot.value, mode.value
     limits, gains = numbers.limits.value, numbers.gains
     n, T = r.n, gains.T
     state = find_state(measured, r)
-    references = find_references(state, wanted, r.rows.value, r.turn, numbers.tasks)
+    references = find_references(state, targets, r.rows.value, r.turn, numbers.tasks)
     v, qdot = state.v, state.v[:n]
     slip = slip_velocity(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share
@@ -135,13 +138,13 @@ def lookahead_step(
     normal = damped_gram(references.J, gains)
     preview, plan = numbers.preview.value, before.plan
     if len(preview.times):
-        plan = preview_plan(state, references, wanted.posture, before.plan, r, numbers)
-        s_0, qdot_c, W = previewed_wish(plan, qdot, gains, preview)
+        plan = preview_plan(state, references, targets.posture, before.plan, r, numbers)
+        s_0, qdot_c, W = previewed_velocity(plan, qdot, gains, preview)
     else:
         weighed_rows = constraints
         if gains.approach_rate > 0.0:
             weighed_rows = some_of(constraints, np.arange(0))
-        s_0, qdot_c, W, _ = wish_velocity(
+        s_0, qdot_c, W, _ = nominal_velocity(
             references.J,
             normal,
             references.v_r,
@@ -169,11 +172,10 @@ def lookahead_step(
     qddot_p = references.qddot_p
     if admission[1] < 1.0:
         qddot_p = (s_p - v[n:]) / T
-    answer = Answer(
-        join_joints((s - qdot) / T, qddot_p, r.order), references.error, d, W, qdot_c
-    )
+    vdot = join_joints((s - qdot) / T, qddot_p, r.order)
     weighed = np.concatenate((by_pairs, by_limits))
-    return answer, slip, weighed, margins, admission, plan
+    error = references.error
+    return vdot, error, W, qdot_c, slip, weighed, plan, margins, admission, d
 
 
 @compiled
@@ -214,7 +216,7 @@ def scale_acceleration(
     d = row_distances(measured, r)
     present = examine_present(q, v, s, d, r, reaches, admission)
     checked = check_step(q, v, s, present, r, reaches, admission)
-    how, share, clearance = AS_WISHED, 1.0, checked.clearance
+    how, share, clearance = AS_NOMINAL, 1.0, checked.clearance
     if not checked.clear:
         share, clearance = scale_step(q, v, s, present, r, reaches, admission)
         s = share * s
@@ -270,10 +272,8 @@ def lookahead_or_scaled(
         law: holds `LookaheadLaw`.
 
     Returns:
-        One after the other: of a step (nv,) accelerations, (m,) errors, (n,) W, (n,)
-        q_dot_c, (n,) slip, (2 Nr + nl,) weighed margins, (N n,) plan, (2,) margins,
-        (4,) how it was admitted, and the distances; else (nv,) accelerations and (4,)
-        of `admit`.
+        What `lookahead_step` returns, one after the other; else (nv,) accelerations and
+        (4,) of `admit`.
     """
     robot, mode = law.value.robot, law.value.mode
     r, n = robot.value, robot.value.n
@@ -281,30 +281,18 @@ def lookahead_or_scaled(
     if len(accelerations):
         return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
     controlled, planned = r.order[:n], n * len(mode.value.preview.value.times)
-    answer, slip, weighed, margins, admission, plan = lookahead_step(
-        measured,
-        take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
-        robot,
-        mode,
-        LookaheadMemory(
-            v_before[controlled],
-            vdot_before[controlled],
-            kept[:n],
-            kept[n : len(kept) - planned],
-            kept[len(kept) - planned :],
-        ),
-    )
     return np.concatenate(
-        (
-            answer.vdot,
-            answer.error,
-            answer.W,
-            answer.qdot_c,
-            slip,
-            weighed,
-            plan,
-            margins,
-            admission,
-            answer.d,
+        lookahead_step(
+            measured,
+            take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
+            robot,
+            mode,
+            LookaheadMemory(
+                v_before[controlled],
+                vdot_before[controlled],
+                kept[:n],
+                kept[n : len(kept) - planned],
+                kept[len(kept) - planned :],
+            ),
         )
     )

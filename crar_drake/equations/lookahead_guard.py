@@ -1,4 +1,4 @@
-"""The lookahead's wish, its guard and what of it is admitted: (L6)-(L8).
+"""The nominal velocity, its guard and what of it is admitted: (L6)-(L8).
 
 `equations.lookahead` says what they mean, `equations.admission` what is clear.
 """
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.admission import (
-    AS_WISHED,
+    AS_NOMINAL,
     CORRECTED,
     SCALED,
     AdmissionGains,
@@ -45,12 +45,14 @@ from crar_drake.equations.vectors import (
     transposed_times,
 )
 
-# A step is corrected so often before it is scaled.
+# A step is corrected so often before it is scaled. Each costs a guard; of the steps of
+# the recordings these leave at most 0.02 % to be scaled (docs/measurements/sweep.md).
 _CORRECTIONS = 4
-# and then to be so far above the level that a pair must keep [m].
+# A correction aims so far above the level that a pair must keep [m]: more than the
+# distance bends within a step, less than the 1 mm between floor and margin.
 _SPARE = 3e-4
-# Shares of the wish for which the guard is asked anew, where not even the first of them
-# would be left: the far end of a long step says little about its beginning.
+# Shares of the nominal step for which the guard is asked anew, where not even the first
+# of them would be left: the far end of a long step says little about its beginning.
 _LESS = (0.25, 0.0625, 0.015625, 0.0)
 
 
@@ -98,19 +100,19 @@ def guard_norm(normal: np.ndarray, gains: LookaheadGains) -> np.ndarray:
 
 
 @compiled
-def bounded_wish(
+def bounded_velocity(
     qdot: np.ndarray, qddot: np.ndarray, gains: LookaheadGains
 ) -> np.ndarray:
-    """s_0 of a wished acceleration (n,), scaled to fastest_wish in any joint; (n,)."""
+    """s_0 of a nominal acceleration (n,), scaled to the nominal speed limit; (n,)."""
     s_0 = resting_velocity(qdot, qddot, gains.T)
     fastest = largest(s_0)
-    if fastest > gains.fastest_wish:
-        s_0 *= gains.fastest_wish / fastest
+    if fastest > gains.nominal_speed_limit:
+        s_0 *= gains.nominal_speed_limit / fastest
     return s_0
 
 
 @compiled
-def wish_velocity(
+def nominal_velocity(
     J: np.ndarray,
     normal: np.ndarray,
     v_r: np.ndarray,
@@ -133,7 +135,7 @@ def wish_velocity(
         alpha = argmin |J x - a_r|^2 + lambda^2 (|x|^2 - 2 z^T x if m < n
                 + sum omega_j min(0, g_j s_0(x) + drift_j)^2 / T^2)
         s_0 = q_dot + T (alpha + z), all of it scaled so that no joint's share is
-              more than fastest_wish.
+              more than nominal_speed_limit.
 
     Where tasks are joints, |x - x_0|^2 stands for |x|^2 (`undamped_preference`).
 
@@ -174,7 +176,7 @@ def wish_velocity(
     alpha, active, second = one_sided_minimum(
         normal, right, rows, -root * towards / T, cholesky_solve(factor, right)
     )
-    s_0 = bounded_wish(qdot, alpha + z, gains)
+    s_0 = bounded_velocity(qdot, alpha + z, gains)
     W = np.ones(n)
     for row in np.flatnonzero(active):
         W += constraints.weight[row] * g[row] * g[row]
@@ -185,12 +187,12 @@ def wish_velocity(
 def guard(
     s_0: np.ndarray, constraints: Constraints, norm: np.ndarray
 ) -> tuple[np.ndarray, int]:
-    """(L7): the velocity nearest to the wish that the constraints allow, (n,).
+    """(L7): the velocity nearest to the nominal one that the constraints allow, (n,).
 
         s = argmin (s - s_0)^T N (s - s_0) + sum omega_j max(0, r_j - g_j s - drift_j)^2
 
     Args:
-        s_0: (n,) the wish.
+        s_0: (n,) the nominal velocity.
         constraints: rows and limits.
         norm: (n, n) N, `guard_norm`.
 
@@ -304,14 +306,14 @@ def admit(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(L8): the velocity of q_s whose step is clear; it always exists.
 
-    As the guard wishes it, else corrected by rows for what would not be clear, else
+    As the guard has it, else corrected by rows for what would not be clear, else
     scaled towards braking, with the prescribed joints; or what the guard makes of a
-    share of the wish, if hardly any of that would be left.
+    share of the nominal step, if hardly any of that would be left.
 
     Args:
-        s_0: (n,) the wish before the guard.
+        s_0: (n,) the nominal velocity, before the guard.
         s_p: (n_p,) velocity of q_s of the prescribed joints.
-        s_1: (n,) the guard's wish.
+        s_1: (n,) of the guard.
         q, v: (nq,), (nv,) state.
         d: (2, Nr) distances of all rows at q and at q_s [m].
         constraints, norm: of the guard.
@@ -319,7 +321,7 @@ def admit(
 
     Returns:
         (n,), (n_p,) s of the controlled and the prescribed joints; (4,) how it was
-        admitted (AS_WISHED, CORRECTED, SCALED), the share of s, the clearance of the
+        admitted (AS_NOMINAL, CORRECTED, SCALED), the share of s, the clearance of the
         next braking path [m], and 1 if the present one was clear, else 0.
     """
     n, given = len(s_0), constraints
@@ -327,7 +329,7 @@ def admit(
     admission = numbers.admission
     lowest, highest = step_bounds(q, v, n, limits, admission)
     s = np.concatenate((np.minimum(np.maximum(s_1, lowest), highest), s_p))
-    how, share = AS_WISHED, 1.0
+    how, share = AS_NOMINAL, 1.0
     present = examine_present(q, v, s, d, r, reaches, admission)
     checked = check_step(q, v, s, present, r, reaches, admission)
     clearance = checked.clearance

@@ -18,7 +18,8 @@ from crar_drake.equations.joint_limits import (
 from crar_drake.equations.kinematics import Robot
 from crar_drake.equations.vectors import times
 
-# A margin of a row smaller than this [m] weighs as this: weights stay finite.
+# A margin of a row smaller than this [m] weighs as this: weights stay finite. At a
+# tenth of a millimetre a pair's weight has long taken all that a task asks against it.
 SMALLEST_MARGIN = 1e-4
 
 # What rows weigh that bound how fast something is approached: the guard's norm is of
@@ -28,8 +29,10 @@ BOUNDING_WEIGHT = 1e6
 # A joint with one limit is weighted as if the other were so far away [rad or m].
 ONE_SIDED_RANGE = 2.0 * np.pi
 
-# q_s is not asked to move faster than this unless it is given [rad/s or m/s].
-FASTEST_WISH = 16.0
+# q_s is not asked to move faster than this unless it is given [rad/s or m/s]: half of
+# it misses fast motions, twice as much gains a millimetre or two for a tenth to a fifth
+# more acceleration (docs/measurements/parameters.md).
+NOMINAL_SPEED_LIMIT = 16.0
 
 
 class LookaheadGains(NamedTuple):
@@ -50,7 +53,7 @@ class LookaheadGains(NamedTuple):
     influence_distance: float  # [m]
     period: float  # of the controller [s]
     slip_share: float  # of what was seen last, in the slip's low-pass
-    fastest_wish: float = FASTEST_WISH  # of q_s [rad/s or m/s]
+    nominal_speed_limit: float = NOMINAL_SPEED_LIMIT  # of q_s [rad/s or m/s]
     task_norm: bool = False  # whether the guard's norm is that of the tasks
     guard_damping: float = 0.0  # nu of that norm [m]
     approach_rate: float = 0.0  # kappa [1/s]; 0: rows weigh by their margins instead

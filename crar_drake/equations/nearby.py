@@ -12,19 +12,23 @@ from crar_drake.equations.admission import (
     Bounds,
     Reaches,
     extended,
-    farther,
     path_bounds,
     reaching,
+    step_reach,
     travel,
 )
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
-from crar_drake.equations.vectors import dot_rows, put, put_at, some_columns
+from crar_drake.equations.vectors import put, put_at, some_columns
 
 
-def _ball_distances_loops(points, pairs, some):
+@compiled
+def ball_distances(
+    points: np.ndarray, pairs: ShapePairs, some: np.ndarray
+) -> np.ndarray:
+    """How far the balls about two shapes are apart, (N,) [m]; as `nearest_points`."""
     d = np.empty(len(some))
     # Of a signed place Numba asks each time whether it counts from the end.
     for i in range(len(some)):
@@ -36,17 +40,6 @@ def _ball_distances_loops(points, pairs, some):
         z = points[a, 2] - points[b, 2] + 0.5 * (points[u, 2] - points[v, 2])
         d[i] = np.sqrt(x * x + y * y + z * z) - pairs.sizes.balls[of]
     return d
-
-
-@compiled(loops=_ball_distances_loops)
-def ball_distances(
-    points: np.ndarray, pairs: ShapePairs, some: np.ndarray
-) -> np.ndarray:
-    """How far the balls about two shapes are apart, (N,) [m]; as `nearest_points`."""
-    p_a, u = points[pairs.start_a[some]], points[pairs.vector_a[some]]
-    p_b, v = points[pairs.start_b[some]], points[pairs.vector_b[some]]
-    apart = p_a - p_b + 0.5 * (u - v)
-    return np.sqrt(dot_rows(apart, apart)) - pairs.sizes.balls[some]
 
 
 @compiled
@@ -223,7 +216,7 @@ def watched_nearby(
     n, r = numbers.value, robot.value
     gains = n.admission
     x = gains.T * v[r.order]
-    next_ = farther(v, gains) * fastest[r.order]
+    next_ = step_reach(v, gains) * fastest[r.order]
     of = reaching_within(q[r.positions], np.abs(x) + next_, n.reaches)
     here, beyond = travel(x, of), travel(next_, of)
     enough = here + np.maximum(n.gains.influence_distance, gains.floor + beyond)
@@ -247,7 +240,7 @@ def still_clear(
         numbers: of all pairs.
     """
     n = numbers.value
-    next_ = farther(s, n.admission) * s
+    next_ = step_reach(s, n.admission) * s
     far = n.admission.T * np.abs(v) + np.abs(next_)
     moved = travel(next_, reaching_within(q, far, n.reaches))
     return bool((room - moved >= n.admission.floor).all())

@@ -28,9 +28,13 @@ _NO_WAY = 1e-13
 
 @compiled
 def one_sided_minimum(
-    M: np.ndarray, right: np.ndarray, rows: np.ndarray, wish: np.ndarray, x: np.ndarray
+    M: np.ndarray,
+    right: np.ndarray,
+    rows: np.ndarray,
+    desired: np.ndarray,
+    x: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """argmin x^T M x - 2 right^T x + sum max(0, wish_j - rows_j x)^2, (n,).
+    """argmin x^T M x - 2 right^T x + sum max(0, desired_j - rows_j x)^2, (n,).
 
     Convex with a continuous gradient, so there is one minimum, and it is continuous in
     all that is given. Newton's method: each pass solves for the rows that are violated
@@ -41,13 +45,13 @@ def one_sided_minimum(
     Args:
         M: (n, n) symmetric positive definite.
         right: (n,).
-        rows, wish: (C, n), (C,).
+        rows, desired: (C, n), (C,).
         x: (n,) where to begin: the minimum without rows.
 
     Returns:
         (n,) the minimum; (C,) bool, the rows that are violated there; the passes.
     """
-    active = times(rows, x) < wish
+    active = times(rows, x) < desired
     passes = 0
     if not active.any():
         return x, active, passes
@@ -57,26 +61,26 @@ def one_sided_minimum(
         some = select_rows(rows, A)
         normal = gram(some)
         add_to(normal, M)
-        y = cholesky_solve(cholesky(normal), right + transposed_times(some, wish[A]))
-        violated = times(rows, y) < wish
+        y = cholesky_solve(cholesky(normal), right + transposed_times(some, desired[A]))
+        violated = times(rows, y) < desired
         if (violated == active).all():
             return y, active, passes
         way = y - x
         if not largest(way) > _NO_WAY * largest(y):
             return y, active, passes  # rows that just hold, to rounding, or NaN
-        x = x + _lowest_on_way(M, right, rows, wish, x, way) * way
-        active = times(rows, x) < wish
+        x = x + _lowest_on_way(M, right, rows, desired, x, way) * way
+        active = times(rows, x) < desired
     return x, active, passes
 
 
 @compiled
-def _lowest_on_way(M, right, rows, wish, x, way):
+def _lowest_on_way(M, right, rows, desired, x, way):
     """The share of the way to where the function of `one_sided_minimum` is lowest.
 
     Half its derivative by the share is continuous, grows, and is linear between the
     shares at which a row's violation begins or ends.
     """
-    gap, rate = wish - times(rows, x), times(rows, way)
+    gap, rate = desired - times(rows, x), times(rows, way)
     active = gap > 0.0
     force, stiffness = 0.0, 0.0
     at = np.full(len(rate), np.inf)

@@ -25,10 +25,9 @@ from crar_drake.equations.joint_limits import (
 )
 from crar_drake.equations.kinematics import Measured, find_state, join_joints
 from crar_drake.equations.references import (
-    Answer,
     References,
+    Targets,
     TaskGains,
-    Wanted,
     find_references,
 )
 from crar_drake.equations.resolved_acceleration import (
@@ -185,26 +184,31 @@ class PaperMemory(NamedTuple):
 @compiled
 def paper_step(
     measured: Measured,
-    wanted: Wanted,
+    targets: Targets,
     inertia: np.ndarray,
     robot: Held,
     mode: Held,
     before: PaperMemory,
-) -> tuple[Answer, PaperMemory]:
+) -> tuple[np.ndarray, ...]:
     """One control step of the paper's law; see the functions above.
 
     Args:
         measured: the state.
-        wanted: the targets.
+        targets: what to do.
         inertia: (n, n) for the metric "inertia"; (0, 0) for the identity.
         robot: holds a `Robot`.
         mode: holds `PaperNumbers`.
         before: of the step before; zeros, and no q_dot_c, at the first.
+
+    Returns:
+        (nv,) accelerations in the plant's order; (m,) Eq. (11) against the targets as
+        given; (n,) diagonal of W; `PaperMemory` for the next step, of which (Nc n,) the
+        second; (Nc,) signed distances [m].
     """
     r, numbers = robot.value, mode.value
     n, gains = r.n, numbers.gains
     state = find_state(measured, r)
-    references = find_references(state, wanted, r.rows.value, r.turn, numbers.tasks)
+    references = find_references(state, targets, r.rows.value, r.turn, numbers.tasks)
     if numbers.constrained:
         weights = constraint_weights(
             state.q[:n],
@@ -229,14 +233,15 @@ def paper_step(
         before.qdot_c,
         gains,
     )
-    answer = Answer(
+    return (
         join_joints(qddot, references.qddot_p, r.order),
         references.error,
-        state.d[0],
         W,
+        weights.limit_proximity,
+        weights.pair_proximity.ravel(),
         qdot_c,
+        state.d[0],
     )
-    return answer, PaperMemory(weights.limit_proximity, weights.pair_proximity, qdot_c)
 
 
 class PaperLaw(NamedTuple):
@@ -275,8 +280,7 @@ def paper_control(
         law: holds `PaperLaw`.
 
     Returns:
-        One after the other: (nv,) accelerations, (m,) errors, (n,) W, what the next
-        step is to be given, of which (n,) q_dot_c is the last, and (Nc,) distances.
+        What `paper_step` returns, one after the other.
     """
     robot, mode = law.value.robot, law.value.mode
     r, n = robot.value, robot.value.n
@@ -285,22 +289,13 @@ def paper_control(
     qdot_c = kept[pairs:]
     if np.isnan(qdot_c[0]):
         qdot_c = qdot_c[:0]
-    answer, kept_now = paper_step(
-        Measured(q.reshape(1, -1), v, asked),
-        take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
-        inertia,
-        robot,
-        mode,
-        PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c),
-    )
     return np.concatenate(
-        (
-            answer.vdot,
-            answer.error,
-            answer.W,
-            kept_now.limit_proximity,
-            kept_now.pair_proximity.ravel(),
-            kept_now.qdot_c,
-            answer.d,
+        paper_step(
+            Measured(q.reshape(1, -1), v, asked),
+            take_over(tasks, prescribed, posture, R, p, q_p, q_t, s, s_dot, s_ddot),
+            inertia,
+            robot,
+            mode,
+            PaperMemory(kept[:n], kept[n:pairs].reshape(Nc, n), qdot_c),
         )
     )

@@ -12,7 +12,7 @@ from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.kinematics import Robot, Tree, joint_motion, link_poses
-from crar_drake.equations.vectors import product, sparse_product
+from crar_drake.equations.vectors import sparse_product
 
 
 def _place_some_loops(at, X, selection, first, some):
@@ -128,18 +128,7 @@ def distances_at(
     return d, distance_gradient_about_origin(n, p, S, moves)[0]
 
 
-def _own_velocities_loops(S, x, alone, pairs):
-    V = np.zeros((len(pairs), 6))
-    for k in range(len(pairs)):
-        moves = alone[pairs[k]]
-        for j in range(len(x)):
-            if moves[j] != 0.0:
-                for c in range(6):
-                    V[k, c] += S[c, j] * x[j]
-    return V
-
-
-@compiled(loops=_own_velocities_loops)
+@compiled
 def own_velocities(
     S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
@@ -151,4 +140,11 @@ def own_velocities(
         alone: (Np, nv) `a_alone` or `b_alone` of `Reaches`.
         pairs: (k,) which.
     """
-    return product(alone[pairs], np.ascontiguousarray((S * x).T))
+    V = np.zeros((len(pairs), 6))
+    for k in range(len(pairs)):
+        moves = alone[pairs[k]]
+        for j in range(len(x)):
+            if moves[j] != 0.0:
+                for c in range(6):
+                    V[k, c] += S[c, j] * x[j]
+    return V

@@ -1,11 +1,11 @@
-"""The preview: a wish that has seen what comes next, (L10)-(L13).
+"""The preview: a nominal velocity that has seen what comes next, (L10)-(L13).
 
 Feedback on the present error alone begins to evade an obstacle when it is there, and
 then needs high gains to make up for it. Here the accelerations of the next moment,
 some 0.2 s, are chosen as a whole: those that follow the targets, as they are expected
 to go on, the closest with the least acceleration, and past the obstacles. Only the
-first of them is wished for, and all are chosen anew at the next step.
-`docs/lookahead.md` has the derivation.
+first of them is the nominal one, and all are chosen anew at the next step.
+`docs/theory/theorem.md` has the derivation.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Robot, State
-from crar_drake.equations.lookahead_guard import LookaheadNumbers, bounded_wish
+from crar_drake.equations.lookahead_guard import LookaheadNumbers, bounded_velocity
 from crar_drake.equations.lookahead_rows import (
     Limits,
     LookaheadGains,
@@ -170,7 +170,7 @@ def expected_motion(
         x_i = (tau_i + h) q_dot + sum_j (C_ij + h length_j) q_ddot_j,    j <= i,
 
     of the prescribed joints with the one acceleration that they have now.
-    `docs/lookahead.md` says what h is for.
+    `docs/theory/theorem.md` says what h is for.
 
     Args:
         v: (nv,) velocities.
@@ -416,7 +416,7 @@ def preview_plan(
     n, gains = r.n, numbers.gains
     plan = shifted_plan(before, preview, n, gains.period)
     x = expected_motion(state.v, references.qddot_p, plan, preview)
-    x = possible_motion(x, state.q[:n], limits, gains.fastest_wish, preview)
+    x = possible_motion(x, state.q[:n], limits, gains.nominal_speed_limit, preview)
     rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
     posture_error = np.zeros(n)
     if len(posture):
@@ -435,10 +435,11 @@ def preview_plan(
 
 
 @compiled
-def previewed_wish(
+def previewed_velocity(
     plan: np.ndarray, qdot: np.ndarray, gains: LookaheadGains, preview: Preview
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The wish of the plan, what `lookahead_guard.wish_velocity` is without one.
+    """The nominal velocity of the plan, what `lookahead_guard.nominal_velocity` is
+    without one.
 
     Args:
         plan: (N n,) `plan_accelerations`.
@@ -452,4 +453,4 @@ def previewed_wish(
     n = len(qdot)
     first = plan[:n]
     planned = qdot + preview.lengths[0] * first
-    return bounded_wish(qdot, first, gains), planned, np.ones(n)
+    return bounded_velocity(qdot, first, gains), planned, np.ones(n)

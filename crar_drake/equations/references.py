@@ -84,14 +84,17 @@ class BlendStart(NamedTuple):
     q: np.ndarray = _NONE  # (Nj,) positions of the tasks that are joints
 
 
-class Wanted(NamedTuple):
+_NOWHERE = BlendStart(np.zeros((0, 3, 3)), np.zeros((0, 3)), _NONE)
+
+
+class Targets(NamedTuple):
     """The targets of one control step."""
 
     tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
     prescribed: np.ndarray  # (nq_p + 2 n_p,) desired [q_p; q_dot_p; q_ddot_p]
     posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if off
-    start: BlendStart
-    blend: tuple[float, float, float]  # of `blending.smooth_step`
+    start: BlendStart = _NOWHERE  # where blending began, and how far it is:
+    blend: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of `blending.smooth_step`
 
 
 class References(NamedTuple):
@@ -176,42 +179,42 @@ def undamped_preference(of_rows: np.ndarray, n: int, rows: TaskRows) -> np.ndarr
 
 @compiled
 def posture_acceleration(
-    wanted: np.ndarray, q: np.ndarray, qdot: np.ndarray, stiffness: float
+    targets: np.ndarray, q: np.ndarray, qdot: np.ndarray, stiffness: float
 ) -> np.ndarray:
     """A critically damped pull towards a posture, for the null space (Eq. (33)).
 
     Args:
-        wanted: (n,) positions [rad].
+        targets: (n,) positions [rad].
         q, qdot: (n,) present positions [rad] and velocities [rad/s].
         stiffness: [1/s^2].
 
     Returns:
         (n,) [rad/s^2].
     """
-    return stiffness * (wanted - q) - 2.0 * np.sqrt(stiffness) * qdot
+    return stiffness * (targets - q) - 2.0 * np.sqrt(stiffness) * qdot
 
 
 @compiled
 def find_references(
-    state: State, wanted: Wanted, rows: TaskRows, turn: int, gains: TaskGains
+    state: State, targets: Targets, rows: TaskRows, turn: int, gains: TaskGains
 ) -> References:
     """Eqs. (9), (14): what the blended targets ask for, weighted.
 
     Args:
         state: of the robot.
-        wanted: the targets.
+        targets: the targets.
         rows: which rows belong to which task.
         turn: of the robot, see `Robot`.
         gains: of the law.
     """
-    prescribed, blend, start = wanted.prescribed, wanted.blend, wanted.start
+    prescribed, blend, start = targets.prescribed, targets.blend, targets.start
     n_p = len(prescribed) // 3  # an orientation has one position more than velocities
     n, nq_p = len(state.v) - n_p, len(prescribed) - 2 * n_p
     qdot, qdot_p = state.v[:n], state.v[n:]
     q_p = state.q[len(state.q) - nq_p :]
     q_d, a_d = prescribed[:nq_p], prescribed[nq_p + n_p :]
     v_d = prescribed[nq_p : nq_p + n_p]
-    desired = unpack_tasks(wanted.tasks, rows)
+    desired = unpack_tasks(targets.tasks, rows)
     error = e = find_error(state.q, state.R, state.p, desired, rows)
     if blend[0] < 1.0:
         desired = blend_tasks(rows, start.R, start.p, start.q, desired, blend)
@@ -236,18 +239,10 @@ def find_references(
         J, v_r, a_r = S[:, np.newaxis] * J, S * v_r, S * a_r
         e, e_dot, a_ff = S * e, S * e_dot, S * a_ff
     posture = np.zeros(n)
-    if len(wanted.posture):
-        posture = posture_acceleration(wanted.posture, state.q[:n], qdot, gains.posture)
+    if len(targets.posture):
+        posture = posture_acceleration(
+            targets.posture, state.q[:n], qdot, gains.posture
+        )
     return References(
         J, v_r, a_r, posture, qddot_p, error, qdot_0, qddot_0, e, e_dot, a_ff
     )
-
-
-class Answer(NamedTuple):
-    """What every constraint mode finds in a control step."""
-
-    vdot: np.ndarray  # (nv,) accelerations of all joints, in the plant's order
-    error: np.ndarray  # (m,) Eq. (11) against the targets as given
-    d: np.ndarray  # (Nc,) signed distances [m]
-    W: np.ndarray  # (n,) diagonal of the weight
-    qdot_c: np.ndarray  # (n,) Eq. (15) [rad/s]

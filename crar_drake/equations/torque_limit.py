@@ -2,18 +2,18 @@
 
 The paper names torque limits as its next extension. The torque is affine in the
 accelerations, and each actuator's is to lie in an interval: within its limit, and such
-that braking stays possible. First come the accelerations nearest to the wish that are
-in all intervals, by one-sided least squares: where one motor is weak, its joint lags
-and the others go on. What is left beyond, where intervals contradict each other, is
-taken away by slowing down altogether. In the words of `equations.lookahead`, choosing
-an acceleration is choosing s, the velocity of the point where the robot would come to
-rest. With
+that braking stays possible. First come the accelerations nearest to the nominal ones
+that are in all intervals, by one-sided least squares: where one motor is weak, its
+joint lags and the others go on. What is left beyond, where intervals contradict each
+other, is taken away by slowing down altogether. In the words of `equations.lookahead`,
+choosing an acceleration is choosing s, the velocity of the point where the robot would
+come to rest. With
 
     alpha(theta) = (theta s - q_dot) / T,    0 <= theta <= 1,
 
 the torque is affine in theta: tau(theta) = tau_b + theta (tau - tau_b), between that of
-braking, tau_b, and that of the wish, tau. The largest theta whose torque respects the
-limits is taken. A constraint with g·s >= 0 keeps g·(theta s) >= 0.
+braking, tau_b, and that of the nominal accelerations, tau. The largest theta whose
+torque respects the limits is taken. A constraint with g·s >= 0 keeps g·(theta s) >= 0.
 
 So that braking stays possible, the torque is also bounded by the braking torque of the
 next step, which is affine in it, too: the velocity grows by dt alpha, and
@@ -41,18 +41,19 @@ from crar_drake.equations.vectors import (
     times,
 )
 
-# Share of a limit that braking in the next step may need [1].
+# Share of a limit that braking in the next step may need [1]: the rest is for what
+# changes in between, of Coriolis forces and gravity.
 _RESERVE = 0.8
 
 
-# Weight of being outside an interval, against the distance from the wish [1], and by
+# Weight of being outside an interval, against the distance from the nominal [1], and by
 # which share intervals are taken to end earlier, so that what is found is within.
 _WEIGHT = 1e4
 _INSIDE = 1e-6
 
 
 class TorqueScale(NamedTuple):
-    """The largest share of the wish that the limits allow.
+    """The largest share of the nominal step that the limits allow.
 
     Attributes:
         theta: in [0, 1].
@@ -78,7 +79,7 @@ def torque_scale(
     minimises the largest excess, and the torque is to be clipped.
 
     Args:
-        tau: (nu,) torque of the wish [Nm or N].
+        tau: (nu,) torque of the nominal accelerations [Nm or N].
         tau_brake: (nu,) torque of braking, q_ddot = -q_dot / T.
         tau_still: (nu,) torque of q_ddot = 0.
         limits: (nu,) largest |torque|, infinite where there is none.
@@ -178,20 +179,24 @@ def next_braking_torque(
     return tau + inertia @ (braking - vdot)
 
 
-def share_of_wish(
-    vdot: np.ndarray, wish: np.ndarray, v: np.ndarray, controlled: np.ndarray, T: float
+def share_of_nominal(
+    vdot: np.ndarray,
+    nominal: np.ndarray,
+    v: np.ndarray,
+    controlled: np.ndarray,
+    T: float,
 ) -> float:
-    """How much is left of the way from braking to the wish: theta, if it was scaled.
+    """How much is left of the way from braking to the nominal: theta, if it was scaled.
 
     Args:
-        vdot, wish, v, controlled, T: accelerations, and as in `limit_torque`.
+        vdot, nominal, v, controlled, T: accelerations, and as in `limit_torque`.
 
     Returns:
-        1 - |wish - vdot| / |wish - braking|, in [0, 1], below 1 if they differ.
+        1 - |nominal - vdot| / |nominal - braking|, in [0, 1], below 1 if they differ.
     """
-    way = np.linalg.norm(wish[controlled] + v[controlled] / T)
-    lost = np.linalg.norm(wish[controlled] - vdot[controlled])
-    if lost >= way:  # also where the wish is to brake, and there is no way
+    way = np.linalg.norm(nominal[controlled] + v[controlled] / T)
+    lost = np.linalg.norm(nominal[controlled] - vdot[controlled])
+    if lost >= way:  # also where braking is nominal, and there is no way
         return 0.0
     return float(min(1.0 - lost / way, np.nextafter(1.0, 0.0)))
 
@@ -209,9 +214,9 @@ def nearest_accelerations(
     T: float,
     period: float,
 ) -> np.ndarray:
-    """The accelerations nearest to the wish whose torques are in their intervals.
+    """The accelerations nearest to the nominal whose torques are in their intervals.
 
-        x = argmin |x - wish|^2 + w sum max(0, beyond_i(x))^2
+        x = argmin |x - nominal|^2 + w sum max(0, beyond_i(x))^2
 
     with each actuator's excess over its interval, in terms of accelerations, each
     joint's over its bounds, and a weight that leaves next to none of either where there
@@ -223,12 +228,12 @@ def nearest_accelerations(
             where there is none [rad/s^2].
 
     Returns:
-        (nv,) accelerations; of the other joints the wish's.
+        (nv,) accelerations; of the other joints the nominal ones.
     """
     c, n = period / T, len(controlled)
-    wish, M = vdot[controlled], np.ascontiguousarray(inertia[:, controlled])
-    tau_brake = tau - times(M, v[controlled] / T + wish)
-    tau_still = tau - times(M, wish)
+    nominal, M = vdot[controlled], np.ascontiguousarray(inertia[:, controlled])
+    tau_brake = tau - times(M, v[controlled] / T + nominal)
+    tau_still = tau - times(M, nominal)
     size = np.sqrt(sum_rows(M * M))
     some = np.flatnonzero(np.isfinite(limits) & (size > 0.0))
     L, size, brake = limits[some], size[some], tau_brake[some]
@@ -241,11 +246,11 @@ def nearest_accelerations(
     spare = _INSIDE * np.minimum(highest - lowest, 1.0)
     lowest, highest = lowest + spare, highest - spare
     rows = M[some] / size[:, np.newaxis]
-    there = times(rows, wish)
+    there = times(rows, nominal)
     unit = identity(n)
     x, _, _ = one_sided_minimum(
         unit,
-        wish,
+        nominal,
         _WEIGHT * np.concatenate((rows, -rows, unit[below], -unit[above])),
         _WEIGHT
         * np.concatenate(
@@ -256,7 +261,7 @@ def nearest_accelerations(
                 -highest[above],
             )
         ),
-        wish,
+        nominal,
     )
     nearest = vdot.copy()
     put_at(nearest, controlled, x)
@@ -277,10 +282,10 @@ def limit_torque(
     """Accelerations and torque within the effort limits.
 
     The torque is affine in the accelerations, Eq. (2): the torques of braking and of
-    no acceleration follow from that of the wish by the inertia.
+    no acceleration follow from that of the nominal ones by the inertia.
 
     Args:
-        vdot: (nv,) accelerations of the wish [rad/s^2].
+        vdot: (nv,) nominal accelerations [rad/s^2].
         tau: (nu,) its torque [Nm].
         inertia: (nu, nv) change of the torque with the accelerations [kg m^2].
         v: (nv,) velocities [rad/s].

@@ -1,7 +1,8 @@
 """Vectors and small systems of equations: what the equations are computed with.
 
 Vectors stand in the rows of arrays (N, 3). LAPACK does the factors where nothing is
-compiled; Numba does not reach SciPy's, so loops take their place there.
+compiled; Numba does not reach SciPy's, so loops take their place there. Some functions
+have no NumPy form, for their loops cost nothing without Numba either, see `compiled`.
 """
 
 from __future__ import annotations
@@ -53,32 +54,24 @@ def clip_to_unit(x: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(x, 0.0), 1.0)
 
 
-def _identity_loops(n):
+@compiled
+def identity(n: int) -> np.ndarray:
+    """I (n, n)."""
     M = np.zeros((n, n))
     for i in range(n):
         M[i, i] = 1.0
     return M
 
 
-@compiled(loops=_identity_loops)
-def identity(n: int) -> np.ndarray:
-    """I (n, n)."""
-    return np.eye(n)
-
-
-def _largest_loops(x):
+@compiled
+def largest(x: np.ndarray) -> float:
+    """The largest |x_i| of x (n,), NaN if one is."""
     found = abs(x[0])
     for i in range(1, len(x)):
         # Once it is NaN it stays so, as by NumPy.
         if abs(x[i]) > found or np.isnan(x[i]):
             found = abs(x[i])
     return found
-
-
-@compiled(loops=_largest_loops)
-def largest(x: np.ndarray) -> float:
-    """The largest |x_i| of x (n,), NaN if one is."""
-    return np.abs(x).max()
 
 
 def _is_finite_loops(x):
@@ -97,7 +90,12 @@ def is_finite(x: np.ndarray) -> bool:
     return math.isfinite(x.dot(x))
 
 
-def _sum_loops(A):
+@compiled
+def sum_rows(A: np.ndarray) -> np.ndarray:
+    """The sum of each row of A (m, n), (m,).
+
+    Of a sum along an axis Numba makes thirty functions.
+    """
     s = np.zeros(A.shape[0])
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
@@ -105,27 +103,14 @@ def _sum_loops(A):
     return s
 
 
-@compiled(loops=_sum_loops)
-def sum_rows(A: np.ndarray) -> np.ndarray:
-    """The sum of each row of A (m, n), (m,).
-
-    Of a sum along an axis Numba makes thirty functions.
-    """
-    return A.sum(axis=1)
-
-
-def _sum_columns_loops(A):
+@compiled
+def sum_columns(A: np.ndarray) -> np.ndarray:
+    """The sum of each column of A (m, n), (n,)."""
     s = np.zeros(A.shape[1])
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             s[j] += A[i, j]
     return s
-
-
-@compiled(loops=_sum_columns_loops)
-def sum_columns(A: np.ndarray) -> np.ndarray:
-    """The sum of each column of A (m, n), (n,)."""
-    return A.sum(axis=0)
 
 
 def _gram_loops(A):
@@ -255,19 +240,15 @@ def cholesky(A: np.ndarray) -> np.ndarray:
     return L
 
 
-def _some_columns_loops(A, some):
+@compiled
+def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """A[:, some] (n, k) of A (n, m), contiguous by rows."""
     B = np.empty((len(A), len(some)))
     for i in range(len(A)):
         row = A[i]
         for k in range(len(some)):
             B[i, k] = row[some[k]]
     return B
-
-
-@compiled(loops=_some_columns_loops)
-def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """A[:, some] (n, k) of A (n, m), contiguous by rows."""
-    return A.take(some, axis=1)
 
 
 def _select_loops(A, some):
@@ -306,7 +287,9 @@ def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     return dpotrs(L, b, lower=1)[0]
 
 
-def _cholesky_solve_matrix_loops(L, B):
+@compiled
+def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """X (n, m) of L L^T X = B (n, m), from the lower factor."""
     X, n = B.copy(), len(B)
     for c in range(B.shape[1]):
         for i in range(n):
@@ -320,39 +303,30 @@ def _cholesky_solve_matrix_loops(L, B):
     return X
 
 
-@compiled(loops=_cholesky_solve_matrix_loops)
-def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """X (n, m) of L L^T X = B (n, m), from the lower factor."""
-    return dpotrs(L, B, lower=1)[0]
-
-
-def _put_loops(x, at, values):
-    for i in range(len(values)):
-        x[at + i] = values[i]
-
-
-@compiled(loops=_put_loops)
+@compiled
 def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
     """x[at:] begins with the values (k,) then, in place; x (n,), n >= at + k.
 
     Compiled where it is written, each such assignment takes as long as a function: it
     brings an error message with it.
     """
-    x[at : at + len(values)] = values
+    for i in range(len(values)):
+        x[at + i] = values[i]
 
 
-def _put_at_loops(x, places, values):
+@compiled
+def put_at(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
+    """x[places] is values (k,) then, in place; x (n,), places (k,). As `put`."""
     for i in range(len(places)):
         x[places[i]] = values[i]
 
 
-@compiled(loops=_put_at_loops)
-def put_at(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
-    """x[places] is values (k,) then, in place; x (n,), places (k,). As `put`."""
-    x[places] = values
+@compiled
+def transposed(A: np.ndarray) -> np.ndarray:
+    """A_k^T (K, n, m) of A (K, m, n).
 
-
-def _transposed_loops(A):
+    Of an order of axes Numba makes many functions.
+    """
     B = np.empty((len(A), A.shape[2], A.shape[1]))
     for k in range(len(A)):
         for i in range(A.shape[1]):
@@ -361,24 +335,11 @@ def _transposed_loops(A):
     return B
 
 
-@compiled(loops=_transposed_loops)
-def transposed(A: np.ndarray) -> np.ndarray:
-    """A_k^T (K, n, m) of A (K, m, n).
-
-    Of an order of axes Numba makes many functions.
-    """
-    return np.ascontiguousarray(A.transpose(0, 2, 1))
-
-
-def _add_to_diagonal_loops(A, x):
-    for i in range(len(x)):
-        A[i, i] += x[i]
-
-
-@compiled(loops=_add_to_diagonal_loops)
+@compiled
 def add_to_diagonal(A: np.ndarray, x: np.ndarray) -> None:
     """A += diag(x), in place; A (n, n), x (n,)."""
-    A.flat[:: len(A) + 1] += x
+    for i in range(len(x)):
+        A[i, i] += x[i]
 
 
 def _add_to_loops(A, B):
@@ -437,7 +398,12 @@ def sparse_product(A: np.ndarray, first: np.ndarray, X: np.ndarray) -> np.ndarra
     return np.einsum("ia,kiac->kic", A, X[:, first[:, np.newaxis] + np.arange(4)])
 
 
-def _smallest_loops(x, members):
+@compiled
+def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
+    """Of each row of members (N, k), places in x, the first of the smallest: (N,).
+
+    A NaN counts as smaller than any number, so that it is not lost.
+    """
     keep = np.empty(len(members), dtype=np.int64)
     for i in range(len(members)):
         keep[i] = members[i, 0]
@@ -447,16 +413,6 @@ def _smallest_loops(x, members):
             if other < best or (np.isnan(other) and not np.isnan(best)):
                 keep[i] = members[i, j]
     return keep
-
-
-@compiled(loops=_smallest_loops)
-def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Of each row of members (N, k), places in x, the first of the smallest: (N,).
-
-    A NaN counts as smaller than any number, so that it is not lost.
-    """
-    best = x[members].argmin(axis=1)
-    return members[np.arange(len(members)), best]
 
 
 @compiled

@@ -53,7 +53,7 @@ def load_joint_file(path: str, names: Sequence[str]) -> dict[str, int]:
         JointFile,
         path,
         MotionError,
-        manual="docs/your-motion.md",
+        manual="docs/guides/your-motion.md",
     )
     chosen = {}
     for field in fields(JointFile):

@@ -12,7 +12,11 @@ import math
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING, STATUS_IMPLAUSIBLE
+from crar_drake.control.records import (
+    STATUS_BLENDING,
+    STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
+)
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.play.live_simulation import GAINS, LiveSimulation
 from crar_drake.play.pacing import Pacer
@@ -95,7 +99,7 @@ class LiveScene:
             "near": self._near(distances),
             "smallest": _short(distances.min(initial=math.inf), 5),
             "status": _STATUS.get(float(live.output("status")[0]), "tracking"),
-            "admitted": _ADMITTED.get(float(admission[0]), "as wished"),
+            "admitted": _ADMITTED.get(float(admission[0]), "nominal"),
             # Whether the robot could brake on a clear path now; None: nobody says.
             "clear": bool(admission[3]) if np.isfinite(admission[3]) else None,
             "pushed": live.pushed,

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes import MODES
+from crar_drake.control.modes import MODES, validate
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.play.live_sources import LiveSource, make_live
@@ -276,9 +276,9 @@ class LiveSimulation:
         """(nq,) of the plant now."""
         return self.plant.GetPositions(self._plant_context)
 
-    def output(self, port: str) -> np.ndarray:
-        """What an output port of the controller says now."""
-        return self.controller.GetOutputPort(port).Eval(self._controller_context)
+    def output(self, part: str) -> np.ndarray:
+        """A part of the controller's diagnostics now."""
+        return self.controller.diagnostics(self._controller_context)[part]
 
     def targets(self) -> np.ndarray:
         """(layout.size,) [x_d; v_d; a_d] as they are now, offsets included."""
@@ -359,7 +359,7 @@ class LiveSimulation:
 def can_look_ahead(parameters: CrarParameters) -> bool:
     """Whether the gains go with the lookahead."""
     try:
-        replace(parameters, constraints="lookahead").validate()
+        validate(replace(parameters, constraints="lookahead"))
     except ScenarioError:
         return False
     return True

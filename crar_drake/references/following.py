@@ -5,7 +5,7 @@ root is passed on as it is, and the control law runs on the robot with its root 
 every joint is a task that follows the reference, and the feet are tasks of high weight
 that keep their poses relative to the root, by which they keep them in the world. No
 torque is needed: the robot is where the law's acceleration leads, exactly, and the
-*admission* of each step proves the motion clear (`docs/lookahead.md`).
+*admission* of each step proves the motion clear (`docs/theory/theorem.md`).
 
 What changes least is, in each step, the norm of (L6) and (L7),
 
@@ -37,8 +37,7 @@ import numpy as np
 
 from crar_drake.control.checks import check_numbers
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.equations.admission import SCALED
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.following import (
@@ -178,7 +177,7 @@ class CleaningParameters:
                 admission_slack=self.admission_slack,
                 influence_distance=self.influence_distance,
                 retreat_rate=0.5 / period,
-                fastest_wish=3.0 / period,
+                nominal_speed_limit=3.0 / period,
                 guard_norm="tasks",
                 lost_target="error",
             ),
@@ -192,8 +191,8 @@ class Cleaned:
     Attributes:
         q: (T, n) positions of the controlled joints [rad or m].
         admitted: (T,) how the steps to each frame were admitted, the worst of them:
-            0 as wished, 1 corrected, 2 scaled, see `equations.admission`.
-        share: (T,) the least share of the wish among them.
+            0 nominal, 1 corrected, 2 scaled, see `equations.admission`.
+        share: (T,) the least share of the nominal step among them.
         clear: (T,) whether the law found the braking path clear in all of them.
         moved_start: how far the first frame was moved, by its farthest joint [rad or
             m]; 0 where the reference's own is clear.

@@ -41,7 +41,7 @@ DISTANCE_TOLERANCE = 1e-6
 # Points on the way to the next frame that the referee looks at.
 _BETWEEN = 3
 
-_HOW = ("as wished", "corrected", "scaled")
+_HOW = ("nominal", "corrected", "scaled")
 
 
 @dataclass(frozen=True)

@@ -34,17 +34,17 @@ class SimulationLog:
         task_error: (T, m) Eq. (11) against them [rad, m].
         signed_distances: (T, Nc) per watched pair, from the control model [m].
         constraint_weights: (T, n) diagonal of W, of the controlled joints.
-        status: (T, 1) tracking, blending, braking, implausible: `control.step`.
+        status: (T, 1) tracking, blending, braking, implausible: `control.records`.
         resting_margins: (T, 2) where the robot would come to rest, smallest distance
             [m] and smallest margin to a limit [rad]; NaN unless "lookahead".
-        admission: (T, 4) how the control step was admitted (0 as wished, 1 corrected,
-            2 scaled towards braking), the share of the wish, a bound from below for
-            all distances on the next braking path [m], and 1 if the present one is
+        admission: (T, 4) how the control step was admitted (0 nominal, 1 corrected,
+            2 scaled towards braking), the share of the nominal step, a bound from below
+            for all distances on the next braking path [m], and 1 if the present one is
             clear, else 0, the last two NaN where a watched pair is not examined; all
             NaN unless "lookahead", while the robot brakes without targets, and in logs
             of versions that did not keep it.
-        torque_limit: (T, 2) share of the wish that the effort limits allowed, and
-            the excess before clipping, see `Solution`.
+        torque_limit: (T, 2) share of the nominal step that the effort limits allowed,
+            and the excess before clipping, see `Solution`.
         position_names: (nq,) joint of each column of q.
         velocity_names: (nv,) joint of each column of v; the same, unless the root is
             free, and in logs of versions that did not keep them.

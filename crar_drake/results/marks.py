@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.control.records import STATUS_BLENDING, STATUS_BRAKING
 from crar_drake.results.log import SimulationLog
 
 TARGET = "#8c45ff"  # violet, as in Meshcat: a target, and the error to it
@@ -34,7 +34,7 @@ TARGETS = (
     ("#9d174d", "#f08bb8"),  # pink
 )
 
-# Spans of time in which the controller does not track as wished.
+# Spans of time in which the controller does not take the nominal step.
 SPANS = {"blending": "#2a9d8f", "braking": "#5b6ee1", "torque limited": "#a8763e"}
 
 # Of several runs in one picture, in their order.

@@ -24,7 +24,7 @@ MOST_EFFORT = 1.01
 
 # A robot the motors of which hold it back for a tenth of the time does not follow: its
 # errors are several times those of the same robot with a longer horizon
-# (docs/your-robot.md, "Effort and speed limits").
+# (docs/guides/your-robot.md, "Effort and speed limits").
 MOST_LIMITED = 0.1
 
 # A joint so near its limit is at it: the lookahead keeps joints no farther away. For a
@@ -123,7 +123,7 @@ def _of_the_floor(lowest: tuple[float, str, float] | None) -> list[str]:
     depth, link, time = lowest
     return [
         f"{-1e3 * depth:.0f} mm BELOW THE FLOOR: {link} at {time:.2f} s, and no "
-        "distance or limit tells of it; docs/whole-body.md has feet that stand"
+        "distance or limit tells of it; docs/guides/whole-body.md has feet that stand"
     ]
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.control.step import STATUS_BRAKING, STATUS_IMPLAUSIBLE
-from crar_drake.equations.admission import AS_WISHED, CORRECTED, SCALED
+from crar_drake.control.records import STATUS_BRAKING, STATUS_IMPLAUSIBLE
+from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
@@ -109,7 +109,7 @@ class Summary:
             says, or saw where the path was not clear [m]; None without such steps.
         longest_held_back: time spent in corrected or scaled steps in a row [s].
         torque_limited_samples: samples where the effort limits allowed less than what
-            was wished for; 0 unless they are respected.
+            was nominal; 0 unless they are respected.
         torque_clipped_samples: those among them where not even braking was within
             the limits, so that torques were clipped.
         braking_samples: samples without targets, which count in no error.
@@ -352,7 +352,7 @@ def _admission(log: SimulationLog, period: float) -> dict[str, int | float | Non
     steps = log.control_steps(period)
     time, (how, _, clearance, clear) = log.time[steps], log.admission[steps].T
     told = np.isfinite(how)
-    held_back = told & (how != AS_WISHED)
+    held_back = told & (how != AS_NOMINAL)
     longest, since = 0.0, None
     # A step lasts until the next; the last one is taken for as long as a period.
     ends = np.append(time[1:], time[-1] + period)

@@ -14,19 +14,25 @@ if TYPE_CHECKING:
     from crar_drake.results.summary import Summary
 
 
-def summary_table(summary: Summary) -> Table:
-    """The figures that a person looks at first, as a table for the terminal."""
+def summary_table(summary: Summary, verbose: bool = False) -> Table:
+    """A run's figures as a table for the terminal.
+
+    Args:
+        summary: of the run.
+        verbose: all of them, else those that say whether the robot was safe and did
+            what it was to do.
+    """
     table = Table(title=summary.title, title_justify="left", show_header=False)
     table.add_column("quantity", no_wrap=True)
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("where", overflow="fold")
 
-    if summary.frame_rate is not None:
+    assumed = summary.frame_rate_source == "assumed"
+    if summary.frame_rate is not None and (verbose or assumed):
         table.add_row(
             "frame rate",
             rate_text(summary.frame_rate, summary.frame_rate_source),
-            "of the motion"
-            + ("; --frame-rate" if summary.frame_rate_source == "assumed" else ""),
+            "of the motion" + ("; --frame-rate" if assumed else ""),
         )
     if summary.rms_task_error is not None:
         worst = _worst(summary, "rms_error")
@@ -90,18 +96,19 @@ def summary_table(summary: Summary) -> Table:
         table.add_row(
             "braking path",
             "not examined" if summary.unexamined_steps else nearest,
-            _admitted(summary),
+            _path(summary) + (_admitted(summary) if verbose else ""),
             style="bold red"
             if summary.unclear_steps or summary.unexamined_steps
             else "",
         )
-    table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
+    if verbose:
+        table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
     table.add_row(
         "peak torque",
         f"{summary.peak_torque:.1f} {summary.peak_torque_unit}",
         f"{summary.peak_torque_joint}, at {summary.peak_torque_time:.2f} s",
     )
-    if summary.torque_limited_samples:
+    if verbose and summary.torque_limited_samples:
         share = summary.torque_limited_samples / summary.samples
         table.add_row(
             "torque limit active",
@@ -109,25 +116,37 @@ def summary_table(summary: Summary) -> Table:
             f"of {summary.samples} samples; clipped in "
             f"{summary.torque_clipped_samples}",
         )
-    count = len(summary.sliding_joints)
-    slides = f"{count} that slide, in m/s², among them" if count else ""
-    table.add_row("rms acceleration", f"{summary.rms_acceleration:.1f} rad/s²", slides)
+    if verbose:
+        count = len(summary.sliding_joints)
+        slides = f"{count} that slide, in m/s², among them" if count else ""
+        acceleration = f"{summary.rms_acceleration:.1f} rad/s²"
+        table.add_row("rms acceleration", acceleration, slides)
     if summary.stopped:
         reason = escape(summary.stopped)
         table.add_row("stopped", f"{summary.duration:.2f} s", reason, style="bold red")
-    if summary.real_time_factor is not None:
+    if verbose and summary.real_time_factor is not None:
         table.add_row(
             "wall time",
             f"{summary.wall_time:.1f} s",
             f"for {summary.duration:.2f} s, {summary.real_time_factor:.2f} x real time",
         )
-    if summary.arithmetic:
+    if verbose and summary.arithmetic:
         table.add_row("control law", "", summary.arithmetic)
     return table
 
 
+def _path(summary: Summary) -> str:
+    """Whether braking paths were clear."""
+    unclear = summary.unclear_steps
+    if unclear:
+        return f"not clear at {unclear} step{'s' if unclear > 1 else ''}"
+    if summary.unexamined_steps:
+        return "a pair has a shape that is neither capsule nor sphere"
+    return "at least, clear at every step"
+
+
 def _admitted(summary: Summary) -> str:
-    """Whether braking paths were clear, and how steps were admitted, in words."""
+    """How steps were admitted, in words."""
 
     def share(count: int) -> str:
         percent = 100.0 * count / summary.admitted_steps
@@ -136,18 +155,12 @@ def _admitted(summary: Summary) -> str:
         return text if count else "none"
 
     corrected, scaled = summary.corrected_steps, summary.scaled_steps
-    unclear = summary.unclear_steps
-    clear = "at least, clear at every step"
-    if summary.unexamined_steps:
-        clear = "a pair has a shape that is neither capsule nor sphere"
-    if unclear:
-        clear = f"not clear at {unclear} step{'s' if unclear > 1 else ''}"
     if not corrected + scaled:
-        return f"{clear}; all steps as wished"
+        return "; all steps nominal"
     of_steps = " of the steps" if corrected else ""
     return (
-        f"{clear}; {share(corrected)}{of_steps} corrected, {share(scaled)} scaled, for "
-        f"up to {summary.longest_held_back:.3g} s in a row"
+        f"; {share(corrected)}{of_steps} corrected, {share(scaled)} scaled, for up to "
+        f"{summary.longest_held_back:.3g} s in a row"
     )
 
 

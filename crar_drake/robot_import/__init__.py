@@ -1,7 +1,7 @@
 """From a robot's own URDF, SDF or MJCF to a folder that the controller can use.
 
-`import_robot` is the whole way; `docs/your-robot.md` walks it. Needs the optional
-dependencies of the extra `robots`.
+`import_robot` is the whole way; `docs/guides/your-robot.md` walks it. Needs the
+optional dependencies of the extra `robots`.
 """
 
 from crar_drake.robot_import.choices import ImportChoices, load_choices

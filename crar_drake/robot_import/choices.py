@@ -192,7 +192,7 @@ def load_choices(path: Path) -> ImportChoices:
         ImportChoices,
         str(path),
         ModelError,
-        manual="docs/your-robot.md",
+        manual="docs/guides/your-robot.md",
     )
     choices.validate(str(path))
     return choices

@@ -9,9 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import LogVectorOutput, MatrixGain
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    OutputPort,
+)
+from pydrake.systems.primitives import LogVectorOutput, Selector, SelectorParams
 
+from crar_drake.control import modes
 from crar_drake.control.controller import CrarController
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
@@ -114,7 +119,7 @@ def AddCrarController(
             torque period is not a multiple of the plant's time step.
     """
     parameters = parameters or CrarParameters()
-    parameters.validate()
+    modes.validate(parameters)
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
     check_periods(parameters, plant.time_step())
@@ -358,13 +363,37 @@ def _add_visualization(
         scenario.warning_distance,
     )
     if len(layout.linear_tasks):
-        select = np.eye(layout.size)[layout.position_entries.ravel()]
-        positions = builder.AddNamedSystem("target_positions", MatrixGain(select))
-        builder.Connect(tasks, positions.get_input_port())
-        builder.Connect(
-            positions.get_output_port(), overlay.get_input_port_target_positions()
-        )
-    builder.Connect(
-        controller.get_output_port_signed_distances(),
-        overlay.get_input_port_signed_distances(),
+        entries = layout.position_entries.ravel()
+        positions = select_entries(builder, tasks, entries, "target_positions")
+        builder.Connect(positions, overlay.get_input_port_target_positions())
+    everything = controller.get_output_port_diagnostics()
+    entries = np.arange(everything.size())[
+        controller.diagnostics_slices["signed_distances"]
+    ]
+    distances = select_entries(builder, everything, entries, "signed_distances")
+    builder.Connect(distances, overlay.get_input_port_signed_distances())
+
+
+def select_entries(
+    builder: DiagramBuilder, port: OutputPort, entries: np.ndarray, name: str
+) -> OutputPort:
+    """A port with some entries of another one, by Drake's Selector.
+
+    Args:
+        port: of a vector.
+        entries: (k,) of it, by number.
+        name: of the Selector, in the diagram.
+    """
+    params = SelectorParams
+    output = params.OutputPortParams(
+        name=name,
+        selections=[
+            params.OutputSelection(input_port_index=0, input_offset=int(entry))
+            for entry in entries
+        ],
     )
+    inputs = [params.InputPortParams(name=port.get_name(), size=port.size())]
+    selector = Selector(params(inputs=inputs, outputs=[output]))
+    some = builder.AddNamedSystem(name, selector)
+    builder.Connect(port, some.get_input_port())
+    return some.get_output_port()

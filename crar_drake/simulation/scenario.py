@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.visualization import VisualizationConfig
 
+from crar_drake.control import modes
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.drake_versions import settings_of_others
 from crar_drake.errors import ModelError, ScenarioError
@@ -36,9 +37,10 @@ _RETIRED = {
     ("controller", "arithmetic"): "there is no choice any more: the control law is "
     "compiled wherever Numba is installed (pip install '.[compiled]'); leave "
     "the key out",
-    ("controller", "lookahead", "longest_move"): "the wish is bounded in speed, not "
-    "by what it moves in a period: write fastest_wish, what stands here over the "
+    ("controller", "lookahead", "longest_move"): "the nominal velocity is bounded, not "
+    "what it moves in a period: write nominal_speed_limit, what stands here over the "
     "control period [rad/s]",
+    ("controller", "lookahead", "fastest_wish"): "it is nominal_speed_limit now",
 }
 
 # A simulation runs at about real time, and this is twelve days.
@@ -152,7 +154,7 @@ class Scenario:
         Raises:
             ScenarioError: names the field, its value and the remedy.
         """
-        self.controller.validate()
+        modes.validate(self.controller)
         self.disturbances.validate()
         if bool(self.motion) == bool(self.keyframes):
             raise ScenarioError(

@@ -11,7 +11,8 @@ from pathlib import PurePath
 
 import numpy as np
 
-from crar_drake.control.parameters import CONSTRAINTS, LEVELS
+from crar_drake.control.modes import MODES
+from crar_drake.control.parameters import LEVELS
 from crar_drake.studies.sweep import Case, Result
 
 
@@ -174,7 +175,7 @@ def experiment_order(experiment: str) -> tuple:
 def _reading_order(r: Result) -> tuple:
     return (
         experiment_order(r.experiment),
-        CONSTRAINTS.index(r.constraints),
+        list(MODES).index(r.constraints),
         -LEVELS.index(r.level),
         r.period,
         clip_order(r.motion),

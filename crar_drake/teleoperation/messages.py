@@ -182,7 +182,7 @@ class Command:
         positions, velocities: (nq,), (nv,) where to be one period on [rad, m].
         torques: (nu,) of this period, at the state that it begins in [Nm or N].
         distance: of the nearest watched pair [m]; infinite if none is watched.
-        admitted: "as wished", "corrected", or "scaled", see docs/lookahead.md.
+        admitted: "nominal", "corrected", or "scaled", see docs/theory/theorem.md.
         driver: whose targets are followed, "host:port" or "LCM"; None: nobody's.
     """
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import Solution
+from crar_drake.control.records import Solution
 from crar_drake.errors import ScenarioError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import LIMIT_TOLERANCE
@@ -22,7 +22,7 @@ class SafeMotion:
     """A control law in a loop with its own prediction.
 
     The state is the one that the law commanded last, so that what
-    [the theorem](docs/lookahead.md) says of the exact model holds of the commands,
+    [the theorem](docs/theory/theorem.md) says of the exact model holds of the commands,
     whatever the targets are. Prescribed joints stand still.
 
     Attributes:

@@ -20,7 +20,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
-from crar_drake.control.step import STATUS_BLENDING, STATUS_BRAKING, STATUS_IMPLAUSIBLE
+from crar_drake.control.records import (
+    STATUS_BLENDING,
+    STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
+)
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
 from crar_drake.teleoperation.latencies import Latencies
@@ -263,7 +267,7 @@ class TeleoperationServer:
             desired[:] = np.nan  # to brake
         solution = self.motion.advance(desired)
         statistics.step_time.add(time.monotonic() - began)
-        held = _ADMITTED.get(float(solution.admission[0]), "as wished")
+        held = _ADMITTED.get(float(solution.admission[0]), "nominal")
         status = _STATUS.get(float(solution.status[0]), "tracking")
         distances = solution.signed_distances
         command = Command(
@@ -283,7 +287,7 @@ class TeleoperationServer:
             statistics.latency.add(sent - arrived)
         self._arrived.clear()
         statistics.steps[status] += 1
-        statistics.held_back += held != "as wished"
+        statistics.held_back += held != "nominal"
         statistics.smallest_distance = min(
             statistics.smallest_distance, command.distance
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from crar_drake.control import modes
 from crar_drake.control.parameters import TargetGovernor
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
@@ -85,7 +86,7 @@ def _make_motion(
             torque_period=None,
             governor=governor,
         )
-        parameters.validate()
+        modes.validate(parameters)
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
     description = load_robot_description(robot or loaded.robot)

@@ -20,7 +20,7 @@ from benchmarks.faults import (
     run_fault,
     under,
 )
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.run import RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances

@@ -13,8 +13,8 @@ from benchmarks.recovery import (
     Recovery,
     Start,
     default_scenario,
+    make_table,
     recover,
-    report,
     violating_posture,
 )
 from crar_drake.errors import CrarError
@@ -99,7 +99,7 @@ def test_report_tells_pairs_from_limits():
     limit = Recovery(
         replace(STARTS[4], inside=False), 0.0, EXCESS, 0.3, 0.25, 1.5, 0.02
     )
-    table = report([("wrists", pair), ("upper-body", limit)])
+    table = make_table([("wrists", pair), ("upper-body", limit)]).markdown()
     assert (
         "| wrists | stays inside | 15.0 mm | 0.12 s | 50 % | 60 % | 3.0 mm |" in table
     )

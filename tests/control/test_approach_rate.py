@@ -9,7 +9,8 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 
@@ -127,7 +128,7 @@ def wish(model: ControlModel, q, v, p_d, parameters: CrarParameters) -> np.ndarr
     J_star = np.linalg.solve(J.T @ J + DAMPING**2 * np.eye(model.n), J.T)
     z = Gv * (J_star @ (parameters.K * e) - of_v)
     s_0 = of_v + HORIZON * (J_star @ a_r + z)
-    return s_0 / max(1.0, np.abs(s_0).max() / parameters.lookahead.wish_bound)
+    return s_0 / max(1.0, np.abs(s_0).max() / parameters.lookahead.nominal_speed)
 
 
 def test_a_step_is_the_nearest_that_keeps_all_bounds(model):
@@ -203,6 +204,6 @@ def test_a_rate_too_high_for_the_period_is_refused():
         )
         if refused:
             with pytest.raises(ScenarioError, match=r"approach_rate.*at most 50/s"):
-                parameters.validate()
+                validate(parameters)
         else:
-            parameters.validate()
+            validate(parameters)

@@ -175,7 +175,7 @@ def test_what_is_claimed_is_true(flying) -> None:
     for k in range(0, len(found) - 1, 4):
         (*_, solution), (q, v, _) = found[k], found[k + 1]
         assert solution.admission[3] == 1.0
-        # Against the world to the third order in a period, see docs/lookahead.md.
+        # Against the world to the third order in a period, see docs/theory/theorem.md.
         for judge, slack in ((own, 1e-6), (every, 1e-4)):
             smallest = nearest_in_braking(judge, moves, q, v)
             assert smallest >= FLOOR - slack

@@ -22,11 +22,12 @@ from small_robots import add_plant, chain_urdf, make_model
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.task import Task
 from crar_drake.simulation.diagram import AddCrarController
+from tests.controller_parts import part_port
 
 STEP = 1e-3  # time step of the discrete plants [s]
 START = np.array([-0.1, 0.2, 0.9, -0.6])  # rail, then three joints
@@ -75,8 +76,10 @@ class Loop:
         )
 
     def out(self, name: str, context: Context) -> np.ndarray:
-        port = self.controller.GetOutputPort(name)
-        return port.Eval(self.of(self.controller, context)).copy()
+        of_controller = self.of(self.controller, context)
+        if name in self.controller.diagnostics_slices:
+            return self.controller.diagnostics(of_controller)[name]
+        return self.controller.GetOutputPort(name).Eval(of_controller).copy()
 
     def wanted(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """The targets at a time, from the trajectories."""
@@ -116,7 +119,9 @@ def make_loop(time_step: float, sampled: bool, ratio: int, level: str) -> Loop:
         source = builder.AddSystem(TrajectorySource(way, 2))
         builder.Connect(source.get_output_port(), port)
     logs = {
-        name: LogVectorOutput(controller.GetOutputPort(name), builder, ratio * STEP)
+        name: LogVectorOutput(
+            part_port(builder, controller, name), builder, ratio * STEP
+        )
         for name in OUTPUTS
     }
     logs["state"] = LogVectorOutput(
@@ -227,10 +232,10 @@ def test_remembered_proximities_change_while_moving(case):
     for k in range(30):
         simulator.AdvanceTo(k * ratio * STEP + 0.5 * STEP)
         context = loop.of(loop.controller, simulator.get_context())
-        memory = context.get_abstract_state(int(index)).get_value().memory
+        memory = context.get_abstract_state(int(index)).get_value()
         assert memory.tick == k
         # The proximities, and then q_dot_c of the step.
-        seen.append(memory.kept[: -loop.controller.model.n])
+        seen.append(memory.solution.kept[: -loop.controller.model.n])
     changes = np.abs(np.diff(seen[2:], axis=0)).max(axis=1)
     assert (changes > 0.0).all()
 
@@ -428,14 +433,7 @@ def test_ports(lone):
         "nominal_posture": (lone.get_input_port_nominal_posture(), 3),
         "actuation": (lone.get_output_port_actuation(), 4),
         "desired_acceleration": (lone.get_output_port_desired_acceleration(), 4),
-        "task_error": (lone.get_output_port_task_error(), 6),
-        "signed_distances": (lone.get_output_port_signed_distances(), 1),
-        "constraint_weights": (lone.get_output_port_constraint_weights(), 3),
         "position_command": (lone.get_output_port_position_command(), 8),
-        "status": (lone.get_output_port_status(), 1),
-        "resting_margins": (lone.get_output_port_resting_margins(), 2),
-        "admission": (lone.get_output_port_admission(), 4),
-        "torque_limit": (lone.get_output_port_torque_limit(), 2),
         "diagnostics": (lone.get_output_port_diagnostics(), 35),
     }
     for name, (port, size) in sizes.items():
@@ -443,12 +441,35 @@ def test_ports(lone):
     assert lone.num_input_ports() + lone.num_output_ports() == len(sizes)
 
 
-def test_diagnostics_are_the_other_ports(lone):
+def test_diagnostics_have_names(lone):
     context = fixed_context(lone)
     everything = lone.get_output_port_diagnostics().Eval(context)
-    for name, place in lone.diagnostics_slices.items():
-        alone = lone.GetOutputPort(name).Eval(context)
-        np.testing.assert_array_equal(everything[place], alone)
+    parts = lone.diagnostics(context)
+    sizes = {name: len(part) for name, part in parts.items()}
+    assert sizes == {
+        "actuation": 4,
+        "desired_acceleration": 4,
+        "task_error": 6,
+        "signed_distances": 1,
+        "constraint_weights": 3,
+        "position_command": 8,
+        "status": 1,
+        "torque_limit": 2,
+        "resting_margins": 2,
+        "admission": 4,
+    }
+    np.testing.assert_array_equal(np.concatenate(list(parts.values())), everything)
+    for name in ("actuation", "desired_acceleration", "position_command"):
+        np.testing.assert_array_equal(
+            parts[name], lone.GetOutputPort(name).Eval(context)
+        )
+
+
+def test_who_asks_for_a_former_port_reads_where_it_is(lone):
+    with pytest.raises(AttributeError, match=r'diagnostics\(context\)\["status"\]'):
+        lone.get_output_port_status()
+    with pytest.raises(AttributeError, match="no attribute 'get_output_port_nothing'"):
+        lone.get_output_port_nothing()
 
 
 def test_no_ports_without_need():
@@ -460,7 +481,7 @@ def test_no_ports_without_need():
     context = controller.CreateDefaultContext()
     controller.get_input_port_estimated_state().FixValue(context, [0.3, 0.4, 0, 0])
     controller.get_input_port_desired_tasks().FixValue(context, np.zeros(9))
-    assert controller.get_output_port_signed_distances().Eval(context).shape == (0,)
+    assert controller.diagnostics(context)["signed_distances"].shape == (0,)
     assert np.isfinite(controller.get_output_port_actuation().Eval(context)).all()
 
 

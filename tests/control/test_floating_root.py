@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from tumbling import Tumbling
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import STATUS_BRAKING, InputError
+from crar_drake.control.records import STATUS_BRAKING, InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import Moves
 from crar_drake.robot.model import ControlModel
@@ -189,7 +189,7 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
         return hands + swing * np.array([[-0.1, -0.6, 0.1], [0.1, 0.6, -0.2]])
 
     # Within the default bound of the wish nothing has to be corrected.
-    found = tumble(floating, tumbling(floating), through, 200, fastest_wish=30.0)
+    found = tumble(floating, tumbling(floating), through, 200, nominal_speed_limit=30.0)
     referee = Referee(floating.plant, floating.scene_graph, floating.description.pairs)
     moves, nearest = Moves(floating.plant), np.inf
     own = Referee(floating.plant, floating.scene_graph, floating.description.pairs[:-1])

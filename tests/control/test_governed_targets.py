@@ -9,9 +9,10 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from small_robots import add_plant, chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
-from crar_drake.control.step import InputError, Memory, Targets
+from crar_drake.control.records import InputError, Memory
+from crar_drake.equations.references import Targets
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -75,7 +76,7 @@ def shifted(model: ControlModel, by: float, q=START) -> np.ndarray:
                 "respect_effort_limits": False,
                 "velocity_scale": np.inf,
                 # Else the wish's own bound makes half a move of it.
-                "lookahead": LookaheadParameters(fastest_wish=150.0),
+                "lookahead": LookaheadParameters(nominal_speed_limit=150.0),
             },
             0.3,
         ),
@@ -148,7 +149,7 @@ def test_motion_within_the_bounds_is_as_without(model):
 def test_without_bounds_there_is_no_governor(model):
     law = ControlLaw(model, parameters(TargetGovernor()))
     step = solve(law, Memory(), 0, START, np.zeros(5), shifted(model, 1.0))
-    assert step.memory.governed is None
+    assert step.governed is None
 
 
 def test_it_starts_at_the_measured_pose_and_velocity(model):
@@ -158,7 +159,7 @@ def test_it_starts_at_the_measured_pose_and_velocity(model):
     v = np.array([0.1, -0.2, 0.1, 0.2, -0.1])
     state = model.evaluate(model.MakeWorkspace(), START, v)
     first = solve(law, Memory(), 0, START, v, far)
-    governed = layout.unpack(first.memory.governed)
+    governed = layout.unpack(first.governed)
     np.testing.assert_allclose(governed.p, state.p, atol=1e-12)
     np.testing.assert_allclose(governed.R, state.R, atol=1e-12)
     J = np.array(state.J)
@@ -166,7 +167,7 @@ def test_it_starts_at_the_measured_pose_and_velocity(model):
     assert 0.1 < np.abs(governed.v).max() < SPEED
 
     moved = START + 0.05
-    then = layout.unpack(solve(law, first.memory, 1, moved, v, far).memory.governed)
+    then = layout.unpack(solve(law, first, 1, moved, v, far).governed)
     # On, from where it was: the robot's own place has no say.
     np.testing.assert_allclose(
         then.p,
@@ -177,14 +178,14 @@ def test_it_starts_at_the_measured_pose_and_velocity(model):
     )
     there = model.evaluate(model.MakeWorkspace(), moved, v).p
     assert np.abs(there - then.p).max() > 0.01
-    gap = solve(law, first.memory, 2, moved, v, far).memory.governed
+    gap = solve(law, first, 2, moved, v, far).governed
     np.testing.assert_allclose(layout.unpack(gap).p, there, atol=1e-12)
 
     lost = far.copy()
     lost[0] = np.nan
-    braking = solve(law, first.memory, 1, moved, v, lost)
-    assert braking.solution.status[0] == 2.0 and braking.memory.governed is None
-    back = solve(law, braking.memory, 2, moved, v, far).memory.governed
+    braking = solve(law, first, 1, moved, v, lost)
+    assert braking.solution.status[0] == 2.0 and braking.governed is None
+    back = solve(law, braking, 2, moved, v, far).governed
     np.testing.assert_allclose(layout.unpack(back).p, there, atol=1e-12)
 
 
@@ -192,13 +193,13 @@ def test_a_step_changes_nothing_that_it_was_given(model):
     law = ControlLaw(model, parameters())
     tasks = shifted(model, 0.5)
     first = solve(law, Memory(), 0, START, np.zeros(5), tasks)
-    kept = first.memory.governed.copy()
-    one = solve(law, first.memory, 1, START, np.zeros(5), tasks)
+    kept = first.governed.copy()
+    one = solve(law, first, 1, START, np.zeros(5), tasks)
     tasks[:] = shifted(model, -0.5)
-    solve(law, first.memory, 1, START, np.zeros(5), tasks)
-    np.testing.assert_array_equal(first.memory.governed, kept)
+    solve(law, first, 1, START, np.zeros(5), tasks)
+    np.testing.assert_array_equal(first.governed, kept)
     tasks = shifted(model, 0.5)
-    again = solve(law, first.memory, 1, START, np.zeros(5), tasks)
+    again = solve(law, first, 1, START, np.zeros(5), tasks)
     np.testing.assert_array_equal(again.solution.actuation, one.solution.actuation)
 
 

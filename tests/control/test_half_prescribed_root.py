@@ -30,10 +30,10 @@ from floating_runs import (
 from scipy.spatial.transform import Rotation
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import STATUS_BRAKING
-from crar_drake.equations.admission import AS_WISHED, SCALED
+from crar_drake.control.records import STATUS_BRAKING
+from crar_drake.equations.admission import AS_NOMINAL, SCALED
 from crar_drake.equations.kinematics import Measured, evaluate_state
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
@@ -218,7 +218,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
     # A body that is told to go into the post cannot be evaded with.
     pairs = [*description().pairs, ["body", "post"]]
     model = make_floater(root, pairs=pairs)
-    lookahead = LookaheadParameters(fastest_wish=60.0)
+    lookahead = LookaheadParameters(nominal_speed_limit=60.0)
     law = ControlLaw(
         model, CrarParameters(period=PERIOD, blend_time=0.0, lookahead=lookahead)
     )
@@ -251,7 +251,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
         q, v = by_drake(moves, model, q, v, solution.acceleration)
         if how != SCALED and k % 4:
             continue
-        # Against the world to the third order in a period, see docs/lookahead.md.
+        # Against the world to the third order in a period, see docs/theory/theorem.md.
         for judge, slack in ((own, 1e-6), (every, 1e-4)):
             smallest = nearest_in_braking(judge, moves, q, v)
             assert smallest >= FLOOR - slack
@@ -261,7 +261,8 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
 
 
 def missing(model: ControlModel, v, vdot, period: float, step: float) -> float:
-    """What docs/lookahead.md says is missing of the floor against the world [m]."""
+    """What docs/theory/theorem.md says is missing of the floor against the world
+    [m]."""
     by, reach = root_entries(model)[1][:3], 0.75  # from the root to the end of an arm
     omega, alpha = v[by], vdot[by]
     speed = max(np.linalg.norm(omega), np.linalg.norm(omega + period * alpha))
@@ -344,7 +345,7 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
             ends = q[positions] + T * v[joints]
             assert (ends <= model.upper[within] + 1e-9).all()
             assert (ends >= model.lower[within] - 1e-9).all()
-    assert min(hows) == AS_WISHED < max(hows)
+    assert min(hows) == AS_NOMINAL < max(hows)
     assert SCALED in hows or period < 0.02, "nothing was scaled"
     assert seen < 0.01, "nothing came near"
 

@@ -18,7 +18,7 @@ from crar_drake.control import effort_limits
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import RobotDescription
@@ -27,6 +27,7 @@ from crar_drake.robot.task import Task
 from crar_drake.simulation.diagram import AddCrarController, MakeCrarDiagram
 from crar_drake.simulation.disturbances import Disturbances
 from crar_drake.simulation.scenario import load_scenario, parse_scenario
+from tests.controller_parts import part_port
 
 STEP = 1e-3  # time step of the discrete plants [s]
 PERIOD = 5 * STEP
@@ -60,7 +61,9 @@ class Loop:
             target.get_output_port(), self.controller.get_input_port_desired_tasks()
         )
         self.logs: dict[str, VectorLogSink] = {
-            port: LogVectorOutput(self.controller.GetOutputPort(port), builder, STEP)
+            port: LogVectorOutput(
+                part_port(builder, self.controller, port), builder, STEP
+            )
             for port in LOGGED
         }
         self.logs["state"] = LogVectorOutput(
@@ -85,11 +88,10 @@ class Loop:
         )
 
     def out(self, port: str, context: Context) -> np.ndarray:
-        return (
-            self.controller.GetOutputPort(port)
-            .Eval(self.controller.GetMyContextFromRoot(context))
-            .copy()
-        )
+        own = self.controller.GetMyContextFromRoot(context)
+        if port in self.controller.diagnostics_slices:
+            return self.controller.diagnostics(own)[port]
+        return self.controller.GetOutputPort(port).Eval(own).copy()
 
     def logged(self, simulator: Simulator) -> dict[str, np.ndarray]:
         return {
@@ -279,7 +281,7 @@ def test_a_run_may_begin_between_control_ticks(time_step, monkeypatch):
     solve, calls = ControlLaw.solve, []
 
     def recorded(self, workspace, memory, tick, time, q, v, targets):
-        calls.append((tick, round(time, 6), memory.v is None))
+        calls.append((tick, round(time, 6), not memory.continues))
         return solve(self, workspace, memory, tick, time, q, v, targets)
 
     monkeypatch.setattr(ControlLaw, "solve", recorded)

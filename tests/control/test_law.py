@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, free_of_constraints, make_model, random_state
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.lookahead import lookahead_or_scaled
@@ -217,7 +218,7 @@ def test_adaptive_gain_is_far_or_near_with_the_constraints():
 )
 def test_variants_of_the_paper_are_for_its_own_constraints(changes, message):
     with pytest.raises(ScenarioError, match=message):
-        CrarParameters(**({"constraints": "paper"} | changes)).validate()
+        validate(CrarParameters(**({"constraints": "paper"} | changes)))
 
 
 def residual_of_eq_32(constraints: str, period: float) -> tuple[float, float, float]:
@@ -479,7 +480,7 @@ def test_the_default_posture_is_the_rest_posture(on_rail):
     def acceleration(**changes):
         # The target is so far away that the default bound would scale all of it.
         gains = CrarParameters(
-            blend_time=0.0, lookahead=LookaheadParameters(fastest_wish=150.0)
+            blend_time=0.0, lookahead=LookaheadParameters(nominal_speed_limit=150.0)
         )
         given = {}
         if "posture" in changes:

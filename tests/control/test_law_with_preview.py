@@ -8,7 +8,8 @@ from exact_loop import follow
 
 from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.task import Task, pose_tasks
@@ -161,9 +162,9 @@ def test_a_plan_that_went_astray_is_left(model):
         command = solution.position_command
         q, v = command[: len(q)], command[len(q) :]
         if k == 20:
-            kept = law._step.memory.kept.copy()
+            kept = law._memory.solution.kept.copy()
             kept[-5 * model.n :] = 1e8 * rng.normal(size=5 * model.n)
-            law._step.memory.kept = kept
+            law._memory.solution.kept = kept
     assert np.abs(solution.task_error).max() < 1e-3
     assert np.abs(solution.acceleration).max() < 1.0
 
@@ -194,20 +195,20 @@ def test_the_whole_diagram_keeps_its_constraints():
 def test_what_makes_no_sense_is_refused(ahead, said):
     parameters = replace(WITHOUT, lookahead=LookaheadParameters(**ahead))
     with pytest.raises(ScenarioError, match=said):
-        parameters.validate()
+        validate(parameters)
 
 
 def test_a_preview_brings_its_own_defaults():
     """A short horizon, slower wishes, a weaker posture; what is given stays."""
     assert PREVIEW.braking_horizon == 0.012
     assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
-    assert (PREVIEW.posture_gain, AHEAD.wish_bound) == (10.0, 9.0)
+    assert (PREVIEW.posture_gain, AHEAD.nominal_speed) == (10.0, 9.0)
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
-    assert (WITHOUT.posture_gain, WITHOUT.lookahead.wish_bound) == (30.0, 16.0)
-    given = replace(AHEAD, horizon=0.05, fastest_wish=7.0)
+    assert (WITHOUT.posture_gain, WITHOUT.lookahead.nominal_speed) == (30.0, 16.0)
+    given = replace(AHEAD, horizon=0.05, nominal_speed_limit=7.0)
     given = replace(PREVIEW, lookahead=given, nominal_posture_gain=11.0)
     assert given.braking_horizon == 0.05
-    assert (given.posture_gain, given.lookahead.wish_bound) == (11.0, 7.0)
+    assert (given.posture_gain, given.lookahead.nominal_speed) == (11.0, 7.0)
     # It belongs to the lookahead: nothing of it concerns the paper's constraints.
     paper = replace(PREVIEW, constraints="paper")
     assert paper.posture_gain == 0.0

@@ -12,8 +12,9 @@ from small_robots import add_plant, chain_urdf
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.modes import validate
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.control.step import InputError
+from crar_drake.control.records import InputError
 from crar_drake.errors import ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.results.summary import summarize
@@ -27,6 +28,7 @@ from crar_drake.simulation.diagram import (
 )
 from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.targets.desired_motion import DesiredMotion
+from tests.controller_parts import part_port
 
 STEP = 1e-3
 BLENDING = 0.2  # [s]
@@ -111,7 +113,7 @@ def simulate(
         name: LogVectorOutput(port, builder, period)
         for name, port in {
             "state": plant.get_state_output_port(),
-            "status": controller.get_output_port_status(),
+            "status": part_port(builder, controller, "status"),
             "acceleration": controller.get_output_port_desired_acceleration(),
             "actuation": controller.get_output_port_actuation(),
         }.items()
@@ -277,7 +279,7 @@ def test_policy_must_be_known():
 
 def test_velocity_level_is_refused():
     with pytest.raises(ScenarioError, match="controller.level.*acceleration"):
-        CrarParameters(level="velocity", constraints="lookahead").validate()
+        validate(CrarParameters(level="velocity", constraints="lookahead"))
 
 
 def test_log_and_summary_count_the_samples_without_targets():

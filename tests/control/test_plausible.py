@@ -7,7 +7,7 @@ from small_logs import small_log
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.plausible import PlausibleStates
-from crar_drake.control.step import (
+from crar_drake.control.records import (
     STATUS_BLENDING,
     STATUS_BRAKING,
     STATUS_IMPLAUSIBLE,

@@ -10,7 +10,7 @@ import pytest
 from small_robots import make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task

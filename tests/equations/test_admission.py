@@ -29,22 +29,19 @@ from pydrake.systems.framework import DiagramBuilder
 from small_robots import CAPSULE, add_plant, chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import (
-    admission,
     lookahead,
     lookahead_guard,
-    placed_shapes,
 )
 from crar_drake.equations.admission import (
-    AS_WISHED,
+    AS_NOMINAL,
     CORRECTED,
     SCALED,
     AdmissionGains,
     check_step,
     examine_present,
-    farther,
     gradients_at,
     next_path,
     path_bounds,
@@ -52,6 +49,7 @@ from crar_drake.equations.admission import (
     reaching,
     scale_step,
     shadow_gap,
+    step_reach,
     travel,
     velocity_bounds,
 )
@@ -173,8 +171,8 @@ def test_the_next_path_is_no_farther_than_its_velocity_takes_it() -> None:
             rest, end = start + x, without + still
             for t in np.linspace(0.0, 1.0, 7):
                 off = start + t * (rest - start) - (without + t * (end - without))
-                assert (np.abs(off) <= farther(s, gains) * np.abs(s) + 1e-14).all()
-            np.testing.assert_allclose(rest - end, farther(s, gains) * s, atol=1e-14)
+                assert (np.abs(off) <= step_reach(s, gains) * np.abs(s) + 1e-14).all()
+            np.testing.assert_allclose(rest - end, step_reach(s, gains) * s, atol=1e-14)
 
 
 # --- A2: limits and speeds ----------------------------------------------------------
@@ -427,13 +425,9 @@ def shape_pairs(start_a, vector_a, start_b, vector_b) -> ShapePairs:
     )
 
 
-GAPS = [shadow_gap, admission._shadow_gap_loops]
-
-
-@pytest.mark.parametrize("gap", GAPS, ids=["as called", "loops"])
 @given(st.integers(0, 2**31))
 @settings(max_examples=100, deadline=None)
-def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None:
+def test_the_shadow_gap_is_the_smallest_of_linear_motion(seed: int) -> None:
     """By many instants, its ends among them."""
     rng = np.random.default_rng(seed)
     k, half = 3, 0.5
@@ -442,7 +436,9 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
     p_a, u, p_b, v = rng.normal(size=(4, k, 3))
     a, b = rng.normal(size=(2, k, 6)) * rng.choice([0.1, 3.0])
     at, some = np.concatenate((p_a, u, p_b, v)), np.arange(k)
-    found = gap(n, at, shape_pairs(*(some + i * k for i in range(4))), some, a, b, half)
+    found = shadow_gap(
+        n, at, shape_pairs(*(some + i * k for i in range(4))), some, a, b, half
+    )
     gaps = []
     for t in np.linspace(-half, half, 41):
 
@@ -456,12 +452,7 @@ def test_the_shadow_gap_is_the_smallest_of_linear_motion(gap, seed: int) -> None
     np.testing.assert_allclose(found, np.min(gaps, axis=0), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "found",
-    [own_velocities, placed_shapes._own_velocities_loops],
-    ids=["called", "loops"],
-)
-def test_a_shapes_own_velocity_is_of_the_joints_that_move_it_alone(found) -> None:
+def test_a_shapes_own_velocity_is_of_the_joints_that_move_it_alone() -> None:
     rng = np.random.default_rng(3)
     S, x, pairs = rng.normal(size=(6, 5)), rng.normal(size=5), np.array([3, 0])
     alone = rng.integers(2, size=(4, 5)).astype(float)
@@ -469,7 +460,7 @@ def test_a_shapes_own_velocity_is_of_the_joints_that_move_it_alone(found) -> Non
         sum((x[j] * S[:, j] for j in np.flatnonzero(alone[pair])), np.zeros(6))
         for pair in pairs
     ]
-    np.testing.assert_allclose(found(S, x, alone, pairs), expected, atol=1e-14)
+    np.testing.assert_allclose(own_velocities(S, x, alone, pairs), expected, atol=1e-14)
 
 
 def test_no_distance_on_a_path_is_below_its_bound(shapes: MovingShapes) -> None:
@@ -852,7 +843,7 @@ def test_admission_alone_keeps_states_clear(case: str) -> None:
     # In a few milliseconds nothing is reached, nor by joints that are all but locked.
     if period > 1e-3 and case != "narrow, 5 ms":
         ways = set(run.how[:, 0])
-        assert {AS_WISHED, CORRECTED} <= ways
+        assert {AS_NOMINAL, CORRECTED} <= ways
         assert SCALED in ways or "arm" in case
 
 

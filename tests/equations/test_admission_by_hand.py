@@ -17,7 +17,7 @@ from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import admission
 from crar_drake.equations.admission import (
-    AS_WISHED,
+    AS_NOMINAL,
     CORRECTED,
     SCALED,
     AdmissionGains,
@@ -416,7 +416,7 @@ def test_a_step_towards_a_post_is_corrected_to_the_floor_and_some(ball, n) -> No
     # As wished if that is clear, and told with what it keeps.
     found, told = admitted(ball, q, still, 0.5 * s, n, gains)
     np.testing.assert_array_equal(found, 0.5 * s)
-    assert told.tolist() == [AS_WISHED, 1.0, pytest.approx(0.0112 - BOTH), 1.0]
+    assert told.tolist() == [AS_NOMINAL, 1.0, pytest.approx(0.0112 - BOTH), 1.0]
 
 
 def test_what_begins_below_the_floor_is_told(ball) -> None:
@@ -425,12 +425,12 @@ def test_what_begins_below_the_floor_is_told(ball) -> None:
     q, s = np.array([0.0, 2e-3 + BOTH]), np.array([0.1, 1.0])
     found, told = admitted(ball, q, np.zeros(2), s, 2, gains)
     np.testing.assert_array_equal(found, s)
-    assert told[:2].tolist() == [AS_WISHED, 1.0] and told[3] == 0.0
+    assert told[:2].tolist() == [AS_NOMINAL, 1.0] and told[3] == 0.0
     assert told[2] == pytest.approx(2e-3)
 
 
 def test_how_a_step_was_admitted_is_told_by_what_logs_say() -> None:
-    assert (AS_WISHED, CORRECTED, SCALED) == (0.0, 1.0, 2.0)
+    assert (AS_NOMINAL, CORRECTED, SCALED) == (0.0, 1.0, 2.0)
 
 
 def stretched_chains(rng: np.random.Generator, lengths: np.ndarray) -> Reaches:

@@ -10,7 +10,7 @@ from small_robots import chain_urdf, make_model
 from crar_drake.equations.handover import hand_over, take_over
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration, with_resting
-from crar_drake.equations.references import BlendStart, Wanted
+from crar_drake.equations.references import BlendStart, Targets
 from crar_drake.robot.description import ROOTS
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -51,21 +51,21 @@ def test_every_number_comes_out_where_it_went_in(make, posture: bool) -> None:
         some(len(model.prescribed_positions)),
         some(len(layout.joint_rows)),
     )
-    wanted = Wanted(
+    targets = Targets(
         some(layout.size),
         some(model.prescribed_size),
         some(model.n) if posture else np.zeros(0),
         start,
         (0.25, 0.5, 0.75),
     )
-    q, v, asked, *targets = hand_over(measured, wanted)
+    q, v, asked, *handed = hand_over(measured, targets)
     np.testing.assert_array_equal(q, measured.q[0])
     np.testing.assert_array_equal(v, measured.v)
     np.testing.assert_array_equal(asked, measured.asked)
-    found = take_over(*targets)
-    assert tuple(found.blend) == wanted.blend
+    found = take_over(*handed)
+    assert tuple(found.blend) == targets.blend
     for name in ("tasks", "prescribed", "posture"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+        np.testing.assert_array_equal(getattr(found, name), getattr(targets, name))
     for name in BlendStart._fields:
         np.testing.assert_array_equal(getattr(found.start, name), getattr(start, name))
 

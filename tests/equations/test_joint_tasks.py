@@ -5,7 +5,7 @@ import pytest
 from small_robots import chain_urdf, make_model, random_state
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations import kinematics
 from crar_drake.equations.kinematics import task_jacobian

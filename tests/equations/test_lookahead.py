@@ -19,12 +19,12 @@ from crar_drake.equations.lookahead_guard import (
     damped_gram,
     guard,
     guard_norm,
+    nominal_velocity,
     share_within,
-    wish_velocity,
 )
 from crar_drake.equations.lookahead_rows import (
     BOUNDING_WEIGHT,
-    FASTEST_WISH,
+    NOMINAL_SPEED_LIMIT,
     ONE_SIDED_RANGE,
     SMALLEST_MARGIN,
     Constraints,
@@ -67,7 +67,7 @@ GAINS = LookaheadGains(
     influence_distance=0.3,
     period=1e-3,
     slip_share=0.1,
-    fastest_wish=np.inf,
+    nominal_speed_limit=np.inf,
 )
 
 
@@ -108,7 +108,7 @@ def solve(
     gains: LookaheadGains = GAINS,
 ) -> Solution:
     posture = np.zeros(len(qdot)) if posture is None else posture
-    s_0, qdot_c, W, first = wish_velocity(
+    s_0, qdot_c, W, first = nominal_velocity(
         J,
         damped_gram(J, gains),
         v_r,
@@ -253,7 +253,9 @@ def test_passes_of_both_levels_are_counted() -> None:
         row = pair_rows([D_MIN], [[1.0]], [0.0])
         v_r, a_r = np.array([v_r]), np.array([a_r])
         normal = damped_gram(J, GAINS)
-        found = wish_velocity(J, normal, v_r, a_r, none, none, row, GAINS, NONE, NONE)
+        found = nominal_velocity(
+            J, normal, v_r, a_r, none, none, row, GAINS, NONE, NONE
+        )
         return found[3]
 
     assert passes(1.0, 1.0) == 0
@@ -430,7 +432,7 @@ class Problem:
             self.qdot,
             self.constraints,
             self.posture,
-            self.gains._replace(fastest_wish=self.fastest),
+            self.gains._replace(nominal_speed_limit=self.fastest),
         )
 
 
@@ -584,13 +586,13 @@ def test_the_step_is_continuous_in_all_that_is_given() -> None:
                 for name in ("v_r", "a_r", "qdot")
             ]
             rows = pair_rows(a.h + 0.01 * t, a.g + 0.1 * t, a.drift - 0.1 * t)
-            s_0, _, W, _ = wish_velocity(
+            s_0, _, W, _ = nominal_velocity(
                 a.J,
                 damped_gram(a.J, GAINS),
                 *mixed,
                 np.zeros(7),
                 rows,
-                GAINS._replace(fastest_wish=30.0),
+                GAINS._replace(nominal_speed_limit=30.0),
                 NONE,
                 NONE,
             )
@@ -623,7 +625,7 @@ def test_no_joint_of_the_wish_is_faster_than_the_fastest() -> None:
     for target in (wish, 1e-3 * wish, 1e6 * rng.normal(size=4)):
         arguments = J, target, GV * target, np.zeros(4), none
         free = solve(*arguments).s_0
-        gains = GAINS._replace(fastest_wish=FASTEST_WISH)
+        gains = GAINS._replace(nominal_speed_limit=NOMINAL_SPEED_LIMIT)
         bounded = solve(*arguments, gains=gains).s_0
         np.testing.assert_allclose(
             bounded, free * min(1.0, 16.0 / np.abs(free).max()), rtol=1e-9, atol=1e-12

@@ -6,9 +6,9 @@ from moving_shapes import MovingShapes
 from small_robots import chain_urdf, make_model
 
 from crar_drake.control.law import ControlLaw
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.admission import AS_WISHED, SCALED
+from crar_drake.equations.admission import AS_NOMINAL, SCALED
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import with_resting
@@ -95,7 +95,7 @@ def test_an_acceleration_beyond_limits_is_scaled_to_the_first(arm, seed) -> None
     vdot = rng.normal(size=len(q))
     same, told = arm.scaled(q, v, vdot)
     np.testing.assert_array_equal(same, vdot)
-    assert told[[0, 1, 3]].tolist() == [AS_WISHED, 1.0, 1.0]
+    assert told[[0, 1, 3]].tolist() == [AS_NOMINAL, 1.0, 1.0]
     assert told[2] <= arm.least(q, q + arm.T * v)
     c, vdot = arm.model.controlled, 40.0 / PERIOD * vdot
     found, told = arm.scaled(q, v, vdot)

@@ -72,7 +72,7 @@ def size(x: np.ndarray) -> float:
     return float(np.abs(x).sum())
 
 
-def farther(mode) -> float:
+def step_reach(mode) -> float:
     """How much farther the next braking path is, for each unit of s."""
     return PERIOD + 0.5 * PERIOD * (PERIOD + STEP) / mode.horizon
 
@@ -84,7 +84,7 @@ def test_what_is_watched_are_the_pairs_that_a_step_can_come_near(mode, seed) -> 
     fastest = np.abs(rng.normal(size=2)) * rng.choice([0.1, 1.0, 20.0])
     d, numbers = distances(q), mode.numbers.value
     here = mode.horizon * size(v)
-    beyond = numbers.admission.floor + farther(mode) * size(fastest)
+    beyond = numbers.admission.floor + step_reach(mode) * size(fastest)
     near = d < here + max(numbers.gains.influence_distance, beyond)
     rows, room, robot, some = watched_nearby(q, v, fastest, mode.robot, mode.numbers)
     nearest = np.arange(len(d)) == d.argmin()
@@ -105,7 +105,7 @@ def test_what_is_watched_are_the_pairs_that_a_step_can_come_near(mode, seed) -> 
 def test_a_step_leaves_clear_what_has_more_room_than_it_moves(mode, seed) -> None:
     rng = np.random.default_rng(seed)
     s, floor = rng.normal(size=2), mode.admission.floor
-    least = floor + farther(mode) * size(s)
+    least = floor + step_reach(mode) * size(s)
     room = least + np.array([np.inf, 1e-9, 0.3, 1.0])
     state = rng.normal(size=(2, 2))
     assert still_clear(*state, s, rng.permutation(room), mode.numbers)

@@ -16,7 +16,7 @@ from crar_drake.equations.preview import (
     make_preview,
     plan_accelerations,
     possible_motion,
-    previewed_wish,
+    previewed_velocity,
     rows_ahead,
     shifted_plan,
     task_shares,
@@ -413,13 +413,13 @@ def test_pairs_that_are_far_have_no_rows(model):
 
 def test_the_wish_is_the_first_acceleration_and_bounded():
     plan, qdot = np.arange(8.0), np.array([0.5, -0.5])
-    gains = LookaheadGains(0.04, *[0.0] * 14)._replace(fastest_wish=0.6)
-    s_0, planned, W = previewed_wish(plan, qdot, gains, PREVIEW)
+    gains = LookaheadGains(0.04, *[0.0] * 14)._replace(nominal_speed_limit=0.6)
+    s_0, planned, W = previewed_velocity(plan, qdot, gains, PREVIEW)
     wish = qdot + 0.04 * plan[:2]
     np.testing.assert_allclose(s_0, wish)
     np.testing.assert_allclose(planned, qdot + PREVIEW.times[0] * plan[:2])
     np.testing.assert_array_equal(W, 1.0)
-    slower, _, _ = previewed_wish(
-        plan, qdot, gains._replace(fastest_wish=0.25), PREVIEW
+    slower, _, _ = previewed_velocity(
+        plan, qdot, gains._replace(nominal_speed_limit=0.25), PREVIEW
     )
     np.testing.assert_allclose(slower, 0.5 * wish)

@@ -13,8 +13,8 @@ from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.kinematics import State
 from crar_drake.equations.references import (
     BlendStart,
+    Targets,
     TaskGains,
-    Wanted,
     find_references,
     posture_acceleration,
     reference_acceleration,
@@ -70,16 +70,16 @@ def test_gains_may_differ_by_row():
 
 def test_posture_is_approached_with_critical_damping():
     """e(t) = (e_0 + (e_dot_0 + w e_0) t) exp(-w t), with stiffness w^2."""
-    q_0, v_0, wanted, w = 0.2, -3.0, 1.0, 5.0
+    q_0, v_0, targets, w = 0.2, -3.0, 1.0, 5.0
 
     def rate(t, y):
         return np.r_[
-            y[1:], posture_acceleration(np.array([wanted]), y[:1], y[1:], w**2)
+            y[1:], posture_acceleration(np.array([targets]), y[:1], y[1:], w**2)
         ]
 
     run = solve_ivp(rate, (0.0, 0.3), [q_0, v_0], rtol=1e-10, atol=1e-12)
-    e_0 = q_0 - wanted
-    expected = wanted + (e_0 + (v_0 + w * e_0) * 0.3) * np.exp(-w * 0.3)
+    e_0 = q_0 - targets
+    expected = targets + (e_0 + (v_0 + w * e_0) * 0.3) * np.exp(-w * 0.3)
     assert run.y[0, -1] == pytest.approx(expected, rel=1e-8)
 
 
@@ -114,7 +114,7 @@ def test_references_are_put_together_row_by_row(blending, weighted, posture):
     K, Kp, Kv, stiffness = 11.0, 130.0, 17.0, 4.0
     found = find_references(
         state,
-        Wanted(
+        Targets(
             layout.pack(R_d[None], p_d, v_d, a_d),
             np.concatenate([q_p, v_p, a_p]),
             nominal if posture else np.zeros(0),

@@ -13,7 +13,7 @@ from crar_drake.equations.torque_limit import (
     limit_torque,
     nearest_accelerations,
     next_braking_torque,
-    share_of_wish,
+    share_of_nominal,
     torque_scale,
 )
 
@@ -387,14 +387,14 @@ def test_the_share_of_the_wish_is_theta_where_it_was_slowed_down(arm):
     joints = np.array([0, 1])
     for theta in (0.0, 0.3, 0.9):
         vdot = arm.slowed(theta)
-        share = share_of_wish(vdot, arm.wish, arm.v, joints, arm.horizon)
+        share = share_of_nominal(vdot, arm.wish, arm.v, joints, arm.horizon)
         assert share == pytest.approx(theta, abs=1e-12)
     far = arm.wish - 3.0 * (arm.wish - arm.slowed(0.0))
-    assert share_of_wish(far, arm.wish, arm.v, joints, arm.horizon) == 0.0
+    assert share_of_nominal(far, arm.wish, arm.v, joints, arm.horizon) == 0.0
     # A wish to brake, and what the limits leave of it: no way, and no division.
     braking = -arm.v / arm.horizon
     with np.errstate(all="raise"):
-        assert share_of_wish(arm.wish, braking, arm.v, joints, arm.horizon) == 0.0
+        assert share_of_nominal(arm.wish, braking, arm.v, joints, arm.horizon) == 0.0
 
 
 def test_a_clipped_torque_and_its_excess():

@@ -45,8 +45,8 @@ FORMS = ("numpy", "loops", "in use")
 
 def form(name: str, which: str):
     """A function's NumPy form, its loops in Python, or what the equations call."""
-    if which == "in use":
-        return getattr(vectors, name)
+    if which == "in use" or name not in LOOPS:
+        return getattr(vectors if which == "in use" else PLAIN, name)
     return getattr(PLAIN, LOOPS[name] if which == "loops" else name)
 
 
@@ -204,7 +204,7 @@ APART = {"cholesky", "add_to", "add_to_diagonal", "put", "put_at"}
 
 
 def test_every_function_with_loops_is_tested():
-    assert set(CASES) | APART == set(LOOPS)
+    assert set(CASES) | APART >= set(LOOPS)
 
 
 def test_the_forms_are_what_they_are_called():

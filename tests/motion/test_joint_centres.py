@@ -61,7 +61,7 @@ def _clip(root_rotation: np.ndarray, skeleton: Skeleton | None = None) -> Clip:
     "motion", ["dance", "boxing", "cmu:05_02", "cmu:02_01", "cmu:127_23"]
 )
 def test_a_pelvis_is_not_between_the_hips(motion, request) -> None:
-    """Nor is the waist of a robot, which follows it: docs/your-robot.md."""
+    """Nor is the waist of a robot, which follows it: docs/guides/your-robot.md."""
     if motion.startswith("cmu:"):
         request.getfixturevalue("cmu")
     p = load_performer(motion).positions

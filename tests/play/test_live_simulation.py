@@ -68,7 +68,7 @@ def test_the_motion_passes_the_governor_as_it_is(live):
     np.testing.assert_allclose((v[2:] - v[:-2]) / (2 * PERIOD), a[1:-1], atol=0.2)
     assert np.abs(v).max() > 0.1 and layout.m == 6
     held = live.controller._GetHeld(live._controller_context)
-    np.testing.assert_array_equal(held.memory.governed, log.desired_tasks[-1])
+    np.testing.assert_array_equal(held.governed, log.desired_tasks[-1])
 
 
 @pytest.mark.parametrize("constraints", ["none", "paper", "lookahead"])

@@ -80,7 +80,8 @@ def motion_lib_parts(path):
     return held["root_trans_offset"], rotations, held["dof"]
 
 
-# As docs/references.md describes the layouts, without what reads them here.
+# As docs/guides/reference-motions.md describes the layouts, without what reads them
+# here.
 READERS = {
     "xyzw-csv": (".csv", lambda path: csv_parts(path, 3, 6)),
     "wxyz-csv": (".csv", lambda path: csv_parts(path, 4, 7)),

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from small_reference_robots import reaching, write_robot
 
-from crar_drake.equations import nearby
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.nearby import ball_distances, nearby_distances
 from crar_drake.judging.referee import Referee
@@ -49,10 +48,7 @@ def test_bounds_are_the_referees_distances_where_these_matter(follower):
     assert (by_pair <= wanted + 1e-9).all()
 
 
-@pytest.mark.parametrize(
-    "balls", [ball_distances, nearby._ball_distances_loops], ids=["called", "loops"]
-)
-def test_balls_are_as_far_apart_as_their_middles_less_radii(follower, balls):
+def test_balls_are_as_far_apart_as_their_middles_less_radii(follower):
     r = follower.model.robot_ahead.value
     pairs, rng = r.pairs.value, np.random.default_rng(6)
     points = rng.normal(size=(2 * len(r.first), 3))  # in both configurations
@@ -61,8 +57,10 @@ def test_balls_are_as_far_apart_as_their_middles_less_radii(follower, balls):
     between = np.linalg.norm((a + 0.5 * u) - (b + 0.5 * v), axis=1)
     every = np.arange(len(between))
     expected = between - pairs.sizes.balls
-    np.testing.assert_allclose(balls(points, pairs, every), expected, atol=1e-12)
-    np.testing.assert_allclose(balls(points, pairs, every[1:2]), expected[1:2])
+    np.testing.assert_allclose(
+        ball_distances(points, pairs, every), expected, atol=1e-12
+    )
+    np.testing.assert_allclose(ball_distances(points, pairs, every[1:2]), expected[1:2])
 
 
 def test_the_law_on_some_pairs_is_the_law_on_all(follower, monkeypatch):

@@ -13,7 +13,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from small_logs import small_log
 
-from crar_drake.control.modes.lookahead import LookaheadParameters
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import has_certificate, judge_certificate

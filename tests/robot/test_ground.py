@@ -146,7 +146,8 @@ def test_a_floating_robot_reaches_below_and_stays_above(seed: int) -> None:
             plant.SetPositions(context, q)
             q = q + step * plant.MapVelocityToQDot(context, v)
         near.append(referee.distances(q).min())
-    # The root's turns are known up to the third order in a period: docs/lookahead.md.
+    # The root's turns are known up to the third order in a period:
+    # docs/theory/theorem.md.
     assert 0.004 - 1e-4 <= min(near) < 0.02
 
 

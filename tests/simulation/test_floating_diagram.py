@@ -74,7 +74,7 @@ def closed_loop(time_step: float, turning: float, end: float):
         turned = (Rotation.from_quat(x[[1, 2, 3, 0]]) * R_p[0].inv()).magnitude()
         errors.append((turned, np.linalg.norm(x[4:] - R_p[1])))
     loop = controller.GetMyContextFromRoot(simulator.get_context())
-    task_error = controller.get_output_port_task_error().Eval(loop)
+    task_error = controller.diagnostics(loop)["task_error"]
     return np.array(errors), task_error
 
 

@@ -354,7 +354,7 @@ def test_the_module_remakes_the_page_from_several_files(tmp_path, capsys):
     for i, results in enumerate((LOOKAHEAD, PAPER)):
         files.append(tmp_path / f"{i}.csv")
         files[-1].write_text("".join(map(_line, [None, *results])) + "cut o")
-    page, plot = tmp_path / "docs/sweep.md", tmp_path / "sweep.svg"
+    page, plot = tmp_path / "docs/measurements/sweep.md", tmp_path / "sweep.svg"
     main([*map(str, files), "--out", str(page), "--plot", str(plot)])
     assert page.read_text() == markdown_report(ALL)
     assert page.read_text() in capsys.readouterr().out

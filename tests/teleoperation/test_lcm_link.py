@@ -60,7 +60,7 @@ def test_both_ways():
     lcm.Publish(TARGETS, signal(NUMBERS))
     lcm.Publish(TARGETS, b"nonsense")
     one = np.ones(1)
-    link.publish(Command(2.5, None, "braking", one, 2 * one, 3 * one, 0.1, "as wished"))
+    link.publish(Command(2.5, None, "braking", one, 2 * one, 3 * one, 0.1, "nominal"))
     assert link.poll(1) == [signal(NUMBERS)]
     assert link.poll(5) == [b"nonsense"]
     assert heard[0].timestamp == 2500 and heard[0].val == (1.0, 2.0, 3.0, 1.0)

@@ -18,22 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from crar_drake.control.modes.mode import Before, Mode, Resolved
+from crar_drake.control.modes.mode import Mode
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.records import Memory, Solution
 from crar_drake.equations.blending import smooth_step
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.references import Wanted
+from crar_drake.equations.references import Targets
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
-if TYPE_CHECKING:
-    from crar_drake.control.parameters import CrarParameters
-
-FADE_TIME = 0.2  # [s]
-_SETTLING = 2  # steps
+# Longer than a joint takes to accelerate, shorter than anybody waits [s].
+FADE_TIME = 0.2
+# A mode's second step is the first that knows the one before [1].
+_SETTLING = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +56,8 @@ class Fading:
 class FadingMode(Mode):
     """A mode that begins with the accelerations of the step before.
 
-    Its first step is told by a memory that is no `Fading`: `without_fading` of that of
-    the mode before, which goes on to be used if that is of the same kind.
+    It knows its first step by `kept` that is no `Fading`: that of the mode before,
+    which goes on to be used if that is of the same kind.
     """
 
     def __init__(
@@ -97,42 +98,46 @@ class FadingMode(Mode):
         self,
         workspace: Workspace,
         measured: Measured,
-        wanted: Wanted,
-        before: Before | None,
-    ) -> Resolved:
-        fading = before.kept if before is not None else None
-        inner = before
+        targets: Targets,
+        before: Memory | None,
+    ) -> Solution:
+        fading = None if before is None else before.solution.kept
         begins = before is not None and not isinstance(fading, Fading)
+        inner = before
         if begins:
-            if not (self._keeps_memory and before.follows):
-                inner = None
+            inner = before if self._keeps_memory else None
         elif before is not None:
-            inner = replace(before, kept=fading.inner)
-        resolved = self._mode.resolve(workspace, measured, wanted, inner)
-        vdot, controlled = resolved.answer.vdot, self._model.controlled
-        if before is None or not before.follows:
-            return replace(resolved, kept=Fading(resolved.kept, None, 0))
-        if begins or fading.difference is not None and fading.steps < _SETTLING:
+            inner = _with_kept(before, fading.inner)
+        solution = self._mode.resolve(workspace, measured, targets, inner)
+        vdot, controlled = solution.acceleration, self._model.controlled
+        if before is None:
+            fading = Fading(None, None, 0)
+        elif begins or fading.difference is not None and fading.steps < _SETTLING:
             done = 0 if begins else fading.steps
-            fading = Fading(None, (before.vdot - vdot)[controlled], done)
+            jump = before.solution.acceleration - vdot
+            fading = Fading(None, jump[controlled], done)
         if fading.difference is None:
-            return replace(resolved, kept=Fading(resolved.kept, None, 0))
+            solution.kept = Fading(solution.kept, None, 0)
+            return solution
         time = max(fading.steps + 1 - _SETTLING, 0) * self._period
         share = 1.0 - smooth_step(time, FADE_TIME)[0]
         difference = fading.difference if share > 0.0 else None
-        kept = Fading(resolved.kept, difference, fading.steps + 1)
+        solution.kept = Fading(solution.kept, difference, fading.steps + 1)
         if difference is None:
-            return replace(resolved, kept=kept)
+            return solution
         vdot = vdot.copy()
         vdot[controlled] += share * difference
-        vdot, told = self._mode.admit_again(measured, vdot)
-        return Resolved(
-            resolved.answer._replace(vdot=vdot),
-            kept,
-            {**resolved.diagnostics, **told},
-        )
+        solution.acceleration, reported = self._mode.admit_again(measured, vdot)
+        solution.of_mode = {**solution.of_mode, **reported}
+        return solution
 
 
-def without_fading(kept: Any) -> Any:
-    """A mode's memory as it would be had it not taken over from another."""
-    return kept.inner if isinstance(kept, Fading) else kept
+def _with_kept(memory: Memory, kept: Any) -> Memory:
+    return replace(memory, solution=replace(memory.solution, kept=kept))
+
+
+def without_fading(memory: Memory) -> Memory:
+    """The memory as it would be had the mode not taken over from another."""
+    if memory.solution is None or not isinstance(memory.solution.kept, Fading):
+        return memory
+    return _with_kept(memory, memory.solution.kept.inner)

@@ -4,61 +4,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from crar_drake.control.diagnostics import Diagnostic
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.records import Memory, Solution
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.references import Answer, TaskGains, Wanted
+from crar_drake.equations.references import Targets, TaskGains
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
-
-if TYPE_CHECKING:  # the parameters ask the modes whether they fit
-    from crar_drake.control.parameters import CrarParameters
-
-
-@dataclass(slots=True)
-class Before:
-    """The control step before, as a mode sees it.
-
-    Attributes:
-        follows: whether it was one period ago; else it is older.
-        v: (nv,) measured velocities of the whole plant then [rad/s].
-        vdot: (nv,) accelerations that were commanded [rad/s^2].
-        kept: `Resolved.kept` of then.
-    """
-
-    follows: bool
-    v: np.ndarray
-    vdot: np.ndarray
-    kept: Any
-
-
-@dataclass(slots=True)
-class Resolved:
-    """What a mode makes of a state and its targets.
-
-    Attributes:
-        answer: accelerations, and what every mode finds.
-        kept: the mode's memory, for the next step; never changed in place.
-        diagnostics: values of the mode's own diagnostics, by name.
-    """
-
-    answer: Answer
-    kept: Any = None
-    diagnostics: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 class Mode(ABC):
     """A way to keep constraints: from a state and its targets to accelerations.
 
     A mode is made once for a model and parameters, and holds nothing that changes:
-    what one step leaves to the next is in `Resolved.kept`.
+    what one step leaves to the next is in `Solution.kept`.
 
     Attributes:
-        diagnostics: what the mode tells besides; the controller has a port for each.
+        diagnostics: what the mode reports besides, as parts of the port `diagnostics`.
         horizon: T, if the distances are also wanted where the robot comes to rest,
             q + T q_dot [s]; else None.
         brakes_without_targets: whether a NaN in the targets makes the robot brake;
@@ -117,12 +83,12 @@ class Mode(ABC):
         """
         return vdot, {}
 
-    def may_brake(self, measured: Measured, told: Mapping[str, np.ndarray]) -> bool:
+    def may_brake(self, measured: Measured, reported: Mapping[str, np.ndarray]) -> bool:
         """Whether the robot can brake from here, as far as constraints go.
 
         Args:
             measured: the state, as in `resolve`.
-            told: by `admit_again` of this state.
+            reported: by `admit_again` of this state.
         """
         return True
 
@@ -131,16 +97,19 @@ class Mode(ABC):
         self,
         workspace: Workspace,
         measured: Measured,
-        wanted: Wanted,
-        before: Before | None,
-    ) -> Resolved:
+        targets: Targets,
+        before: Memory | None,
+    ) -> Solution:
         """The accelerations that follow the targets under the constraints.
 
         Args:
             workspace: of the model, at the state.
             measured: the state, and where the robot comes to rest, q + T q_dot, if
                 there is a `horizon`.
-            wanted: the targets.
-            before: the control step before; None at the first step, and after
-                braking without targets.
+            targets: what to do.
+            before: of the control step one period ago; None at the first step, after
+                braking without targets and after a gap in time.
+
+        Returns:
+            A new one, with `acceleration` and what stands before `actuation`.
         """

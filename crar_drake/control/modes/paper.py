@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crar_drake.control.modes.mode import Before, Mode, Resolved
+from crar_drake.control.modes.mode import Mode
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.records import Memory, Solution
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.composite_weight import composite_index
 from crar_drake.equations.handover import hand_over
@@ -19,13 +20,10 @@ from crar_drake.equations.paper import (
     PaperNumbers,
     paper_control,
 )
-from crar_drake.equations.references import Answer, TaskGains, Wanted
+from crar_drake.equations.references import Targets, TaskGains
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
-
-if TYPE_CHECKING:
-    from crar_drake.control.parameters import CrarParameters
 
 _NO_MATRIX = np.zeros((0, 0))
 
@@ -48,8 +46,7 @@ class PaperMode(Mode):
         n, nv = model.n, model.n + model.n_p
         kept = n + len(model.pairs) * n
         self._ends = np.cumsum([0, nv, model.m, n, kept, n]).tolist()
-        self._none = np.full(n, np.nan)
-        self._first = np.concatenate((np.zeros(kept), self._none))
+        self._first = np.concatenate((np.zeros(kept), np.full(n, np.nan)))
 
     @staticmethod
     def check(parameters: CrarParameters) -> None:
@@ -59,23 +56,25 @@ class PaperMode(Mode):
         self,
         workspace: Workspace,
         measured: Measured,
-        wanted: Wanted,
-        before: Before | None,
-    ) -> Resolved:
+        targets: Targets,
+        before: Memory | None,
+    ) -> Solution:
         model = self._model
-        kept = self._first if before is None else before.kept
-        if before is not None and not before.follows:
-            # Eq. (10) is a difference over one period: here there is none.
-            kept = np.concatenate((kept[: -model.n], self._none))
         found = paper_control(
-            *hand_over(measured, wanted),
-            kept,
+            *hand_over(measured, targets),
+            self._first if before is None else before.solution.kept,
             model.inertia_matrix(workspace) if self._with_inertia else _NO_MATRIX,
             self._law,
         )
         _, a, b, c, d, end = self._ends
-        answer = Answer(found[:a], found[a:b], found[end:], found[b:c], found[d:end])
-        return Resolved(answer, found[c:end])
+        return Solution(
+            acceleration=found[:a],
+            task_error=found[a:b],
+            signed_distances=found[end:],
+            constraint_weights=found[b:c],
+            constrained_velocity=found[d:end],
+            kept=found[c:end],
+        )
 
 
 class NoneMode(PaperMode):

@@ -147,7 +147,7 @@ function makePanel(data, state, ask) {
     element("nearest").classList.toggle("bad", frame.smallest !== null && frame.smallest < data.floor);
     element("error").textContent = millimetres(frame.error || 0);
     const doing = [frame.status, frame.admitted].filter(
-      word => word !== "tracking" && word !== "as wished");
+      word => word !== "tracking" && word !== "nominal");
     element("error").parentElement.title = doing.join(", ");
     element("pause").textContent = frame.paused ? "resume" : "pause";
     element("step").disabled = !frame.paused;

@@ -1,0 +1,299 @@
+"""The pages of docs/measurements: text by hand, tables by the benchmarks.
+
+A page has blocks, each between a line with the name of a *part* and an end:
+
+    <!-- defaults -->
+    <!-- end -->
+
+What stands in a block is written from the part's results, which are kept in
+`data/PAGE.json` beside the page. A benchmark that is run with `--page` keeps what it
+measured there and renders the page. Without running anything,
+
+    python -m benchmarks.page [PAGE ...]
+
+renders pages (by default all of docs/measurements) from the results that are there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from crar_drake import __version__
+from crar_drake.errors import CrarError
+from crar_drake.files import whole_file
+from crar_drake.studies.machine import describe_machine
+from crar_drake.studies.tables import markdown_table
+
+ROOT = Path(__file__).resolve().parents[1]  # of the checkout
+PAGES = ROOT / "docs" / "measurements"
+_BLOCK = re.compile(r"(?s)(<!-- ([\w ,.-]+) -->\n)(.*?)(<!-- end -->\n)")
+_WIDTH = 88
+# Where a path in a command lies on every machine.
+_FOLDERS = ("CRAR_MOCAP_PATH", "CRAR_ROBOT_MOTIONS")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page; every cell is text.
+
+    Attributes:
+        columns: the header.
+        rows: as long as the header each.
+        title: a heading above the table; "" for none.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    title: str = ""
+
+    def markdown(self) -> str:
+        heading = f"### {self.title}\n\n" if self.title else ""
+        return heading + markdown_table(self.columns, self.rows)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The results of one run of a benchmark.
+
+    Attributes:
+        command: that measured them; several have a line each.
+        machine: that they were measured on.
+        law: the version of the law, and the watched pairs, that they are of.
+        tables: the figures.
+        found: sentences in Markdown that the benchmark made of them.
+    """
+
+    command: str
+    machine: str
+    law: str
+    tables: Sequence[Table]
+    found: str = ""
+
+    def markdown(self) -> str:
+        """What stands in the part's block."""
+        texts = [textwrap.indent(self.command, "    ")]
+        if self.found:
+            texts.append(_wrapped(self.found))
+        about = " ".join(f"{text}." for text in (self.machine, self.law) if text)
+        texts += [_wrapped(about), *(table.markdown() for table in self.tables)]
+        return "\n\n".join(text.strip("\n") for text in texts if text) + "\n"
+
+
+class Benchmark:
+    """The command line of a benchmark, and its part of a page.
+
+    Attributes:
+        parser: to add options to.
+    """
+
+    def __init__(self, module: str, doc: str, page: str) -> None:
+        """
+        Args:
+            module: the benchmark's, as `python -m` takes it.
+            doc: its docstring; the first line describes it.
+            page: the name of its page.
+        """
+        self._command, self._page = f"python -m {module}", page
+        self.parser = argparse.ArgumentParser(
+            prog=self._command, description=doc.strip().splitlines()[0]
+        )
+        self.parser.add_argument(
+            "--page",
+            type=Path,
+            metavar="FILE",
+            help=f"keep the results, and render this page: {_shown_page(page)}",
+        )
+
+    def parse(self, argv: Sequence[str] | None) -> argparse.Namespace:
+        """The options.
+
+        Raises:
+            CrarError: the page cannot be read.
+        """
+        arguments = self.parser.parse_args(argv)
+        self._given = list(sys.argv[1:] if argv is None else argv)
+        self._path = arguments.page
+        if self._path is not None:
+            _read(self._path)  # before minutes of measuring
+        return arguments
+
+    def report(self, part: str, tables: Sequence[Table], found: str = "") -> None:
+        """Prints what was measured; with --page it becomes that part of the page.
+
+        Raises:
+            CrarError: as `write_part`.
+        """
+        result = Part(self._shown(), machine_line(), version_line(), tables, found)
+        print(*(t.markdown() for t in tables), found and f"{found}\n", sep="\n")
+        if self._path is not None:
+            write_part(self._path, part, result)
+            print(self._path)
+
+    def _shown(self) -> str:
+        """The command, without what is of this machine alone."""
+        given = iter(self._given)
+        words = [_shown(word) for word in given if not _is_page(word, given)]
+        words.append(f"--page {_shown_page(self._page)}")
+        return " ".join([self._command, *words])
+
+
+def run(main: Callable[[], int | None]) -> None:
+    """Runs a command, and ends with its exit code; 2 and a message if it cannot."""
+    try:
+        code = main()
+    except CrarError as error:
+        print(f"error: {error}", file=sys.stderr)
+        code = 2
+    sys.exit(code)
+
+
+def machine_line() -> str:
+    """What measured durations depend on."""
+    m = describe_machine()
+    load = "" if m["load"] is None else f", load average {m['load']:.1f}"
+    return (
+        f"{m['cpu']}, {m['cores']} cores{load}, {m['system']}; threads of BLAS "
+        f"{m['threads']}; Python {m['python']}, NumPy {m['numpy']}, Drake {m['drake']}"
+    )
+
+
+def version_line() -> str:
+    """The version of this project, with the commit where there is one."""
+    command = ["git", "describe", "--always", "--dirty"]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    except OSError:
+        return f"crar_drake {__version__}"
+    commit = done.stdout.strip()
+    return f"crar_drake {__version__}{f', commit {commit}' if commit else ''}"
+
+
+def results_of(page: Path) -> Path:
+    """Where a page's results are kept."""
+    return page.parent / "data" / f"{page.stem}.json"
+
+
+def read_parts(page: Path) -> dict[str, Part]:
+    """The results of a page, by part; nothing where none are kept.
+
+    Raises:
+        CrarError: the file of results is none.
+    """
+    path = results_of(page)
+    if not path.is_file():
+        return {}
+    try:
+        parts = json.loads(path.read_text(encoding="utf-8"))
+        return {
+            name: Part(**{**part, "tables": [Table(**t) for t in part["tables"]]})
+            for name, part in parts.items()
+        }
+    except (ValueError, KeyError, TypeError) as error:
+        raise CrarError(f"{path}: not the results of a page: {error}") from error
+
+
+def write_part(page: Path, name: str, part: Part) -> None:
+    """Keeps the results of a part, and renders the page.
+
+    Raises:
+        CrarError: the page cannot be read, or has no block of that name.
+    """
+    parts = read_parts(page) | {name: part}
+    text = render(page, parts)
+    if f"<!-- {name} -->\n" not in text:
+        raise CrarError(f"{page}: has no line <!-- {name} -->, below which to write")
+    results_of(page).parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(results_of(page)) as temporary:
+        temporary.write_text(
+            _one_line_a_row({name: asdict(part) for name, part in parts.items()}),
+            encoding="utf-8",
+        )
+    with whole_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def render(page: Path, parts: dict[str, Part] | None = None) -> str:
+    """The page, each of its blocks as the part's results say.
+
+    Args:
+        page: that is there.
+        parts: by name; by default those that are kept.
+
+    Raises:
+        CrarError: the page or its results cannot be read, or a part has no results.
+    """
+    text, known = _read(page), read_parts(page) if parts is None else parts
+
+    def block(match: re.Match) -> str:
+        begin, name, _, end = match.groups()
+        if name not in known:
+            raise CrarError(f"{results_of(page)}: has no results of {name!r}")
+        return f"{begin}\n{known[name].markdown()}\n{end}"
+
+    return _BLOCK.sub(block, text)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Renders pages from their results."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.page", description="Renders pages of measurements."
+    )
+    parser.add_argument("pages", nargs="*", type=Path, help="(default: all)")
+    for page in parser.parse_args(argv).pages or sorted(PAGES.glob("*.md")):
+        text = render(page)
+        with whole_file(page) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def _read(page: Path) -> str:
+    try:
+        return page.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CrarError(f"{page}: not a page of text: {error}") from error
+
+
+def _one_line_a_row(parts: dict) -> str:
+    """JSON in which each row of a table has a line."""
+    text = json.dumps(parts, indent=1, ensure_ascii=False)
+    text = re.sub(r'\[\n {5,6}(?=")', "[", text)
+    text = re.sub(r'\n {5,6}(?=")', " ", text)
+    return re.sub(r"\n {4,5}(?=\])", "", text) + "\n"
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, _WIDTH, break_on_hyphens=False, break_long_words=False)
+
+
+def _shown_page(name: str) -> str:
+    return f"docs/measurements/{name}.md"
+
+
+def _is_page(word: str, rest) -> bool:
+    """Whether a word is the option --page; its value is taken off the rest."""
+    if word == "--page":
+        next(rest)
+    return word.partition("=")[0] == "--page"
+
+
+def _shown(word: str) -> str:
+    """A word of a command as it may stand in a page."""
+    for variable in _FOLDERS:
+        folder = os.environ.get(variable)
+        if folder and Path(word).is_relative_to(folder):
+            below = Path(word).relative_to(folder)
+            return f"${variable}" + ("" if below == Path() else f"/{below}")
+    return shlex.quote(Path(word).name if os.path.isabs(word) else word)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,150 @@
+"""Parameters of the constraint mode "lookahead"."""
+
+# YAML loading reads the types of the fields, so no postponed annotations here.
+from dataclasses import dataclass
+
+from crar_drake.control.checks import check_choice, check_numbers
+from crar_drake.equations.lookahead_rows import NOMINAL_SPEED_LIMIT
+from crar_drake.errors import ScenarioError
+
+LOST_TARGET = ("brake", "error")
+GUARD_NORMS = ("joints", "tasks")
+
+# A pair's weight is then up to 1e12, and a double has 16 digits.
+LARGEST_RHO = 1.0
+
+# With a preview, unless it is given. How fast margins may be used up [1/s]: of pairs,
+# which it sees coming, and of limits, which motions of others run into again and again.
+_PREVIEW_APPROACH = 200.0
+_PREVIEW_LIMIT_APPROACH = 10.0
+# T [s], but so many periods at least: a plan sees obstacles coming, so that a robot may
+# be near at speed. At 1.6 periods the next path still begins on the present one.
+_PREVIEW_HORIZON = 0.012
+_PREVIEW_PERIODS = 1.6
+# A plan asks for no jumps as feedback does; 16 would be faster, and no closer [rad/s].
+_PREVIEW_NOMINAL_SPEED_LIMIT = 9.0
+
+
+def preview_horizon(period: float) -> float:
+    """T with a preview, unless it is given [s], for a control period [s]."""
+    return max(_PREVIEW_HORIZON, _PREVIEW_PERIODS * period)
+
+
+@dataclass
+class LookaheadParameters:
+    """Parameters of the constraint mode "lookahead", see `equations.lookahead`.
+
+    Attributes:
+        horizon: T, over which the robot could brake [s]; a law with a longer one that
+            takes over in mid-motion has yet to find its path clear; by default 2.5 /
+            Gv, and with a preview 12 ms or 1.6 control periods, whichever is longer.
+        longest_horizon: over which it may brake where motors have not the torque to
+            brake within `horizon`, as long as that path is clear, too [s], and over
+            some in between, see `longer_horizons`; by default the horizon, and with a
+            preview 2.5 / Gv if that is longer.
+        rho: amplitude of the collision weight; its decay and exponent are the
+            controller's alpha and beta.
+        rho_limits: rho_JL, amplitude of the joint-limit weight.
+        distance_margin: d_min, the distance that pairs are to keep [m].
+        admission_slack: a step is admitted only if every pair keeps the floor
+            d_min - admission_slack on all of its braking path [m].
+        limit_margin: what joints keep from their limits [rad].
+        retreat_rate: gamma, how fast a violation is left [1/s], but at most at
+        retreat_speed: of a pair [m/s], and
+        joint_retreat_speed: of a joint [rad/s]; the margins by which pairs and limits
+            weigh grow at most as fast, too.
+        slip_time_constant: of the low-pass on what the plant did other than told,
+            which the constraints then expect to go on [s].
+        influence_distance: pairs farther apart than this do not count [m].
+        nominal_speed_limit: how fast q_s is asked to move at most, in any joint
+            [rad/s]; by default 16, and 9 with a preview.
+        guard_norm: in which the guard changes the nominal step the least: "joints",
+            where all joints weigh the same, or "tasks", where tasks do by their
+            weights, and
+        guard_damping: nu, what joints count beside them [m]; by default the
+            controller's damping.
+        approach_rate: kappa, the share of what is left of a margin that the robot may
+            come nearer by in a second [1/s]. Pairs and limits are then bounds of the
+            guard, and have no weight in stage 1; by default it is the other way round:
+            they weigh by their margins (rho, rho_limits), in both. With a preview they
+            are bounds always, by default with 200/s, or 1 / period if that is less.
+        limit_approach_rate: the same of joint limits alone [1/s]; by default the
+            approach rate, and with a preview 10/s.
+        preview: how far ahead accelerations are planned [s], see `equations.preview`;
+            by default not at all. K, Kp and Kv are then the gains of prescribed joints
+            alone, and GvN damps what tasks leave free, with
+        null_space_damping: lambda of the projection on that [m].
+        smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
+            beside a task error of 1 m [m s^2]: the less, the more closely targets are
+            followed.
+        farthest_pull: of the preview, the error from which on a task pulls no more than
+            from there [m or rad].
+        lost_target: what a NaN in the targets at run time does: "brake" comes to
+            rest and blends in again when they are back, "error" raises.
+    """
+
+    horizon: float | None = None  # [s]
+    longest_horizon: float | None = None  # [s]
+    rho: float = 1e-4
+    rho_limits: float = 0.01
+    distance_margin: float = 5e-3  # [m]
+    admission_slack: float = 1e-3  # [m]
+    limit_margin: float = 0.02  # [rad]
+    retreat_rate: float = 30.0  # [1/s]
+    retreat_speed: float = 0.5  # [m/s]
+    joint_retreat_speed: float = 2.0  # [rad/s]
+    slip_time_constant: float = 0.01  # [s]
+    influence_distance: float = 0.3  # [m]
+    lost_target: str = "brake"
+    nominal_speed_limit: float | None = None  # [rad/s]
+    guard_norm: str = "joints"
+    guard_damping: float | None = None  # [m]
+    approach_rate: float | None = None  # [1/s]
+    limit_approach_rate: float | None = None  # [1/s]
+    preview: float | None = None  # [s]
+    null_space_damping: float = 0.02  # [m]
+    smoothness: float = 5.7e-5  # [m s^2]
+    farthest_pull: float = 0.002  # [m or rad]
+
+    def validate(self) -> None:
+        """Raises ScenarioError, naming the field and what it may be."""
+        check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
+        check_choice("controller.lookahead", self, "guard_norm", GUARD_NORMS)
+        check_numbers("controller.lookahead", self, may_be_zero=set())
+        if self.rho > LARGEST_RHO:
+            raise ScenarioError(
+                f"controller.lookahead.rho: {self.rho:g} must be at most "
+                f"{LARGEST_RHO:g}: larger weights drown all else in rounding"
+            )
+        if self.admission_slack >= self.distance_margin:
+            raise ScenarioError(
+                f"controller.lookahead.admission_slack: {self.admission_slack} must be "
+                f"less than distance_margin, {self.distance_margin}"
+            )
+        if self.influence_distance <= self.distance_margin:
+            raise ScenarioError(
+                f"controller.lookahead.influence_distance: {self.influence_distance} "
+                f"must be more than distance_margin, {self.distance_margin}"
+            )
+
+    @property
+    def nominal_speed(self) -> float:
+        """How fast q_s is asked to move at most [rad/s]."""
+        if self.nominal_speed_limit is not None:
+            return self.nominal_speed_limit
+        if self.preview is not None:
+            return _PREVIEW_NOMINAL_SPEED_LIMIT
+        return NOMINAL_SPEED_LIMIT
+
+    def approach_rates(self, period: float) -> tuple[float, float]:
+        """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.
+
+        Args:
+            period: of the controller [s].
+        """
+        of_pairs, of_limits = self.approach_rate, self.limit_approach_rate
+        if self.preview is not None:
+            fastest = 1.0 / period
+            of_pairs = of_pairs or min(_PREVIEW_APPROACH, fastest)
+            of_limits = of_limits or min(_PREVIEW_LIMIT_APPROACH, fastest)
+        return float(of_pairs or 0.0), float(of_limits or of_pairs or 0.0)

@@ -1,0 +1,137 @@
+"""What a control step answers, and what it leaves to the next.
+
+With what is measured (`equations.kinematics.Measured`), what is wanted
+(`equations.references.Targets`) and the parameters these are all of its records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from crar_drake.equations.references import BlendStart
+from crar_drake.errors import CrarError
+
+# Values of the diagnostic "status".
+STATUS_TRACKING = 0.0  # the targets as given
+STATUS_BLENDING = 1.0  # on the way onto the targets
+STATUS_BRAKING = 2.0  # a target is NaN: coming to rest
+STATUS_IMPLAUSIBLE = 3.0  # no robot has the measured state: coming to rest
+
+
+class InputError(CrarError):
+    """A value that reached the controller at run time cannot be used."""
+
+
+@dataclass(slots=True)
+class Solution:
+    """The results of one control step.
+
+    The constraint mode makes it, with what stands first; the law adds what follows from
+    the accelerations once the effort limits have had their say.
+
+    Attributes:
+        acceleration: (nv,) commanded accelerations of all joints: alpha_c of
+            Eq. (30) for the controlled, the desired motion's for the prescribed. They
+            are held for a control period.
+        task_error: (m,) Eq. (11) against the targets as given, before the governor,
+            blending and task weights [rad, m].
+        signed_distances: (Nc,) per watched pair [m].
+        constraint_weights: (n,) diagonal of W.
+        constrained_velocity: (n,) q_dot_c of Eq. (15) [rad/s].
+        of_mode: the constraint mode's own diagnostics, by name.
+        kept: what the mode wants to have again in the next step; never changed in
+            place.
+        actuation: (nu,) efforts of the accelerations at the state that they were last
+            computed for, in the order of the plant's actuators [Nm or N].
+        position_command: (nq + nv,) the q and v that the accelerations lead to
+            in one control period, see `equations.prediction`; of unit quaternions.
+        status: (1,) STATUS_TRACKING, STATUS_BLENDING, STATUS_BRAKING or
+            STATUS_IMPLAUSIBLE.
+        torque_limit: (2,) how much the effort limits left of the way from braking to
+            the nominal accelerations, 1 where they are not active or not respected; and
+            by which share of its limit the worst actuator was beyond it before
+            clipping, see `equations.torque_limit`. The share is decided in the control
+            step; the excess is that of `actuation`.
+        root_force: (nv,) generalized forces that a free root must be pushed with, at
+            the state of `actuation`, 0 for all other joints [Nm, N]; (0,) if nothing is
+            free.
+    """
+
+    acceleration: np.ndarray
+    task_error: np.ndarray
+    signed_distances: np.ndarray
+    constraint_weights: np.ndarray
+    constrained_velocity: np.ndarray
+    of_mode: Mapping[str, np.ndarray] = field(default_factory=dict)
+    kept: Any = None
+    actuation: np.ndarray | None = None
+    position_command: np.ndarray | None = None
+    status: np.ndarray | None = None
+    torque_limit: np.ndarray | None = None
+    root_force: np.ndarray | None = None
+
+    @property
+    def resting_margins(self) -> np.ndarray:
+        """(2,) where the robot would come to rest: the smallest distance [m] and the
+        smallest margin to a joint limit [rad]; NaN unless constraints are
+        "lookahead"."""
+        return self.of_mode.get("resting_margins", np.full(2, np.nan))
+
+    @property
+    def admission(self) -> np.ndarray:
+        """(4,) how the step was admitted (0 as the nominal one, 1 corrected, 2 scaled
+        towards braking), the share of the nominal step, a bound from below for all
+        distances on the next braking path [m], and 1 if the present one is clear, else
+        0, the last two NaN if a watched pair is not examined; all NaN unless
+        constraints are "lookahead"."""
+        return self.of_mode.get("admission", np.full(4, np.nan))
+
+
+@dataclass(slots=True)
+class Memory:
+    """What one control step leaves to the next; never changed in place.
+
+    Attributes:
+        tick: number of the control step; -1 before the first.
+        torque_tick: which torque tick of the control period the solution's torque is
+            of; 0 is the control step itself.
+        solution: its results, whose accelerations are held; None before the first.
+        q, v: (nq,), (nv,) what was measured, with velocities that were believed; where
+            the robot brakes without targets, those that it should have a period on.
+            None before the first step.
+        continues: whether the next step may build on this one's accelerations: not
+            where the robot braked without targets, nor where a run began between two
+            control ticks.
+        start_time: when blending began [s], None if it has yet to.
+        start: what was measured then; None if it has yet to begin.
+        governed: (layout.size,) the targets as they were governed; None without a
+            governor, and where the targets were lost.
+    """
+
+    tick: int = -1
+    torque_tick: int = 0
+    solution: Solution | None = None
+    q: np.ndarray | None = None
+    v: np.ndarray | None = None
+    continues: bool = False
+    start_time: float | None = None
+    start: BlendStart | None = None
+    governed: np.ndarray | None = None
+
+    def __deepcopy__(self, memo: dict) -> Memory:
+        return self  # Drake copies states often; nothing here is ever changed.
+
+
+def check_finite(name: str, value: np.ndarray, time: float) -> None:
+    """Raises InputError, with the port or argument and the time, on NaN or inf."""
+    if not np.isfinite(value).all():
+        bad = np.flatnonzero(~np.isfinite(value))
+        raise InputError(
+            f"{name} has a NaN or infinite value at t = {time:g} s "
+            f"(entries {', '.join(map(str, bad[:8]))}"
+            f"{', ...' if len(bad) > 8 else ''}); check what is connected to it"
+        )

@@ -1,0 +1,70 @@
+"""The pages of docs/measurements say what their results do."""
+
+import shutil
+
+import pytest
+
+from benchmarks import continuity
+from benchmarks.page import (
+    PAGES,
+    Part,
+    Table,
+    read_parts,
+    render,
+    results_of,
+    write_part,
+)
+from crar_drake.errors import CrarError
+
+NAMES = sorted(p.stem for p in PAGES.glob("*.md") if p.stem != "README")
+PART = Part("a command", "a machine", "a law", [Table(["a"], [["1"]], "b")], "Found.")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_is_what_its_results_make_of_it(name):
+    page = PAGES / f"{name}.md"
+    assert render(page) == page.read_text(encoding="utf-8")
+    assert read_parts(page)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_all_that_is_kept_is_shown_and_listed(name):
+    text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
+    assert all(f"<!-- {part} -->\n" in text for part in read_parts(PAGES / name))
+    assert f"({name}.md)" in (PAGES / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_run_comes_through_to_its_page(tmp_path, capsys):
+    page = tmp_path / "continuity.md"
+    shutil.copy(PAGES / page.name, page)
+    results_of(page).parent.mkdir()
+    shutil.copy(results_of(PAGES / page.name), results_of(page))
+    before = read_parts(page)
+    continuity.main(
+        ["--motion", "dance", "--duration", "0.05", "--jobs", "1", "--page", str(page)]
+    )
+    after = read_parts(page)
+    assert after["preview"] == before["preview"]
+    assert [row[0] for row in after["defaults"].tables[0].rows][-1] == "all"
+    assert str(tmp_path) not in page.read_text(encoding="utf-8")
+    assert render(page) == page.read_text(encoding="utf-8")
+    assert "another manner" in capsys.readouterr().out
+
+
+def test_the_page_is_looked_for_before_anything_is_run(tmp_path):
+    with pytest.raises(CrarError, match=r"none\.md"):
+        continuity.main(["--page", str(tmp_path / "none.md")])
+
+
+def test_a_part_without_a_place_or_without_results_is_refused(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Page\n\n<!-- here -->\n<!-- end -->\n")
+    with pytest.raises(CrarError, match="no results of 'here'"):
+        render(page)
+    write_part(page, "here", PART)
+    with pytest.raises(CrarError, match="elsewhere"):
+        write_part(page, "elsewhere", PART)
+    assert "    a command\n\nFound.\n\na machine. a law.\n\n### b\n" in page.read_text()
+    results_of(page).write_text("{")
+    with pytest.raises(CrarError, match="not the results"):
+        render(page)

@@ -94,9 +94,9 @@ def draw_comparison(page: Path) -> None:
 
 
 def copy_figures(reproduction: Path) -> None:
-    shown = (IMAGES.parent / "measurements" /
-    "reproduction.md").read_text(encoding="utf-8") for figure in (reproduction /
-    "figures").iterdir():
+    page = IMAGES.parent / "measurements" / "reproduction.md"
+    shown = page.read_text(encoding="utf-8")
+    for figure in (reproduction / "figures").iterdir():
         name = f"section-iv-{figure.name}"
         if name in shown:
             shutil.copy(figure, IMAGES / name)

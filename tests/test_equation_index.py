@@ -31,7 +31,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
 ROOT = Path(__file__).resolve().parent.parent
-INDEX = ROOT / "docs" / "equations.md"
+INDEX = ROOT / "docs" / "theory" / "equations.md"
 HEADING = "# Index of equations"
 STEP, ONCE, REFERENCE = "each step", "once", "reference form"
 
@@ -124,7 +124,7 @@ def test_every_equation_of_the_paper_is_listed():
 
 
 def test_every_equation_of_the_lookahead_is_listed():
-    text = (ROOT / "docs" / "lookahead.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "theory" / "theorem.md").read_text(encoding="utf-8")
     # Where an equation is set apart, its number ends the line.
     printed = set(re.findall(r"  \(L(\d+)\)$", text, flags=re.MULTILINE))
     listed = set().union(*(own_numbers("L", row.equations) for row in ROWS))

@@ -40,6 +40,17 @@ def test_build_and_simulate(run_example) -> None:
 
 
 @pytest.mark.slow
+def test_a_layers_example(run_example, tmp_path: Path, monkeypatch) -> None:
+    """The hand stays off the post, a pose of each frame off itself, and so a run."""
+    monkeypatch.chdir(tmp_path)
+    assert 4.0 <= millimetres(run_example("law.py"))
+    assert millimetres(run_example("motions.py").splitlines()[1]) > 0.0
+    lines = run_example("runs.py", "0.3").splitlines()
+    assert lines[0].endswith(": 0") and millimetres(lines[1]) > 0.0
+    assert (tmp_path / "boxing" / "log.npz").exists()
+
+
+@pytest.mark.slow
 def test_controller_in_your_diagram(run_example) -> None:
     lines = run_example("controller_in_your_diagram.py", "1.8").splitlines()
     # Ten per cent more mass costs millimetres, not more; and it does cost some.

@@ -14,7 +14,7 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 
-PAGE = Path(__file__).parent.parent / "docs" / "modes.md"
+PAGE = Path(__file__).parent.parent / "docs" / "theory" / "modes.md"
 
 
 @pytest.fixture

@@ -177,7 +177,12 @@ def test_the_site_works_in_a_browser_from_disk(site):
         open_page("search.html?q=governor")
         browser.wait_for("document.querySelectorAll('#search-results li').length > 2")
         browser.resize(390, 844)
-        for name in (FRONT, "README.html", "docs/concepts.html", "docs/figures.html"):
+        for name in (
+            FRONT,
+            "README.html",
+            "docs/guides/concepts.html",
+            "docs/measurements/README.html",
+        ):
             open_page(name)
             browser.settle()
             wide = browser.evaluate("document.documentElement.scrollWidth")
@@ -202,12 +207,9 @@ def test_headed_lists_become_field_lists():
 
 
 def test_pages_that_docstrings_name_are_links():
-    assert (
-        as_markdown("see `docs/measurements/faults.md`") == "see
-        [`docs/measurements/faults.md`](/docs/measurements/faults.md)"
-    )
-    assert as_markdown("[it](docs/measurements/faults.md)") ==
-    "[it](/docs/measurements/faults.md)"
+    page = "docs/terms.md"
+    assert as_markdown(f"see `{page}`") == f"see [`{page}`](/{page})"
+    assert as_markdown(f"[it]({page})") == f"[it](/{page})"
 
 
 def test_comments_behind_fields_are_told():

@@ -21,7 +21,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "convert",
         run,
         "Write a robot's motion (a reference motion, as policies are trained on) in "
-        "another layout, or at another rate. docs/guides/reference-motions.md has the layouts.",
+        "another layout, or at another rate. docs/guides/reference-motions.md has the "
+        "layouts.",
     )
     parser.add_argument("motion", type=Path, metavar="IN", help="the motion's file")
     parser.add_argument("out", type=Path, metavar="OUT", help="the file to write")

@@ -28,8 +28,9 @@ _FINGERS = 3  # of a hand, at least
 _DOWN = 0.1  # [m] that a leg hangs down, at least
 _LARGEST_ANGLE = np.radians(45.0)
 _QUADRUPED = "four legs and no arms, a quadruped"
-_TO_DO = "list them as frames in import.yaml (docs/guides/your-robot.md) and import
-again"
+_TO_DO = (
+    "list them as frames in import.yaml (docs/guides/your-robot.md) and import again"
+)
 
 
 def refuse_hand(robot: SourceRobot) -> None:

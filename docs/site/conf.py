@@ -35,6 +35,7 @@ include_patterns = [
     "README.md",
     "CHANGELOG.md",
     "docs/*.md",
+    "docs/*/*.md",
     "docs/site/*.rst",
     "docs/site/rooms/*.rst",
     "diagrams/README.md",
@@ -73,22 +74,6 @@ nb_execution_timeout = 3600  # a slow computer compiles the controller in it
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_output_stderr = "remove"  # where Drake says at which port Meshcat listens
-
-# Pages that the front page does not name are the last of the guides.
-_front = (SITE / "index.rst").read_text(encoding="utf-8")
-_others = [f"/docs/{path.stem}" for path in sorted(ROOT.glob("docs/*.md"))]
-_others = [page for page in _others if f"   {page}\n" not in _front]
-
-
-def _name_others(app, docname: str, text: list[str]) -> None:
-    if docname == root_doc:
-        text[0] = text[0].replace(".. others", "\n   ".join(_others))
-
-
-def setup(app) -> None:
-    """Called by Sphinx."""
-    app.connect("source-read", _name_others)
-
 
 html_theme = "furo"
 html_title = "crar_drake"

@@ -34,7 +34,8 @@ root_doc = "docs/site/index"
 include_patterns = [
     "README.md",
     "CHANGELOG.md",
-    "docs/**/*.md",
+    "docs/*.md",
+    "docs/*/*.md",
     "docs/site/*.rst",
     "docs/site/rooms/*.rst",
     "diagrams/README.md",

@@ -110,7 +110,7 @@ def test_the_calls_on_the_page_about_diagrams_work():
     code = re.findall(
         r"^    (\w+ = .*|plant\..*)$", YOUR_DIAGRAM.read_text("utf-8"), re.M
     )
-    assert len(code) == 8
+    assert len(code) == 7
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
     known = vars(crar_drake) | {n: getattr(crar_drake, n) for n in crar_drake.__all__}

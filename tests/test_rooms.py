@@ -18,6 +18,27 @@ def test_no_room_imports_one_that_imports_it():
     assert set(order) - set(below) == {"equations", "motion"}  # import no other room
 
 
+def test_no_file_imports_one_that_imports_it():
+    """Nor where the import stands in a function, or is for types alone."""
+    root = DOCS.parent
+    names = {
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
+        for path in (root / "crar_drake").rglob("*.py")
+    }
+    imports: dict[str, set[str]] = {}
+    for path in (root / "crar_drake").rglob("*.py"):
+        parts = path.relative_to(root).with_suffix("").parts
+        own = ".".join(parts).removesuffix(".__init__")
+        found = imports.setdefault(own, set())
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                for alias in node.names:
+                    inner = f"{node.module}.{alias.name}"
+                    found.add(inner if inner in names else node.module)
+        found &= names - {own}
+    TopologicalSorter(imports).prepare()  # CycleError names a circle
+
+
 def test_no_layer_imports_a_higher_one():
     """Modules beside the rooms count, too; all but `run` belong to no layer."""
     layers = runpy.run_path(str(DOCS / "make_rooms.py"))["LAYERS"]

@@ -18,9 +18,9 @@ LENGTHS = 0.30, 0.26  # of the links' axes [m]
 RADIUS = 0.035  # of their capsules [m]
 POST, POST_RADIUS = np.array([0.28, 0.33]), 0.06  # [m]
 FLOOR = 0.02  # the distance that is kept; drawn larger than the program's 4 mm [m]
-# Configuration, velocity and the velocity that is wished for q_s.
+# Configuration, velocity and the nominal velocity of q_s.
 Q, QDOT = np.array([0.12, 0.35]), np.array([2.4, 1.2])  # [rad], [rad/s]
-WISH = np.array([11.0, -3.0])  # [rad/s]
+NOMINAL = np.array([11.0, -3.0])  # [rad/s]
 HORIZON, PERIOD = 0.12, 0.03  # [s]
 BLUE, RED, GREY = "#1f5fa8", "#b3261e", "#7a7a7a"
 
@@ -55,12 +55,12 @@ def step(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def admitted_share() -> float:
-    """The largest share k/64 of the wish whose next braking path keeps the floor.
+    """The largest share k/64 of the nominal step with which the floor is kept.
 
     Here by samples; the program has bounds instead.
     """
     for k in range(64, -1, -1):
-        start, end = step(k / 64.0 * WISH)
+        start, end = step(k / 64.0 * NOMINAL)
         path = start + np.linspace(0.0, 1.0, 200)[:, None] * (end - start)
         if nearest(path)[0].min() >= FLOOR:
             return k / 64.0
@@ -113,7 +113,7 @@ def draw_room(ax) -> None:
 
 
 def draw_joint_space(ax) -> None:
-    """The same in joint space, with the wished and the admitted next path."""
+    """The same in joint space, with the nominal and the admitted next path."""
     q1, q2 = np.meshgrid(np.linspace(-0.1, 1.1, 300), np.linspace(-0.15, 1.05, 300))
     distance, _ = nearest(np.stack([q1, q2], -1))
     ax.contourf(q1, q2, distance, levels=[-1.0, 0.0], colors=[GREY], alpha=0.55)
@@ -123,8 +123,13 @@ def draw_joint_space(ax) -> None:
     share = admitted_share()
     paths = [
         ("present braking path", Q, Q + HORIZON * QDOT, BLUE, "-"),
-        ("wished: not clear", *step(WISH), RED, "--"),
-        (f"admitted: {share:.0%} of the wish", *step(share * WISH), "#1b7f4b", "-"),
+        ("nominal: not clear", *step(NOMINAL), RED, "--"),
+        (
+            f"admitted: {share:.0%} of the nominal step",
+            *step(share * NOMINAL),
+            "#1b7f4b",
+            "-",
+        ),
     ]
     for label, start, end, colour, style in paths:
         ends = np.array([start, end])
@@ -156,9 +161,9 @@ COLUMNS = {
         "scaled to the\nrobot's segments",
     ],
     "every control period": [
-        "admission: as wished,\ncorrected or scaled",
+        "admission: as nominal,\ncorrected or scaled",
         "guard: what the\nconstraints leave, $s$",
-        "the paper's law:\nwhat is wished, $s_0$",
+        "the paper's law:\nthe nominal step, $s_0$",
         "targets\n$x_d, v_d, a_d$",
     ],
     "every torque tick": [

@@ -1,4 +1,4 @@
-"""Drake's warnings, collected while a command runs and told once, in a line each.
+"""Drake's warnings, collected while a command runs and reported once, in a line each.
 
 Drake warns whenever it parses a model, which one run does several times over, and an
 inertia that cannot be takes eight lines each time. Its messages come as records of

@@ -24,8 +24,8 @@ class FreshProcesses(ThreadPoolExecutor):
     that a process must not run many simulations. (`ProcessPoolExecutor` could replace
     its processes after a number of calls, but in Python 3.11 it then stalls.)
 
-    Drake's warnings in a process are told in this one. A process that dies fails its
-    own call only. Leaving the `with` block by an exception ends the processes that
+    Drake's warnings in a process are reported in this one. A process that dies fails
+    its own call only. Leaving the `with` block by an exception ends the processes that
     still run.
     """
 
@@ -101,9 +101,9 @@ def _call(sender: Connection, fn: Callable, args: tuple, kwargs: dict) -> None:
             answer = (False, error)
     try:
         sender.send((*answer, warnings))
-    except Exception as error:  # what cannot be pickled is told in words
+    except Exception as error:  # what cannot be pickled is reported in words
         succeeded, value = answer
         said = error if succeeded else value
-        told = RuntimeError(f"{type(said).__name__}: {said}")
-        sender.send((False, told, warnings))
+        reported = RuntimeError(f"{type(said).__name__}: {said}")
+        sender.send((False, reported, warnings))
     sender.close()

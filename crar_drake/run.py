@@ -47,7 +47,7 @@ _LOGGED = (
     "torque_limit",
 )
 
-# The progress is told this often [s of simulated time].
+# The progress is reported this often [s of simulated time].
 _SLICE = 0.0625
 
 # A run whose log and recording would take more memory than this is refused [B].
@@ -137,9 +137,9 @@ def run_scenario(
         scenario: from `load_scenario`, or made in Python.
         out: folder to write into; None writes nothing.
         record: whether to make the recording, if there is a folder for it.
-        progress: is told simulated time, duration and real-time factor.
-        tell: is told, in sentences, when the control law has to be compiled first, and
-            how far that is; this does not count as the run's wall time.
+        progress: is reported simulated time, duration and real-time factor.
+        tell: is reported, in sentences, when the control law has to be compiled first,
+            and how far that is; this does not count as the run's wall time.
 
     Raises:
         CrarError: something in the scenario, its robot or its motion is wrong,
@@ -295,8 +295,8 @@ def make_log(
     count = model.num_joints
     controlled, joints = model.joint_positions, model.joint_names[:count]
     lower[controlled], upper[controlled] = model.lower[:count], model.upper[:count]
-    told = {name: diagnostics[:, slices[name]].copy() for name in _LOGGED}
-    told["constraint_weights"] = told["constraint_weights"][:, :count]
+    reported = {name: diagnostics[:, slices[name]].copy() for name in _LOGGED}
+    reported["constraint_weights"] = reported["constraint_weights"][:, :count]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())
     return SimulationLog(
@@ -304,7 +304,7 @@ def make_log(
         q=_unit_quaternions(state[:, :nq], model),
         v=state[:, nq:],
         desired_tasks=samples("desired_tasks"),
-        **told,
+        **reported,
         position_names=np.array(model.position_names),
         actuator_names=np.array(
             [model.velocity_names[a.joint().velocity_start()] for a in actuators]
@@ -521,7 +521,7 @@ def _tell(
     stopped: BaseException | None,
     missing: list[BaseException],
 ) -> None:
-    """Raises what is to be told of a run that is not whole; else nothing."""
+    """Raises what is to be reported of a run that is not whole; else nothing."""
     if stopped is None and not missing:
         return
     parts = []

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
     from crar_drake.references.clean_folder import CleanedFile
 
-# Failed files that are told one by one.
+# Failed files that are reported one by one.
 _MOST_LINES = 10
 
 

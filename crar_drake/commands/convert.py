@@ -78,19 +78,21 @@ def run(arguments: argparse.Namespace) -> None:
         raise MotionError(
             f"{arguments.out}: {to} is a {layout_named(to).suffix} file; name it so"
         )
-    written, told = [], []
+    written, reported = [], []
     for motion in motions:
-        told += [f"guessed: {guess}" for guess in motion.guesses]
+        reported += [f"guessed: {guess}" for guess in motion.guesses]
         lost: tuple[str, ...] = ()
         if arguments.rate is not None:
             motion, lost = resampled(motion, arguments.rate)
         if motion.layout != to:
             lost = (*lost, *motion.extras)
         if lost:
-            told.append(f"left out, since {to} or the new rate has none: {_list(lost)}")
+            reported.append(
+                f"left out, since {to} or the new rate has none: {_list(lost)}"
+            )
         written.append(motion)
     write_motions(arguments.out, written, to, robot)
-    for line in dict.fromkeys(told):
+    for line in dict.fromkeys(reported):
         print(line)
     for motion in written:
         clip = f"{motion.clip}: " if motion.clip else ""

@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.robot_import import check_installed, import_robot, load_choices
     from crar_drake.robot_import.robot_files import default_name, find_urdf
 
-    # What is missing is told before a file is written.
+    # What is missing is reported before a file is written.
     check_installed()
     given, lock = arguments.robot, _groups_to_lock(arguments)
     robot, out = given, arguments.out

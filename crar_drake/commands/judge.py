@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Between the samples of a log in which meshes are judged [s].
 _MESH_PERIOD = 0.02
 
-# Pairs (and links) that are told one by one.
+# Pairs (and links) that are reported one by one.
 _MOST_LINES = 5
 
 
@@ -41,8 +41,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "independently of the controller; of robots with meshes also by the triangles "
         "of these, for all links more than one joint apart. A log with constraints "
         "lookahead says of its every control step how it could brake, and whether that "
-        "is true is told. The last line is OK, or VIOLATED and what, and the exit code "
-        "then 1. It also judges reference motions of a whole "
+        "is true is reported. The last line is OK, or VIOLATED and what, and the exit "
+        "code then 1. It also judges reference motions of a whole "
         "robot (.csv, .npz, .pkl, or folders of them): penetration, joint and speed "
         "limits, ground, jumps, slip of planted feet. The exit code is 2 if a file "
         "cannot be used.",
@@ -200,8 +200,8 @@ def certificate_lines(verdict: CertificateVerdict) -> list[str]:
                 f"; farthest beyond a limit {figures.largest_excess_joint}, "
                 f"{figures.largest_excess:.2g} rad"
             )
-    clear = verdict.told - verdict.told_unclear
-    claim = f"{clear} of {verdict.told} control steps with a clear braking path"
+    clear = verdict.reported - verdict.reported_unclear
+    claim = f"{clear} of {verdict.reported} control steps with a clear braking path"
     if math.isfinite(verdict.clearance):
         claim += f", distances of at least {1e3 * verdict.clearance:.1f} mm"
     if verdict.true:
@@ -240,8 +240,8 @@ def _judge_meshes(
 ) -> tuple[MeshVerdict, np.ndarray]:
     """What the meshes say, and when the samples are that were judged [s].
 
-    It is asked for before anything else, for a mesh that cannot be read to be told at
-    once.
+    It is asked for before anything else, for a mesh that cannot be read to be reported
+    at once.
     """
     from crar_drake.robot_import.link_meshes import check_installed
 

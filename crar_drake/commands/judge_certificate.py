@@ -9,7 +9,7 @@ from pathlib import Path
 from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError, MotionError
 
-# Sentences of what refutes a certificate that are told.
+# Sentences of what refutes a certificate that are reported.
 _MOST_LINES = 10
 
 
@@ -21,9 +21,9 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
             their robot is, or None for the name in the certificate.
 
     Returns:
-        The exit code: 2 if a motion or its certificate cannot be read, which is told
-        and does not end the check of others; 1 if a certificate is of another file or
-        robot, is not true, or something is violated; else 0.
+        The exit code: 2 if a motion or its certificate cannot be read, which is
+        reported and does not end the check of others; 1 if a certificate is of another
+        file or robot, is not true, or something is violated; else 0.
 
     Raises:
         CrarError: the only motion or its certificate cannot be read.

@@ -53,8 +53,8 @@ def add_reference_judge_options(parser: Parser) -> None:
         type=positive,
         default=math.inf,
         metavar="MM",
-        help="how far a foot may slip in one contact (default: slip is told, but is no "
-        "violation)",
+        help="how far a foot may slip in one contact (default: slip is reported, "
+        "but is no violation)",
     )
 
 
@@ -132,8 +132,8 @@ def run_references(arguments: argparse.Namespace) -> int:
         if judged[0].error:
             raise CrarError(judged[0].error)
     else:
-        with _judge_bar(len(files)) as told:
-            judged = judge_files(files, options, arguments.jobs, told)
+        with _judge_bar(len(files)) as reported:
+            judged = judge_files(files, options, arguments.jobs, reported)
     for entry in judged:
         for verdict in entry.verdicts:
             for line in verdict_lines(verdict):

@@ -219,7 +219,7 @@ def _tell_end(session: PlaySession, out: Path, asks: bool) -> None:
     session.end(f"ended after {live.time:.1f} s; {where}")
     print(
         f"{live.time:.1f} s simulated, {pacer.behind:.1f} s behind the clock; "
-        f"{live.told()}"
+        f"{live.reported()}"
     )
     if session.failure is not None:
         print(f"stopped: {session.failure}", file=sys.stderr)
@@ -238,7 +238,7 @@ def _kept(files: list[Path], out: Path) -> str:
     names = [path.name for path in files]
     if "log.npz" not in names:
         return f"nothing was written to {out}"
-    told = f"{out} holds {', '.join(names)}"
+    reported = f"{out} holds {', '.join(names)}"
     if "recording.html" not in names:
-        told += f"; crar-drake playback {out / 'log.npz'} makes a page"
-    return told
+        reported += f"; crar-drake playback {out / 'log.npz'} makes a page"
+    return reported

@@ -133,12 +133,12 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{server.motion.model.description.name}: UDP at {host}:{port}", flush=True)
     if arguments.lcm:
         print(f"LCM at {arguments.lcm}", flush=True)
-    told = NeverWaiting()
+    reported = NeverWaiting()
     with ctrl_c() as interrupts:
         try:
             server.run(
                 arguments.duration,
-                tell=lambda done: told.write(done.lines()[3]),
+                tell=lambda done: reported.write(done.lines()[3]),
                 asked=lambda: interrupts.asked,
             )
         except KeyboardInterrupt:  # a second one: at once

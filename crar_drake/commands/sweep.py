@@ -167,7 +167,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
-    """A wrong setting is told before hours of simulation, not by every case."""
+    """A wrong setting is reported before hours of simulation, not by every case."""
     for constraints, level, period in {
         (case.constraints, case.level, case.period) for case in cases
     }:

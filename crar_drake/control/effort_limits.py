@@ -39,7 +39,7 @@ _GROWTH, _TRIES, _MOST_FREE = 1.2, 8, 0.3
 _NO_EXCESS = 1e-4
 
 # The next braking torque is aimed to need 80 % of a limit at most, and to be possible
-# is told by the accelerations alone: so much counts as possible [1].
+# is judged by the accelerations alone: so much counts as possible [1].
 _SURE = 0.9
 
 _NO_INERTIA = np.zeros((0, 0))

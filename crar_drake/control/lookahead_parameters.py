@@ -53,7 +53,7 @@ class LookaheadParameters:
         retreat_speed: of a pair [m/s], and
         joint_retreat_speed: of a joint [rad/s]; the margins by which pairs and limits
             weigh grow at most as fast, too.
-        slip_time_constant: of the low-pass on what the plant did other than told,
+        slip_time_constant: of the low-pass on what the plant did other than commanded,
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
         nominal_speed_limit: how fast q_s is asked to move at most, in any joint

@@ -33,7 +33,7 @@ class PlausibleStates:
         limits = np.where(np.isfinite(limits), _OVER_LIMIT * limits, 0.0)
         self._fastest = np.maximum([_FASTEST[unit] for unit in units], limits)
         self._jump = np.array([_JUMP[unit] for unit in units])
-        # An angle without limits may be told within one turn.
+        # An angle without limits may be given within one turn.
         ranges = (model.upper - model.lower)[: model.num_joints]
         self._turn = np.where(np.isfinite(ranges), np.inf, 2.0 * np.pi)
         self._turns = np.flatnonzero(np.isfinite(self._turn))

@@ -4,7 +4,7 @@ The paper takes the minimum distances and collision points of Eqs. (19)-(26) fro
 a collision library. For capsules (a sphere is one of length zero) the closed form
 is exact and much faster than reading a library's answers one by one. A half space (the
 ground) is always the second shape, the first one a sphere: the ends of a capsule are
-two, the corners of a box eight. It is told by an axis, from a point of its surface
+two, the corners of a box eight. It is given by an axis, from a point of its surface
 straight into it.
 """
 

@@ -138,7 +138,7 @@ def collision_proximity(gradient: np.ndarray, d: np.ndarray) -> np.ndarray:
 
     Down to DISTANCE_CLAMP it is the magnitude of Eq. (25); below, where the slope
     is clamped, it goes on growing linearly with the depth, so that going deeper
-    is told from coming out.
+    is distinguished from coming out.
 
     Args:
         gradient: (Nc, n) Eq. (25).

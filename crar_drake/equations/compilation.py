@@ -31,7 +31,7 @@ _KNOWN_INSIDE = "0.68."
 
 COMPILING = "compiling the control law for this computer, once: this takes some minutes"
 
-_TOLD_EVERY = 5.0  # [s]
+_REPORTED_EVERY = 5.0  # [s]
 
 
 def arithmetic() -> str:
@@ -197,15 +197,15 @@ def when_compiling(tell: Callable[[str], None]) -> Iterator[None]:
 
     class Listener(event.Listener):
         functions = 0
-        start = told = 0.0
+        start = reported = 0.0
 
         def on_start(self, _: event.Event) -> None:
             now = time.monotonic()
-            if not self.told:
-                self.start = self.told = now
+            if not self.reported:
+                self.start = self.reported = now
                 tell(COMPILING)
-            elif now - self.told >= _TOLD_EVERY:
-                self.told = now
+            elif now - self.reported >= _REPORTED_EVERY:
+                self.reported = now
                 tell(f"{self.functions} functions compiled in {now - self.start:.0f} s")
 
         def on_end(self, _: event.Event) -> None:

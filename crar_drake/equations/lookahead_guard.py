@@ -366,5 +366,5 @@ def admit(
                         break
             s = scaled
     clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
-    told = np.array([how, share, clearance, 1.0 if present.held else 0.0])
-    return s[:n], s[n:], told
+    reported = np.array([how, share, clearance, 1.0 if present.held else 0.0])
+    return s[:n], s[n:], reported

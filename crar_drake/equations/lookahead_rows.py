@@ -136,7 +136,7 @@ def resting_velocity(qdot: np.ndarray, qddot: np.ndarray, T: float) -> np.ndarra
 def pair_margins(
     d: np.ndarray, dd_dv: np.ndarray, v: np.ndarray, T: float
 ) -> np.ndarray:
-    """(L3), (L4): h of two rows a pair, where it is told that the robot comes to rest.
+    """(L3), (L4): h of two rows a pair, where the robot comes to rest.
 
     At the state by its velocity, d(q) + T dd/dq q_dot, and at q_s itself, d(q_s).
 
@@ -147,7 +147,7 @@ def pair_margins(
         T: braking horizon [s].
 
     Returns:
-        (2 Nc,) [m]: first those told at q, and then those at q_s.
+        (2 Nc,) [m]: first those reported at q, and then those at q_s.
     """
     return np.concatenate((d[0] + T * times(dd_dv[0], v), d[1]))
 
@@ -180,7 +180,7 @@ def weighed_margins(
         h: (R,) margins of rows [m or rad].
         before: (R,) this function's value one period ago, infinite at a start; (0,)
             where rows were others.
-        least: what counts of those at least, lest rows that told of a deep
+        least: what counts of those at least, lest rows that reported of a deep
             penetration weigh for long [m or rad].
         most: by which they grow at most [m or rad].
     """
@@ -377,7 +377,8 @@ def slip_velocity(
     period: float,
     share: float,
 ) -> np.ndarray:
-    """(L9): how fast q_s moves besides s: T times what the plant did other than told.
+    """(L9): how fast q_s moves besides s: T times what the plant did other than
+    commanded.
 
     A torque that is held is not an acceleration that is held, models are wrong, and
     somebody may push. What the last control period showed of it is taken, through a

@@ -1,4 +1,4 @@
-"""Where the plant will be one control period on, if it does as told."""
+"""Where the plant will be one control period on, if it does as commanded."""
 
 from __future__ import annotations
 

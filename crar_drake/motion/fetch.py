@@ -75,7 +75,7 @@ def fetch(
         trial: `05_02` or `cmu:05_02`.
         cache: folder to keep the files in; the user's cache by default.
         base_url: a server with the database's layout.
-        progress: is told how far each download is.
+        progress: is reported how far each download is.
         force: downloads again, whatever is there.
         known: the checksums; those of `known_trials` by default.
         sleep: waits between attempts [s].
@@ -204,7 +204,7 @@ class _Part:
             size = self.path.stat().st_size
         except (FileNotFoundError, ValueError):
             return 0, ""
-        # Without a validator a changed file cannot be told from the old one.
+        # Without a validator a changed file cannot be distinguished from the old one.
         return (size, validator) if url == self.url and validator else (0, "")
 
     def begin(self, validator: str) -> None:
@@ -307,7 +307,7 @@ def _receive(
         if total is None and not response.chunked and not has_checksum:
             raise MotionError(
                 f"{part.url}: the server does not say how long the file is, so that a "
-                f"cut-off one could not be told; name another server"
+                f"cut-off one could not be noticed; name another server"
             )
 
     with open(part.path, "ab") as file:

@@ -1,4 +1,4 @@
-"""Gaps in recorded points: filled where they are short, told where they are not."""
+"""Gaps in recorded points: filled where they are short, reported where they are not."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _FROZEN_TIME = 0.05  # [s]
 # A joint centre is faster than this for a hundredth of the time: the frame rate is in
 # doubt. Of 25 CMU trials (dances, runs, kicks, boxing, karate, dives) none comes
 # beyond 6.8 m/s at its own rate, eight come beyond 9 m/s at twice that and all but
-# six at four times. What is slow at the wrong rate, too, cannot be told.
+# six at four times. What is slow at the wrong rate, too, cannot be seen.
 _IMPLAUSIBLE_SPEED = 9.0  # [m/s]
 _SPEED_QUANTILE = 0.99
 _FLIP_VICINITY = 0.1  # that the low-pass smears a flip over, on each side [s]

@@ -108,7 +108,7 @@ class LiveScene:
         }
 
     def _between_links(self, distances: np.ndarray) -> np.ndarray:
-        """The distances that are told [m]: feet are always near the ground, which
+        """The distances that are reported [m]: feet are always near the ground, which
         counts where it is penetrated, as in `SimulationLog.between_links`."""
         return np.where(self._above_ground & (distances >= 0.0), np.inf, distances)
 

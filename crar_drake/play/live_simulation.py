@@ -31,7 +31,7 @@ _SPEED, _ANGULAR_SPEED, _RISE = 1.5, 6.0, 0.1
 _ROOM = 1.1  # over what the motion does
 _MOST_SAMPLES = 2000  # of the motion, to see how fast it is
 
-_MOST_EVENTS, _MOST_TOLD = 10_000, 1000
+_MOST_EVENTS, _MOST_REPORTED = 10_000, 1000
 
 # The gains that can be changed; their names in `CrarParameters`.
 GAINS = ("K", "Kp", "Gv")
@@ -206,8 +206,8 @@ class LiveSimulation:
             ScenarioError: with them the feedback would diverge.
         """
         self._take_over(replace(self.parameters, **gains))
-        told = ", ".join(f"{name} {value:g}" for name, value in gains.items())
-        self._note(told)
+        reported = ", ".join(f"{name} {value:g}" for name, value in gains.items())
+        self._note(reported)
 
     def set_offset(self, task: int, offset: np.ndarray) -> None:
         """Moves a target away from the motion's.
@@ -292,7 +292,7 @@ class LiveSimulation:
         weakest = min(self._modes, key=list(MODES).index)
         return replace(
             self.scenario,
-            description="\n".join([self.told(), *self._changes()]),
+            description="\n".join([self.reported(), *self._changes()]),
             controller=replace(self.parameters, constraints=weakest),
             disturbances=replace(
                 self.scenario.disturbances, pushes=[*self.pushes, *self._acting]
@@ -300,10 +300,10 @@ class LiveSimulation:
         )
 
     def _changes(self) -> list[str]:
-        told = list(self.events)[-_MOST_TOLD:]
-        return [f"{event.time:.3f} s: {event.what}" for event in told]
+        reported = list(self.events)[-_MOST_REPORTED:]
+        return [f"{event.time:.3f} s: {event.what}" for event in reported]
 
-    def told(self) -> str:
+    def reported(self) -> str:
         """What it was, in a line."""
         words = ["played live"]
         if len(self._modes) > 1:

@@ -68,8 +68,8 @@ class LiveSource(LeafSystem):
         rate = slope * way_rate
         change = bend * way_rate**2 + slope * way_change
         self._source_context.SetTime(phase)
-        told = self._source.get_output_port(0).Eval(self._source_context)
-        x, v, a = np.split(told, self._splits)
+        reported = self._source.get_output_port(0).Eval(self._source_context)
+        x, v, a = np.split(reported, self._splits)
         output.SetFromVector(
             np.concatenate((x + offset, rate * v, rate * rate * a + change * v))
         )

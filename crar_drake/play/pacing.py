@@ -7,7 +7,7 @@ from collections import deque
 # More than this is not made up for: a simulation that was held up goes on at the wished
 # speed, not faster [s].
 _PATIENCE = 0.1
-_WINDOW = 1.0  # of the rate that is told [s]
+_WINDOW = 1.0  # of the rate that is reported [s]
 
 SLOWEST, FASTEST = 0.05, 4.0
 
@@ -16,7 +16,7 @@ class Pacer:
     """Says when the next step is due.
 
     No step is left out: where the computer is too slow, simulated time falls behind,
-    and what it has fallen behind by is told.
+    and what it has fallen behind by is reported.
 
     Attributes:
         paused: whether simulated time stands.

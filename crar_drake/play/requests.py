@@ -103,7 +103,7 @@ def _whole(value: object) -> int:
 
 def _name(value: object) -> str:
     if not isinstance(value, str) or len(value) > 200:
-        raise RequestError("a frame is told by its name")
+        raise RequestError("a frame is given by its name")
     return value
 
 

@@ -44,9 +44,9 @@ def save_session(
         log,
         scenario=scenario,
         motion=inspect(performer) if performer is not None else None,
-        warnings=[live.told()],
+        warnings=[live.reported()],
     )
     summary = replace(summary, stopped=reason_of(failure))
     result = RunResult(log, summary, live.setup)
-    missing = write_run(out, result, scenario, record, interrupts, note=live.told())
+    missing = write_run(out, result, scenario, record, interrupts, note=live.reported())
     return result, missing

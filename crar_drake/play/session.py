@@ -53,7 +53,7 @@ class PlaySession:
             scenario: validated.
             host, port: of the page, see `PlayServer`; Meshcat takes a port of its own.
             speed: simulated seconds in a real one.
-            tell: is told, in a sentence, when the control law has to be compiled.
+            tell: is reported, in a sentence, when the control law has to be compiled.
 
         Raises:
             CrarError: something in the scenario, its robot or its motion is wrong, or
@@ -116,14 +116,14 @@ class PlaySession:
         finally:
             gc.unfreeze()
 
-    def end(self, told: str = "") -> None:
+    def end(self, reported: str = "") -> None:
         """Ends the page.
 
         Args:
-            told: what it says from then on.
+            reported: what it says from then on.
         """
-        if told:
-            self._server.show({"ended": told})
+        if reported:
+            self._server.show({"ended": reported})
         self._server.close()
 
     def close(self) -> bool:

@@ -89,8 +89,8 @@ def clean_folder(
     Raises:
         ModelError: there is no such robot.
         CrarError: there are no files, `out` is the folder itself or below it, or
-            another process is writing to it. What is wrong with one file is told of it,
-            and is not fatal.
+            another process is writing to it. What is wrong with one file is reported of
+            it, and is not fatal.
     """
     references = find_references(folder)
     if out.resolve().is_relative_to(folder.resolve()):

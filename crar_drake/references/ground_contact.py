@@ -2,7 +2,7 @@
 
 A foot is *planted* while it is low and still (`motion.planted_feet`). The floor is
 where the feet are when they are lowest, since motions may float or sink as a whole,
-which is told apart.
+which is reported apart.
 
 The *slip* of a planted foot from one frame to the next is the smallest horizontal way
 of its points near the floor, those between its vertices among them: a foot that rolls

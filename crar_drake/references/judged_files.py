@@ -84,7 +84,7 @@ def judge_files(
     files: Sequence[str],
     options: JudgeOptions,
     jobs: int | None = None,
-    told: Callable[[int], None] | None = None,
+    reported: Callable[[int], None] | None = None,
 ) -> list[JudgedFile]:
     """Judges files in several processes.
 
@@ -92,7 +92,7 @@ def judge_files(
         files: their paths.
         options: for all of them.
         jobs: number of processes; by default one per core.
-        told: is called with the number of files that are judged.
+        reported: is called with the number of files that are judged.
 
     Returns:
         An entry a file, in their order.
@@ -100,7 +100,7 @@ def judge_files(
     Raises:
         CrarError: the robot cannot be used.
     """
-    # A robot that cannot be used is told once, before any process starts.
+    # A robot that cannot be used is reported once, before any process starts.
     load_robot_description(options.robot)
     done: dict[str, JudgedFile] = {}
     jobs = jobs or os.cpu_count() or 1
@@ -123,8 +123,8 @@ def judge_files(
                         continue
                     judged = [JudgedFile(batch[0], (), f"{batch[0]}: {error}")]
                 done |= {entry.path: entry for entry in judged}
-                if told is not None:
-                    told(len(done))
+                if reported is not None:
+                    reported(len(done))
     return [done[file] for file in files]
 
 

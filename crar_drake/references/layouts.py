@@ -1,4 +1,5 @@
-"""The layouts of robot motions that are read and written, and how a file is told."""
+"""The layouts of robot motions that are read and written, and how a file is
+recognised."""
 
 from __future__ import annotations
 

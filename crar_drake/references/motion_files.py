@@ -17,7 +17,7 @@ from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
 from crar_drake.references.robot_match import matched
 from crar_drake.references.robot_motion import (
-    UNTOLD_ORDER,
+    UNKNOWN_ORDER,
     RobotMotion,
     check_joint_names,
 )
@@ -40,7 +40,7 @@ def read_motion(
         path: of the file.
         layout: its name (`layouts.LAYOUTS`); by default what the file looks like.
         rate: samples per second [Hz]; by default what the file says, else the usual
-            one of its layout, which is told among the guesses.
+            one of its layout, which is reported among the guesses.
         joint_names: (n,) names of its joints in its order, where the file has none.
         clip: which motion, where the file holds several.
         robot: that it is a motion of. With it the joints are checked, put into the
@@ -80,7 +80,7 @@ def read_motions(
         motions = tuple(_with_plausible_rate(motion) for motion in motions)
     if robot is None:
         for motion in motions:
-            if motion.layout == UNTOLD_ORDER:
+            if motion.layout == UNKNOWN_ORDER:
                 raise motion.untold_order()
         return motions
     return tuple(matched(motion, robot) for motion in motions)
@@ -138,14 +138,14 @@ def write_motions(
 
 def _with_plausible_rate(motion: RobotMotion) -> RobotMotion:
     """The motion; one that states the time between frames for the rate has the rate."""
-    rate, told = motion.rate, rate_doubt(motion.rate)
+    rate, reported = motion.rate, rate_doubt(motion.rate)
     if 0.0 < rate < SLOWEST:
         where = str(motion.source)
         readings = {"the time between frames in seconds": 1.0 / rate}
-        rate, told = rate_meant(where, f"a rate of {rate:g} Hz", readings)
-    if not told:
+        rate, reported = rate_meant(where, f"a rate of {rate:g} Hz", readings)
+    if not reported:
         return motion
-    return replace(motion, rate=rate, guesses=(*motion.guesses, told)).as_read()
+    return replace(motion, rate=rate, guesses=(*motion.guesses, reported)).as_read()
 
 
 def _read_file(

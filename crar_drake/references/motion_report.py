@@ -20,7 +20,7 @@ from crar_drake.references.smoothness import (
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 
-# Things that are told one by one.
+# Things that are reported one by one.
 _MOST = 5
 
 # An angle beyond this is none of a joint in radians [rad].
@@ -119,11 +119,11 @@ def _limit_lines(motion: RobotMotion, robot: WholeBody) -> Iterator[str]:
             continue
         worst = excess.max(axis=0)
         joints = sorted(np.flatnonzero(bad.any(axis=0)), key=lambda i: -worst[i])
-        told = ", ".join(
+        reported = ", ".join(
             f"{robot.joint_names[i]} by {worst[i]:.3g} {unit}" for i in joints[:_MOST]
         )
         more = f" and {len(joints) - _MOST} more" if len(joints) > _MOST else ""
-        yield f"beyond {what} in {bad.any(axis=1).sum()} frames: {told}{more}"
+        yield f"beyond {what} in {bad.any(axis=1).sum()} frames: {reported}{more}"
 
 
 def plot_robot_motion(motion: RobotMotion, path: str | os.PathLike[str]) -> None:

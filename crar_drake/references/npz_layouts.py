@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import load_arrays
-from crar_drake.references.robot_motion import UNTOLD_ORDER, RobotMotion
+from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
 USUAL_RATE = 50.0  # [Hz]
@@ -61,7 +61,7 @@ def read_npz(
     """Reads an NPZ file; `layout` None tells the kinds apart.
 
     Where the file does not tell the two kinds without names apart, `layout` of the
-    motion is `UNTOLD_ORDER`, and its robot has to (`robot_match`).
+    motion is `UNKNOWN_ORDER`, and its robot has to (`robot_match`).
 
     Raises:
         MotionError: the file is damaged.
@@ -284,7 +284,7 @@ def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
         return "mjlab-npz", f"joints are depth first, as MuJoCo's: {evidence}"
     if share < _BREADTH_FIRST_SHARE:
         return "beyondmimic-npz", f"joints are breadth first, as Isaac's: {evidence}"
-    return UNTOLD_ORDER, (
+    return UNKNOWN_ORDER, (
         "whether joints are depth first or breadth first cannot be guessed "
         f"({evidence})"
     )

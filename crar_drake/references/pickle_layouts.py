@@ -152,8 +152,8 @@ def _motion(
     }
     lengths = {key: len(arrays[what]) for what, key in keys.items()}
     if len(set(lengths.values())) > 1 or not lengths[keys["position"]]:
-        told = ", ".join(f"{key} {number}" for key, number in lengths.items())
-        raise MotionError(f"{where}: numbers of frames differ or are zero: {told}")
+        reported = ", ".join(f"{key} {number}" for key, number in lengths.items())
+        raise MotionError(f"{where}: numbers of frames differ or are zero: {reported}")
     zero = np.flatnonzero(np.linalg.norm(arrays["rotation"], axis=1) < 1e-6)
     if len(zero):
         raise MotionError(

@@ -44,7 +44,7 @@ class Tolerances:
 
     Attributes:
         below_ground: depth of the lowest point [m].
-        slip: way of a foot in one contact [m]; infinite: slip is told, but violates
+        slip: way of a foot in one contact [m]; infinite: slip is reported, but violates
             nothing.
     """
 

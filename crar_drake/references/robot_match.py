@@ -8,7 +8,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.references.layouts import LAYOUTS, reordered
-from crar_drake.references.robot_motion import UNTOLD_ORDER, RobotMotion
+from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
 # Links may be off by this where a motion says where they are: models of one robot have
@@ -17,7 +17,7 @@ _SAME_LINK = 0.03
 
 # Layouts that differ by the order of the joints alone: depth first, breadth first, and
 # one of these.
-_TOLD_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", UNTOLD_ORDER)
+_KNOWN_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", UNKNOWN_ORDER)
 
 # What a reader says of the order, which counts no more beside what a robot tells.
 _ORDER_GUESSES = ("joints are ", "whether joints are ")
@@ -71,14 +71,14 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
                 f"{1e3 * errors[other]:.0f} mm)"
             )
             settled = True
-    if motion.layout == UNTOLD_ORDER and not settled:
+    if motion.layout == UNKNOWN_ORDER and not settled:
         raise motion.untold_order()
     guesses = tuple(
         guess for guess in motion.guesses if not guess.startswith(_ORDER_GUESSES)
     )
     named = replace(motion, joint_names=orders[order], guesses=(*guesses, how))
-    if motion.layout in _TOLD_BY_LINKS:
-        named = replace(named, layout=_TOLD_BY_LINKS[order == "breadth first"])
+    if motion.layout in _KNOWN_BY_LINKS:
+        named = replace(named, layout=_KNOWN_BY_LINKS[order == "breadth first"])
     named = named.as_read() if motion.is_as_read else named
     return reordered(named, robot.joint_names)
 
@@ -121,7 +121,7 @@ def _check_links(motion: RobotMotion, robot: WholeBody) -> None:
 def _links_off(
     motion: RobotMotion, robot: WholeBody, links: tuple[str, ...]
 ) -> float | None:
-    """How far links are at most from where a file says [m]; None if it cannot be told.
+    """How far links are at most from where a file says [m]; None if it cannot be seen.
 
     Args:
         motion: with names.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # The layout of a file that does not tell whether its joints are depth first or breadth
 # first, until its robot does.
-UNTOLD_ORDER = "npz"
+UNKNOWN_ORDER = "npz"
 
 # A quaternion whose length differs by more from 1 is no rotation.
 _LENGTH_TOLERANCE = 1e-3

@@ -29,12 +29,12 @@ class MeshFrames:
 
     def __str__(self) -> str:
         frames = "frame" if self.num_penetrating == 1 else "frames"
-        told = f"meshes penetrate in {self.num_penetrating} {frames}"
+        reported = f"meshes penetrate in {self.num_penetrating} {frames}"
         if self.pairs:
             a, b, _ = self.pairs[0]
             more = len(self.pairs) - 1
-            told += f" ({a} - {b}{f' and {more} more' if more else ''})"
-        return told
+            reported += f" ({a} - {b}{f' and {more} more' if more else ''})"
+        return reported
 
 
 class Uncovered:

@@ -13,7 +13,7 @@ from crar_drake.references.reference_judge import (
     frames_of,
 )
 
-# Pairs and joints that are told one by one.
+# Pairs and joints that are reported one by one.
 _MOST = 5
 
 HEADER = (

@@ -90,8 +90,8 @@ class CertificateVerdict:
         between: those of the samples in between, where the log is finer. What the
             certificate says is said of control steps: in between pairs keep off each
             other on the way, but paths are not promised to keep the floor.
-        told: control steps in the log that say whether they are clear.
-        told_unclear: those that say that they are not; nothing is claimed there.
+        reported: control steps in the log that say whether they are clear.
+        reported_unclear: those that say that they are not; nothing is claimed there.
         clearance: the smallest that is claimed [m]; infinite if none is.
         not_clear: judged paths that are claimed to be clear and are not, and the
             worst of them.
@@ -103,8 +103,8 @@ class CertificateVerdict:
     every: int
     steps: PathFigures
     between: PathFigures
-    told: int = 0
-    told_unclear: int = 0
+    reported: int = 0
+    reported_unclear: int = 0
     clearance: float = math.inf
     not_clear: int = 0
     not_clear_worst: Place | None = None
@@ -174,10 +174,10 @@ def judge_certificate(
     verdict = CertificateVerdict(
         paths.floor, stride, PathFigures(len(ticks)), PathFigures(len(between))
     )
-    told = claims[ticks][np.isfinite(claims[ticks, 0])]
-    verdict.told = len(told)
-    verdict.told_unclear = int(np.count_nonzero(told[:, 2] == 0.0))
-    verdict.clearance = float(told[told[:, 2] == 1.0, 1].min(initial=math.inf))
+    reported = claims[ticks][np.isfinite(claims[ticks, 0])]
+    verdict.reported = len(reported)
+    verdict.reported_unclear = int(np.count_nonzero(reported[:, 2] == 0.0))
+    verdict.clearance = float(reported[reported[:, 2] == 1.0, 1].min(initial=math.inf))
     for k in chosen:
         place = paths.count(k, bounds[k], verdict.steps)
         _, clearance, clear = claims[k]
@@ -263,7 +263,7 @@ class _Paths:
         self.floor = ahead.distance_margin - ahead.admission_slack
         self._log, self._referee = log, referee
         self._horizon = parameters.braking_horizon
-        # Prescribed joints go where they are told to.
+        # Prescribed joints go where they are sent.
         self._limited = np.isin(referee.joint_names, log.controlled_names)
         self._moves = Moves(referee.plant)
         self._known: dict[int, Place] = {}

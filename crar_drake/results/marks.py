@@ -25,7 +25,7 @@ NEARNESS_STEPS = (3.0, 1.0, 0.25)  # of the warning distance
 NEAR_PAIRS = ("#e02b20", "#f0803c", "#c99700", "#8c4a2f")
 
 # The lines of single targets: the left one, and the right one or that in the middle, of
-# a kind. Seven and more are told apart by hue, the two of a kind by lightness.
+# a kind. Seven and more are distinguished by hue, the two of a kind by lightness.
 TARGETS = (
     ("#4c1d95", "#b794f6"),  # violet
     ("#0b6b5d", "#3ec9b0"),  # green

@@ -121,7 +121,7 @@ def compare_motions(
 
     Args:
         motions: at least two and at most as many as `marks.RUNS`, with their joints in
-            the robot's order. What became of each is told against the first.
+            the robot's order. What became of each is reported against the first.
         path: of the .html file; appears whole or not at all.
         judge: of the robot.
         labels: what to call each.

@@ -1,6 +1,6 @@
 """A page whose scripts, meshes and arrays are compressed; the browser unpacks them.
 
-Meshcat's own script alone has 2.2 MB, and what it is told to draw is base64 of text. In
+Meshcat's own script alone has 2.2 MB, and what it draws is base64 of text. In
 one gzip stream that shrinks to a third or less. `page/unpack.js` undoes it, with the
 browser's own DecompressionStream.
 """

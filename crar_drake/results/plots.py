@@ -192,8 +192,8 @@ def _draw_spans(ax: Axes, spans: dict[str, list[tuple[float, float]]]) -> None:
 def _draw_distances(
     ax: Axes, log: SimulationLog, summary: Summary, warning_distance: float
 ) -> None:
-    told = np.flatnonzero(log.between_links)
-    millimetres, names = 1e3 * log.signed_distances[:, told], log.pair_names[told]
+    shown = np.flatnonzero(log.between_links)
+    millimetres, names = 1e3 * log.signed_distances[:, shown], log.pair_names[shown]
     least = millimetres.min(axis=0)
     nearest = np.argsort(least, kind="stable")
     near = 1e3 * marks.NEARNESS_STEPS[0] * warning_distance
@@ -204,7 +204,7 @@ def _draw_distances(
         ax.plot(log.time, millimetres[:, i], color="0.8", linewidth=0.5, label=label)
     smallest = millimetres.min(axis=1)
     ax.plot(log.time, smallest, color=marks.SMALLEST, linewidth=1.8, label="smallest")
-    told: list[float] = []  # when
+    reported: list[float] = []  # when
     for colour, i in zip(marks.NEAR_PAIRS, named, strict=False):
         ax.plot(
             log.time,
@@ -216,8 +216,9 @@ def _draw_distances(
         at = np.argmin(millimetres[:, i])
         ax.plot(log.time[at], least[i], ".", color=colour, markersize=5)
         # Below those that would be written over; all of them are near the bottom.
-        close = np.abs(np.array(told) - log.time[at]) < _FIGURE_WIDTH * np.ptp(log.time)
-        told.append(log.time[at])
+        distance = np.abs(np.array(reported) - log.time[at])
+        close = distance < _FIGURE_WIDTH * np.ptp(log.time)
+        reported.append(log.time[at])
         ax.annotate(
             f"{least[i]:.1f}".replace("-", "−"),
             (log.time[at], least[i]),
@@ -353,14 +354,14 @@ def _draw_torque(ax: Axes, time: np.ndarray, joints: ControlledJoints) -> None:
     ax.set_ylim(len(limits) - 0.5, -0.5)
     most = np.where(limited, peak / limits, 0.0)
     worst = int(np.argmax(most))
-    told = (
+    reported = (
         f"at most {100.0 * most[worst]:.0f} %, {joints.names[worst]}; white: none, "
         "dark: all of it, red: beyond"
         if limited.any()
         else "the model states no limits; dark: the joint's largest"
     )
     unit = "Nm; N where joints slide" if "m" in joints.units else "Nm"
-    _headline(ax, f"Torque [{unit}], share of the limit: {told}")
+    _headline(ax, f"Torque [{unit}], share of the limit: {reported}")
 
 
 def _draw_power(

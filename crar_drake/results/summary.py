@@ -125,7 +125,7 @@ class Summary:
         arithmetic: what computed the control law; "" if not known.
         stopped: why the run ended before its time, "interrupted" or an error; "" if
             it did not, or if it is not known.
-        sliding_joints: controlled joints whose positions are in m: what is told of
+        sliding_joints: controlled joints whose positions are in m: what is reported of
             them is in m, m/s and N where rad, rad/s and Nm stand here.
         limb_directions: limb to the angle between its direction and the performer's,
             see `limb_directions`; empty with keyframes, and where it was not computed.
@@ -267,10 +267,10 @@ def summarize(
 
     distance, distance_pair, distance_time = None, "", None
     if log.signed_distances.size:
-        told = np.flatnonzero(log.between_links)
-        sample, pair = _argmax(-log.signed_distances[:, told])
-        distance = float(log.signed_distances[sample, told[pair]])
-        distance_pair = str(log.pair_names[told[pair]])
+        reported = np.flatnonzero(log.between_links)
+        sample, pair = _argmax(-log.signed_distances[:, reported])
+        distance = float(log.signed_distances[sample, reported[pair]])
+        distance_pair = str(log.pair_names[reported[pair]])
         distance_time = float(log.time[sample])
     sample, joint = _argmax(joints.excess)
     excess = max(float(joints.excess[sample, joint]), 0.0)
@@ -351,8 +351,8 @@ def _admission(log: SimulationLog, period: float) -> dict[str, int | float | Non
     """What the summary says of how steps were admitted."""
     steps = log.control_steps(period)
     time, (how, _, clearance, clear) = log.time[steps], log.admission[steps].T
-    told = np.isfinite(how)
-    held_back = told & (how != AS_NOMINAL)
+    reported = np.isfinite(how)
+    held_back = reported & (how != AS_NOMINAL)
     longest, since = 0.0, None
     # A step lasts until the next; the last one is taken for as long as a period.
     ends = np.append(time[1:], time[-1] + period)
@@ -361,11 +361,11 @@ def _admission(log: SimulationLog, period: float) -> dict[str, int | float | Non
         if since is not None:
             longest = max(longest, float(end - since))
     return dict(
-        admitted_steps=int(np.count_nonzero(told)),
+        admitted_steps=int(np.count_nonzero(reported)),
         corrected_steps=int(np.count_nonzero(how == CORRECTED)),
         scaled_steps=int(np.count_nonzero(how == SCALED)),
         unclear_steps=int(np.count_nonzero(clear == 0.0)),
-        unexamined_steps=int(np.count_nonzero(told & np.isnan(clear))),
+        unexamined_steps=int(np.count_nonzero(reported & np.isnan(clear))),
         path_clearance=_smallest(clearance),
         longest_held_back=longest,
     )

@@ -48,7 +48,7 @@ class ControlModel:
     or *controlled* (the paper's q, in the plant's order of velocities). Each must
     have as many velocities as positions and be actuated. Only the root may be free
     (`equations.free_joints`), its orientation and its position each prescribed or
-    controlled: no actuator moves it, and the force that does is told apart.
+    controlled: no actuator moves it, and the force that does is reported apart.
 
     Attributes:
         plant, scene_graph, diagram: the model itself.
@@ -531,7 +531,8 @@ class ControlModel:
 
 
 def _refuse_constraints(plant: MultibodyPlant) -> None:
-    """Raises ModelError: with couplers and the like joints do otherwise than told."""
+    """Raises ModelError: with couplers and the like joints do otherwise than
+    commanded."""
     if not plant.num_constraints():
         return
     names = [
@@ -542,6 +543,6 @@ def _refuse_constraints(plant: MultibodyPlant) -> None:
     raise ModelError(
         f"the plant of {', '.join(names)} has {plant.num_constraints()} constraints "
         "that the control law does not know (<mimic>, AddCouplerConstraint, "
-        "AddBallConstraint and the like): its joints would do otherwise than told; "
-        "remove them, and lock or control the joints"
+        "AddBallConstraint and the like): its joints would not do what is "
+        "commanded; remove them, and lock or control the joints"
     )

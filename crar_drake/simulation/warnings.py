@@ -1,4 +1,4 @@
-"""What a run can be told to its user that is no mistake, but perhaps not meant."""
+"""What a run can report to its user that is no mistake, but perhaps not meant."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def failures(results: Iterable[Result]) -> list[str]:
 
 
 def _rows(figures: ModeFigures) -> list[tuple[str, str]]:
-    """Name and text of everything that is told of a mode."""
+    """Name and text of everything that is reported of a mode."""
     nearest = figures.extreme("smallest_distance", min)
     farthest = figures.extreme("largest_excess", max)
     worst = figures.extreme("rms_task_error", max)

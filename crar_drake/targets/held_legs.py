@@ -18,7 +18,7 @@ class HeldLegs:
     Joints that turn evenly do not carry a foot evenly. Let joints have the velocities v
     at t and v' at t + h, and a foot the velocities V and V' then, and the acceleration
     A at t if the joints have (v' - v) / h. To have V' at t + h, its joints as they are
-    then, a foot must be told A, not (V' - V) / h. They differ by
+    then, a foot must be given A, not (V' - V) / h. They differ by
 
         A - (V' - V) / h = -h (J_dot v_dot + J_ddot v / 2) + ...,
 
@@ -60,7 +60,7 @@ class HeldLegs:
         self._time, self._lack = np.nan, {}
 
     def lack(self, frame: str, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """(6,) velocity and (6,) acceleration that a frame must be told at `time` [s]
+        """(6,) velocity and (6,) acceleration that a frame must be given at `time` [s]
         besides those of its way, in W [rad/s, m/s; rad/s^2, m/s^2]; 0 after the end."""
         if time != self._time:
             self._time, self._lack = time, self._lacks(time)

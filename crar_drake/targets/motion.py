@@ -245,7 +245,7 @@ def _held(
     ways: dict[str, PointTrajectory | CarriedTrajectory],
     hold: float,
 ) -> dict[str, HeldTrajectory]:
-    """The ways as they are told to who holds accelerations for `hold` [s]."""
+    """The paths as they are given to who holds accelerations for `hold` [s]."""
     plant, frames = model.plant, model.description.task_frames
     carried = {
         name: find_frame(plant, frames[task.frame])

@@ -77,7 +77,8 @@ class SafeMotion:
         return bool(np.abs(self.v).max(initial=0.0) < _AT_REST)
 
     def stop_here(self) -> None:
-        """The robot is where it is, at rest: nobody has told it to move for long."""
+        """The robot is where it is, at rest: nobody has commanded it to move for
+        long."""
         self.v = np.zeros_like(self.v)
         self.law.reset()
 

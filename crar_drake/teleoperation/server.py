@@ -232,7 +232,7 @@ class TeleoperationServer:
         # What lives as long as the server need not be looked through again and again.
         gc.collect()
         gc.freeze()
-        self._start = told = time.monotonic()
+        self._start = reported = time.monotonic()
         tick = self._start + self.period
         self._stopped = False
         while True:
@@ -250,8 +250,8 @@ class TeleoperationServer:
                 self.motion.stop_here()
             self.tick(tick)
             tick += self.period
-            if tell is not None and tick - told >= every:
-                told = tick
+            if tell is not None and tick - reported >= every:
+                reported = tick
                 tell(self.statistics)
 
     def tick(self, now: float) -> Command:

@@ -86,8 +86,8 @@ def test_what_the_log_claims_of_braking_paths_is_true(run):
     step = run.setup.model.plant.time_step()
     verdict = judge_certificate(log, referee_of(run), parameters, step, every=40)
     assert verdict.true and not verdict.violated
-    assert verdict.told == run.summary.admitted_steps == verdict.steps.of
-    assert verdict.told_unclear == run.summary.unclear_steps == 0
+    assert verdict.reported == run.summary.admitted_steps == verdict.steps.of
+    assert verdict.reported_unclear == run.summary.unclear_steps == 0
     assert verdict.steps.judged >= 100 and verdict.steps.below_floor == 0
     assert verdict.clearance == run.summary.path_clearance >= verdict.floor
 

@@ -78,7 +78,7 @@ def test_the_claim_is_of_the_next_braking_path(by, undercut):
     found = judge(log)
     assert (found.undercut, found.not_clear) == (undercut, 0)
     assert found.true == (undercut == 0) and not found.violated
-    assert found.told == found.steps.judged == found.steps.of == 3
+    assert found.reported == found.steps.judged == found.steps.of == 3
     assert found.steps.nearest.distance == pytest.approx(0.2)
     assert found.steps.nearest.time == PERIOD
     assert found.clearance == pytest.approx(min(0.2 + by, 0.35))
@@ -103,7 +103,7 @@ def test_the_claim_is_of_the_next_braking_path(by, undercut):
 def test_a_path_that_is_said_to_be_clear(rest, clear, refuted, below, penetrating):
     log = log_of([0.0, 0.0], [2.0 * rest, 0.0], 0.004, [clear, 1.0], a=0.0)
     found = judge(log)
-    assert (found.not_clear, found.told_unclear) == (refuted, int(clear == 0.0))
+    assert (found.not_clear, found.reported_unclear) == (refuted, int(clear == 0.0))
     assert (found.steps.below_floor, found.steps.penetrating) == (below, penetrating)
     assert found.violated == bool(penetrating)
     assert found.true == (not refuted)
@@ -182,7 +182,7 @@ def test_steps_without_targets_claim_nothing():
     nan = np.nan
     log = log_of([0.0, 0.0], [1.7, 0.0], [nan, 0.7], [nan, 1.0], [nan, 0.0])
     found = judge(log)
-    assert (found.told, found.not_clear, found.steps.penetrating) == (1, 0, 1)
+    assert (found.reported, found.not_clear, found.steps.penetrating) == (1, 0, 1)
     assert found.true and found.violated
     assert has_certificate(log)
     assert not has_certificate(log_of([0.0], 0.0, nan, nan, nan))

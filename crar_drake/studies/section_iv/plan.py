@@ -136,7 +136,7 @@ def make_plan(
     for label in labels:
         if labels.count(label) > 1:
             raise CrarError(f"two of the motions are called {label}")
-    # A motion that is not there is told before anything is simulated.
+    # A motion that is not there is reported before anything is simulated.
     durations = {motion: load_clip(motion).duration for motion in motions}
     if duration is not None:
         durations = {motion: min(duration, d) for motion, d in durations.items()}

@@ -124,10 +124,12 @@ def _compare_references(
         )
     if not arguments.robot:
         raise UsageError("say which robot the motions are of: --robot ROBOT")
+    from crar_drake.robot.description import whole_body_name
+
     compare_files(
         paths,
         out,
-        arguments.robot,
+        whole_body_name(arguments.robot),
         labels=arguments.label or _file_labels(paths),
         layout=arguments.layout,
         rate=arguments.frame_rate,

@@ -116,7 +116,7 @@ def check_log(result: RunResult, log: SimulationLog, folder: Path) -> None:
     model, parameters = result.setup.model, CrarParameters(period=PERIOD)
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
     verdict = judge_certificate(log, referee, parameters, STEP)
-    assert verdict.true and verdict.told_unclear == 0 and verdict.steps.judged > 20
+    assert verdict.true and verdict.reported_unclear == 0 and verdict.steps.judged > 20
     plot_run(log, folder / "plot.png")
     record_log(log, folder / "page.html", meshcat=SpyMeshcat())
     assert (folder / "page.html").stat().st_size > 1e5

@@ -15,7 +15,8 @@ from small_logs import small_log
 
 import crar_drake.run
 from crar_drake.commands import main, options, parse
-from crar_drake.control.parameters import CONSTRAINTS, LEVELS
+from crar_drake.control.modes import MODES
+from crar_drake.control.parameters import LEVELS
 from crar_drake.errors import ScenarioError
 from crar_drake.motion.catalogue import MotionFiles, load_clip
 from crar_drake.motion.report import inspect
@@ -788,7 +789,7 @@ COMMANDS = {
 
 def test_help_offers_what_there_is():
     assert options.LEVELS == LEVELS
-    assert options.CONSTRAINTS == CONSTRAINTS
+    assert options.CONSTRAINTS == tuple(MODES)
     assert options.EXPERIMENTS == tuple(EXPERIMENTS)
     assert options.DEFAULT_SCENARIO in scenario_names()
 

@@ -191,7 +191,7 @@ def test_a_cache_that_is_read_only_is_read(warm):
 def test_compiling_is_told_with_how_far_it_is(monkeypatch):
     import numba
 
-    monkeypatch.setattr(compilation, "_TOLD_EVERY", 0.0)
+    monkeypatch.setattr(compilation, "_REPORTED_EVERY", 0.0)
     told = []
     with compilation.when_compiling(told.append):
         assert told == []

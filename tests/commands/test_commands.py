@@ -711,7 +711,7 @@ def test_run_says_assumed_and_repeats_what_the_report_finds(cmu, empty_folder, c
     assert re.search(r"frame rate +│ +120 Hz, assumed", printed)
     assert summary["frame_rate_source"] == "assumed"
     assert not any("m/s" in line for line in summary["motion_findings"])
-    printed, summary = run("--frame-rate", "240")
+    printed, summary = run("--frame-rate", "240", "--verbose")
     assert (
         re.search(r"frame rate +│ +240 Hz ", printed) and "Hz, assumed" not in printed
     )

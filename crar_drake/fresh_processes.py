@@ -104,6 +104,6 @@ def _call(sender: Connection, fn: Callable, args: tuple, kwargs: dict) -> None:
     except Exception as error:  # what cannot be pickled is reported in words
         succeeded, value = answer
         said = error if succeeded else value
-        reported = RuntimeError(f"{type(said).__name__}: {said}")
-        sender.send((False, reported, warnings))
+        failure = RuntimeError(f"{type(said).__name__}: {said}")
+        sender.send((False, failure, warnings))
     sender.close()

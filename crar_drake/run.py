@@ -137,8 +137,8 @@ def run_scenario(
         scenario: from `load_scenario`, or made in Python.
         out: folder to write into; None writes nothing.
         record: whether to make the recording, if there is a folder for it.
-        progress: is reported simulated time, duration and real-time factor.
-        tell: is reported, in sentences, when the control law has to be compiled first,
+        progress: is called with simulated time, duration and real-time factor.
+        tell: is called with sentences when the control law has to be compiled first,
             and how far that is; this does not count as the run's wall time.
 
     Raises:
@@ -521,7 +521,7 @@ def _tell(
     stopped: BaseException | None,
     missing: list[BaseException],
 ) -> None:
-    """Raises what is to be reported of a run that is not whole; else nothing."""
+    """Raises what is to be said of a run that is not whole; else nothing."""
     if stopped is None and not missing:
         return
     parts = []

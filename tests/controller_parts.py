@@ -1,6 +1,5 @@
 """A port for one part of a controller's diagnostics, to be logged."""
 
-import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from crar_drake.control.controller import CrarController
@@ -14,5 +13,5 @@ def part_port(
     if controller.HasOutputPort(name):
         return controller.GetOutputPort(name)
     everything = controller.get_output_port_diagnostics()
-    entries = np.arange(everything.size())[controller.diagnostics_slices[name]]
-    return select_entries(builder, everything, entries, name)
+    place = controller.diagnostics_slices[name]
+    return select_entries(builder, everything, place, name)

@@ -132,8 +132,8 @@ def run_references(arguments: argparse.Namespace) -> int:
         if judged[0].error:
             raise CrarError(judged[0].error)
     else:
-        with _judge_bar(len(files)) as reported:
-            judged = judge_files(files, options, arguments.jobs, reported)
+        with _judge_bar(len(files)) as progress:
+            judged = judge_files(files, options, arguments.jobs, progress)
     for entry in judged:
         for verdict in entry.verdicts:
             for line in verdict_lines(verdict):

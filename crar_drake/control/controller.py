@@ -238,8 +238,8 @@ class CrarController(LeafSystem):
                 "nominal_posture",
             )
         )
-        self._state_name, self._target_names = x, (tasks, prescribed, posture)
-        self.law.target_names = self._target_names
+        self._state_name = x
+        self.law.target_names = (tasks, prescribed, posture)
 
     @property
     def model(self) -> ControlModel:
@@ -333,7 +333,7 @@ class CrarController(LeafSystem):
                 "controller.nominal_posture_gain: the controller was made without it"
             )
         law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
-        law.target_names = self._target_names
+        law.target_names = self.law.target_names
         memory = without_fading(self._GetHeld(context))
         if new.governor != old.governor:
             memory = replace(memory, governed=None)

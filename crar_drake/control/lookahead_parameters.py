@@ -17,8 +17,8 @@ LARGEST_RHO = 1.0
 # which it sees coming, and of limits, which motions of others run into again and again.
 _PREVIEW_APPROACH = 200.0
 _PREVIEW_LIMIT_APPROACH = 10.0
-# T [s], but so many periods at least: a plan sees obstacles coming, so that a robot may
-# be near at speed. At 1.6 periods the next path still begins on the present one.
+# T [s], but so many periods at least, for the theorem asks for one. It is short since a
+# plan sees obstacles coming, so that a robot may be near them at speed.
 _PREVIEW_HORIZON = 0.012
 _PREVIEW_PERIODS = 1.6
 # A plan asks for no jumps as feedback does; 16 would be faster, and no closer [rad/s].

@@ -42,13 +42,12 @@ SCALED = 2.0
 
 # A path is halved so often before a pair that is not shown to be clear counts as not.
 # Each halving leaves a quarter of what curvature takes from a part's bound, (A4): seven
-# leave less than 1/10,000, some hundredths of a millimetre of any path.
+# leave less than 1/10,000 of it.
 _HALVINGS = 7
 # Where a pair is known not to be clear, the worst place is sought among so many halves:
 # to a sixteenth of the path, which is all that a row needs to point the right way.
 _SEARCHED = 4
-# A step is scaled to one of 2^this shares: each bisection checks all pairs anew, and a
-# finer share than 1/64 moves no robot farther.
+# A step is scaled to one of 2^this shares; each bisection checks all pairs anew.
 _BISECTIONS = 6
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.

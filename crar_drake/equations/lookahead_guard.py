@@ -48,8 +48,8 @@ from crar_drake.equations.vectors import (
 # A step is corrected so often before it is scaled. Each costs a guard; of the steps of
 # the recordings these leave at most 0.02 % to be scaled (docs/measurements/sweep.md).
 _CORRECTIONS = 4
-# A correction aims so far above the level that a pair must keep [m]: more than the
-# distance bends within a step, less than the 1 mm between floor and margin.
+# A correction aims so far above the level that a pair must keep [m], since a row is
+# linear and the distance is not; it is a part of the 1 mm between floor and margin.
 _SPARE = 3e-4
 # Shares of the nominal step for which the guard is asked anew, where not even the first
 # of them would be left: the far end of a long step says little about its beginning.

@@ -147,7 +147,7 @@ def pair_margins(
         T: braking horizon [s].
 
     Returns:
-        (2 Nc,) [m]: first those reported at q, and then those at q_s.
+        (2 Nc,) [m]: first those expected from q, and then those at q_s.
     """
     return np.concatenate((d[0] + T * times(dd_dv[0], v), d[1]))
 
@@ -173,14 +173,14 @@ def weighed_margins(
 ) -> np.ndarray:
     """(L5): the margins by which rows weigh, h, but not growing at once; (R,).
 
-    Told for T ahead by a velocity, a margin can change a lot in a period. If weights
+    A velocity moves a margin that is expected in T by a lot in a period. If weights
     fell as fast, what they held back would come at once, and be held back again.
 
     Args:
         h: (R,) margins of rows [m or rad].
         before: (R,) this function's value one period ago, infinite at a start; (0,)
             where rows were others.
-        least: what counts of those at least, lest rows that reported of a deep
+        least: what counts of those at least, lest rows with a deep
             penetration weigh for long [m or rad].
         most: by which they grow at most [m or rad].
     """

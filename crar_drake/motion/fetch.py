@@ -75,7 +75,7 @@ def fetch(
         trial: `05_02` or `cmu:05_02`.
         cache: folder to keep the files in; the user's cache by default.
         base_url: a server with the database's layout.
-        progress: is reported how far each download is.
+        progress: is called with how far each download is.
         force: downloads again, whatever is there.
         known: the checksums; those of `known_trials` by default.
         sleep: waits between attempts [s].

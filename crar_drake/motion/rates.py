@@ -31,7 +31,7 @@ def rate_meant(
             rate then [Hz].
 
     Returns:
-        The rate [Hz], and what is to be reported.
+        The rate [Hz], and what is to be said of it.
 
     Raises:
         MotionError: none of the readings is a usual rate, or more than one.

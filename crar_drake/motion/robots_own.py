@@ -33,8 +33,8 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
     try:
         if path.suffix.lower() == ".csv":
             lines = read_motion_text(path).split("\n", 100)
-            reported = (line for line in lines if not line.lstrip().startswith("#"))
-            return _is_numbers(next(filter(str.strip, reported), ""))
+            data = (line for line in lines if not line.lstrip().startswith("#"))
+            return _is_numbers(next(filter(str.strip, data), ""))
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 return "joint_pos.npy" in archive.namelist()

@@ -73,11 +73,12 @@ class LiveScene:
         """
         live = self._live
         poses, _ = self.robot.pose_links(live.positions())
-        distances = self._between_links(live.output("signed_distances"))
+        parts = live.diagnostics()
+        distances = self._between_links(parts["signed_distances"])
         targets = live.targets()[self._positions].reshape(-1, 3)
         here = live.model.tasks_at(live.positions(), self._workspace)
         reached = here[self._positions].reshape(-1, 3)
-        admission = live.output("admission")
+        admission = parts["admission"]
         return {
             "time": _short(live.time, 3),
             "paused": pacer.paused,
@@ -98,7 +99,7 @@ class LiveScene:
             ),
             "near": self._near(distances),
             "smallest": _short(distances.min(initial=math.inf), 5),
-            "status": _STATUS.get(float(live.output("status")[0]), "tracking"),
+            "status": _STATUS.get(float(parts["status"][0]), "tracking"),
             "admitted": _ADMITTED.get(float(admission[0]), "nominal"),
             # Whether the robot could brake on a clear path now; None: nobody says.
             "clear": bool(admission[3]) if np.isfinite(admission[3]) else None,

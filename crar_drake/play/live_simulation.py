@@ -276,9 +276,9 @@ class LiveSimulation:
         """(nq,) of the plant now."""
         return self.plant.GetPositions(self._plant_context)
 
-    def output(self, part: str) -> np.ndarray:
-        """A part of the controller's diagnostics now."""
-        return self.controller.diagnostics(self._controller_context)[part]
+    def diagnostics(self) -> dict[str, np.ndarray]:
+        """The parts of the controller's diagnostics now, by name."""
+        return self.controller.diagnostics(self._controller_context)
 
     def targets(self) -> np.ndarray:
         """(layout.size,) [x_d; v_d; a_d] as they are now, offsets included."""

@@ -68,8 +68,8 @@ class LiveSource(LeafSystem):
         rate = slope * way_rate
         change = bend * way_rate**2 + slope * way_change
         self._source_context.SetTime(phase)
-        reported = self._source.get_output_port(0).Eval(self._source_context)
-        x, v, a = np.split(reported, self._splits)
+        targets = self._source.get_output_port(0).Eval(self._source_context)
+        x, v, a = np.split(targets, self._splits)
         output.SetFromVector(
             np.concatenate((x + offset, rate * v, rate * rate * a + change * v))
         )

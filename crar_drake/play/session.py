@@ -53,7 +53,7 @@ class PlaySession:
             scenario: validated.
             host, port: of the page, see `PlayServer`; Meshcat takes a port of its own.
             speed: simulated seconds in a real one.
-            tell: is reported, in a sentence, when the control law has to be compiled.
+            tell: is called with a sentence when the control law has to be compiled.
 
         Raises:
             CrarError: something in the scenario, its robot or its motion is wrong, or

@@ -119,7 +119,7 @@ def clean_file(
         robot: name or folder of the robot.
         parameters: how the reference is followed.
         layout, rate: of the file, where it does not say them (`read_motion`).
-        progress: is reported the frame that was reached, and of how many.
+        progress: is called with the frame that was reached, and of how many.
 
     Raises:
         MotionError: the file cannot be read, is of another robot, or no clear
@@ -160,12 +160,12 @@ def clean_file(
         written.append(replace(motion, joint_positions=joints))
     to = LAYOUTS[written[0].layout]
     # Where the file says it, each motion may have another.
-    reported = None if to.has_rate else written[0].rate
+    rate_given = None if to.has_rate else written[0].rate
     place = certificate_path(out)
     with whole_set(out.parent, last=place.name) as folder:
         write_motions(folder / out.name, written, to.name, whole_body)
         # What is certified is what stands in the file, rounded as its layout does.
-        again = read_motions(folder / out.name, to.name, reported, robot=whole_body)
+        again = read_motions(folder / out.name, to.name, rate_given, robot=whole_body)
         clips, rows = [], []
         for before, after, (found, took) in zip(motions, again, cleaned, strict=True):
             follower = followers[after.rate]
@@ -184,7 +184,7 @@ def clean_file(
             folder / out.name, reference, description, clips, p.floor, uncovered
         )
         certificate["parameters"] = asdict(p)
-        certificate["motion"] |= {"layout": to.name, "rate": reported}
+        certificate["motion"] |= {"layout": to.name, "rate": rate_given}
         certificate["options"] = {"layout": layout, "rate": rate}
         write_certificate(folder / place.name, certificate)
     return rows

@@ -305,7 +305,7 @@ class Follower:
 
         Args:
             reference: (T, n) positions of the controlled joints, in their order.
-            progress: is reported the frame that was reached.
+            progress: is called with the frame that was reached.
 
         Raises:
             MotionError: no clear configuration was found near the first frame, or

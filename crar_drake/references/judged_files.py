@@ -84,7 +84,7 @@ def judge_files(
     files: Sequence[str],
     options: JudgeOptions,
     jobs: int | None = None,
-    reported: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> list[JudgedFile]:
     """Judges files in several processes.
 
@@ -92,7 +92,7 @@ def judge_files(
         files: their paths.
         options: for all of them.
         jobs: number of processes; by default one per core.
-        reported: is called with the number of files that are judged.
+        progress: is called with the number of files that are judged.
 
     Returns:
         An entry a file, in their order.
@@ -123,8 +123,8 @@ def judge_files(
                         continue
                     judged = [JudgedFile(batch[0], (), f"{batch[0]}: {error}")]
                 done |= {entry.path: entry for entry in judged}
-                if reported is not None:
-                    reported(len(done))
+                if progress is not None:
+                    progress(len(done))
     return [done[file] for file in files]
 
 

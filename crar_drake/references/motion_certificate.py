@@ -291,9 +291,9 @@ def check_certificate(
         )
         of_file = certificate["motion"]
         layout = of_file["layout"]
-        # A rate that the file says is not to be reported by what is examined.
-        reported = None if LAYOUTS[layout].has_rate else of_file["rate"]
-        motions = read_motions(motion, layout, reported, robot=robot)
+        # A rate that the file says cannot be found by what is examined.
+        rate_given = None if LAYOUTS[layout].has_rate else of_file["rate"]
+        motions = read_motions(motion, layout, rate_given, robot=robot)
         there = {each.clip for each in motions}
         for clip in clips:
             if clip not in there:
@@ -332,26 +332,26 @@ def _check_clip(
 ) -> None:
     """Adds what one motion's claims and the referee's findings are."""
     claims, joints = claimed["frames"], motion.joint_positions
-    reported = {
+    bounds = {
         name: np.asarray(claims[name], dtype=float)
         for name in ("distance", "between", "limit", "speed")
     }
-    if any(values.shape != (len(joints),) for values in reported.values()):
+    if any(values.shape != (len(joints),) for values in bounds.values()):
         check.refuted.append(f"it is not of {len(joints)} frames")
         return
     # What is no number is smaller than nothing, and would hold of all.
     numbers = (
-        np.isfinite(reported["distance"])
-        & np.isfinite(reported["between"])
-        & ~np.isnan(reported["limit"])
-        & ~np.isnan(reported["speed"])
+        np.isfinite(bounds["distance"])
+        & np.isfinite(bounds["between"])
+        & ~np.isnan(bounds["limit"])
+        & ~np.isnan(bounds["speed"])
     )
     if not numbers.all():
         check.refuted.append(f"frame {numbers.argmin() + 1}: a claim is no number")
         return
-    if reported["between"].min() < 0.0:
+    if bounds["between"].min() < 0.0:
         check.refuted.append(
-            f"the way from frame {reported['between'].argmin() + 1} to the next is not "
+            f"the way from frame {bounds['between'].argmin() + 1} to the next is not "
             "shown to be clear"
         )
     q = robot.configurations(joints)
@@ -360,14 +360,14 @@ def _check_clip(
     steps = np.abs(np.diff(joints, axis=0)) * motion.rate
     speed[:-1] = (steps / robot.speed_limits).max(axis=1)
     for name, found, worse in (
-        ("limit", limit, limit < reported["limit"] - LIMIT_TOLERANCE),
-        ("speed", speed, speed > reported["speed"] + SPEED_TOLERANCE),
+        ("limit", limit, limit < bounds["limit"] - LIMIT_TOLERANCE),
+        ("speed", speed, speed > bounds["speed"] + SPEED_TOLERANCE),
     ):
         if worse.any():
             k = int(worse.argmax())
             check.refuted.append(
                 f"frame {k + 1}: {name} is {found[k]:.6g}, claimed "
-                f"{reported[name][k]:.6g}"
+                f"{bounds[name][k]:.6g}"
             )
     if limit.min() < -LIMIT_TOLERANCE:
         check.refuted.append(f"frame {limit.argmin() + 1} is beyond a joint limit")
@@ -376,19 +376,19 @@ def _check_clip(
     check.limit = min(check.limit, float(limit.min()))
     check.speed = max(check.speed, float(speed.max()))
     for k in range(len(q)):
-        _check_frame(check, k, q[k : k + 2], reported, referee)
+        _check_frame(check, k, q[k : k + 2], bounds, referee)
     summary = _summary(claims, referee.pairs)
     for name in ("smallest", "steps"):
         if claimed[name] != summary[name]:
             check.refuted.append(f"{name!r} is not what its frames say")
 
 
-def _check_frame(check, k: int, ends, reported, referee: Referee) -> None:
+def _check_frame(check, k: int, ends, bounds, referee: Referee) -> None:
     """A frame, and points on the way to the next."""
-    points = [(0.0, reported["distance"][k])]
+    points = [(0.0, bounds["distance"][k])]
     if len(ends) > 1:
         inner = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
-        points += [(u, reported["between"][k]) for u in inner]
+        points += [(u, bounds["between"][k]) for u in inner]
     for u, claim in points:
         q = ends[0] + u * (ends[-1] - ends[0])
         # Nothing beyond the claim, or the nearest so far, is of interest.
@@ -438,7 +438,7 @@ def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
         raise ValueError("a pair is not among those that are watched")
     if not all(-1 <= how < len(_HOW) for how in admitted):
         raise ValueError("a step was admitted in an unknown way")
-    reported = [_HOW[how] if how >= 0 else "unchanged" for how in admitted]
+    manners = [_HOW[how] if how >= 0 else "unchanged" for how in admitted]
     return {
         "smallest": {
             "distance": min(distance),
@@ -447,5 +447,5 @@ def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
             "limit": min(frames["limit"]),
             "speed": max(frames["speed"]),
         },
-        "steps": {how: reported.count(how) for how in dict.fromkeys(reported)},
+        "steps": {how: manners.count(how) for how in dict.fromkeys(manners)},
     }

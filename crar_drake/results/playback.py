@@ -132,14 +132,14 @@ def distinct_labels(logs: Sequence[SimulationLog], names: Sequence[str]) -> list
     labels = labels or [""] * len(logs)
     if len(set(labels)) == len(labels):
         return labels
-    reported = [
+    named = [
         f"{label} ({name})" if label else name
         for label, name in zip(labels, names, strict=True)
     ]
     # The same folder twice.
     return [
-        f"{label} {i + 1}" if reported.count(label) > 1 else label
-        for i, label in enumerate(reported)
+        f"{label} {i + 1}" if named.count(label) > 1 else label
+        for i, label in enumerate(named)
     ]
 
 
@@ -191,14 +191,14 @@ def _title(summaries: Sequence[Summary]) -> str:
 
 def _subtitle(summaries: Sequence[Summary]) -> str:
     """Mode, level, tracked points and duration, as far as all runs share them."""
-    reported = [
+    traits = [
         _MODES[summaries[0].constraints],
         f"{summaries[0].level} level",
         f"{summaries[0].experiment or 'its own tasks'}",
         f"{summaries[0].duration:.1f} s",
     ]
     shared = zip(
-        reported,
+        traits,
         ("constraints", "level", "experiment", "duration"),
         strict=True,
     )

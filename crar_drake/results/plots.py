@@ -204,7 +204,7 @@ def _draw_distances(
         ax.plot(log.time, millimetres[:, i], color="0.8", linewidth=0.5, label=label)
     smallest = millimetres.min(axis=1)
     ax.plot(log.time, smallest, color=marks.SMALLEST, linewidth=1.8, label="smallest")
-    reported: list[float] = []  # when
+    labelled: list[float] = []  # when
     for colour, i in zip(marks.NEAR_PAIRS, named, strict=False):
         ax.plot(
             log.time,
@@ -216,9 +216,9 @@ def _draw_distances(
         at = np.argmin(millimetres[:, i])
         ax.plot(log.time[at], least[i], ".", color=colour, markersize=5)
         # Below those that would be written over; all of them are near the bottom.
-        distance = np.abs(np.array(reported) - log.time[at])
+        distance = np.abs(np.array(labelled) - log.time[at])
         close = distance < _FIGURE_WIDTH * np.ptp(log.time)
-        reported.append(log.time[at])
+        labelled.append(log.time[at])
         ax.annotate(
             f"{least[i]:.1f}".replace("-", "−"),
             (log.time[at], least[i]),
@@ -354,14 +354,14 @@ def _draw_torque(ax: Axes, time: np.ndarray, joints: ControlledJoints) -> None:
     ax.set_ylim(len(limits) - 0.5, -0.5)
     most = np.where(limited, peak / limits, 0.0)
     worst = int(np.argmax(most))
-    reported = (
+    about = (
         f"at most {100.0 * most[worst]:.0f} %, {joints.names[worst]}; white: none, "
         "dark: all of it, red: beyond"
         if limited.any()
         else "the model states no limits; dark: the joint's largest"
     )
     unit = "Nm; N where joints slide" if "m" in joints.units else "Nm"
-    _headline(ax, f"Torque [{unit}], share of the limit: {reported}")
+    _headline(ax, f"Torque [{unit}], share of the limit: {about}")
 
 
 def _draw_power(

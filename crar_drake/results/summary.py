@@ -267,10 +267,10 @@ def summarize(
 
     distance, distance_pair, distance_time = None, "", None
     if log.signed_distances.size:
-        reported = np.flatnonzero(log.between_links)
-        sample, pair = _argmax(-log.signed_distances[:, reported])
-        distance = float(log.signed_distances[sample, reported[pair]])
-        distance_pair = str(log.pair_names[reported[pair]])
+        links = np.flatnonzero(log.between_links)
+        sample, pair = _argmax(-log.signed_distances[:, links])
+        distance = float(log.signed_distances[sample, links[pair]])
+        distance_pair = str(log.pair_names[links[pair]])
         distance_time = float(log.time[sample])
     sample, joint = _argmax(joints.excess)
     excess = max(float(joints.excess[sample, joint]), 0.0)

@@ -366,22 +366,23 @@ def _add_visualization(
         entries = layout.position_entries.ravel()
         positions = select_entries(builder, tasks, entries, "target_positions")
         builder.Connect(positions, overlay.get_input_port_target_positions())
-    everything = controller.get_output_port_diagnostics()
-    entries = np.arange(everything.size())[
-        controller.diagnostics_slices["signed_distances"]
-    ]
-    distances = select_entries(builder, everything, entries, "signed_distances")
+    distances = select_entries(
+        builder,
+        controller.get_output_port_diagnostics(),
+        controller.diagnostics_slices["signed_distances"],
+        "signed_distances",
+    )
     builder.Connect(distances, overlay.get_input_port_signed_distances())
 
 
 def select_entries(
-    builder: DiagramBuilder, port: OutputPort, entries: np.ndarray, name: str
+    builder: DiagramBuilder, port: OutputPort, entries: np.ndarray | slice, name: str
 ) -> OutputPort:
     """A port with some entries of another one, by Drake's Selector.
 
     Args:
         port: of a vector.
-        entries: (k,) of it, by number.
+        entries: of it, by number (k,), or a slice.
         name: of the Selector, in the diagram.
     """
     params = SelectorParams
@@ -389,7 +390,7 @@ def select_entries(
         name=name,
         selections=[
             params.OutputSelection(input_port_index=0, input_offset=int(entry))
-            for entry in entries
+            for entry in np.arange(port.size())[entries]
         ],
     )
     inputs = [params.InputPortParams(name=port.get_name(), size=port.size())]

@@ -79,7 +79,7 @@ class HeldTrajectory:
     accelerated evenly. Of what joints carry `lack` is what they need besides.
 
     A discrete plant moves by the velocity that it has at the *end* of its step, so that
-    velocities that are the way's at the ends take it half a step ahead. It is reported
+    velocities that are the way's at the ends take it half a step ahead. It gets
     those of half a step before.
     """
 

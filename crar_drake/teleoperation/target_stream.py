@@ -45,7 +45,7 @@ class Gate:
 
 @dataclass
 class _Track:
-    """What one task was commanded last."""
+    """What one task was asked last."""
 
     x: np.ndarray  # (3,), (4,), (7,) or (1,) entries of x_d
     v: np.ndarray  # (3,), (6,) or (1,) its velocity, as in v_d

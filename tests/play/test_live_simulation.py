@@ -48,7 +48,7 @@ def steps(live: LiveSimulation, count: int) -> np.ndarray:
 
 
 def commanded(live: LiveSimulation) -> np.ndarray:
-    return live.output("desired_acceleration")[live.model.controlled]
+    return live.diagnostics()["desired_acceleration"][live.model.controlled]
 
 
 def test_a_step_is_a_control_period(live):
@@ -151,7 +151,7 @@ def test_targets_that_are_dragged_into_the_body_are_not_followed_there(live, ref
             live.step()
             if k % 4 == 0:
                 lowest = min(lowest, referee.distances(live.positions()).min())
-        left = max(left, np.abs(live.output("task_error")).max())
+        left = max(left, np.abs(live.diagnostics()["task_error"]).max())
     assert 4e-3 <= lowest < 20e-3  # it was near,
     assert left > 0.03  # and held back
 

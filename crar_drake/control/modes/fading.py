@@ -31,7 +31,7 @@ from crar_drake.equations.references import Targets
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
-# Longer than a joint takes to accelerate, shorter than anybody waits [s].
+# Several times 1 / Gv, with which the law itself takes away differences [s].
 FADE_TIME = 0.2
 # A mode's second step is the first that knows the one before [1].
 _SETTLING = 2

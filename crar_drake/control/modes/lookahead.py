@@ -38,8 +38,8 @@ from crar_drake.robot.workspace import Workspace
 _NOT_GIVEN = np.zeros(0)
 _NO_TARGETS = Targets(_NOT_GIVEN, _NOT_GIVEN, _NOT_GIVEN)
 
-# A longer horizon is at most so many times the next shorter one: with twice as much,
-# torsos lagged where only one in between was clear.
+# A longer horizon is at most so many times the next shorter one. With 2.6, a torso can
+# find the path of one not clear and motors too weak for the one before, and lags.
 _HORIZON_RATIO = 1.7
 
 

@@ -17,7 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page import Benchmark, Table, run
-from benchmarks.preview_option import add_preview_option, lookahead_defaults
+from benchmarks.preview_option import (
+    add_preview_option,
+    defaults_or_preview,
+    lookahead_defaults,
+)
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.records import Memory
 from crar_drake.equations.references import Targets
@@ -139,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--duration", type=float, help="of each, at most [s]")
     add_preview_option(parser)
     parser.add_argument("--jobs", type=int)
-    given = benchmark.parse(arguments)
+    given = benchmark.parse(arguments, defaults_or_preview)
     with FreshProcesses(given.jobs) as pool:
         waiting = {
             f"{Path(motion).stem}, {experiment}": pool.submit(
@@ -155,8 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for experiment in EXPERIMENTS
         }
         results = {name: future.result() for name, future in waiting.items()}
-    part = "preview" if given.preview else "defaults"
-    benchmark.report(part, [make_table(results)])
+    benchmark.report([make_table(results)])
 
 
 if __name__ == "__main__":

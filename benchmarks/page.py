@@ -103,9 +103,9 @@ class Benchmark:
             doc: its docstring; the first line describes it.
             page: the name of its page.
         """
-        self._command, self._page = f"python -m {module}", page
+        self._module, self._page = module, page
         self.parser = argparse.ArgumentParser(
-            prog=self._command, description=doc.strip().splitlines()[0]
+            prog=f"python -m {module}", description=doc.strip().splitlines()[0]
         )
         self.parser.add_argument(
             "--page",
@@ -114,37 +114,39 @@ class Benchmark:
             help=f"keep the results, and render this page: {_shown_page(page)}",
         )
 
-    def parse(self, argv: Sequence[str] | None) -> argparse.Namespace:
+    def parse(
+        self,
+        argv: Sequence[str] | None,
+        part: Callable[[argparse.Namespace], str],
+    ) -> argparse.Namespace:
         """The options.
 
+        Args:
+            argv: by default those of the process.
+            part: of the page, for the options.
+
         Raises:
-            CrarError: the page cannot be read.
+            CrarError: as `check_part`.
         """
         arguments = self.parser.parse_args(argv)
         self._given = list(sys.argv[1:] if argv is None else argv)
-        self._path = arguments.page
+        self._path, self._part = arguments.page, part(arguments)
         if self._path is not None:
-            _read(self._path)  # before minutes of measuring
+            check_part(self._path, self._part)  # before minutes of measuring
         return arguments
 
-    def report(self, part: str, tables: Sequence[Table], found: str = "") -> None:
-        """Prints what was measured; with --page it becomes that part of the page.
+    def report(self, tables: Sequence[Table], found: str = "") -> None:
+        """Prints what was measured; with --page it becomes a part of the page.
 
         Raises:
             CrarError: as `write_part`.
         """
-        result = Part(self._shown(), machine_line(), version_line(), tables, found)
+        command = command_line(self._module, self._given, self._page)
+        result = Part(command, machine_line(), version_line(), tables, found)
         print(*(t.markdown() for t in tables), found and f"{found}\n", sep="\n")
         if self._path is not None:
-            write_part(self._path, part, result)
+            write_part(self._path, self._part, result)
             print(self._path)
-
-    def _shown(self) -> str:
-        """The command, without what is of this machine alone."""
-        given = iter(self._given)
-        words = [_shown(word) for word in given if not _is_page(word, given)]
-        words.append(f"--page {_shown_page(self._page)}")
-        return " ".join([self._command, *words])
 
 
 def run(main: Callable[[], int | None]) -> None:
@@ -157,9 +159,26 @@ def run(main: Callable[[], int | None]) -> None:
     sys.exit(code)
 
 
-def machine_line() -> str:
-    """What measured durations depend on."""
-    m = describe_machine()
+def command_line(module: str, given: Sequence[str], page: str) -> str:
+    """A command that writes a page, without what is of this machine alone.
+
+    Args:
+        module: as `python -m` takes it.
+        given: its options.
+        page: the name of the page.
+    """
+    rest = iter(given)
+    words = [_shown(word) for word in rest if not _is_page(word, rest)]
+    return " ".join([f"python -m {module}", *words, f"--page {_shown_page(page)}"])
+
+
+def machine_line(machine: dict | None = None) -> str:
+    """What measured durations depend on.
+
+    Args:
+        machine: as `describe_machine` says; by default this one, now.
+    """
+    m = machine or describe_machine()
     load = "" if m["load"] is None else f", load average {m['load']:.1f}"
     return (
         f"{m['cpu']}, {m['cores']} cores{load}, {m['system']}; threads of BLAS "
@@ -203,15 +222,14 @@ def read_parts(page: Path) -> dict[str, Part]:
 
 
 def write_part(page: Path, name: str, part: Part) -> None:
-    """Keeps the results of a part, and renders the page.
+    """Keeps the results of a part, and writes its block of the page.
 
     Raises:
-        CrarError: the page cannot be read, or has no block of that name.
+        CrarError: as `check_part`.
     """
+    check_part(page, name)
     parts = read_parts(page) | {name: part}
-    text = render(page, parts)
-    if f"<!-- {name} -->\n" not in text:
-        raise CrarError(f"{page}: has no line <!-- {name} -->, below which to write")
+    text = _filled(_read(page), {name: part})
     results_of(page).parent.mkdir(parents=True, exist_ok=True)
     with whole_file(results_of(page)) as temporary:
         temporary.write_text(
@@ -222,23 +240,35 @@ def write_part(page: Path, name: str, part: Part) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def render(page: Path, parts: dict[str, Part] | None = None) -> str:
-    """The page, each of its blocks as the part's results say.
+def check_part(page: Path, name: str) -> None:
+    """Raises CrarError if a page cannot be read, or has not one block of that name."""
+    if [match[2] for match in _BLOCK.finditer(_read(page))].count(name) != 1:
+        raise CrarError(
+            f"{page}: needs the line <!-- {name} --> once, and <!-- end --> after it"
+        )
 
-    Args:
-        page: that is there.
-        parts: by name; by default those that are kept.
+
+def render(page: Path) -> str:
+    """The page, each of its blocks as the part's results say.
 
     Raises:
         CrarError: the page or its results cannot be read, or a part has no results.
     """
-    text, known = _read(page), read_parts(page) if parts is None else parts
+    text, known = _read(page), read_parts(page)
+    for match in _BLOCK.finditer(text):
+        if match[2] not in known:
+            raise CrarError(f"{results_of(page)}: has no results of {match[2]!r}")
+    return _filled(text, known)
+
+
+def _filled(text: str, parts: dict[str, Part]) -> str:
+    """A page's text with the blocks of these parts; others as they are."""
 
     def block(match: re.Match) -> str:
         begin, name, _, end = match.groups()
-        if name not in known:
-            raise CrarError(f"{results_of(page)}: has no results of {name!r}")
-        return f"{begin}\n{known[name].markdown()}\n{end}"
+        if name not in parts:
+            return match[0]
+        return f"{begin}\n{parts[name].markdown()}\n{end}"
 
     return _BLOCK.sub(block, text)
 

@@ -19,6 +19,11 @@ def add_preview_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def defaults_or_preview(arguments: argparse.Namespace) -> str:
+    """The part of a page that the options measure."""
+    return "preview" if arguments.preview else "defaults"
+
+
 def lookahead_defaults(preview: float | None, **settings) -> CrarParameters:
     """The lookahead with or without a preview [s], all else by default but `settings`.
 

@@ -13,7 +13,11 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
 from benchmarks.page import Benchmark, Table, run
-from benchmarks.preview_option import add_preview_option, lookahead_defaults
+from benchmarks.preview_option import (
+    add_preview_option,
+    defaults_or_preview,
+    lookahead_defaults,
+)
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
 from crar_drake.results.log import SimulationLog
@@ -233,7 +237,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Runs every start in both experiments, with the target inside and outside."""
     benchmark = Benchmark("benchmarks.recovery", __doc__, "recovery")
     add_preview_option(benchmark.parser)
-    arguments = benchmark.parse(argv)
+    arguments = benchmark.parse(argv, defaults_or_preview)
     results = [
         (
             experiment,
@@ -246,8 +250,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for start in STARTS
         for inside in (True, False)
     ]
-    part = "preview" if arguments.preview else "defaults"
-    benchmark.report(part, [make_table(results)])
+    benchmark.report([make_table(results)])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How long a control step takes, and of what; compiled where Numba is installed.
 
-    python -m benchmarks.step [--quick] [--markdown docs/measurements/speed.md]
+    python -m benchmarks.step [--quick] [--page docs/measurements/speed.md]
 
 `docs/measurements/speed.md` says what is measured and what is to be reached. Everything
 is timed in one process and one thread, by turns, so that figures of one run can be
@@ -554,19 +554,20 @@ def _scenario(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures, prints and writes; 0, or 2 with a message if something is wrong."""
+    from benchmarks.page import check_part, command_line, machine_line, write_part
     from benchmarks.step_report import (
-        machine_line,
+        page_part,
         plot_bench,
         rich_tables,
-        text_of_page,
-        write_page,
+        what_was_timed,
     )
 
     arguments = _parse(argv)
+    part = "step preview" if arguments.preview else "step"
     try:
-        if arguments.markdown is not None:
-            text_of_page(arguments.markdown)  # before minutes of measuring
-            check_file(arguments.markdown)
+        if arguments.page is not None:
+            check_part(arguments.page, part)  # before minutes of measuring
+            check_file(arguments.page)
         check_folder(arguments.out)
         settings = BenchSettings(
             motion=arguments.motion,
@@ -582,15 +583,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         console = Console()
         for table in rich_tables(result):
             console.print(table)
-        print(machine_line(result))
+        print(machine_line(result["machine"]))
+        print(what_was_timed(result))
         data, plot = arguments.out / "bench.json", arguments.out / "bench.png"
         write_json(result, data)
         plot_bench(result, plot)
         print(data)
         print(plot)
-        if arguments.markdown is not None:
-            write_page(result, arguments.markdown)
-            print(arguments.markdown)
+        if arguments.page is not None:
+            given = sys.argv[1:] if argv is None else argv
+            command = command_line("benchmarks.step", given, "speed")
+            write_part(arguments.page, part, page_part(result, command))
+            print(arguments.page)
     except CrarError as error:
         print(f"step: error: {error}", file=sys.stderr)
         return 2
@@ -620,7 +624,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help="for bench.json and bench.png (default: %(default)s)",
     )
     parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="a page whose tables to renew"
+        "--page", type=Path, metavar="FILE", help="a page whose tables to renew"
     )
     return parser.parse_args(argv)
 

@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from crar_drake.errors import CrarError
+from benchmarks import page
 from crar_drake.figures import save_figure
-from crar_drake.files import whole_file
-from crar_drake.studies.tables import markdown_table
-
-# The page's text ends here; below are the tables, which the command writes.
-HEADING = "## One run"
 
 
-def machine_line(result: dict) -> str:
-    """The circumstances of the run in one sentence."""
-    m = result["machine"]
+def what_was_timed(result: dict) -> str:
+    """The motion, and what computed the equations, in a sentence each."""
     settings = result["settings"]
-    load = "" if m["load"] is None else f", load average {m['load']:.1f} at the start"
     return (
-        f"{m['cpu']}, {m['cores']} cores{load}; Python {m['python']}, NumPy "
-        f"{m['numpy']}, Drake {m['drake']}; {m['threads']} thread; motion "
-        f"{settings['motion']}, {settings['duration']:g} s. "
+        f"Motion {settings['motion']}, {settings['duration']:g} s. "
         f"The step is {result['arithmetic']}."
     )
 
@@ -64,41 +54,20 @@ def rich_tables(result: dict) -> list[Table]:
     return tables
 
 
-def markdown(result: dict) -> str:
-    """The tables for a page, below HEADING."""
-    text = [HEADING, "", machine_line(result)]
-    for title, header, rows in sections(result):
-        text += ["", f"### {title}", "", markdown_table(header, rows).rstrip()]
-    return "\n".join(text) + "\n"
+def page_part(result: dict, command: str) -> page.Part:
+    """What a page keeps of the run.
 
-
-def text_of_page(path: str | os.PathLike[str]) -> str:
-    """What stands above HEADING on the page; "" if there is no page yet.
-
-    Raises:
-        CrarError: the page has no such heading.
+    Args:
+        result: of `run_bench`.
+        command: that measured it.
     """
-    page = Path(path)
-    if not page.exists():
-        return ""
-    try:
-        text, found, _ = page.read_text(encoding="utf-8").partition(f"{HEADING}\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CrarError(f"{page}: not a page of text: {error}") from error
-    if not found:
-        raise CrarError(f"{page}: it has no line {HEADING!r}, below which to write")
-    return text
-
-
-def write_page(result: dict, path: str | os.PathLike[str]) -> None:
-    """Puts the tables into a page, in the place of those below its HEADING.
-
-    Raises:
-        CrarError: as `text_of_page`.
-    """
-    text = text_of_page(path) + markdown(result)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    return page.Part(
+        command,
+        page.machine_line(result["machine"]),
+        page.version_line(),
+        [page.Table(header, rows, title) for title, header, rows in sections(result)],
+        what_was_timed(result),
+    )
 
 
 def _targets(result: dict) -> tuple[list[str], list[list[str]]]:

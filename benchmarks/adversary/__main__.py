@@ -37,13 +37,15 @@ from benchmarks.adversary.cases import (
     read_results,
 )
 from benchmarks.adversary.report import (
-    fill_page,
     markdown,
+    not_run,
+    plant_tables,
     rich_table,
     verdict_line,
 )
 from benchmarks.adversary.robots import NOT_EXAMINED, ROBOTS, load_subject
 from benchmarks.adversary.run import judge_episode, play, run_case
+from benchmarks.page import Part, check_part, machine_line, version_line, write_part
 from crar_drake.control.modes import MODES
 from crar_drake.errors import CrarError
 from crar_drake.files import check_folder, sole_writer, whole_file
@@ -143,9 +145,9 @@ def _write(folder: Path, results: Sequence[Result]) -> None:
                 temporary.write_text(json.dumps(finite(found), indent=1) + "\n")
 
 
-def _told(options: argparse.Namespace, results: Sequence[Result]) -> str:
-    """The command, what came of it in a line, and the tables."""
-    parts = ["    python -m benchmarks.adversary"]
+def _part(options: argparse.Namespace, results: Sequence[Result]) -> Part:
+    """The command, what came of it in a line, and the tables, of one plant."""
+    words = ["python -m benchmarks.adversary"]
     for name, default in (
         ("robots", VOUCHED),
         ("attacks", list(ATTACKS)),
@@ -159,9 +161,12 @@ def _told(options: argparse.Namespace, results: Sequence[Result]) -> str:
         if value != default:
             listed = value if isinstance(value, list) else [value]
             said = "" if value is True else " " + ",".join(map(str, listed))
-            parts.append(f"--{name}{said}")
-    verdict = verdict_line(results)
-    return f"{' '.join(parts)}\n\n{verdict.capitalize()}.\n\n{markdown(results)}"
+            words.append(f"--{name}{said}")
+    found = f"{verdict_line(results).capitalize()}."
+    if lines := not_run(results):
+        found += f" Not run: {'; '.join(lines.replace('* ', '').splitlines())}."
+    tables = plant_tables(results)
+    return Part(" ".join(words), machine_line(), version_line(), tables, found)
 
 
 def replay(path: Path, console: Console) -> bool:
@@ -290,6 +295,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.replay is not None:
             return int(replay(options.replay, console))
         check_folder(options.out)
+        part = "+".join(options.plants) + " preview" * options.preview
+        if options.page is not None:
+            check_part(options.page, part)
         for robot in options.robots:  # better to know now that one is not imported
             load_subject(robot)
         cases = []
@@ -308,8 +316,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
         results = run_all(cases, options.out, options.processes, console)
         if options.page is not None:
-            what = "+".join(options.plants) + " preview" * options.preview
-            fill_page(options.page, what, _told(options, results))
+            write_part(options.page, part, _part(options, results))
     except CrarError as error:
         print(f"adversary: error: {error}", file=sys.stderr)
         return 2

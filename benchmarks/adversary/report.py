@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.table import Table
 
+from benchmarks import page
 from benchmarks.adversary.cases import Result
-from crar_drake.errors import CrarError
-from crar_drake.files import whole_file
-from crar_drake.studies.tables import markdown_table
 
 HEADER = (
     "attack",
@@ -27,7 +23,7 @@ HEADER = (
     "smallest distance",
     "worst excess",
     "speed / limit",
-    "wished / corrected / scaled",
+    "nominal / corrected / scaled",
 )
 
 SHORT = (
@@ -45,7 +41,7 @@ SHORT = (
     "fast",
     "nearest",
     "excess",
-    "wish/corr./scaled",
+    "nom./corr./scaled",
 )
 
 
@@ -114,8 +110,8 @@ def _figures(results: Sequence[Result]) -> list[str]:
     ]
 
 
-def grouped(results: Sequence[Result], what: str) -> str:
-    """A Markdown table with a line for each value of a case's field, and their sum.
+def grouped(results: Sequence[Result], what: str) -> page.Table:
+    """A table with a line for each value of a case's field, and their sum.
 
     Args:
         results: of one plant.
@@ -130,11 +126,11 @@ def grouped(results: Sequence[Result], what: str) -> str:
         rows.append([text, *_figures(same)])
     if len(values) > 1:
         rows.append(["all", *_figures(good)])
-    return markdown_table([what, *HEADER[4:]], rows)
+    return page.Table([what, *HEADER[4:]], rows)
 
 
-def explained(results: Sequence[Result]) -> str:
-    """A Markdown table of why episodes of the whole diagram violate."""
+def explained(results: Sequence[Result]) -> page.Table:
+    """A table of why episodes of the whole diagram violate."""
     rows = []
     for r in results:
         if r.by_law + r.by_plant:
@@ -148,60 +144,48 @@ def explained(results: Sequence[Result]) -> str:
                     f"{r.slip:.0f} rad/s²" if r.by_plant else "–",
                 ]
             )
-    return markdown_table(
+    return page.Table(
         [
             "attack",
             "robot",
             "period",
             "the exact model violates, too",
             "only the plant under torque does",
-            "which then accelerates otherwise than told by up to",
+            "which then accelerates otherwise than commanded by up to",
         ],
         rows,
     )
 
 
+def plant_tables(results: Sequence[Result]) -> list[page.Table]:
+    """By attack, robot and period, of one plant."""
+    found = [grouped(results, what) for what in ("attack", "robot", "period")]
+    if results and results[0].case.plant == "torque":
+        found.append(explained(results))
+    return found
+
+
+def not_run(results: Sequence[Result]) -> str:
+    """A line for each case that failed; "" if none did."""
+    return "".join(
+        f"* {r.case.attack}, {r.case.robot}, {1e3 * r.case.period:g} ms, "
+        f"{r.case.plant}: {r.error}\n"
+        for r in results
+        if r.error
+    )
+
+
 def markdown(results: Sequence[Result]) -> str:
     """All tables, plant by plant."""
-    parts = []
-    for plant in dict.fromkeys(r.case.plant for r in results):
+    parts, plants = [], list(dict.fromkeys(r.case.plant for r in results))
+    for plant in plants:
         of_plant = [r for r in results if r.case.plant == plant]
-        if len({r.case.plant for r in results}) > 1:
+        if len(plants) > 1:
             parts.append(f"Plant: {plant}.\n")
-        parts += [grouped(of_plant, what) for what in ("attack", "robot", "period")]
-        if plant == "torque":
-            parts.append(explained(of_plant))
-    errors = [r for r in results if r.error]
-    if errors:
-        parts.append(
-            "Not run:\n\n"
-            + "".join(
-                f"* {r.case.attack}, {r.case.robot}, {1e3 * r.case.period:g} ms, "
-                f"{r.case.plant}: {r.error}\n"
-                for r in errors
-            )
-        )
+        parts += [table.markdown() for table in plant_tables(of_plant)]
+    if lines := not_run(results):
+        parts.append(f"Not run:\n\n{lines}")
     return "\n".join(parts)
-
-
-def fill_page(page: Path, name: str, text: str) -> None:
-    """Writes a text into a page, between the lines <!-- NAME --> and <!-- end -->.
-
-    Raises:
-        CrarError: the page cannot be read, or has no such lines.
-    """
-    try:
-        before = page.read_text()
-    except OSError as error:
-        raise CrarError(f"{page}: cannot be read: {error.strerror}") from error
-    marked = rf"(?s)(<!-- {re.escape(name)} -->\n).*?(<!-- end -->\n)"
-    after, count = re.subn(marked, lambda m: f"{m[1]}\n{text}\n{m[2]}", before)
-    if count != 1:
-        raise CrarError(
-            f"{page}: needs the line <!-- {name} --> once, and <!-- end --> after it"
-        )
-    with whole_file(page) as temporary:
-        temporary.write_text(after)
 
 
 def verdict_line(results: Sequence[Result]) -> str:

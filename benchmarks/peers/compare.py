@@ -24,10 +24,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.page import check_part, command_line, write_part
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS, Peer
 from benchmarks.peers.problem import CASES, write_problem
-from benchmarks.peers.report import Row, page, tables
+from benchmarks.peers.report import Row, page_part, tables
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
 from crar_drake import CrarError
 from crar_drake.files import whole_file
@@ -67,6 +68,8 @@ def main(argv: list[str] | None = None) -> None:
         )
     if arguments.rounds < 1:
         parser.error(f"--rounds {arguments.rounds}: must be at least 1")
+    if arguments.page:
+        check_part(arguments.page, "compare")
     out = arguments.out.resolve()
     folder = out / "problem"
     write_problem(folder)
@@ -87,8 +90,9 @@ def main(argv: list[str] | None = None) -> None:
     for table in tables(rows):
         console.print(table)
     if arguments.page:
-        with whole_file(arguments.page) as temporary:
-            temporary.write_text(page(rows, load_settings()))
+        given = sys.argv[1:] if argv is None else argv
+        command = command_line("benchmarks.peers.compare", given, "peers")
+        write_part(arguments.page, "compare", page_part(rows, load_settings(), command))
         console.print(f"{arguments.page} written")
 
 

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.page import machine_line
 from benchmarks.peers.compare import (
     Entry,
     PeerError,
@@ -31,7 +32,6 @@ from benchmarks.peers.compare import (
 )
 from benchmarks.peers.peers import MARGIN, Peer, every
 from benchmarks.peers.problem import finite_or_none, write_robot
-from benchmarks.peers.report import machine
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.references.change import Change, find_change
@@ -444,7 +444,7 @@ def report(made: dict[str, list[Row]], versions: dict[str, str]) -> str:
     )
     return (
         f"{table}\nSettings taken ({sizes} tried):\n\n{chosen}\n"
-        f"{machine()}; {packages}.\n"
+        f"{machine_line()}; {packages}.\n"
     )
 
 

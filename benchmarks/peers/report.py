@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
+from benchmarks import page
 from benchmarks.peers.judge import Figures
 from benchmarks.peers.problem import CASES
-from crar_drake.studies.tables import markdown_table
 
 
 @dataclass(frozen=True)
@@ -109,36 +106,37 @@ def tables(rows: Sequence[Row]) -> list[Table]:
     return made
 
 
-def page(rows: Sequence[Row], chosen: dict[str, dict[str, dict]]) -> str:
-    """docs/measurements/peers.md, from the rows and from what tuning kept."""
-    template = (Path(__file__).parent / "page.md").read_text()
-    parts = {
-        f"{{{{{case}}}}}": markdown_table(
-            HEADER, [cells(row) for row in rows if row.case == case]
-        )
-        for case in CASES
-    }
-    parts["{{grids}}"] = _grids(chosen)
-    parts["{{settings}}"] = _settings(rows)
-    parts["{{machine}}"] = machine()
-    parts["{{versions}}"] = _versions(rows)
-    for mark, text in parts.items():
-        template = template.replace(mark, text.rstrip("\n"))
-    return template
+TITLES = {
+    "crossing": "Hands swung through each other and the chest",
+    "start_inside": "The same swing, from a start 15 mm inside",
+    "target_inside": "A target that stays inside",
+}
 
 
-def machine() -> str:
-    """Processor and cores of this machine."""
-    model = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next(x.split(":", 1)[1] for x in lines if x.startswith("model name"))
-    except (OSError, StopIteration):
-        pass
-    return f"{model.strip()}, {os.cpu_count()} cores, {platform.system()}"
+def page_part(
+    rows: Sequence[Row], chosen: dict[str, dict[str, dict]], command: str
+) -> page.Part:
+    """What the page keeps.
+
+    Args:
+        rows: of all controllers and cases.
+        chosen: what tuning kept.
+        command: that measured them.
+    """
+    found = [
+        page.Table(HEADER, [cells(row) for row in rows if row.case == case], title)
+        for case, title in TITLES.items()
+    ]
+    found.insert(1, _grids(chosen))
+    names = dict.fromkeys(row.name for row in rows)
+    notes = [[name, NOTES[name]] for name in names if name in NOTES]
+    found.append(page.Table(["controller", "what it is"], notes, "Controllers"))
+    found.append(_settings(rows))
+    machine = f"{page.machine_line()}; {_versions(rows)}"
+    return page.Part(command, machine, page.version_line(), found)
 
 
-def _grids(chosen: dict[str, dict[str, dict]]) -> str:
+def _grids(chosen: dict[str, dict[str, dict]]) -> page.Table:
     """What the grids reached on the first case."""
 
     def both(figures: dict[str, float] | None) -> str:
@@ -147,29 +145,27 @@ def _grids(chosen: dict[str, dict[str, dict]]) -> str:
         error, acceleration = 1e3 * figures["error"], figures["acceleration"]
         return f"{error:.1f} mm, {acceleration:.1f} rad/s²"
 
-    return markdown_table(
+    return page.Table(
         ("controller", "tried", "held", "least error", "least rms acceleration"),
         [
             [name, str(one["tried"]), str(one["held"])]
             + [both(one["least_error"]), both(one["least_acceleration"])]
             for name, one in ((n, cases["crossing"]) for n, cases in chosen.items())
         ],
+        "What the grids of settings reach in that case",
     )
 
 
-def _settings(rows: Sequence[Row]) -> str:
+def _settings(rows: Sequence[Row]) -> page.Table:
     """The settings of each controller, once where all cases have the same."""
-    text = ""
+    lines = []
     for name in dict.fromkeys(row.name for row in rows):
         own = [row for row in rows if row.name == name]
-        note = NOTES.get(name, "")
-        text += f"* **{name}**{': ' + note if note else ''}.\n"
         if all(row.settings == own[0].settings for row in own):
-            text += f"  * all cases: {_as_code(own[0].settings)}\n"
+            lines.append([name, "all cases", _as_code(own[0].settings)])
         else:
-            for row in own:
-                text += f"  * {row.case}: {_as_code(row.settings)}\n"
-    return text
+            lines += [[name, row.case, _as_code(row.settings)] for row in own]
+    return page.Table(["controller", "case", "settings"], lines, "Settings")
 
 
 def _as_code(settings: dict) -> str:

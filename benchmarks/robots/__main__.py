@@ -3,8 +3,8 @@
     pip install '.[robots-table,compiled]'
     pip install --no-deps 'holosoma-retargeting>=0.1'  # without torch
     crar-drake fetch 05_02
-    python -m benchmarks.robots --duration 4 --sheets out/sheets --page
-    docs/measurements/robots.md
+    python -m benchmarks.robots --duration 4 --sheets out/sheets \\
+        --page docs/measurements/robots.md
 
 Each robot of `catalogue.py` is imported with one and the same command, `crar-drake
 import-robot FILE --lock hands,head,other`, and nothing is corrected. Who has two arms
@@ -18,11 +18,13 @@ names some.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks.page import check_part, command_line, run, write_part
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
-from benchmarks.robots.page import write_page
+from benchmarks.robots.page import page_part
 from benchmarks.robots.sheet import write_sheet
 from benchmarks.robots.trial import Outcome, load_outcome, try_robot
 from crar_drake.fresh_processes import FreshProcesses
@@ -43,8 +45,10 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="robots at a time")
     parser.add_argument("--tell-only", action="store_true", help="what has a result")
     parser.add_argument("--sheets", type=Path, help="folder for pictures of the runs")
-    parser.add_argument("--page", type=Path, help="Markdown file to write")
+    parser.add_argument("--page", type=Path, help="a page whose tables to renew")
     arguments = parser.parse_args()
+    if arguments.page is not None:
+        check_part(arguments.page, "robots")
     subjects = _chosen(parser, arguments.only)
     outcomes: dict[str, Outcome] = {}
     with FreshProcesses(arguments.jobs) as pool:
@@ -76,7 +80,10 @@ def main() -> None:
                 sheet = arguments.sheets / f"{name}.png"
                 write_sheet(subject, outcome, arguments.out / name, sheet)
     tried = [(s, outcomes[s.name]) for s in subjects if s.name in outcomes]
-    write_page(tried, arguments.motion, arguments.page)
+    part = page_part(tried, command_line("benchmarks.robots", sys.argv[1:], "robots"))
+    print(part.markdown())
+    if arguments.page is not None:
+        write_part(arguments.page, "robots", part)
 
 
 def _chosen(parser: argparse.ArgumentParser, only: str | None) -> list[Subject]:
@@ -108,4 +115,4 @@ def _installed(
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

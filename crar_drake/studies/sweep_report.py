@@ -1,7 +1,7 @@
 """What a sweep shows: tables for the terminal and the documentation, and a plot.
 
 python -m crar_drake.studies.sweep_report results.csv [more.csv ...]
-    [--reasons reasons.json] [--out docs/measurements/sweep.md] [--plot sweep.png]
+    [--reasons reasons.json] [--out sweep.md] [--plot sweep.png]
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.robots import __main__ as command
 from benchmarks.robots import verdicts
 from benchmarks.robots.catalogue import SUBJECTS, Subject, folder_name
-from benchmarks.robots.page import write_page
+from benchmarks.robots.page import page_part
 from benchmarks.robots.trial import RESULT, TOOL, WHOLE_BODY, Outcome, load_outcome
 from benchmarks.robots.verdicts import VERDICTS, Verdict
 
@@ -39,19 +39,18 @@ def cells(text: str, name: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
 
-def test_the_page(tmp_path, capsys):
+def test_the_page():
     dancer, arm, lame = SUBJECTS[0], SUBJECTS[13], SUBJECTS[-1]
     outcomes = [
         (dancer, DANCER),
         (arm, Outcome(task=TOOL, size=0.5, error=0.001, samples=100)),
         (lame, Outcome(why="it has no arms")),
     ]
-    page = tmp_path / "robots.md"
-    write_page(outcomes, "cmu:05_02", page)
-    text = page.read_text()
-    assert "3 were tried. 2 of these\nran, 1 the dance and 1 an arm" in text
-    assert "1 without any\nviolation" in text
-    assert "pictures of 0 dancers were looked at: 0 dance\nrecognisably, 0" in text
+    part = page_part(outcomes)
+    text = part.markdown()
+    assert "3 were tried. 2 of these ran, 1 the dance and 1 an arm" in part.found
+    assert "1 without any violation" in part.found
+    assert "pictures of 0 dancers were looked at: 0 dance recognisably, 0" in part.found
     row = cells(text, dancer.name)
     assert row[2:4] == ["whole body", "not looked at"] and row[5:10] == [
         "60 mm; feet 12 mm",
@@ -63,20 +62,18 @@ def test_the_page(tmp_path, capsys):
     assert row[10:] == ["1.0 mm / 2.5 mm", "-0.4 mm", "25 %", "2"]
     assert cells(text, arm.name)[4:] == ["1 mm", "0 %", "–", "–", "0", "–", "–"]
     assert cells(text, lame.name)[-1] == "it has no arms"
-    assert f"Not tried: {SUBJECTS[1].name}" in text
-    capsys.readouterr()
+    assert f"Not tried: {SUBJECTS[1].name}" in part.found
 
 
-def test_a_verdict_is_of_the_run_that_was_looked_at(tmp_path, monkeypatch, capsys):
+def test_a_verdict_is_of_the_run_that_was_looked_at(monkeypatch):
     seen = {SUBJECTS[0].name: Verdict(0.061), SUBJECTS[1].name: Verdict(0.08)}
     monkeypatch.setattr(verdicts, "VERDICTS", seen)
-    page = tmp_path / "robots.md"
-    write_page([(SUBJECTS[0], DANCER), (SUBJECTS[1], DANCER)], "cmu:05_02", page)
-    text = page.read_text()
+    part = page_part([(SUBJECTS[0], DANCER), (SUBJECTS[1], DANCER)])
+    text = part.markdown()
     assert [cells(text, s.name)[3] for s in SUBJECTS[:2]] == ["yes", "not looked at"]
     # Meshes penetrate, capsules do not.
-    assert "pictures of 1 dancers were looked at: 1 dance\nrecognisably, 1 of" in text
-    capsys.readouterr()
+    looked_at = "pictures of 1 dancers were looked at: 1 dance recognisably, 1 of"
+    assert looked_at in part.found
 
 
 def test_every_verdict_is_of_a_robot():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import step as command
+from benchmarks.page import write_part
 from benchmarks.plain import as_it_is, plain
 from benchmarks.step import (
     HANDS,
@@ -23,11 +24,9 @@ from benchmarks.step import (
 )
 from benchmarks.step_compiling import measure_process
 from benchmarks.step_report import (
-    HEADING,
-    markdown,
+    page_part,
     plot_bench,
     sections,
-    write_page,
 )
 from benchmarks.step_robots import FAR, PERIOD, make_robot, make_samples
 from benchmarks.step_subjects import (
@@ -463,20 +462,23 @@ def test_tables_and_plot(result, tmp_path):
 
 def test_a_page_keeps_its_text_and_gets_new_tables(result, tmp_path):
     page = tmp_path / "speed.md"
-    page.write_text(f"# Speed\n\ntext\n\n{HEADING}\n\nold\n")
-    write_page(result, page)
-    assert page.read_text() == "# Speed\n\ntext\n\n" + markdown(result)
-    write_page(result, tmp_path / "new.md")
-    assert (tmp_path / "new.md").read_text() == markdown(result)
+    page.write_text("# Speed\n\ntext\n\n<!-- step -->\nold\n<!-- end -->\n")
+    part = page_part(result, "a command")
+    write_part(page, "step", part)
+    assert page.read_text() == (
+        f"# Speed\n\ntext\n\n<!-- step -->\n\n{part.markdown()}\n<!-- end -->\n"
+    )
+    shown = part.markdown()
+    assert all(f"### {title}\n" in shown for title, *_ in sections(result))
 
 
 def test_a_page_without_a_place_for_tables_is_refused_at_once(tmp_path, capsys):
     page = tmp_path / "speed.md"
     page.write_text("# Speed\n")
-    assert main(["--markdown", str(page), "--out", str(tmp_path / "out")]) == 2
+    assert main(["--page", str(page), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert "measuring" not in error
-    assert "speed.md: it has no line '## One run'" in error
+    assert "speed.md: needs the line <!-- step --> once" in error
     assert page.read_text() == "# Speed\n"
     assert not (tmp_path / "out").exists()
 
@@ -499,7 +501,8 @@ def test_command(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(command, "run_bench", short)
     argv = ["--quick", "--only", "scaling,step", "--motion", "boxing"]
-    argv += ["--out", str(tmp_path / "b"), "--markdown", str(tmp_path / "page.md")]
+    argv += ["--out", str(tmp_path / "b"), "--page", str(tmp_path / "page.md")]
+    (tmp_path / "page.md").write_text("# Speed\n\n<!-- step -->\n<!-- end -->\n")
     assert main(argv) == 0
     assert seen[0].measurements == ("scaling", "step")
     assert (seen[0].motion, seen[0].repeats) == ("boxing", 1)
@@ -507,7 +510,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     written = json.loads((tmp_path / "b/bench.json").read_text())
     assert written["arithmetic"] == compilation.arithmetic()
     assert (tmp_path / "b/bench.png").is_file()
-    assert (tmp_path / "page.md").is_file()
+    assert "What is to be reached" in (tmp_path / "page.md").read_text()
 
 
 def test_a_mistyped_measurement_or_motion(tmp_path, capsys):

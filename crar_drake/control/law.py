@@ -375,7 +375,7 @@ class ControlLaw:
             torque_limit=torque_limit,
             root_force=root_force,
         )
-        return replace(memory, solution=solution, torque_tick=torque_tick)
+        return memory.at_torque_tick(torque_tick, solution)
 
     def _govern(
         self, before: np.ndarray | None, measured: Measured, tasks: np.ndarray

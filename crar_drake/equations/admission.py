@@ -289,7 +289,7 @@ def _end_shadows(n, p, u, a, half):
     return start, start + along, moves, moves + turns
 
 
-@compiled
+@compiled(loops=True)
 def shadow_gap(
     n: np.ndarray,
     at: np.ndarray,

@@ -77,7 +77,7 @@ def _compile_quickly() -> None:
             function = start.data["dispatcher"].py_func
             if before or function.__module__.startswith(__package__):
                 before.append({name: getattr(config, name) for name in quick})
-                full = function.__name__.endswith("_loops")
+                full = function.__qualname__ in IN_LOOPS
                 for name, value in (usual if full else quick).items():
                     setattr(config, name, value)
 
@@ -94,23 +94,27 @@ if IS_COMPILED:
 
     _compile_quickly()
     if numba.__version__.startswith(_KNOWN_INSIDE):
-        from crar_drake.equations.whole_programs import program
+        from crar_drake.equations.whole_programs import IN_LOOPS, program
     else:
+        IN_LOOPS: set[str] = set()
 
         def program(function: Callable) -> Any:
             """As of `whole_programs`."""
             return numba.njit(function, error_model="numpy")
 
 
-def compiled(function: Callable | None = None, *, loops: Callable | None = None) -> Any:
+def compiled(
+    function: Callable | None = None, *, loops: Callable | bool | None = None
+) -> Any:
     """Decorator: the function compiled at its first call, or as it is without Numba.
 
     Args:
         function: in the part of NumPy that Numba compiles.
-        loops: what is compiled in its place, the same result from loops: where the
-            function calls a library that Numba does not reach, or where in plain NumPy
-            loops would make a control step longer by more than 5 %
-            (`python -m benchmarks.two_forms`).
+        loops: True if it is written in loops, which are optimised in full. Or what is
+            compiled in its place, the same result from loops: where the function calls
+            a library that Numba does not reach, or where in plain NumPy loops would
+            make a control step longer by more than 5 % (`python -m
+            benchmarks.two_forms`).
     """
     if function is None:
         return lambda decorated: compiled(decorated, loops=loops)
@@ -119,7 +123,9 @@ def compiled(function: Callable | None = None, *, loops: Callable | None = None)
     # Numba has one setting for everybody's functions: it is only borrowed.
     theirs = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_CACHE_FOLDER)
-    chosen = function if loops is None else loops
+    chosen = loops if callable(loops) else function
+    if loops is not None:
+        IN_LOOPS.add(chosen.__qualname__)
     chosen.__doc__ = function.__doc__
     try:
         made = program(chosen)

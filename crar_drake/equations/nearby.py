@@ -24,7 +24,7 @@ from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.vectors import put, put_at, some_columns
 
 
-@compiled
+@compiled(loops=True)
 def ball_distances(
     points: np.ndarray, pairs: ShapePairs, some: np.ndarray
 ) -> np.ndarray:

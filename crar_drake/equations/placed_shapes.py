@@ -128,7 +128,7 @@ def distances_at(
     return d, distance_gradient_about_origin(n, p, S, moves)[0]
 
 
-@compiled
+@compiled(loops=True)
 def own_velocities(
     S: np.ndarray, x: np.ndarray, alone: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:

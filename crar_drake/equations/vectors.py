@@ -54,7 +54,7 @@ def clip_to_unit(x: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(x, 0.0), 1.0)
 
 
-@compiled
+@compiled(loops=True)
 def identity(n: int) -> np.ndarray:
     """I (n, n)."""
     M = np.zeros((n, n))
@@ -63,7 +63,7 @@ def identity(n: int) -> np.ndarray:
     return M
 
 
-@compiled
+@compiled(loops=True)
 def largest(x: np.ndarray) -> float:
     """The largest |x_i| of x (n,), NaN if one is."""
     found = abs(x[0])
@@ -90,7 +90,7 @@ def is_finite(x: np.ndarray) -> bool:
     return math.isfinite(x.dot(x))
 
 
-@compiled
+@compiled(loops=True)
 def sum_rows(A: np.ndarray) -> np.ndarray:
     """The sum of each row of A (m, n), (m,).
 
@@ -103,7 +103,7 @@ def sum_rows(A: np.ndarray) -> np.ndarray:
     return s
 
 
-@compiled
+@compiled(loops=True)
 def sum_columns(A: np.ndarray) -> np.ndarray:
     """The sum of each column of A (m, n), (n,)."""
     s = np.zeros(A.shape[1])
@@ -240,7 +240,7 @@ def cholesky(A: np.ndarray) -> np.ndarray:
     return L
 
 
-@compiled
+@compiled(loops=True)
 def some_columns(A: np.ndarray, some: np.ndarray) -> np.ndarray:
     """A[:, some] (n, k) of A (n, m), contiguous by rows."""
     B = np.empty((len(A), len(some)))
@@ -287,7 +287,7 @@ def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     return dpotrs(L, b, lower=1)[0]
 
 
-@compiled
+@compiled(loops=True)
 def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     """X (n, m) of L L^T X = B (n, m), from the lower factor."""
     X, n = B.copy(), len(B)
@@ -303,7 +303,7 @@ def cholesky_solve_matrix(L: np.ndarray, B: np.ndarray) -> np.ndarray:
     return X
 
 
-@compiled
+@compiled(loops=True)
 def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
     """x[at:] begins with the values (k,) then, in place; x (n,), n >= at + k.
 
@@ -314,14 +314,14 @@ def put(x: np.ndarray, at: int, values: np.ndarray) -> None:
         x[at + i] = values[i]
 
 
-@compiled
+@compiled(loops=True)
 def put_at(x: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
     """x[places] is values (k,) then, in place; x (n,), places (k,). As `put`."""
     for i in range(len(places)):
         x[places[i]] = values[i]
 
 
-@compiled
+@compiled(loops=True)
 def transposed(A: np.ndarray) -> np.ndarray:
     """A_k^T (K, n, m) of A (K, m, n).
 
@@ -335,7 +335,7 @@ def transposed(A: np.ndarray) -> np.ndarray:
     return B
 
 
-@compiled
+@compiled(loops=True)
 def add_to_diagonal(A: np.ndarray, x: np.ndarray) -> None:
     """A += diag(x), in place; A (n, n), x (n,)."""
     for i in range(len(x)):
@@ -398,7 +398,7 @@ def sparse_product(A: np.ndarray, first: np.ndarray, X: np.ndarray) -> np.ndarra
     return np.einsum("ia,kiac->kic", A, X[:, first[:, np.newaxis] + np.arange(4)])
 
 
-@compiled
+@compiled(loops=True)
 def smallest(x: np.ndarray, members: np.ndarray) -> np.ndarray:
     """Of each row of members (N, k), places in x, the first of the smallest: (N,).
 

@@ -31,6 +31,9 @@ from numba.core.registry import CPUDispatcher
 
 from crar_drake.files import WriteError, turn_to_write
 
+# Names of the functions that are written in loops, whose parts are optimised at once.
+IN_LOOPS: set[str] = set()
+
 # Of the variables by which functions find what surrounds them in Python.
 _ENVIRONMENT = "_ZN08NumbaEnv"
 
@@ -45,7 +48,7 @@ class Part(JITCodeLibrary):
         self._raise_if_finalized()
         for library in self._linking_libraries:
             self._reload_init.update(library._reload_init)
-        if self.name.endswith("_loops"):
+        if self.name in IN_LOOPS:
             self._optimize_functions(self._final_module)
             self._optimize_final_module()
         for function in self._final_module.functions:

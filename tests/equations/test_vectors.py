@@ -35,7 +35,8 @@ def functions_with_loops() -> dict[str, str]:
         for decorator in getattr(node, "decorator_list", []):
             for keyword in getattr(decorator, "keywords", []):
                 assert keyword.arg == "loops"
-                found[node.name] = keyword.value.id
+                if isinstance(keyword.value, ast.Name):  # else it is its own loops
+                    found[node.name] = keyword.value.id
     return found
 
 

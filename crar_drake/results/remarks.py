@@ -134,7 +134,7 @@ def _of_limbs(limb_directions: Mapping[str, LimbDirection]) -> list[str]:
         if angle.followed and not near:
             found.append(
                 f"{name.replace('_', ' ')} points {np.degrees(angle.median):.0f}° away "
-                "from where the performer's does, in the median; for 5 % of the time "
+                "from where the person's does, in the median; for 5 % of the time "
                 f"{np.degrees(angle.most):.0f}° or more"
             )
     return _first(found)

@@ -171,7 +171,7 @@ def _limbs(summary: Summary) -> tuple[str, str]:
     median, most = np.degrees([angles[worst].median, angles[worst].most])
     return (
         f"{median:.0f}°",
-        f"off the performer's in the median, worst {worst.replace('_', ' ')}; 95 % of "
+        f"off the person's in the median, worst {worst.replace('_', ' ')}; 95 % of "
         f"the time below {most:.0f}°",
     )
 

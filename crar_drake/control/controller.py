@@ -112,7 +112,7 @@ class CrarController(LeafSystem):
         resting_margins: (2,) where the robot would come to rest, the smallest
             distance [m] and the smallest margin to a joint limit [rad]; NaN unless
             constraints are "lookahead".
-        admission: (4,) how the step was admitted (0 as the nominal one, 1 corrected, 2
+        admission: (4,) how the step was admitted (0 nominal, 1 corrected, 2
             scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the braking path one period on [m], and whether the
             present one is clear (1) or not (0), see `docs/theory/theorem.md`. The last

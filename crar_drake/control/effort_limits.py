@@ -1,7 +1,8 @@
 """Accelerations whose torques the motors have, for a whole control period.
 
-Where the nominal ones take more than the effort limits, the nearest accelerations that
-do not are found, `equations.torque_limit`; then the constraint mode admits them again.
+Where the nominal accelerations take more than the effort limits, the nearest
+accelerations that do not are found, `equations.torque_limit`; then the constraint mode
+admits them again.
 """
 
 from __future__ import annotations
@@ -225,7 +226,7 @@ class EffortLimits:
         Where the motors have not the torque to brake within the horizon, they may have
         it for one of the mode's longer ones. That counts if this braking path is clear,
         too, as it then is after the step. Of those from which braking is possible for
-        the motors again, what leaves the most of the nominal is taken.
+        the motors again, what leaves the most of them is taken.
         """
         args = (workspace, measured, nominal, limits)
         found = self._with(self._braking, *args)
@@ -249,7 +250,7 @@ class EffortLimits:
         found: _Candidate,
     ) -> tuple[bool, float, float]:
         """Whether the next step's braking is within the limits; else how long it takes,
-        the more of it the better; how much is left of the nominal."""
+        the more of it the better; how much is left of the nominal accelerations."""
         share, excess = found.torque_limit.tolist()
         if excess > _NO_EXCESS:
             return False, 0.0, -excess
@@ -276,7 +277,8 @@ class EffortLimits:
         limits: np.ndarray,
     ) -> _Candidate:
         """The nearest of the controlled joints, or where that is not enough, of all; or
-        a share of the nominal, if that is more than the mode leaves of the nearest."""
+        a share of the nominal accelerations, if that is more than the mode leaves of
+        the nearest."""
         slowed = self._slowed(braking, measured, nominal, limits)
         share, excess = slowed.torque_limit.tolist()  # an array is slow to unpack
         if share == 1.0 and excess == 0.0:

@@ -346,7 +346,7 @@ class ControlLaw:
         q: np.ndarray,
         v: np.ndarray,
     ) -> Memory:
-        """The same with the torque that the accelerations take at a later state.
+        """The control step with the torque that it takes at a later state.
 
         Where effort limits are respected, the torque is clipped: what the limits allow
         was decided in the control step.

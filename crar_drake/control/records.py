@@ -83,7 +83,7 @@ class Solution:
 
     @property
     def admission(self) -> np.ndarray:
-        """(4,) how the step was admitted (0 as the nominal one, 1 corrected, 2 scaled
+        """(4,) how the step was admitted (0 nominal, 1 corrected, 2 scaled
         towards braking), the share of the nominal step, a bound from below for all
         distances on the next braking path [m], and 1 if the present one is clear, else
         0, the last two NaN if a watched pair is not examined; all NaN unless

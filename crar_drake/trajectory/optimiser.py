@@ -1,0 +1,412 @@
+"""A motion as one least-squares problem with constraints: all frames at once.
+
+With y_k in R^m the unknowns of frame k, over the T frames of a motion:
+
+    minimise    1/2 sum_k [ |r_k(y_k)|^2 + |w (y_k - c_k)|^2
+                            + |s (x_(k-1) - 2 x_k + x_(k+1))|^2 ],      x = y - a
+    such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
+                lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
+
+The tasks r, the posture c and the smoothness about a are the caller's: for a reference
+motion that is to change the least c = a is the reference.
+
+*Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical Optimization",
+2nd ed., Alg. 17.4): with multipliers lambda of the rows c(y) >= 0, minimise
+
+    f(y) + sum_i (rho / 2) max(0, lambda_i / rho - c_i(y))^2,
+
+then set lambda_i to max(0, lambda_i - rho c_i). The penalty rho grows in stages: begun
+with the last one the minimum is a worse one. Each minimisation takes damped Gauss-Newton
+steps; in a step all rows are linearised, and which of them count is found by iterating.
+Unknowns of neighbouring frames alone are coupled, so a step is linear in the frames
+(`bands`).
+
+Frames are *live* while rows that concern them, or frames near them, are not settled.
+Others are held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from crar_drake.trajectory.bands import Normal, add_rows
+from crar_drake.trajectory.distance_rows import NearRows
+
+# rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
+_PENALTIES = (1e2, 1e3, 1e4, 1e5)
+_PENALTY_OF_JOINTS = 1e4
+
+_STEPS = 40  # Gauss-Newton steps of a minimisation, at most
+_ACTIVE_SETS = 6  # in one of them, at most
+_UPDATES = 10  # of the multipliers under the last penalty, at most
+_LONGEST_STEP = 0.5  # of any unknown in a step [rad]
+_SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
+_GAIN = 1e-3  # as does one by which the merit falls by a smaller share than this,
+_NO_COST = 1e-4  # or than this of this
+_LACKS = 1e-4  # a row that lacks less than this is settled [m]
+_ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axis [m]
+
+# Rows count that are nearer than what is asked for and this [m], which goes with the
+# last step [m/rad].
+_LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
+
+# Levenberg's damping: first, least, most; by how much it rises and falls.
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _DAMPING_RATIO = 1e-2, 1e-5, 1e4, 4.0
+
+
+class Tasks(Protocol):
+    """What the motion is to do at each frame, r of the least squares."""
+
+    def residuals(
+        self, frames: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """r (L, R) and its Jacobian (L, R, m).
+
+        Args:
+            frames: (L,) which frames of the motion.
+            y: (L, m) their unknowns.
+        """
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is minimised, and the constraints; m unknowns a frame.
+
+    Attributes:
+        tasks: of each frame.
+        posture: (T, m) c.
+        posture_weight: (m,) w.
+        about: (T, m) a.
+        smoothness: (m,) s.
+        lower, upper: (m,) limits; infinite where there is none.
+        fastest: (m,) change from a frame to the next, at most; infinite likewise.
+        near_rows: of samples y (S, m) the rows that are nearer than what is given for
+            each (S,) [m].
+        num_rows: number of rows that a sample may have.
+    """
+
+    tasks: Tasks
+    posture: np.ndarray
+    posture_weight: np.ndarray
+    about: np.ndarray
+    smoothness: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    fastest: np.ndarray
+    near_rows: Callable[[np.ndarray, np.ndarray], NearRows]
+    num_rows: int
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1).
+
+    Attributes:
+        frame: (S,) k.
+        share: (S,) t, from 0 to less than 1.
+        asked: (S,) what each row keeps there [m].
+    """
+
+    frame: np.ndarray
+    share: np.ndarray
+    asked: np.ndarray
+
+
+@dataclass
+class Effort:
+    """What solving took: linearisations, and factorisations."""
+
+    linearised: int = 0
+    factorised: int = 0
+
+
+@dataclass
+class _Live:
+    """Frames that move, and what concerns them; the others' places are -1."""
+
+    frames: np.ndarray
+    samples: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    steps: np.ndarray  # from these frames to the next
+    step_left: np.ndarray
+    step_right: np.ndarray
+
+
+@dataclass
+class _Linearised:
+    """The problem about y (P, m), at live frames and samples."""
+
+    y: np.ndarray
+    r: np.ndarray
+    J: np.ndarray
+    rows: NearRows  # whose `sample` counts live ones
+    c: np.ndarray  # what they keep beyond what is asked
+    merit: float = 0.0
+
+
+@dataclass
+class Part:
+    """Some frames of a motion in a row, of which some may move.
+
+    Attributes:
+        problem: of the whole motion.
+        first: which of its frames is the part's first.
+        y: (P, m) unknowns; `solve` changes them.
+        free: (P,) whether a frame may move. Beside the others, the two at each end are
+            held unless the motion ends there.
+        samples: of the part, counted from its first frame.
+        effort: is counted.
+    """
+
+    problem: Problem
+    first: int
+    y: np.ndarray
+    free: np.ndarray
+    samples: Samples
+    effort: Effort = field(default_factory=Effort)
+
+    def __post_init__(self) -> None:
+        some = slice(self.first, self.first + len(self.y))
+        self._posture, self._about = self.problem.posture[some], self.problem.about[some]
+        self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
+        self._of_limits = np.zeros((2, *self.y.shape))
+        self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
+        self._stiffness = _second_differences(len(self.y))
+
+    def solve(self, near: int, again: bool = False) -> None:
+        """Minimises, until what is asked for is kept or nothing more is gained.
+
+        Args:
+            near: frames so near to one that is not settled are live.
+            again: begin with the last penalty, from a motion that is nearly there.
+        """
+        live = self._live(self.free)
+        stages = _PENALTIES[-1:] if again else _PENALTIES
+        for update in range(len(stages) - 1 + _UPDATES):
+            penalty = stages[min(update, len(stages) - 1)]
+            at = self._minimise(live, penalty)
+            self.y = at.y
+            lacking = self._update(live, at, penalty)
+            if update >= len(stages) - 1:
+                if not lacking.any():
+                    return
+                live = self._live(self.free & spread(lacking, near))
+
+    def _minimise(self, live: _Live, penalty: float) -> _Linearised:
+        damping, look = _DAMPING, _FARTHEST_LOOK
+        at = self._linearise(self.y, live, penalty, look)
+        for _ in range(_STEPS):
+            step = self._step(at, live, penalty, damping)
+            size = 0.0 if step is None else float(np.abs(step).max(initial=0.0))
+            if step is not None:
+                step *= min(1.0, _LONGEST_STEP / max(size, 1e-300))
+                y = at.y.copy()
+                y[live.frames] += step
+                look = np.clip(_LOOK * size, _NEAREST_LOOK, _FARTHEST_LOOK)
+                new = self._linearise(y, live, penalty, look)
+            if step is None or not new.merit <= at.merit + 1e-12:
+                damping = max(_DAMPING_RATIO * damping, _DAMPING)
+                if damping > _MOST_DAMPING:
+                    break
+                continue
+            gain, at = at.merit - new.merit, new
+            damping = max(damping / _DAMPING_RATIO, _LEAST_DAMPING)
+            if gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED:
+                break
+        return at
+
+    def _live(self, mask: np.ndarray) -> _Live:
+        """Of the frames of a mask, whose gaps of one or two frames are closed: frames
+        that are coupled are neighbours then."""
+        mask = spread(mask, 1) & self.free
+        frames = np.flatnonzero(mask)
+        place = np.full(len(mask) + 1, -1)
+        place[frames] = np.arange(len(frames))
+        k, t = self.samples.frame, self.samples.share
+        right = np.where(t > 0.0, np.minimum(k + 1, len(mask) - 1), k)
+        samples = np.flatnonzero(mask[k] | mask[right])
+        steps = np.flatnonzero(mask[:-1] | mask[1:])
+        return _Live(
+            frames,
+            samples,
+            place[k[samples]],
+            np.where(t[samples] > 0.0, place[right[samples]], -1),
+            steps,
+            place[steps],
+            place[steps + 1],
+        )
+
+    def _linearise(
+        self, y: np.ndarray, live: _Live, penalty: float, look: float
+    ) -> _Linearised:
+        self.effort.linearised += 1
+        problem, some = self.problem, live.samples
+        k, t = self.samples.frame[some], self.samples.share[some, None]
+        at = (1.0 - t) * y[k] + t * y[np.minimum(k + 1, len(y) - 1)]
+        asked = self.samples.asked[some]
+        rows = problem.near_rows(at, asked + look)
+        r, J = problem.tasks.residuals(self.first + live.frames, y[live.frames])
+        new = _Linearised(y, r, J, rows, rows.d - asked[rows.sample])
+        new.merit = self._merit(new, live, penalty)
+        return new
+
+    def _limits(self, y: np.ndarray, live: _Live) -> tuple[np.ndarray, np.ndarray]:
+        """(2, L, m), (2, K, m) what is left to limits and speeds, either way."""
+        problem, here = self.problem, y[live.frames]
+        step = y[live.steps + 1] - y[live.steps]
+        return (
+            np.stack([here - problem.lower, problem.upper - here]),
+            np.stack([problem.fastest - step, problem.fastest + step]),
+        )
+
+    def _merit(self, at: _Linearised, live: _Live, penalty: float) -> float:
+        problem, y = self.problem, at.y
+        posture = problem.posture_weight * (y - self._posture)[live.frames]
+        bends = problem.smoothness * np.diff(y - self._about, 2, axis=0)
+        sums = [np.vdot(z, z) for z in (at.r, posture, bends)]
+        limits, speeds = self._limits(y, live)
+        for rho, lam, c in (
+            (penalty, self._of_rows[live.samples[at.rows.sample], at.rows.row], at.c),
+            (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits),
+            (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds),
+        ):
+            lacks = np.maximum(0.0, lam / rho - c)
+            sums.append(rho * np.vdot(lacks, lacks))
+        return 0.5 * float(sum(sums))
+
+    def _step(
+        self, at: _Linearised, live: _Live, penalty: float, damping: float
+    ) -> np.ndarray | None:
+        """(L, m) to the minimum of the linearised merit, with its own active set."""
+        base = self._normal(at, live, damping)
+        rows, rho = at.rows, _PENALTY_OF_JOINTS
+        k, l = live.left[rows.sample], live.right[rows.sample]
+        t = self.samples.share[live.samples[rows.sample]]
+        lam = self._of_rows[live.samples[rows.sample], rows.row]
+        shift = lam / penalty - at.c
+        limits, speeds = self._limits(at.y, live)
+        limits = self._of_limits[:, live.frames] / rho - limits
+        speeds = self._of_speeds[:, live.steps] / rho - speeds
+        frames, m = base.b.shape
+        step, before = np.zeros((frames, m)), None
+        for _ in range(_ACTIVE_SETS):
+            wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
+            moved = (1.0 - t)[:, None] * wide[k] + t[:, None] * wide[l]
+            change = wide[live.step_right] - wide[live.step_left]
+            on = (
+                shift > np.einsum("rj,rj->r", rows.gradient, moved),
+                limits > np.stack([step, -step]),
+                speeds > np.stack([-change, change]),
+            )
+            same = before is not None and all(map(np.array_equal, on, before))
+            if same:
+                break
+            before = on
+            normal = base.copy()
+            some = np.flatnonzero(on[0])
+            add_rows(
+                normal.D,
+                normal.S,
+                normal.b,
+                k[some],
+                l[some],
+                t[some],
+                rows.gradient[some],
+                np.full(len(some), penalty),
+                shift[some],
+            )
+            every = np.arange(frames)
+            normal.add_to_diagonal(every, rho * on[1].sum(axis=0))
+            normal.b += rho * (on[1][0] * limits[0] - on[1][1] * limits[1])
+            _add_speeds(normal, live, rho * on[2].sum(axis=0))
+            push = rho * (on[2][1] * speeds[1] - on[2][0] * speeds[0])
+            for places, sign in ((live.step_right, 1.0), (live.step_left, -1.0)):
+                there = places >= 0
+                np.add.at(normal.b, places[there], sign * push[there])
+            self.effort.factorised += 1
+            found = normal.solve()
+            if found is None:
+                return None
+            step = found
+        return step
+
+    def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
+        """Of what is minimised, without constraints."""
+        problem, some = self.problem, live.frames
+        weight, stiff = problem.posture_weight**2, problem.smoothness**2
+        transposed = at.J.swapaxes(1, 2)
+        D = transposed @ at.J
+        frames, m = len(some), at.y.shape[1]
+        j = np.arange(m)
+        centre, first, second = self._stiffness
+        D[:, j, j] += weight + damping + centre[some, None] * stiff
+        S, E = np.zeros((max(frames - 1, 0), m, m)), np.zeros((max(frames - 2, 0), m))
+        by_one, by_two = np.diff(some) == 1, (some[2:] - some[:-2]) == 2
+        S[:, j, j] = np.where(by_one, first[some[:-1]], 0.0)[:, None] * stiff
+        if frames > 2:
+            E[:] = np.where(by_two, second[some[:-2]], 0.0)[:, None] * stiff
+        bends = np.diff(at.y - self._about, 2, axis=0)
+        pull = np.zeros_like(at.y)
+        pull[:-2] += bends
+        pull[1:-1] -= 2.0 * bends
+        pull[2:] += bends
+        b = (transposed @ at.r[:, :, None])[:, :, 0]
+        b += weight * (at.y - self._posture)[some] + stiff * pull[some]
+        return Normal(D, S, E, -b)
+
+    def _update(self, live: _Live, at: _Linearised, penalty: float) -> np.ndarray:
+        """Of the multipliers; which frames (P,) have rows that lack something."""
+        some, rows = live.samples, at.rows
+        lam = self._of_rows[some[rows.sample], rows.row]
+        self._of_rows[some] = 0.0
+        self._of_rows[some[rows.sample], rows.row] = np.maximum(
+            0.0, lam - penalty * at.c
+        )
+        limits, speeds = self._limits(at.y, live)
+        rho = _PENALTY_OF_JOINTS
+        for lam, places, c in (
+            (self._of_limits, live.frames, limits),
+            (self._of_speeds, live.steps, speeds),
+        ):
+            lam[:, places] = np.maximum(0.0, lam[:, places] - rho * c)
+        lacking = np.zeros(len(at.y), dtype=bool)
+        low = some[rows.sample[at.c < -_LACKS]]
+        lacking[self.samples.frame[low]] = True
+        lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
+        lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
+        return lacking
+
+
+def spread(mask: np.ndarray, by: int) -> np.ndarray:
+    """Also the `by` frames before and after those of a mask (T,)."""
+    if by <= 0 or not len(mask):
+        return mask
+    return np.convolve(mask, np.ones(2 * by + 1))[by:-by] > 0.5
+
+
+def _second_differences(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The bands of B'B, B the second differences: (P,), (P - 1,), (P - 2,)."""
+    centre, first = np.zeros(frames), np.zeros(max(frames - 1, 0))
+    second = np.ones(max(frames - 2, 0))
+    if frames > 2:
+        centre[:-2] += 1.0
+        centre[1:-1] += 4.0
+        centre[2:] += 1.0
+        first[:-1] -= 2.0
+        first[1:] -= 2.0
+    return centre, first, second
+
+
+def _add_speeds(normal: Normal, live: _Live, much: np.ndarray) -> None:
+    """Adds (K, m) `much` times the squared change in each step."""
+    j = np.arange(much.shape[1])
+    for places in (live.step_left, live.step_right):
+        there = places >= 0
+        normal.add_to_diagonal(places[there], much[there])
+    both = (live.step_left >= 0) & (live.step_right >= 0)
+    normal.S[live.step_left[both][:, None], j, j] -= much[both]

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.control.checks import check_numbers
 from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.references.ground_contact import FEET, HANDS
 from crar_drake.references.margins import Margins, find_margins
 from crar_drake.robot.description import LIMIT_TOLERANCE, RobotDescription
 from crar_drake.robot.model import ControlModel
@@ -42,9 +43,6 @@ from crar_drake.trajectory.distance_rows import (
 )
 from crar_drake.trajectory.optimiser import Effort, Part, Problem, Samples, spread
 
-FEET = ("left_foot", "right_foot")
-HANDS = ("left_hand", "right_hand")
-
 # The solver is asked for so much more than is certified [m], for its tolerance and what
 # a file rounds.
 _MORE_AT_FRAMES, _MORE_BETWEEN = 3e-4, 2e-3
@@ -57,6 +55,9 @@ _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
 _TRIES = 8
+# From this try on, what is not certified begins anew from straight ways; the last try
+# leaves it there.
+_FIRST_CHORDS = 3
 # Samples on the way to the next frame: one, three where a joint moves by more than this
 # [rad], and twice as many each time that the way is not certified.
 _FAST, _MOST_PARTS = 0.12, 16
@@ -72,7 +73,11 @@ class CleaningParameters:
             orientations [m/rad].
         foot_height_weight: of their heights [1]: feet that meet part sideways, and not
             into the floor.
-        hand_weight, hand_turn_weight: likewise, of hands that carry the robot.
+        hand_weight: of the hands' positions [1].
+        carrying_weight, carrying_turn_weight: instead, of hands that carry [1], and of
+            their orientations [m/rad].
+        hands: whether hands are taken to carry throughout, as those that hold an object
+            do; else while they are planted on the ground.
         smoothing: tau; changes that come and go within this time cost more [s].
         floor: distance that watched pairs keep at each frame [m].
         floor_between: and on each straight way to the next frame [m].
@@ -83,8 +88,10 @@ class CleaningParameters:
     foot_weight: float = 25.0
     foot_turn_weight: float = 4.0  # [m/rad]
     foot_height_weight: float = 100.0
-    hand_weight: float = 35.0
-    hand_turn_weight: float = 0.3  # [m/rad]
+    hand_weight: float = 2.0
+    carrying_weight: float = 35.0
+    carrying_turn_weight: float = 0.3  # [m/rad]
+    hands: bool = False
     smoothing: float = 0.03  # [s]
     floor: float = 4e-3  # [m]
     floor_between: float = 0.5e-3  # [m]
@@ -123,7 +130,8 @@ class Cleaner:
         parameters: what is asked for.
         description: of the robot.
         model: the robot with its root fixed, and its watched pairs.
-        frames: task frames that are kept: the feet, then the hands.
+        feet, hands: task frames that are kept,
+        frames: and both.
         rate: frames per second [Hz].
     """
 
@@ -142,8 +150,8 @@ class Cleaner:
 
         Raises:
             ScenarioError: a parameter is out of range.
-            ModelError: the robot watches no pair, or has watched shapes other than
-                capsules and spheres.
+            ModelError: the robot watches no pair, has watched shapes other than
+                capsules and spheres, or no frames of hands that are asked for.
         """
         self.parameters = parameters or CleaningParameters()
         self.parameters.validate()
@@ -155,8 +163,16 @@ class Cleaner:
                 "its robot.yaml, or import it"
             )
         known = description.task_frames
-        self.feet = tuple(frame for frame in FEET if frame in known)
-        self.frames = self.feet + tuple(frame for frame in HANDS if frame in known)
+        self.feet, self.hands = (
+            tuple(frame for frame in frames if frame in known)
+            for frames in (FEET, HANDS)
+        )
+        if self.parameters.hands and not self.hands:
+            raise ModelError(
+                f"robot {description.name} has no task_frames {' and '.join(HANDS)} to "
+                "keep; add them to its robot.yaml, or leave out --hands"
+            )
+        self.frames = self.feet + self.hands
         kept = [Task(frame=frame, kind="pose") for frame in self.frames]
         other = [Task(frame=next(iter(known), "world"))]
         self.model = ControlModel.FromDescription(description, kept or other)
@@ -214,7 +230,9 @@ class Cleaner:
         around, attempt = _AROUND, 0
         while violating.any() and attempt < _TRIES:
             solved = spread(violating, round(around * self.rate))
-            for first, last, end in self._parts(solved):
+            if attempt >= _FIRST_CHORDS:
+                solved |= self._lay_chords(q, violating)
+            for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(asked, between, parts, first, last)
                 before, after = max(0, first - 2), min(frames, last + 2)
                 free = np.zeros(after - before, dtype=bool)
@@ -225,7 +243,9 @@ class Cleaner:
                 q[first:last] = part.y[first - before : last - before]
                 if progress is not None and not attempt:
                     progress(end)
-            q = np.clip(q, self.model.lower, self.model.upper, where=solved[:, None], out=q)
+            q = np.clip(
+                q, self.model.lower, self.model.upper, where=solved[:, None], out=q
+            )
             margins = self._margins_again(q, margins, solved)
             violating = self._violating(margins)
             low = margins.distance < self.parameters.floor
@@ -235,6 +255,41 @@ class Cleaner:
             parts[gaps] = np.minimum(2 * parts[gaps], _MOST_PARTS)
             around, attempt = _AROUND_AGAIN, attempt + 1
         return Cleaned(q, violating, effort)
+
+    def _lay_chords(self, q: np.ndarray, violating: np.ndarray) -> np.ndarray:
+        """Leads the motion past what violates something on straight ways that are
+        clear, from a frame before to a frame after: the side of an obstacle on which
+        the robot stays is not the reference's then.
+
+        Args:
+            q: (T, n), changed in place.
+            violating: (T,) which frames are not to stay.
+
+        Returns:
+            (T,) the frames that were changed.
+        """
+        frames, changed = len(q), np.zeros(len(q), dtype=bool)
+        for first, last in _runs(violating):
+            for reach in range(1, frames):
+                a, b = max(first - reach, -1), min(last - 1 + reach, frames)
+                ends = [k for k in (a, b) if 0 <= k < frames]
+                if not ends:
+                    break
+                if violating[ends].any() or not self._is_way(q[ends], b - a):
+                    continue
+                share = np.linspace(0.0, 1.0, b - a + 1)[1:-1, None]
+                q[a + 1 : b] = (1.0 - share) * q[ends[0]] + share * q[ends[-1]]
+                changed[a + 1 : b] = True
+                break
+        return changed
+
+    def _is_way(self, ends: np.ndarray, frames: int) -> bool:
+        """Whether all frames on the straight way between two configurations, so many
+        apart, violate nothing; of one configuration, whether that does not."""
+        margins = self.margins(ends)
+        slowed = replace(margins, speed=margins.speed / frames)
+        low = margins.between.min() < self.parameters.floor
+        return not (low or self._violating(slowed).any())
 
     def _violating(self, margins: Margins) -> np.ndarray:
         """(T,) frames that violate something, at them or on the way to the next."""
@@ -269,8 +324,7 @@ class Cleaner:
         """First frame, frame after the last, and how far the motion is done with it;
         the last frames of a part that goes on are solved again by the next."""
         overlap = round(_OVERLAP * self.rate)
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
-        for first, last in edges.reshape(-1, 2):
+        for first, last in _runs(mask):
             while last - first > _PART + overlap + _PART // 2:
                 yield first, first + _PART + overlap, first + _PART
                 first += _PART
@@ -304,14 +358,16 @@ class Cleaner:
         p, frames = self.parameters, len(reference)
         if self._poses is None:
             return _Nothing()
-        hands = len(self.frames) - len(self.feet)
-        carries = np.zeros((frames, hands)) if carries is None else carries
+        hands = len(self.hands)
+        if carries is None or p.hands:
+            carries = np.full((frames, hands), float(p.hands))
         if root_rotations is None:
             root_rotations = np.tile(np.eye(3), (frames, 1, 1))
         feet = np.ones((frames, len(self.feet)))
         foot = [p.foot_weight, p.foot_weight, p.foot_height_weight]
-        linear = (feet[:, :, None] * foot, carries[:, :, None] * ([p.hand_weight] * 3))
-        turn = (feet * p.foot_turn_weight, carries * p.hand_turn_weight)
+        hand = (1.0 - carries) * p.hand_weight + carries * p.carrying_weight
+        linear = (feet[:, :, None] * foot, np.repeat(hand[:, :, None], 3, axis=2))
+        turn = (feet * p.foot_turn_weight, carries * p.carrying_turn_weight)
         return KeptPoses(
             self._poses,
             self._rest,
@@ -379,6 +435,12 @@ class KeptPoses:
             r.append((by @ error[..., None]).reshape(len(y), -1))
             jacobians.append((by @ J[:, rows]).reshape(len(y), -1, y.shape[1]))
         return np.concatenate(r, axis=1), np.concatenate(jacobians, axis=1)
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """First frame of each stretch of a mask (T,), and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _samples(

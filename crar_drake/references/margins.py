@@ -15,8 +15,8 @@ from crar_drake.equations.admission import reaching, travel
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.nearby import bounds_of_some, nearby_distances
-from crar_drake.trajectory.distance_rows import configurations
 from crar_drake.robot.model import ControlModel
+from crar_drake.trajectory.distance_rows import configurations
 
 # A way's bound is sought so far below what its ends keep, then four times farther
 # and so on, and is found to so much [m].

@@ -76,23 +76,28 @@ def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
                 h[i] += scaled * target[r]
                 for j in range(i + 1):
                     H[i, j] += scaled * g[r, j]
-        k, l, t = left[r], right[r], share[r]
+        k, after, t = left[r], right[r], share[r]
         u = 1.0 - t
-        if r + 1 < len(g) and left[r + 1] == k and right[r + 1] == l and share[r + 1] == t:
+        if (
+            r + 1 < len(g)
+            and left[r + 1] == k
+            and right[r + 1] == after
+            and share[r + 1] == t
+        ):
             continue
         for i in range(m):
             if k >= 0:
                 b[k, i] += u * h[i]
-            if l >= 0:
-                b[l, i] += t * h[i]
+            if after >= 0:
+                b[after, i] += t * h[i]
             h[i] = 0.0
             for j in range(i + 1):
                 product = H[i, j]
                 H[i, j] = 0.0
                 if k >= 0:
                     D[k, i, j] += u * u * product
-                if l >= 0:
-                    D[l, i, j] += t * t * product
+                if after >= 0:
+                    D[after, i, j] += t * t * product
                     if k >= 0:
                         S[k, i, j] += u * t * product
                         if i != j:

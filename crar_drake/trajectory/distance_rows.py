@@ -91,9 +91,7 @@ def find_near_rows(
 
 
 @compiled
-def find_poses(
-    q: np.ndarray, robot: Held
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def find_poses(q: np.ndarray, robot: Held) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the tasks' frames are, and how joints move them: Eq. (5).
 
     Args:

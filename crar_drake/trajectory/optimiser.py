@@ -38,7 +38,7 @@ from crar_drake.trajectory.distance_rows import NearRows
 
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
 _PENALTIES = (1e2, 1e3, 1e4, 1e5)
-_PENALTY_OF_JOINTS = 1e4
+_PENALTY_OF_JOINTS = 1e5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
 _ACTIVE_SETS = 6  # in one of them, at most
@@ -47,6 +47,9 @@ _LONGEST_STEP = 0.5  # of any unknown in a step [rad]
 _SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
 _GAIN = 1e-3  # as does one by which the merit falls by a smaller share than this,
 _NO_COST = 1e-4  # or than this of this
+# What rows lack is to fall to this share with an update; else, so often in a row, more
+# updates are of no use.
+_LESS, _STALLS = 0.8, 2
 _LACKS = 1e-4  # a row that lacks less than this is settled [m]
 _ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axis [m]
 
@@ -172,7 +175,10 @@ class Part:
 
     def __post_init__(self) -> None:
         some = slice(self.first, self.first + len(self.y))
-        self._posture, self._about = self.problem.posture[some], self.problem.about[some]
+        self._posture, self._about = (
+            self.problem.posture[some],
+            self.problem.about[some],
+        )
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
@@ -187,14 +193,17 @@ class Part:
         """
         live = self._live(self.free)
         stages = _PENALTIES[-1:] if again else _PENALTIES
+        least, stalls = np.inf, 0
         for update in range(len(stages) - 1 + _UPDATES):
             penalty = stages[min(update, len(stages) - 1)]
             at = self._minimise(live, penalty)
             self.y = at.y
-            lacking = self._update(live, at, penalty)
+            lacking, lacks = self._update(live, at, penalty)
             if update >= len(stages) - 1:
-                if not lacking.any():
+                stalls = stalls + 1 if lacks > _LESS * least else 0
+                if not lacking.any() or stalls >= _STALLS:
                     return
+                least = min(least, lacks)
                 live = self._live(self.free & spread(lacking, near))
 
     def _minimise(self, live: _Live, penalty: float) -> _Linearised:
@@ -285,7 +294,7 @@ class Part:
         """(L, m) to the minimum of the linearised merit, with its own active set."""
         base = self._normal(at, live, damping)
         rows, rho = at.rows, _PENALTY_OF_JOINTS
-        k, l = live.left[rows.sample], live.right[rows.sample]
+        left, right = live.left[rows.sample], live.right[rows.sample]
         t = self.samples.share[live.samples[rows.sample]]
         lam = self._of_rows[live.samples[rows.sample], rows.row]
         shift = lam / penalty - at.c
@@ -296,7 +305,7 @@ class Part:
         step, before = np.zeros((frames, m)), None
         for _ in range(_ACTIVE_SETS):
             wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
-            moved = (1.0 - t)[:, None] * wide[k] + t[:, None] * wide[l]
+            moved = (1.0 - t)[:, None] * wide[left] + t[:, None] * wide[right]
             change = wide[live.step_right] - wide[live.step_left]
             on = (
                 shift > np.einsum("rj,rj->r", rows.gradient, moved),
@@ -313,8 +322,8 @@ class Part:
                 normal.D,
                 normal.S,
                 normal.b,
-                k[some],
-                l[some],
+                left[some],
+                right[some],
                 t[some],
                 rows.gradient[some],
                 np.full(len(some), penalty),
@@ -322,9 +331,11 @@ class Part:
             )
             every = np.arange(frames)
             normal.add_to_diagonal(every, rho * on[1].sum(axis=0))
-            normal.b += rho * (on[1][0] * limits[0] - on[1][1] * limits[1])
+            kept = np.where(on[1], limits, 0.0)  # those that are infinite are not on
+            normal.b += rho * (kept[0] - kept[1])
             _add_speeds(normal, live, rho * on[2].sum(axis=0))
-            push = rho * (on[2][1] * speeds[1] - on[2][0] * speeds[0])
+            kept = np.where(on[2], speeds, 0.0)
+            push = rho * (kept[1] - kept[0])
             for places, sign in ((live.step_right, 1.0), (live.step_left, -1.0)):
                 there = places >= 0
                 np.add.at(normal.b, places[there], sign * push[there])
@@ -359,8 +370,11 @@ class Part:
         b += weight * (at.y - self._posture)[some] + stiff * pull[some]
         return Normal(D, S, E, -b)
 
-    def _update(self, live: _Live, at: _Linearised, penalty: float) -> np.ndarray:
-        """Of the multipliers; which frames (P,) have rows that lack something."""
+    def _update(
+        self, live: _Live, at: _Linearised, penalty: float
+    ) -> tuple[np.ndarray, float]:
+        """Of the multipliers; which frames (P,) have rows that lack something, and what
+        all rows lack together [m]."""
         some, rows = live.samples, at.rows
         lam = self._of_rows[some[rows.sample], rows.row]
         self._of_rows[some] = 0.0
@@ -379,7 +393,9 @@ class Part:
         lacking[self.samples.frame[low]] = True
         lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
         lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
-        return lacking
+        lacks = -np.minimum(at.c, 0.0).sum()
+        lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
+        return lacking, float(lacks)
 
 
 def spread(mask: np.ndarray, by: int) -> np.ndarray:

@@ -158,9 +158,9 @@ class LeastChange:
             weights = (_ALIKE, _FEET_TURN) if places else (along, p.foot_turn_weight)
             pairs = zip(self._feet, feet, strict=True)
             tasks += [(body, X, *weights) for body, X in pairs]
-        if places:
+            weight = 1.0 if places else p.hand_weight
             pairs = zip(self._hands, hands, strict=True)
-            tasks += [(body, X, _ALIKE, 0.0) for body, X in pairs]
+            tasks += [(body, X, weight * _ALIKE, 0.0) for body, X in pairs]
         for body, X, linear, angular in tasks:
             J = self._jacobian(body)
             X_now = self._pose(body)

@@ -14,8 +14,9 @@ Only *windows* about frames that violate something are solved, with half a secon
 either side, in parts of some ten seconds. Elsewhere the reference stands, bit for bit.
 
 Nothing trusts the solver. Afterwards the margins of each frame and of each straight way
-to the next are found (`margins`); where they are too small, more is asked for there, and
-a small window about it is solved again. What stays violated is reported.
+to the next are found (`margins`). Where they are too small, more is asked for, and a
+small window is solved again; where that does not help, from a straight way that is clear
+and leads past it. What stays violated is reported.
 """
 
 from __future__ import annotations

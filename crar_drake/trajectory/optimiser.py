@@ -10,16 +10,16 @@ With y_k in R^m the unknowns of frame k, over the T frames of a motion:
 The tasks r, the posture c and the smoothness about a are the caller's: for a reference
 motion that is to change the least c = a is the reference.
 
-*Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical Optimization",
-2nd ed., Alg. 17.4): with multipliers lambda of the rows c(y) >= 0, minimise
+*Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
+Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
 
     f(y) + sum_i (rho / 2) max(0, lambda_i / rho - c_i(y))^2,
 
 then set lambda_i to max(0, lambda_i - rho c_i). The penalty rho grows in stages: begun
-with the last one the minimum is a worse one. Each minimisation takes damped Gauss-Newton
-steps; in a step all rows are linearised, and which of them count is found by iterating.
-Unknowns of neighbouring frames alone are coupled, so a step is linear in the frames
-(`bands`).
+with the last one the minimum is a worse one. Each minimisation takes damped
+Gauss-Newton steps; in a step all rows are linearised, and which of them count is found
+by iterating. Unknowns of neighbouring frames alone are coupled, so a step's time is
+linear in the frames (`bands`).
 
 Frames are *live* while rows that concern them, or frames near them, are not settled.
 Others are held.

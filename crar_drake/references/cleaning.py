@@ -15,8 +15,8 @@ either side, in parts of some ten seconds. Elsewhere the reference stands, bit f
 
 Nothing trusts the solver. Afterwards the margins of each frame and of each straight way
 to the next are found (`margins`). Where they are too small, more is asked for, and a
-small window is solved again; where that does not help, from a straight way that is clear
-and leads past it. What stays violated is reported.
+small window is solved again; where that does not help, from a clear straight way that
+leads past it. What stays violated is reported.
 """
 
 from __future__ import annotations
@@ -42,7 +42,14 @@ from crar_drake.trajectory.distance_rows import (
     find_near_rows,
     find_poses,
 )
-from crar_drake.trajectory.optimiser import Effort, Part, Problem, Samples, spread
+from crar_drake.trajectory.optimiser import (
+    AtFrames,
+    Effort,
+    Part,
+    Problem,
+    Samples,
+    spread,
+)
 
 # The solver is asked for so much more than is certified [m], for its tolerance and what
 # a file rounds.
@@ -349,11 +356,12 @@ class Cleaner:
             num_rows=len(self.reaches.value.rows),
         )
 
-    def _near_rows(self, y: np.ndarray, enough: np.ndarray) -> NearRows:
+    def _near_rows(self, y: np.ndarray, asked: np.ndarray, look: float) -> NearRows:
         whole = configurations(self.model, self._rest, y)
-        rows = NearRows(*find_near_rows(whole, enough, self.model.robot_ahead))
+        rows = NearRows(*find_near_rows(whole, asked + look, self.model.robot_ahead))
         # The prescribed joints, which come last, stay where they are.
-        return rows._replace(gradient=rows.gradient[:, : self.model.n])
+        gradient = rows.gradient[:, : self.model.n]
+        return rows._replace(d=rows.d - asked[rows.sample], gradient=gradient)
 
     def _tasks(self, reference, root_rotations, carries) -> KeptPoses | _Nothing:
         p, frames = self.parameters, len(reference)
@@ -382,12 +390,18 @@ class Cleaner:
 class _Nothing:
     """No tasks besides the joints."""
 
-    def residuals(self, frames, y):
-        return np.zeros((len(y), 0)), np.zeros((len(y), 0, y.shape[1]))
+    step_weights = None
+
+    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
+        """See `optimiser.Tasks`."""
+        nothing = np.zeros((len(y), 0)), np.zeros((len(y), 0, y.shape[1]))
+        return AtFrames(*nothing, *nothing)
 
 
 class KeptPoses:
     """Links that are to stay where a reference has them, in the world."""
+
+    step_weights = None
 
     def __init__(
         self,
@@ -417,9 +431,7 @@ class KeptPoses:
             configurations(self._model, self._rest, y), self._model.robot_by_pair
         )
 
-    def residuals(
-        self, frames: np.ndarray, y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
         """See `optimiser.Tasks`."""
         R, p, J = self._find(y)
         J = J[:, :, : y.shape[1]]
@@ -435,7 +447,10 @@ class KeptPoses:
             by = weight[..., None] * root  # (K, L, 3, 3)
             r.append((by @ error[..., None]).reshape(len(y), -1))
             jacobians.append((by @ J[:, rows]).reshape(len(y), -1, y.shape[1]))
-        return np.concatenate(r, axis=1), np.concatenate(jacobians, axis=1)
+        nothing = np.zeros((len(y), 0)), np.zeros((len(y), 0, y.shape[1]))
+        return AtFrames(
+            np.concatenate(r, axis=1), np.concatenate(jacobians, axis=1), *nothing
+        )
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:

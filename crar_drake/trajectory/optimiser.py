@@ -3,12 +3,13 @@
 With y_k in R^m the unknowns of frame k, over the T frames of a motion:
 
     minimise    1/2 sum_k [ |r_k(y_k)|^2 + |w (y_k - c_k)|^2
-                            + |s (x_(k-1) - 2 x_k + x_(k+1))|^2 ],      x = y - a
+                            + |s (x_(k-1) - 2 x_k + x_(k+1))|^2
+                            + |v_k (f(y_(k+1)) - f(y_k))|^2 ],          x = y - a
     such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
                 lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
 
-The tasks r, the posture c and the smoothness about a are the caller's: for a reference
-motion that is to change the least c = a is the reference.
+The tasks r, the posture c, the smoothness about a and what stands still, f, are the
+caller's: for a reference motion that is to change the least c = a is the reference.
 
 *Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
 Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
@@ -29,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -61,16 +62,37 @@ _LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _DAMPING_RATIO = 1e-2, 1e-5, 1e4, 4.0
 
 
-class Tasks(Protocol):
-    """What the motion is to do at each frame, r of the least squares."""
+class AtFrames(NamedTuple):
+    """What the motion does at L frames.
 
-    def residuals(
-        self, frames: np.ndarray, y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """r (L, R) and its Jacobian (L, R, m).
+    Attributes:
+        r: (L, R) residuals of the tasks,
+        J: (L, R, m) and their Jacobian.
+        f: (L, F) what stands still from one frame to the next while it has a weight,
+        G: (L, F, m) and its Jacobian.
+    """
+
+    r: np.ndarray
+    J: np.ndarray
+    f: np.ndarray
+    G: np.ndarray
+
+
+class Tasks(Protocol):
+    """What the motion is to do.
+
+    Attributes:
+        step_weights: (T - 1, F) v, how much it is to stand still from each frame to the
+            next; None if nothing is.
+    """
+
+    step_weights: np.ndarray | None
+
+    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
+        """At some frames.
 
         Args:
-            frames: (L,) which frames of the motion.
+            frames: (L,) which of the motion.
             y: (L, m) their unknowns.
         """
 
@@ -87,8 +109,9 @@ class Problem:
         smoothness: (m,) s.
         lower, upper: (m,) limits; infinite where there is none.
         fastest: (m,) change from a frame to the next, at most; infinite likewise.
-        near_rows: of samples y (S, m) the rows that are nearer than what is given for
-            each (S,) [m].
+        near_rows: of samples y (S, m), what each is asked to keep (S,) [m], and a
+            length: the rows that keep less than that beyond what they are asked, which
+            is what their `d` says.
         num_rows: number of rows that a sample may have.
     """
 
@@ -100,7 +123,7 @@ class Problem:
     lower: np.ndarray
     upper: np.ndarray
     fastest: np.ndarray
-    near_rows: Callable[[np.ndarray, np.ndarray], NearRows]
+    near_rows: Callable[[np.ndarray, np.ndarray, float], NearRows]
     num_rows: int
 
 
@@ -132,6 +155,8 @@ class _Live:
     """Frames that move, and what concerns them; the others' places are -1."""
 
     frames: np.ndarray
+    seen: np.ndarray  # these, and if something stands still their neighbours
+    own: np.ndarray  # where the live ones are among the seen
     samples: np.ndarray
     left: np.ndarray
     right: np.ndarray
@@ -145,10 +170,8 @@ class _Linearised:
     """The problem about y (P, m), at live frames and samples."""
 
     y: np.ndarray
-    r: np.ndarray
-    J: np.ndarray
+    done: AtFrames  # at the frames that are seen
     rows: NearRows  # whose `sample` counts live ones
-    c: np.ndarray  # what they keep beyond what is asked
     merit: float = 0.0
 
 
@@ -240,8 +263,12 @@ class Part:
         right = np.where(t > 0.0, np.minimum(k + 1, len(mask) - 1), k)
         samples = np.flatnonzero(mask[k] | mask[right])
         steps = np.flatnonzero(mask[:-1] | mask[1:])
+        moving = self.problem.tasks.step_weights is not None
+        seen = np.flatnonzero(spread(mask, 1)) if moving else frames
         return _Live(
             frames,
+            seen,
+            np.searchsorted(seen, frames),
             samples,
             place[k[samples]],
             np.where(t[samples] > 0.0, place[right[samples]], -1),
@@ -258,9 +285,9 @@ class Part:
         k, t = self.samples.frame[some], self.samples.share[some, None]
         at = (1.0 - t) * y[k] + t * y[np.minimum(k + 1, len(y) - 1)]
         asked = self.samples.asked[some]
-        rows = problem.near_rows(at, asked + look)
-        r, J = problem.tasks.residuals(self.first + live.frames, y[live.frames])
-        new = _Linearised(y, r, J, rows, rows.d - asked[rows.sample])
+        rows = problem.near_rows(at, asked, look)
+        done = problem.tasks.at(self.first + live.seen, y[live.seen])
+        new = _Linearised(y, done, rows)
         new.merit = self._merit(new, live, penalty)
         return new
 
@@ -277,10 +304,16 @@ class Part:
         problem, y = self.problem, at.y
         posture = problem.posture_weight * (y - self._posture)[live.frames]
         bends = problem.smoothness * np.diff(y - self._about, 2, axis=0)
-        sums = [np.vdot(z, z) for z in (at.r, posture, bends)]
+        weights, _, steps = self._standing(live, at.done.f)
+        terms = (at.done.r[live.own], posture, bends, weights * steps)
+        sums = [np.vdot(z, z) for z in terms]
         limits, speeds = self._limits(y, live)
         for rho, lam, c in (
-            (penalty, self._of_rows[live.samples[at.rows.sample], at.rows.row], at.c),
+            (
+                penalty,
+                self._of_rows[live.samples[at.rows.sample], at.rows.row],
+                at.rows.d,
+            ),
             (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits),
             (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds),
         ):
@@ -297,7 +330,7 @@ class Part:
         left, right = live.left[rows.sample], live.right[rows.sample]
         t = self.samples.share[live.samples[rows.sample]]
         lam = self._of_rows[live.samples[rows.sample], rows.row]
-        shift = lam / penalty - at.c
+        shift = lam / penalty - at.rows.d
         limits, speeds = self._limits(at.y, live)
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
@@ -350,8 +383,9 @@ class Part:
         """Of what is minimised, without constraints."""
         problem, some = self.problem, live.frames
         weight, stiff = problem.posture_weight**2, problem.smoothness**2
-        transposed = at.J.swapaxes(1, 2)
-        D = transposed @ at.J
+        r, J = at.done.r[live.own], at.done.J[live.own]
+        transposed = J.swapaxes(1, 2)
+        D = transposed @ J
         frames, m = len(some), at.y.shape[1]
         j = np.arange(m)
         centre, first, second = self._stiffness
@@ -366,9 +400,44 @@ class Part:
         pull[:-2] += bends
         pull[1:-1] -= 2.0 * bends
         pull[2:] += bends
-        b = (transposed @ at.r[:, :, None])[:, :, 0]
+        b = (transposed @ r[:, :, None])[:, :, 0]
         b += weight * (at.y - self._posture)[some] + stiff * pull[some]
-        return Normal(D, S, E, -b)
+        normal = Normal(D, S, E, -b)
+        self._add_standing(normal, at, live)
+        return normal
+
+    def _standing(
+        self, live: _Live, f: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """v and the changes of f from a frame that is seen to the next, (K, F) both,
+        and between them (K,) which of the frames that are seen come before."""
+        v = self.problem.tasks.step_weights
+        if v is None:
+            return np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 0))
+        before = np.flatnonzero(np.diff(live.seen) == 1)
+        return v[self.first + live.seen[before]], before, f[before + 1] - f[before]
+
+    def _add_standing(self, normal: Normal, at: _Linearised, live: _Live) -> None:
+        """Adds the rows v (f_(k+1) - f_k)."""
+        v, before, change = self._standing(live, at.done.f)
+        some = v.any(axis=1)
+        v, before, change = v[some], before[some], change[some]
+        if not len(v):
+            return
+        place = np.full(len(at.y), -1)
+        place[live.frames] = np.arange(len(live.frames))
+        sides = []
+        for sign, seen in ((-1.0, before), (1.0, before + 1)):
+            A = sign * v[:, :, None] * at.done.G[seen]
+            sides.append((place[live.seen[seen]], A))
+            k, there = place[live.seen[seen]], place[live.seen[seen]] >= 0
+            transposed = A[there].swapaxes(1, 2)
+            np.add.at(normal.D, k[there], transposed @ A[there])
+            pull = transposed @ (v * change)[there][:, :, None]
+            np.add.at(normal.b, k[there], -pull[:, :, 0])
+        (k, A), (after, B) = sides
+        both = (k >= 0) & (after >= 0)
+        np.add.at(normal.S, k[both], B[both].swapaxes(1, 2) @ A[both])
 
     def _update(
         self, live: _Live, at: _Linearised, penalty: float
@@ -379,7 +448,7 @@ class Part:
         lam = self._of_rows[some[rows.sample], rows.row]
         self._of_rows[some] = 0.0
         self._of_rows[some[rows.sample], rows.row] = np.maximum(
-            0.0, lam - penalty * at.c
+            0.0, lam - penalty * at.rows.d
         )
         limits, speeds = self._limits(at.y, live)
         rho = _PENALTY_OF_JOINTS
@@ -389,11 +458,11 @@ class Part:
         ):
             lam[:, places] = np.maximum(0.0, lam[:, places] - rho * c)
         lacking = np.zeros(len(at.y), dtype=bool)
-        low = some[rows.sample[at.c < -_LACKS]]
+        low = some[rows.sample[at.rows.d < -_LACKS]]
         lacking[self.samples.frame[low]] = True
         lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
         lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
-        lacks = -np.minimum(at.c, 0.0).sum()
+        lacks = -np.minimum(at.rows.d, 0.0).sum()
         lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
         return lacking, float(lacks)
 

@@ -77,7 +77,7 @@ def test_a_frame_that_stays_changes_the_least(cleaner):
     frame = np.zeros(1, dtype=int)
 
     def cost(q):
-        r, _ = kept.residuals(frame, q[None])
+        r, *_ = kept.at(frame, q[None])
         return 0.5 * float(((q - inside) ** 2).sum() + (r**2).sum())
 
     asked = FLOOR + 3e-4
@@ -204,7 +204,7 @@ def test_a_foots_height_is_along_the_worlds_vertical(cleaner):
         R_WR = np.array([[[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]])
         kept = cleaner._tasks(q, R_WR, None)
         moved = q + [[0.01, -0.02, 0.0]]
-        r, _ = kept.residuals(np.zeros(1, dtype=int), moved)
+        r, *_ = kept.at(np.zeros(1, dtype=int), moved)
         _, p, _ = kept._find(np.vstack([q, moved]))
         expected = R_WR[0] @ (p[1, 0] - p[0, 0]) * [25.0, 25.0, 100.0]
         np.testing.assert_allclose(r[0, :3], expected, atol=1e-12)
@@ -217,11 +217,11 @@ def test_residuals_change_as_their_jacobian_says(cleaner):
     R_WR *= np.linalg.det(R_WR)[:, None, None]
     kept = cleaner._tasks(reference, R_WR, None)
     frames, h = np.arange(4), 1e-6
-    _, J = kept.residuals(frames, reference)
+    _, J, *_ = kept.at(frames, reference)
     for j in range(3):
         step = h * np.eye(3)[j]
-        ahead, _ = kept.residuals(frames, reference + step)
-        behind, _ = kept.residuals(frames, reference - step)
+        ahead, *_ = kept.at(frames, reference + step)
+        behind, *_ = kept.at(frames, reference - step)
         np.testing.assert_allclose((ahead - behind) / (2 * h), J[:, :, j], atol=1e-6)
 
 

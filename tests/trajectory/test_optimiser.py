@@ -1,11 +1,13 @@
 """Small problems of the optimiser, against SciPy's and by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from crar_drake.trajectory.distance_rows import NearRows
-from crar_drake.trajectory.optimiser import Part, Problem, Samples, spread
+from crar_drake.trajectory.optimiser import AtFrames, Part, Problem, Samples, spread
 
 FRAMES, M = 12, 2
 
@@ -13,13 +15,15 @@ FRAMES, M = 12, 2
 class Following:
     """r = 3 (y_0 + y_1^2 - wanted): not linear, so that steps are iterated."""
 
-    def __init__(self, wanted):
-        self.wanted = wanted
+    def __init__(self, wanted, step_weights=None):
+        self.wanted, self.step_weights = wanted, step_weights
 
-    def residuals(self, frames, y):
+    def at(self, frames, y):
         r = 3.0 * (y[:, 0] + y[:, 1] ** 2 - self.wanted[frames])
         J = 3.0 * np.stack([np.ones(len(y)), 2.0 * y[:, 1]], axis=1)
-        return r[:, None], J[:, None]
+        f, G = np.sin(y[:, :1]), np.zeros((len(y), 1, M))
+        G[:, 0, 0] = np.cos(y[:, 0])
+        return AtFrames(r[:, None], J[:, None], f, G)
 
 
 def disc(y):
@@ -29,9 +33,10 @@ def disc(y):
     return far - 0.25, away / far[:, None]
 
 
-def near_rows(y, enough):
+def near_rows(y, asked, look):
     d, g = disc(y)
-    near = np.flatnonzero(d < enough)
+    d = d - asked
+    near = np.flatnonzero(d < look)
     return NearRows(near, np.zeros(len(near), dtype=int), d[near], g[near])
 
 
@@ -69,10 +74,14 @@ def places(y, at: Samples):
 
 
 def cost(problem, y):
-    r, _ = problem.tasks.residuals(np.arange(FRAMES), y)
+    done = problem.tasks.at(np.arange(FRAMES), y)
     bends = problem.smoothness * np.diff(y - problem.about, 2, axis=0)
     posture = problem.posture_weight * (y - problem.posture)
-    return 0.5 * sum(float((z**2).sum()) for z in (r, posture, bends))
+    stands = 0.0
+    if problem.tasks.step_weights is not None:
+        stands = problem.tasks.step_weights * np.diff(done.f, axis=0)
+    terms = (done.r, posture, bends, np.asarray(stands))
+    return 0.5 * sum(float((z**2).sum()) for z in terms)
 
 
 def scipy_says(problem, start, at: Samples):
@@ -100,10 +109,15 @@ def scipy_says(problem, start, at: Samples):
     return found.fun
 
 
-@pytest.mark.parametrize("fastest", [0.25, 0.13])
-def test_a_path_around_a_disc_is_a_minimum(fastest):
-    """That SciPy's sequential programs do not find a better one near."""
+@pytest.mark.parametrize("fastest, stands", [(0.25, 0), (0.13, 0), (0.25, 6.0)])
+def test_a_path_around_a_disc_is_a_minimum(fastest, stands):
+    """That SciPy's sequential programs do not find a better one near, and that what is
+    to stand from frame 2 to 5 does so the more."""
     of = problem(fastest=np.array([fastest, 0.2]))
+    if stands:
+        weights = np.zeros((FRAMES - 1, 1))
+        weights[2:5] = stands
+        of = replace(of, tasks=Following(of.tasks.wanted, weights))
     at = samples()
     part = Part(of, 0, of.posture.copy(), np.ones(FRAMES, dtype=bool), at)
     assert disc(of.posture)[0].min() < -0.15
@@ -113,6 +127,9 @@ def test_a_path_around_a_disc_is_a_minimum(fastest):
     assert np.abs(np.diff(y, axis=0)).max(axis=0)[0] < fastest + 1e-3
     assert y[:, 1].max() < 0.7 + 1e-3
     assert cost(of, y) < 1.01 * scipy_says(of, y, at)
+    if stands:
+        steps = np.abs(np.diff(np.sin(y[:, 0])))
+        assert steps[2:5].max() < 0.5 * steps[7:].max()
 
 
 def test_held_frames_stay_and_the_rest_goes_on_from_them():

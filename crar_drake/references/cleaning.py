@@ -356,7 +356,8 @@ class Cleaner:
             num_rows=len(self.reaches.value.rows),
         )
 
-    def _near_rows(self, y: np.ndarray, asked: np.ndarray, look: float) -> NearRows:
+    def _near_rows(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
+        asked = at.asked
         whole = configurations(self.model, self._rest, y)
         rows = NearRows(*find_near_rows(whole, asked + look, self.model.robot_ahead))
         # The prescribed joints, which come last, stay where they are.

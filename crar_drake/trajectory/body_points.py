@@ -2,8 +2,8 @@
 joints.
 
 Unknowns y of a frame are the root's displacement from where it is given, a turn of it
-and the joints: p_WR = p_0 + y_0:3, R_WR = exp(y_3:6) R_0, q = y_6:. A turn is a rotation
-vector in the world's axes.
+and the joints: p_WR = p_0 + y_0:3, R_WR = exp(y_3:6) R_0, q = y_6:. A turn is a
+rotation vector in the world's axes.
 """
 
 from __future__ import annotations
@@ -95,6 +95,25 @@ class Placed:
         J[..., 3:ROOT] = -skew(arm) @ self.turning[:, None]
         J[..., ROOT:] = self._linear[:, links] - skew(off) @ self._angular[:, links]
         return self.root_positions[:, None] + arm, J
+
+    def heights(
+        self, frames: np.ndarray, links: np.ndarray, offsets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of single points at single frames: z (N,) [m], and gradients (N, 6 + n).
+
+        Args:
+            frames, links: (N,) which of the K frames, and which of the tasks.
+            offsets: (N, 3) p_LP in its frame [m].
+        """
+        off = (self.R[frames, links] @ offsets[..., None])[..., 0]
+        arm = self.from_root[frames, links] + off
+        n = self._linear.shape[-1]
+        g = np.zeros((len(frames), ROOT + n))
+        g[:, 2] = 1.0
+        g[:, 3:ROOT] = (-skew(arm)[:, 2:] @ self.turning[frames])[:, 0]
+        around = (skew(off)[:, 2:] @ self._angular[frames, links])[:, 0]
+        g[:, ROOT:] = self._linear[frames, links, 2] - around
+        return self.root_positions[frames, 2] + arm[:, 2], g
 
     def turns(self, links: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Of links: R_WL (K, P, 3, 3), and angular Jacobians (K, P, 3, 6 + n)."""

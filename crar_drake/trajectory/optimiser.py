@@ -98,36 +98,6 @@ class Tasks(Protocol):
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What is minimised, and the constraints; m unknowns a frame.
-
-    Attributes:
-        tasks: of each frame.
-        posture: (T, m) c.
-        posture_weight: (m,) w.
-        about: (T, m) a.
-        smoothness: (m,) s.
-        lower, upper: (m,) limits; infinite where there is none.
-        fastest: (m,) change from a frame to the next, at most; infinite likewise.
-        near_rows: of samples y (S, m), what each is asked to keep (S,) [m], and a
-            length: the rows that keep less than that beyond what they are asked, which
-            is what their `d` says.
-        num_rows: number of rows that a sample may have.
-    """
-
-    tasks: Tasks
-    posture: np.ndarray
-    posture_weight: np.ndarray
-    about: np.ndarray
-    smoothness: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    fastest: np.ndarray
-    near_rows: Callable[[np.ndarray, np.ndarray, float], NearRows]
-    num_rows: int
-
-
-@dataclass(frozen=True)
 class Samples:
     """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1).
 
@@ -140,6 +110,36 @@ class Samples:
     frame: np.ndarray
     share: np.ndarray
     asked: np.ndarray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is minimised, and the constraints; m unknowns a frame.
+
+    Attributes:
+        tasks: of each frame.
+        posture: (T, m) c.
+        posture_weight: (m,) w.
+        about: (T, m) a.
+        smoothness: (m,) s.
+        lower, upper: (m,) limits; infinite where there is none.
+        fastest: (m,) change from a frame to the next, at most; infinite likewise.
+        near_rows: of S samples, counted from the motion's first frame, their y (S, m),
+            and a length: the rows that keep less than that beyond what they are asked,
+            which is what their `d` says.
+        num_rows: number of rows that a sample may have.
+    """
+
+    tasks: Tasks
+    posture: np.ndarray
+    posture_weight: np.ndarray
+    about: np.ndarray
+    smoothness: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    fastest: np.ndarray
+    near_rows: Callable[[Samples, np.ndarray, float], NearRows]
+    num_rows: int
 
 
 @dataclass
@@ -282,10 +282,11 @@ class Part:
     ) -> _Linearised:
         self.effort.linearised += 1
         problem, some = self.problem, live.samples
-        k, t = self.samples.frame[some], self.samples.share[some, None]
+        k, share = self.samples.frame[some], self.samples.share[some]
+        t = share[:, None]
         at = (1.0 - t) * y[k] + t * y[np.minimum(k + 1, len(y) - 1)]
-        asked = self.samples.asked[some]
-        rows = problem.near_rows(at, asked, look)
+        samples = Samples(self.first + k, share, self.samples.asked[some])
+        rows = problem.near_rows(samples, at, look)
         done = problem.tasks.at(self.first + live.seen, y[live.seen])
         new = _Linearised(y, done, rows)
         new.merit = self._merit(new, live, penalty)

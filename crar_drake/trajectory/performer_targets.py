@@ -1,11 +1,12 @@
 """What a performer asks of a robot, frame by frame: directions of limbs, the root, and
 feet that stand.
 
-Lengths are the robot's: of the performer's limbs the directions are kept. The hips' path
-is scaled by the length of the robot's legs over that of the performer's, and each foot is
-placed from its hip as the performer's ankle is from his. Feet on the floor are held where
-they stand (`motion.held_feet`). Nothing here knows what the robot can do: where its legs
-do not reach, or links would touch, the optimisation decides (`retargeting`).
+Lengths are the robot's: of the performer's limbs the directions are kept. The hips'
+path is scaled by the length of the robot's legs over that of the performer's, and each
+foot is placed from its hip as the performer's ankle is from his. Feet on the floor are
+held where they stand (`motion.held_feet`). Nothing here knows what the robot can do:
+where its legs do not reach, or links would touch, the optimisation decides
+(`retargeting`).
 """
 
 from __future__ import annotations

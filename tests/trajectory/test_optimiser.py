@@ -33,9 +33,9 @@ def disc(y):
     return far - 0.25, away / far[:, None]
 
 
-def near_rows(y, asked, look):
+def near_rows(at, y, look):
     d, g = disc(y)
-    d = d - asked
+    d = d - at.asked
     near = np.flatnonzero(d < look)
     return NearRows(near, np.zeros(len(near), dtype=int), d[near], g[near])
 

@@ -247,7 +247,9 @@ class Cleaner:
                 free[first - before : last - before] = True
                 part = Part(problem, before, q[before:after].copy(), free, samples)
                 part.effort = effort
-                part.solve(round(_AROUND_AGAIN * self.rate), attempt > 0)
+                part.solve(
+                    round(_AROUND_AGAIN * self.rate), "again" if attempt else "all rows"
+                )
                 q[first:last] = part.y[first - before : last - before]
                 if progress is not None and not attempt:
                     progress(end)

@@ -97,12 +97,13 @@ class Placed:
         return self.root_positions[:, None] + arm, J
 
     def heights(
-        self, frames: np.ndarray, links: np.ndarray, offsets: np.ndarray
+        self, frames: np.ndarray, links: int, offsets: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Of single points at single frames: z (N,) [m], and gradients (N, 6 + n).
+        """Of single points of a link: z (N,) [m], and gradients (N, 6 + n).
 
         Args:
-            frames, links: (N,) which of the K frames, and which of the tasks.
+            frames: (N,) at which of the K frames.
+            links: which of the tasks they are on.
             offsets: (N, 3) p_LP in its frame [m].
         """
         off = (self.R[frames, links] @ offsets[..., None])[..., 0]

@@ -47,6 +47,12 @@ class NearRows(NamedTuple):
     gradient: np.ndarray
 
 
+def no_rows(unknowns: int) -> NearRows:
+    """None, of so many unknowns."""
+    nothing = np.zeros(0, dtype=int)
+    return NearRows(nothing, nothing, np.zeros(0), np.zeros((0, unknowns)))
+
+
 @compiled
 def find_near_rows(
     q: np.ndarray, enough: np.ndarray, robot: Held

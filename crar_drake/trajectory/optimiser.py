@@ -35,7 +35,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from crar_drake.trajectory.bands import Normal, add_rows
-from crar_drake.trajectory.distance_rows import NearRows
+from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
 _PENALTIES = (1e2, 1e3, 1e4, 1e5)
@@ -207,21 +207,30 @@ class Part:
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
         self._stiffness = _second_differences(len(self.y))
 
-    def solve(self, near: int, again: bool = False) -> None:
+    def solve(self, near: int, begin: str = "all rows") -> None:
         """Minimises, until what is asked for is kept or nothing more is gained.
 
         Args:
             near: frames so near to one that is not settled are live.
-            again: begin with the last penalty, from a motion that is nearly there.
+            begin: "all rows"; "no rows" of distances until all else is at its minimum,
+                after which frames that keep them are left alone; or "again" with the
+                last penalty, from a motion that is nearly there.
         """
+        stages = _PENALTIES[-1:] if begin == "again" else _PENALTIES
         live = self._live(self.free)
-        stages = _PENALTIES[-1:] if again else _PENALTIES
+        if begin == "no rows":
+            self.y = self._minimise(live, 0.0).y
+            lacking, _ = self._lacking(live, self._linearise(self.y, live, 1.0, 0.0))
+            if not lacking.any():
+                return
+            live = self._live(self.free & spread(lacking, near))
         least, stalls = np.inf, 0
         for update in range(len(stages) - 1 + _UPDATES):
             penalty = stages[min(update, len(stages) - 1)]
             at = self._minimise(live, penalty)
             self.y = at.y
-            lacking, lacks = self._update(live, at, penalty)
+            self._update(live, at, penalty)
+            lacking, lacks = self._lacking(live, at)
             if update >= len(stages) - 1:
                 stalls = stalls + 1 if lacks > _LESS * least else 0
                 if not lacking.any() or stalls >= _STALLS:
@@ -286,7 +295,9 @@ class Part:
         t = share[:, None]
         at = (1.0 - t) * y[k] + t * y[np.minimum(k + 1, len(y) - 1)]
         samples = Samples(self.first + k, share, self.samples.asked[some])
-        rows = problem.near_rows(samples, at, look)
+        rows = no_rows(y.shape[1])
+        if penalty:
+            rows = problem.near_rows(samples, at, look)
         done = problem.tasks.at(self.first + live.seen, y[live.seen])
         new = _Linearised(y, done, rows)
         new.merit = self._merit(new, live, penalty)
@@ -440,30 +451,31 @@ class Part:
         both = (k >= 0) & (after >= 0)
         np.add.at(normal.S, k[both], B[both].swapaxes(1, 2) @ A[both])
 
-    def _update(
-        self, live: _Live, at: _Linearised, penalty: float
-    ) -> tuple[np.ndarray, float]:
-        """Of the multipliers; which frames (P,) have rows that lack something, and what
-        all rows lack together [m]."""
+    def _update(self, live: _Live, at: _Linearised, penalty: float) -> None:
+        """Of the multipliers."""
         some, rows = live.samples, at.rows
         lam = self._of_rows[some[rows.sample], rows.row]
         self._of_rows[some] = 0.0
         self._of_rows[some[rows.sample], rows.row] = np.maximum(
-            0.0, lam - penalty * at.rows.d
+            0.0, lam - penalty * rows.d
         )
         limits, speeds = self._limits(at.y, live)
-        rho = _PENALTY_OF_JOINTS
         for lam, places, c in (
             (self._of_limits, live.frames, limits),
             (self._of_speeds, live.steps, speeds),
         ):
-            lam[:, places] = np.maximum(0.0, lam[:, places] - rho * c)
+            lam[:, places] = np.maximum(0.0, lam[:, places] - _PENALTY_OF_JOINTS * c)
+
+    def _lacking(self, live: _Live, at: _Linearised) -> tuple[np.ndarray, float]:
+        """Which frames (P,) have rows that lack something, and what all rows lack
+        together [m]."""
+        d, (limits, speeds) = at.rows.d, self._limits(at.y, live)
         lacking = np.zeros(len(at.y), dtype=bool)
-        low = some[rows.sample[at.rows.d < -_LACKS]]
+        low = live.samples[at.rows.sample[d < -_LACKS]]
         lacking[self.samples.frame[low]] = True
         lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
         lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
-        lacks = -np.minimum(at.rows.d, 0.0).sum()
+        lacks = -np.minimum(d, 0.0).sum()
         lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
         return lacking, float(lacks)
 

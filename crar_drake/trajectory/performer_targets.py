@@ -32,7 +32,7 @@ from crar_drake.motion.retarget_legs import (
 )
 from crar_drake.motion.turns import hip_turns
 
-# The performer's joints, and the robot's task frames, from which limbs lead and to which.
+# From which of the performer's joints to which limbs lead, and of the robot's frames.
 _ARM = (("shoulder", "elbow"), ("elbow", "wrist"))
 _LEG = (("hip", "knee"), ("knee", "ankle"))
 LIMBS = {

@@ -1,12 +1,12 @@
 """A performer's motion on a whole robot, root and joints of all frames at once.
 
-    minimise    sum_k  |w_limb (u_robot - u_performer)|^2        of each limb's direction
+    minimise    sum_k  |w_limb (u_robot - u_performer)|^2     of each limb's direction
                      + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
                      + |w_foot (sole's heel and ball - target)|^2 + |w_hand turn|^2
                      + |w_posture (q - rest)|^2 + |second differences|^2
                      + |w_stand (change of heels and balls that stand)|^2
-    such that   watched pairs, joint limits and speeds are kept, elbows and knees bend as
-                a person's, and nothing is below the floor.
+    such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
+                as a person's, and nothing is below the floor.
 
 Unknowns of a frame are those of `body_points`. The motion that is found is cleaned
 (`references.cleaning`), which certifies it.
@@ -45,9 +45,11 @@ from crar_drake.trajectory.performer_targets import (
 
 # Points of a foot at rest within this of its lowest one are its sole [m].
 _SOLE = 0.01
-# Points of a link that can be the lowest, so many directions apart.
-_DIRECTIONS = 64
+# Directions in which a link's farthest point is one that can be the lowest.
+_OF_FEET, _OF_LINKS = 512, 64
 
+# Frames so near to one that lacks something move with it [s].
+_NEAR = 0.5
 _PART, _OVERLAP = 300, 1.0  # frames of a part of a long motion; [s] beyond its end
 _ASKED, _ASKED_BETWEEN = 4.5e-3, 2.5e-3  # of watched pairs [m]
 _SHARE_OF_SPEED = 0.99
@@ -155,6 +157,7 @@ class Retargeter:
         tasks = [Task(frame=name, kind="pose") for name in self._links]
         self._poses = ControlModel.FromDescription(bare, tasks)
         self.rest = self.model.rest_positions()
+        self._last = None
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, self.rest)
         self._context = context
@@ -204,7 +207,7 @@ class Retargeter:
             part = Part(
                 problem, before, y[before:after].copy(), free, _samples(free), effort
             )
-            part.solve(round(0.3 * rate))
+            part.solve(round(_NEAR * rate), "no rows")
             y[first:last] = part.y[first - before : last - before]
             first = frames if last == frames else first + _PART
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
@@ -217,7 +220,13 @@ class Retargeter:
         )
 
     def placed(self, targets: PerformerTargets, frames, y) -> Placed:
-        """The links at some frames."""
+        """The links at some frames; those of the last call are not found again."""
+        key = targets, frames.tobytes(), y.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._place_links(targets, frames, y)
+        return self._last[1]
+
+    def _place_links(self, targets: PerformerTargets, frames, y) -> Placed:
         return Placed(
             self._poses,
             self.rest,
@@ -252,7 +261,7 @@ class Retargeter:
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
             near_rows=NearRowsAndFloor(self, targets),
-            num_rows=self.num_pairs + len(self.floor_links),
+            num_rows=self.num_pairs + len(self.floor_points),
         )
 
     def _place(self, name: str) -> np.ndarray:
@@ -307,9 +316,10 @@ class Retargeter:
         return links, np.array(offsets)
 
     def _set_floor_points(self) -> None:
-        """Of each link with a shape the points that can be its lowest."""
+        """Of each link with a shape which it is, and the points that can be its lowest
+        with the radii of balls about them."""
         rng = np.random.default_rng(0)
-        directions = rng.normal(size=(_DIRECTIONS, 3))
+        directions = rng.normal(size=(_OF_FEET, 3))
         feet = {
             link
             for side in SIDES
@@ -320,24 +330,15 @@ class Retargeter:
                 ),
             )
         }
-        links, points, radii, owner = [], [], [], []
+        self.floor_points = []
         for link, outline in self._outlines.items():
-            if link not in self._links:
-                continue
-            some = np.arange(len(outline.points))
-            if link not in feet:
-                far = outline.points @ directions.T + outline.radii[:, None]
+            if link in self._links:
+                count = _OF_FEET if link in feet else _OF_LINKS
+                far = outline.points @ directions[:count].T + outline.radii[:, None]
                 some = np.unique(far.argmax(axis=0))
-            owner += [len(links)] * len(some)
-            links.append(self._links.index(link))
-            points.append(outline.points[some])
-            radii.append(outline.radii[some])
-        self.floor_links = np.array(links, dtype=int)
-        self.floor_points, self.floor_radii = (
-            np.concatenate(points),
-            np.concatenate(radii),
-        )
-        self.floor_owner = np.array(owner)
+                self.floor_points.append(
+                    (self._links.index(link), outline.points[some], outline.radii[some])
+                )
 
     def _bent_as_a_person(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) limits of the joints, elbows and knees beyond straight on one side."""
@@ -506,18 +507,22 @@ class NearRowsAndFloor:
         robot = self._robot
         samples = np.flatnonzero(at.share == 0.0)
         placed = robot.placed(self._targets, at.frame[samples], y[samples])
-        links = robot.floor_links[robot.floor_owner]
-        up = placed.R[:, links, 2]  # (K, V, 3)
-        z = np.einsum("kvi,vi->kv", up, robot.floor_points) - robot.floor_radii
-        z += (placed.root_positions[:, None] + placed.from_root)[:, links, 2]
-        starts = np.flatnonzero(np.diff(robot.floor_owner, prepend=-1))
-        lowest = np.minimum.reduceat(z, starts, axis=1)  # (K, floor links)
-        k, link = np.nonzero(lowest < look)
-        is_it = z[k] == lowest[k, link][:, None]
-        is_it &= robot.floor_owner == link[:, None]
-        point = is_it.argmax(axis=1)
-        _, g = placed.heights(k, robot.floor_links[link], robot.floor_points[point])
-        return NearRows(samples[k], robot.num_pairs + link, lowest[k, link], g)
+        heights = placed.root_positions[:, None, 2] + placed.from_root[:, :, 2]
+        rows = []
+        for number, (link, points, radii) in enumerate(robot.floor_points):
+            reach = (np.linalg.norm(points, axis=1) + radii).max()
+            k = np.flatnonzero(heights[:, link] < look + reach)
+            z = placed.R[k, link, 2] @ points.T - radii + heights[k, link, None]
+            lowest = z.argmin(axis=1)
+            d = z[np.arange(len(k)), lowest]
+            low = d < look
+            k = k[low]
+            _, g = placed.heights(k, link, points[lowest[low]])
+            rows.append((samples[k], np.full(len(k), number), d[low], g))
+        sample, number, d, g = (
+            np.concatenate(each) for each in zip(*rows, strict=True)
+        )
+        return NearRows(sample, robot.num_pairs + number, d, g)
 
 
 def _samples(free: np.ndarray) -> Samples:

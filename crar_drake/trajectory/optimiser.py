@@ -38,15 +38,15 @@ from crar_drake.trajectory.bands import Normal, add_rows
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
-_PENALTIES = (1e2, 1e3, 1e4, 1e5)
+_PENALTIES = (1e2, 3e3, 1e5)
 _PENALTY_OF_JOINTS = 1e5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
-_ACTIVE_SETS = 6  # in one of them, at most
+_ACTIVE_SETS = 3  # in one of them, at most
 _UPDATES = 10  # of the multipliers under the last penalty, at most
 _LONGEST_STEP = 0.5  # of any unknown in a step [rad]
 _SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
-_GAIN = 1e-3  # as does one by which the merit falls by a smaller share than this,
+_GAIN = 1e-2  # as does one by which the merit falls by a smaller share than this,
 _NO_COST = 1e-4  # or than this of this
 # What rows lack is to fall to this share with an update; else, so often in a row, more
 # updates are of no use.

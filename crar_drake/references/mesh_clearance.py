@@ -91,7 +91,7 @@ class MeshClearance:
         return int(self.touch_at.any(axis=0).sum())
 
     @property
-    def num_open(self) -> int:
+    def num_unclear(self) -> int:
         """Ways on which a pair touches, or is not shown to be clear."""
         return int((self.on_ways <= 0.0).any(axis=0).sum())
 

@@ -134,17 +134,17 @@ class NotOf:
         one_joint: pairs of links with one joint between them; those with none, which
             are welded, are one body.
         as_built: pairs that touch in the zero and in the rest posture.
+        beyond_root: pairs with a link that the root does not carry: they depend on
+            where the root is.
         without_mesh: links that have no shape.
-        not_carried: links that the root does not carry, whose pairs with those that
-            it does depend on where the root is.
         coarse: links of which there are only simplified triangles: the pairs hold of
             these.
     """
 
     one_joint: list[tuple[str, str]]
     as_built: list[tuple[str, str]]
+    beyond_root: list[tuple[str, str]]
     without_mesh: list[str]
-    not_carried: list[str]
     coarse: list[str]
 
 
@@ -153,7 +153,7 @@ class MeshPairs:
 
     Attributes:
         joints: the frames of the robot.
-        meshes: (L) of the links that have one and that the root carries.
+        meshes: (L) of the links that have one.
         rows: (P, 2) pairs of indices of `meshes`.
         not_of: what is no pair.
     """
@@ -169,22 +169,27 @@ class MeshPairs:
         shaped = {int(link.body) for link in of_links}
         bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
         root, _ = self.joints.place(plant.GetBodyByName(robot.root))
-        carried = [self._is_carried(link.body, root, plant) for link in of_links]
         self.meshes = [
             CarriedMesh(link, *self.joints.place(plant.get_body(link.body)))
-            for link, is_carried in zip(of_links, carried, strict=True)
-            if is_carried
+            for link in of_links
         ]
+        carried = [self._is_carried(mesh.frame, root) for mesh in self.meshes]
         joined = set()
         for index in range(plant.num_joints()):
             joint = plant.get_joint(JointIndex(index))
             ends = (joint.parent_body(), joint.child_body())
             joined.add(frozenset(self.joints.place(body)[0] for body in ends))
-        rows, one_joint = [], []
+        rows, one_joint, beyond_root = [], [], []
         for i, j in itertools.combinations(range(len(self.meshes)), 2):
             frames = frozenset((self.meshes[i].frame, self.meshes[j].frame))
-            if len(frames) == 2:
-                (one_joint if frames in joined else rows).append((i, j))
+            if len(frames) == 1:
+                continue
+            if frames in joined:
+                one_joint.append((i, j))
+            elif carried[i] and carried[j]:
+                rows.append((i, j))
+            else:
+                beyond_root.append((i, j))
         self.rows = np.array(rows, dtype=int).reshape(-1, 2)
         self._nearest = fcl.DistanceRequest(enable_nearest_points=True)
         self._a = [mesh.objects() for mesh in self.meshes]
@@ -194,12 +199,8 @@ class MeshPairs:
         self.not_of = NotOf(
             one_joint=self.named(one_joint),
             as_built=as_built,
+            beyond_root=self.named(beyond_root),
             without_mesh=[b.name() for b in bodies if int(b.index()) not in shaped],
-            not_carried=[
-                link.name
-                for link, is_carried in zip(of_links, carried, strict=True)
-                if not is_carried
-            ],
             coarse=[link.name for link in of_links if link.coarse],
         )
 
@@ -259,8 +260,7 @@ class MeshPairs:
             (a.one_vertex_each - p) @ R
         )
 
-    def _is_carried(self, body: BodyIndex, root: int, plant) -> bool:
-        frame, _ = self.joints.place(plant.get_body(body))
+    def _is_carried(self, frame: int, root: int) -> bool:
         while frame > root:  # parents have smaller numbers
             frame = int(self.joints.tree.parent[frame])
         return frame == root

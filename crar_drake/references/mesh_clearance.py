@@ -246,11 +246,10 @@ class _Search:
             (P, T) how close each frame's bound is to be [m].
         """
         L, low, high = self._L, self._low, self._found
-        back = (slice(None), slice(None, None, -1))
-        np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L, out=low)
-        np.maximum(low, np.maximum.accumulate((low - L)[back], axis=1)[back] + L, low)
+        low = np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L)
+        self._low = np.maximum(low, _backward(np.maximum, low - L) + L)
         high = np.minimum.accumulate(high - L, axis=1) + L
-        high = np.minimum.accumulate((high + L)[back], axis=1)[back] - L
+        high = np.minimum(high, _backward(np.minimum, high + L) - L)
         return np.minimum(_ENOUGH, 0.5 * high)
 
     def _measure(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
@@ -333,6 +332,11 @@ class _Search:
                     *self._rows[row], *X
                 ):
                     touch_at[row, stretch] = touch_on[row, stretch[:-1]] = True
+
+
+def _backward(of: np.ufunc, values: np.ndarray) -> np.ndarray:
+    """The largest or smallest of each frame and all after it."""
+    return of.accumulate(values[:, ::-1], axis=1)[:, ::-1]
 
 
 def _middles(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

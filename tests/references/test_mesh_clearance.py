@@ -302,7 +302,7 @@ def chains(folder: Path, seed: int) -> Chains:
         parent = "trunk"
         for k, kind in enumerate(("revolute", "prismatic", "revolute", "revolute")):
             name = f"{'left' if side > 0 else 'right'}{k}"
-            add(name, parent, kind, (0.05 * k, 0.14 * side, 0.1))
+            add(name, parent, kind, (0.05 * k, 0.1 * side, 0.1))
             parent = name
 
     def nested(name: str) -> str:

@@ -302,7 +302,7 @@ def chains(folder: Path, seed: int) -> Chains:
         parent = "trunk"
         for k, kind in enumerate(("revolute", "prismatic", "revolute", "revolute")):
             name = f"{'left' if side > 0 else 'right'}{k}"
-            add(name, parent, kind, (0.05 * k, 0.1 * side, 0.1))
+            add(name, parent, kind, (0.05, 0.08 * side, 0.03 * k))
             parent = name
 
     def nested(name: str) -> str:
@@ -324,7 +324,7 @@ def test_dense_samples_by_another_library(tmp_path, seed):
     both = chains(tmp_path, seed)
     rng = np.random.default_rng(seed + 100)
     # Frames that are near each other, and jumps over half a turn.
-    steps = rng.normal(size=(10, 9)) * rng.choice([0.02, 0.2, 1.0], size=(10, 1))
+    steps = rng.normal(size=(16, 9)) * rng.choice([0.02, 0.2, 1.0], size=(16, 1))
     q = np.cumsum(steps, axis=0)
     q[:, [n in ("to_left1", "to_right1") for n in both.body.joint_names]] *= 0.1
     meshes, found = found_for(both.body, q)

@@ -140,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _violated(clips: list[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
-    unclear = sum(not clip.between >= 0.0 for clip in clips)
+    unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
     return [
         *counted(sum(c.penetrating for c in clips), "frame", "penetrate{s}"),
         *counted(sum(c.beyond_limit for c in clips), "frame", "beyond a joint limit"),
@@ -227,6 +227,11 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         )
     if not clip.between >= 0.0:
         lines.append("a way between frames is not shown to be clear")
+    if clip.meshes_unclear > 0:
+        lines.append(
+            "meshes touch, or are not shown to be clear, on "
+            f"{clip.meshes_unclear} ways between frames"
+        )
     return lines
 
 

@@ -8,6 +8,7 @@ or might be nearer than the nearest meshes so far, the triangles decide.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,11 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
-from crar_drake.judging.mesh_distance import TriangleMesh, mesh_distance
+from crar_drake.judging.mesh_distance import (
+    TriangleMesh,
+    distance_apart,
+    mesh_distance,
+)
 from crar_drake.judging.mesh_hulls import HULL_MARGIN, Hulls
 from crar_drake.robot.description import (
     RobotDescription,
@@ -201,6 +206,36 @@ class MeshJudge:
             coarse_links=self.coarse_links,
         )
 
+    def nearer(
+        self, samples: Iterable[tuple[np.ndarray, np.ndarray]]
+    ) -> Iterator[tuple[int, int, float]]:
+        """Where meshes are nearer than somebody says.
+
+        Args:
+            samples: of each (nq,) the positions of the plant and (Nc,) what the pairs
+                are said to be apart at least, 0 where they may touch [m].
+
+        Yields:
+            The sample, the pair's index, and the distance [m], 0 in penetration.
+        """
+        hulls, meshes = _Known(), _Known()
+        for index, (q, bounds) in enumerate(samples):
+            poses = self._poses(q)
+            self._hulls.place(poses)
+            for row in self._near_balls(poses, bounds):
+                (i, j), least = self._indices[row], bounds[row]
+                motion = _Motion(poses[i], poses[j], self._meshes[j])
+                if max(hulls.bound(row, motion), meshes.bound(row, motion)) > least:
+                    continue
+                d = self._hulls.distance(i, j)
+                hulls.tell(row, motion, d)
+                if d > least:
+                    continue
+                d = distance_apart(self._meshes[i], self._meshes[j], motion.X_AB)
+                meshes.tell(row, motion, d)
+                if d < least or d == 0.0:
+                    yield index, row, d
+
     def _judge_sample(self, tally: _Tally, index: int, q: np.ndarray) -> None:
         poses = self._poses(q)
         self._hulls.place(poses)
@@ -246,8 +281,10 @@ class MeshJudge:
             for body in self._bodies
         ]
 
-    def _near_balls(self, poses: list[RigidTransform], bound: float) -> np.ndarray:
-        """Rows of the pairs whose bounding balls are nearer than a bound."""
+    def _near_balls(
+        self, poses: list[RigidTransform], bound: float | np.ndarray
+    ) -> np.ndarray:
+        """Rows of the pairs whose bounding balls are nearer than a bound, or theirs."""
         centres = np.array(
             [X.multiply(m.centre) for X, m in zip(poses, self._meshes, strict=True)]
         ).reshape(-1, 3)

@@ -17,6 +17,7 @@ from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import CarryingHands
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
+from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import (
     CertifiedClip,
     certificate_path,
@@ -26,7 +27,7 @@ from crar_drake.references.motion_certificate import (
 )
 from crar_drake.references.motion_files import read_motions, write_motions
 from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.uncovered import MeshFrames, Uncovered
+from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
 
@@ -55,6 +56,8 @@ class CleanedClip(Change):
             moves.
         meshes_penetrating: frames in which meshes penetrate, those of links that nobody
             watches among them; -1 where there are none to be looked at.
+        meshes_unclear: ways to the next frame on which meshes touch, or are not shown
+            to be clear; -1 as well.
         seconds: of a processor that cleaning took, without reading, writing and
             measuring [s].
         deepest: frame and pair of the deepest penetration, in words; "" without one.
@@ -76,6 +79,7 @@ class CleanedClip(Change):
     near: int
     frozen: int
     meshes_penetrating: int
+    meshes_unclear: int
     seconds: float
     deepest: str
 
@@ -88,7 +92,7 @@ class CleanedClip(Change):
     def violated(self) -> bool:
         """Whether anything is left, or a way between frames not shown to be clear."""
         left = self.penetrating or self.beyond_limit or self.too_fast
-        meshes = self.meshes_penetrating > 0
+        meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
         return bool(left or meshes) or not self.between >= 0.0
 
 
@@ -212,7 +216,7 @@ def _row(
     before: RobotMotion,
     after: RobotMotion,
     margins: list[Margins],
-    meshes: MeshFrames | None,
+    meshes: MeshClearance | None,
     seconds: float,
     cleaner: Cleaner,
     robot: WholeBody,
@@ -239,7 +243,8 @@ def _row(
             | (now.between < cleaner.parameters.floor_between)
         ),
         frozen=_count(find_frozen(before, after)),
-        meshes_penetrating=-1 if meshes is None else meshes.num_penetrating,
+        meshes_penetrating=-1 if meshes is None else meshes.num_touching,
+        meshes_unclear=-1 if meshes is None else meshes.num_unclear,
         seconds=seconds,
         deepest=_deepest(now, cleaner),
     )

@@ -1,8 +1,9 @@
 """The certificate beside a cleaned motion: what it keeps, of which files it holds.
 
 A JSON file. `make_certificate` measures the file that was written, by the distances
-and the bounds of the control law; `check_certificate` reads the same file again and
-asks the referee, which shares no code with these.
+and the bounds of the control law and of `mesh_clearance`; `check_certificate` reads the
+same file again and asks the referee and the judge of meshes, which share no code with
+these.
 """
 
 from __future__ import annotations
@@ -12,19 +13,21 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import CrarError
 from crar_drake.files import check_file, whole_file
+from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
+from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.uncovered import MeshFrames, Uncovered
+from crar_drake.references.uncovered import Uncovered, shaped_pairs, why_no_meshes
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import (
     LIMIT_TOLERANCE,
@@ -50,13 +53,13 @@ class CertifiedClip:
         clip: its name; "" in files with one motion.
         rate: frames per second [Hz].
         margins: what it keeps.
-        meshes: what the meshes say; None where none were looked at.
+        meshes: what the meshes keep; None where none were looked at.
     """
 
     clip: str
     rate: float
     margins: Margins
-    meshes: MeshFrames | None
+    meshes: MeshClearance | None
 
 
 def certificate_path(motion: str | os.PathLike[str]) -> Path:
@@ -135,12 +138,11 @@ def make_certificate(
             "limit": "to the nearest joint limit [rad or m]",
             "speed": "largest share of a joint's speed limit to the next frame",
             "floor": floor,
+            "meshes": "of each of mesh_pairs [m]: at_frames, no distance at a frame is "
+            "smaller; on_ways, none on a straight way in joint space to the next frame",
         },
-        "not_covered": {
-            "pairs": [list(pair) for pair in uncovered.pairs],
-            "besides": "links one joint apart",
-            "meshes": uncovered.why_not or "looked at, in each frame",
-        },
+        "mesh_pairs": uncovered.mesh_pairs,
+        "not_covered": uncovered.as_listed(),
         "clips": [_clip(each, description.pairs) for each in clips],
     }
 
@@ -183,6 +185,7 @@ def read_certificate(path: str | os.PathLike[str]) -> dict:
         (("robot", "name"), str, "a text"),
         (("robot", "files"), dict, "an object"),
         (("not_covered", "pairs"), list, "a list"),
+        (("mesh_pairs",), list, "a list"),
         (("clips",), list, "a list"),
     ):
         value = certificate
@@ -201,8 +204,10 @@ class CertificateCheck:
         refuted: what does not, a sentence each; empty if all does.
         frames: that were looked at.
         points: between frames that were looked at.
-        uncovered: pairs of links that nobody watches.
-        why_not: why their meshes were not looked at; "" if they were.
+        mesh_frames, mesh_points: the same, by meshes.
+        mesh_pairs: pairs of links that were looked at by their meshes.
+        uncovered: pairs of links that it is not of.
+        why_not: why no meshes were looked at; "" if they were.
         distance: the smallest that the referee found [m]; infinite without pairs.
         pair: of which links; None without.
         limit: the smallest margin to a joint limit [rad or m].
@@ -212,6 +217,9 @@ class CertificateCheck:
     refuted: list[str] = field(default_factory=list)
     frames: int = 0
     points: int = 0
+    mesh_frames: int = 0
+    mesh_points: int = 0
+    mesh_pairs: int = 0
     uncovered: int = 0
     why_not: str = ""
     distance: float = math.inf
@@ -230,11 +238,11 @@ def check_certificate(
 ) -> CertificateCheck:
     """Whether a certificate is of this file and this robot, and true.
 
-    Every frame is judged by the referee, and some points on the way to the next. They
-    can refute a bound, not prove it. Besides, nothing may be violated: a certificate
-    that truly tells of a penetration does not hold, nor one with a way between frames
-    that is not shown to be clear, nor one of a motion whose meshes penetrate in a
-    frame, whether the pair is watched or not.
+    Every frame is judged by the referee and by the meshes, and some points on the way
+    to the next. They can refute a bound, not prove it. Besides, nothing may be
+    violated: a certificate that truly tells of a penetration does not hold, nor one
+    with a way between frames that is not shown to be clear, nor one of a motion whose
+    meshes penetrate where they are looked at, whether it is of that pair or not.
 
     Not examined is what nothing here could refute: of which reference, by which version
     and parameters the motion was made, which pair is the nearest at a frame, and the
@@ -268,16 +276,9 @@ def check_certificate(
         if len(clips) < len(certificate["clips"]):
             check.refuted.append("a clip is in it more than once")
         robot = WholeBody(description)
-        uncovered = Uncovered(robot)
-        check.uncovered, check.why_not = len(uncovered.pairs), uncovered.why_not
-        said = {frozenset(pair) for pair in certificate["not_covered"]["pairs"]}
-        untold = [pair for pair in uncovered.pairs if frozenset(pair) not in said]
-        if untold:
-            a, b = untold[0]
-            check.refuted.append(
-                f"it does not say that it is not of {a} - {b}, which nobody watches"
-                + (f", and of {len(untold) - 1} more" if len(untold) > 1 else "")
-            )
+        check.why_not = why_no_meshes(robot)
+        judge = None if check.why_not else MeshJudge(description)
+        _check_pairs(check, certificate, robot, judge)
         referee = Referee(
             robot.plant,
             robot.scene_graph,
@@ -304,10 +305,9 @@ def check_certificate(
                     f"{claimed['rate']:g}"
                 )
             _check_clip(check, claimed, each, robot, referee)
-            meshes = uncovered.look_at(each)
-            if meshes is not None and meshes.num_penetrating:
-                name = f"{each.clip}: " if each.clip else ""
-                check.refuted.append(f"{name}{meshes}")
+            if judge is not None:
+                said = certificate["mesh_pairs"]
+                _check_meshes(check, claimed["meshes"], said, each, robot, judge)
     except CrarError:
         raise
     except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as e:
@@ -316,6 +316,113 @@ def check_certificate(
             f"{type(e).__name__} {e}"
         ) from e
     return check
+
+
+def _check_pairs(
+    check: CertificateCheck,
+    certificate: dict,
+    robot: WholeBody,
+    judge: MeshJudge | None,
+) -> None:
+    """Whether it tells of each pair that can meet that it is of it, or that it is not.
+
+    Where nobody looks at meshes here, what it says of them counts for nothing.
+    """
+    listed = {frozenset(pair) for pair in certificate["not_covered"]["pairs"]}
+    check.uncovered = len(listed)
+    told = listed | {frozenset(pair) for pair in robot.description.pairs}
+    if judge is None:
+        pairs = shaped_pairs(robot)
+    else:
+        pairs = judge.pairs + judge.left_out
+        of_meshes = {frozenset(pair) for pair in certificate["mesh_pairs"]}
+        check.mesh_pairs = len(of_meshes)
+        told |= of_meshes
+        unknown = of_meshes - {frozenset(pair) for pair in judge.pairs}
+        if unknown:
+            pair = " - ".join(sorted(next(iter(unknown))))
+            check.refuted.append(f"it is of {pair}, which is no pair that is judged")
+    untold = [pair for pair in pairs if frozenset(pair) not in told]
+    if untold:
+        a, b = untold[0]
+        check.refuted.append(
+            f"it does not say that it is not of {a} - {b}, which nobody watches"
+            + (f", and of {len(untold) - 1} more" if len(untold) > 1 else "")
+        )
+
+
+def _check_meshes(
+    check: CertificateCheck,
+    claims: dict | None,
+    said: list,
+    motion: RobotMotion,
+    robot: WholeBody,
+    judge: MeshJudge,
+) -> None:
+    """Adds what the judge of meshes finds of one motion.
+
+    Args:
+        check: it is added to.
+        claims: of the motion; None where there are none.
+        said: the pairs that they are of.
+        motion: it.
+        robot, judge: its.
+    """
+    name = f"{motion.clip}: " if motion.clip else ""
+    # What is not claimed may be anything but a penetration.
+    least = {"at_frames": np.zeros(len(judge.pairs)), "on_ways": None}
+    least["on_ways"] = least["at_frames"].copy()
+    if claims is not None:
+        row = {frozenset(pair): k for k, pair in enumerate(judge.pairs)}
+        rows = [row.get(frozenset(pair)) for pair in said]
+        for key, values in least.items():
+            claimed = np.asarray(claims[key], dtype=float)
+            if claimed.shape != (len(said),) or np.isnan(claimed).any():
+                check.refuted.append(f"{name}meshes, {key}: not a number for each pair")
+                return
+            for k, value in zip(rows, claimed, strict=True):
+                if k is not None:
+                    values[k] = max(0.0, value - DISTANCE_TOLERANCE)
+            unclear = np.flatnonzero(claimed <= 0.0)
+            if len(unclear):
+                a, b = said[unclear[0]]
+                more = f", and {len(unclear) - 1} more" if len(unclear) > 1 else ""
+                where = "at a frame" if key == "at_frames" else "between frames"
+                check.refuted.append(
+                    f"{name}the meshes of {a} - {b}{more} are not shown to be clear "
+                    f"{where}"
+                )
+    q = robot.configurations(motion.joint_positions)
+    parts = np.linspace(0.0, 1.0, _BETWEEN + 2)[:-1]
+    at = [(k, u) for k in range(len(q)) for u in (parts if k < len(q) - 1 else [0.0])]
+    samples = (
+        (
+            q[k] + u * (q[k + 1] - q[k]) if u else q[k],
+            least["on_ways" if u else "at_frames"],
+        )
+        for k, u in at
+    )
+    check.mesh_frames += len(q)
+    check.mesh_points += len(at) - len(q)
+    penetrating: dict[int, set] = {}
+    for index, row, d in judge.nearer(samples):
+        k, u = at[index]
+        a, b = judge.pairs[row]
+        if d == 0.0:
+            penetrating.setdefault(row, set()).add(k)
+            continue
+        claim = least["on_ways" if u else "at_frames"][row]
+        check.refuted.append(
+            f"{name}frame {k + 1}{' and the next' if u else ''}: the meshes of {a} - "
+            f"{b} are {1e3 * d:.3f} mm apart, claimed {1e3 * claim:.3f} mm"
+        )
+    for row, frames in penetrating.items():
+        a, b = judge.pairs[row]
+        of = "frame" if len(frames) == 1 else "frames"
+        check.refuted.append(
+            f"{name}the meshes of {a} - {b} penetrate in {len(frames)} {of}, or on the "
+            f"ways from there, first {min(frames) + 1}"
+        )
 
 
 def _check_clip(
@@ -412,9 +519,36 @@ def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
         "speed": m.speed.tolist(),
     }
     summary = _summary(frames, pairs)
-    meshes = None if each.meshes is None else asdict(each.meshes)
-    of_motion = {"clip": each.clip, "rate": each.rate, "meshes": meshes}
+    of_motion = {"clip": each.clip, "rate": each.rate, "meshes": _meshes(each.meshes)}
     return {**of_motion, **summary, "frames": frames}
+
+
+def _meshes(found: MeshClearance | None) -> dict | None:
+    """Of each pair its smallest bounds, rounded down; and where something is not shown:
+    the pair's index in mesh_pairs, with the frames, or the frames that ways begin at,
+    counted from 0."""
+    if found is None:
+        return None
+    least = {
+        "at_frames": found.at_frames.min(axis=1),
+        "on_ways": found.on_ways.min(axis=1, initial=np.inf),
+    }
+    # Of a single frame there are no ways.
+    least["on_ways"] = np.minimum(least["on_ways"], least["at_frames"])
+    where = {
+        "touch_at": found.touch_at,
+        "touch_on": found.touch_on,
+        "not_shown": found.not_shown,
+    }
+    return {
+        key: (np.floor(values * 1e6) / 1e6).tolist() for key, values in least.items()
+    } | {
+        key: [
+            [int(row), np.flatnonzero(mask[row]).tolist()]
+            for row in np.flatnonzero(mask.any(axis=1))
+        ]
+        for key, mask in where.items()
+    }
 
 
 def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:

@@ -1,47 +1,48 @@
-"""What the certificate of a cleaned motion does not cover, and how it is looked at."""
+"""What the certificate of a motion does not cover, and what the meshes say besides."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict
 
 from pydrake.multibody.tree import BodyIndex
 
 from crar_drake.errors import ModelError
 from crar_drake.judging.judged_pairs import pairs_beyond_one_joint
-from crar_drake.judging.mesh_judge import MeshJudge
+from crar_drake.references.mesh_clearance import ClearanceOfMeshes, MeshClearance
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot_import.link_meshes import check_installed, has_meshes
 
 
-@dataclass(frozen=True)
-class MeshFrames:
-    """Frames of a motion in which meshes penetrate.
+def why_no_meshes(robot: WholeBody) -> str:
+    """Why a robot's meshes cannot be looked at; "" if they can."""
+    if not has_meshes(robot.plant, robot.scene_graph):
+        return "its links have no meshes"
+    try:
+        check_installed()
+    except ModelError as error:
+        return str(error)
+    return ""
 
-    Attributes:
-        num_penetrating: how many they are.
-        pairs: per pair of links that does, the deepest first: both names, and in how
-            many frames.
-    """
 
-    num_penetrating: int
-    pairs: tuple[tuple[str, str, int], ...]
-
-    def __str__(self) -> str:
-        frames = "frame" if self.num_penetrating == 1 else "frames"
-        reported = f"meshes penetrate in {self.num_penetrating} {frames}"
-        if self.pairs:
-            a, b, _ = self.pairs[0]
-            more = len(self.pairs) - 1
-            reported += f" ({a} - {b}{f' and {more} more' if more else ''})"
-        return reported
+def shaped_pairs(robot: WholeBody) -> list[tuple[str, str]]:
+    """Pairs of links with collision shapes that more than one joint is between."""
+    plant = robot.plant
+    bodies = [
+        body
+        for body in map(BodyIndex, range(1, plant.num_bodies()))
+        if plant.GetCollisionGeometriesForBody(plant.get_body(body))
+    ]
+    names = [plant.get_body(body).name() for body in bodies]
+    return [(names[i], names[j]) for i, j in pairs_beyond_one_joint(plant, bodies)]
 
 
 class Uncovered:
-    """Pairs of links more than one joint apart that nobody watches.
+    """Pairs of links of which a certificate does not speak.
 
     Attributes:
-        pairs: their names.
+        pairs: more than one joint apart, neither watched by their capsules nor covered
+            by their meshes.
         why_not: why no meshes are looked at; "" if they are.
     """
 
@@ -53,38 +54,31 @@ class Uncovered:
         Raises:
             ModelError: a mesh cannot be read.
         """
-        description = robot.description
-        plant, graph = robot.plant, robot.scene_graph
-        self._robot, self._judge, self.why_not = robot, None, ""
-        if not has_meshes(plant, graph):
-            self.why_not = "its links have no meshes"
+        self._robot, self._meshes = robot, None
+        self.why_not = why_no_meshes(robot)
+        if self.why_not:
+            pairs = shaped_pairs(robot)
         else:
-            try:
-                check_installed()
-            except ModelError as error:
-                self.why_not = str(error)
-            else:
-                self._judge = MeshJudge(description)
-        if self._judge:
-            pairs = self._judge.pairs + self._judge.left_out
-        else:
-            bodies = [
-                body
-                for body in map(BodyIndex, range(1, plant.num_bodies()))
-                if plant.GetCollisionGeometriesForBody(plant.get_body(body))
-            ]
-            names = [plant.get_body(body).name() for body in bodies]
-            beyond = pairs_beyond_one_joint(plant, bodies)
-            pairs = [(names[i], names[j]) for i, j in beyond]
-        watched = {frozenset(pair) for pair in description.pairs}
+            self._meshes = ClearanceOfMeshes(robot)
+            not_of = self._meshes.meshes.not_of
+            pairs = not_of.as_built + not_of.beyond_root
+        watched = {frozenset(pair) for pair in robot.description.pairs}
         self.pairs = [pair for pair in pairs if frozenset(pair) not in watched]
 
-    def look_at(self, motion: RobotMotion) -> MeshFrames | None:
-        """What the meshes say of each frame, watched or not; None without any."""
-        if self._judge is None:
+    @property
+    def mesh_pairs(self) -> list[tuple[str, str]]:
+        """Pairs of links that are covered by their meshes."""
+        return [] if self._meshes is None else self._meshes.meshes.pairs
+
+    def as_listed(self) -> dict:
+        """What is not covered, as a certificate lists it."""
+        listed = {"pairs": self.pairs, "meshes": self.why_not or "covered"}
+        if self._meshes is not None:
+            listed |= asdict(self._meshes.meshes.not_of)
+        return listed
+
+    def look_at(self, motion: RobotMotion) -> MeshClearance | None:
+        """What the meshes keep on a motion; None without any."""
+        if self._meshes is None:
             return None
-        verdict = self._judge.judge(self._robot.configurations(motion.joint_positions))
-        pairs = tuple(
-            (*contact.pair, contact.num_samples) for contact in verdict.penetrations
-        )
-        return MeshFrames(verdict.num_penetrating, pairs)
+        return self._meshes.find(motion.joint_positions)

@@ -1,0 +1,349 @@
+"""How far the meshes of a robot keep from each other on a whole motion: bounds.
+
+Pairs are those of links with more than one joint between them. The motion is given by
+frames, and goes straight in joint space from each to the next. A pair's distance is
+measured where it must be; from there a bound on how fast two links can come nearer
+says how long it stays positive (conservative advancement).
+
+**Theorem.** Let C be the frame that carries both links A and B of a pair and moves with
+neither alone. On the way q + u x, 0 <= u <= 1, every point p of A moves in C at
+
+    |dp/du| <= sum_j |x_j| rho_j
+
+over the joints j between C and A, where rho_j is the distance of A's farthest point
+from the axis of joint j, and 1 for a slide; for B alike. The distance d of the two
+surfaces changes no faster than both together: with L(s) the sum of both, added up from
+the first frame to the time s (of frames and parts of ways),
+
+    |d(s) - d(t)| <= |L(s) - L(t)|.                                            (M1)
+
+So on a part [s, t] of the motion, d >= (d(s) + d(t) - L(t) + L(s)) / 2.       (M2)
+
+*rho.* The farthest point of a link is within a box, and a distance from a line is
+convex, so that a corner of the box is as far from the axis at least. While the way is
+gone, the joints i between j and the link move it against the axis of j, and rho_j
+changes no faster than sum_i |x_i| rho_i. So on the whole way
+
+    rho_j <= (rho_j(0) + rho_j(1) + sum_i |x_i| rho_i) / 2,                    (M3)
+
+from the joint next to the link upward, with the bound of each rho_i put in.
+
+*Inside.* (M1) is of surfaces. As long as they do not meet, neither link gets into the
+other; on each stretch of the motion on which a pair's surfaces do not meet it is clear
+somewhere (a plane parts the hulls, or winding numbers say so), and so on all of it.
+
+**Assumptions.** The links are rigid and are what their files of triangles say, the
+joints are where the motion has them, and it goes straight in between. The distance of
+hulls is shown by a plane, whoever found it; that of triangles is FCL's, a library's
+that is trusted. A measured distance counts for a micrometre less (`ROUNDING`): doubles
+are off by less than a thousandth of that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.references.mesh_pairs import CarriedMesh, MeshPairs, relative_poses
+from crar_drake.references.whole_body import WholeBody
+
+# A bound is sought until it is half the distance, or so much [m].
+_ENOUGH = 5e-3
+
+# Parts of a way on which two links come nearer by less are not halved [m].
+_FINEST = 1e-4
+
+# Configurations whose frames are placed at a time, and frames that are searched.
+_BLOCK = 4096
+
+
+@dataclass(frozen=True)
+class MeshClearance:
+    """What P pairs of links keep in T frames and on the ways between.
+
+    Attributes:
+        pairs: (P) their names.
+        at_frames: (P, T) no distance is smaller [m]; 0 where they touch.
+        on_ways: (P, T - 1) no distance on the way to the next frame is smaller [m]; 0
+            where they touch, or are not shown to be clear.
+        touch_at: (P, T) whether they were found to touch, or one inside the other.
+        touch_on: (P, T - 1) the same of ways, their ends among them.
+        num_measured: distances that were measured.
+    """
+
+    pairs: list[tuple[str, str]]
+    at_frames: np.ndarray
+    on_ways: np.ndarray
+    touch_at: np.ndarray
+    touch_on: np.ndarray
+    num_measured: int
+
+    @property
+    def not_shown(self) -> np.ndarray:
+        """(P, T - 1) ways that were not found to touch, nor shown to be clear."""
+        return (self.on_ways <= 0.0) & ~self.touch_on
+
+    @property
+    def num_touching(self) -> int:
+        """Frames in which a pair touches."""
+        return int(self.touch_at.any(axis=0).sum())
+
+    @property
+    def num_unclear(self) -> int:
+        """Ways on which a pair touches, or is not shown to be clear."""
+        return int((self.on_ways <= 0.0).any(axis=0).sum())
+
+
+class ClearanceOfMeshes:
+    """Finds what the meshes of a robot keep on its motions.
+
+    Attributes:
+        meshes: the pairs, and what they are not.
+    """
+
+    def __init__(self, robot: WholeBody) -> None:
+        """
+        Raises:
+            ModelError: a mesh cannot be read, or a joint is of no known kind.
+        """
+        self._robot, self.meshes = robot, MeshPairs(robot)
+        tree = self.meshes.joints
+        frames = np.array([mesh.frame for mesh in self.meshes.meshes], dtype=int)
+        moved_by = tree.moved_by[frames]
+        a, b = self.meshes.rows.T
+        self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
+        self._b_alone = moved_by[b] & ~moved_by[a]
+
+    def find(self, joint_positions: np.ndarray) -> MeshClearance:
+        """What the pairs keep on a motion.
+
+        Args:
+            joint_positions: (T, n), in the order of the robot's `joint_names` [rad or
+                m].
+
+        Raises:
+            MotionError: there is no frame, or a position is no finite number.
+        """
+        q = np.asarray(joint_positions, dtype=float)
+        if not len(q):
+            raise MotionError("a motion without frames")
+        bad = np.argwhere(~np.isfinite(q))
+        if len(bad):
+            frame, joint = bad[0]
+            name = self._robot.joint_names[joint]
+            raise MotionError(f"frame {frame + 1}: joint {name!r} is {q[frame, joint]}")
+        q, parts, measured = self._robot.configurations(q), [], 0
+        for start in range(0, max(1, len(q) - 1), _BLOCK):
+            part = _Search(self, q[start : start + _BLOCK + 1]).clearance()
+            # A frame in which one part ends and the next begins is in both.
+            inner = slice(None, None if start + _BLOCK >= len(q) - 1 else -1)
+            of_frames = part.at_frames[:, inner], part.touch_at[:, inner]
+            parts.append((of_frames[0], part.on_ways, of_frames[1], part.touch_on))
+            measured += part.num_measured
+        arrays = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
+        return MeshClearance(self.meshes.pairs, *arrays, measured)
+
+    def advance(self, q: np.ndarray, R: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(P, T - 1) by how much each pair can come nearer on each way: of (M1) [m].
+
+        Args:
+            q: (T, nq) positions of the plant.
+            R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
+        """
+        joints = self.meshes.joints
+        steps = np.abs(np.diff(q, axis=0))[:, joints.tree.position]
+        steps = steps[:, joints.frame_of_velocity]
+        # A root that floats stands still: its quaternion has no velocity of its own.
+        of_links = [self._swept(each, steps, R, p) for each in self.meshes.meshes]
+        found = np.zeros((len(self.meshes.rows), len(steps)))
+        for row, (a, b) in enumerate(self.meshes.rows):
+            found[row] = self._a_alone[row] @ of_links[a]
+            found[row] += self._b_alone[row] @ of_links[b]
+        return found
+
+    def _swept(self, mesh: CarriedMesh, steps, R, p) -> np.ndarray:
+        """(nv, T - 1) how far each joint can move a point of a link on each way [m]."""
+        joints = self.meshes.joints
+        swept, below = np.zeros((steps.shape[1], len(steps))), np.zeros(len(steps))
+        frame = mesh.frame
+        corners = p[:, None, frame] + mesh.corners @ R[:, frame].swapaxes(1, 2)
+        while frame:
+            for velocity in reversed(joints.velocities[frame]):
+                if not steps[:, velocity].any():
+                    continue
+                turn, slide = joints.turns[velocity], joints.slides[velocity]
+                farthest = np.full(len(steps), np.linalg.norm(slide))
+                if turn.any():
+                    axis = R[:, None, frame] @ turn
+                    arms = np.cross(axis, corners - p[:, None, frame])
+                    rho = np.linalg.norm(arms, axis=2).max(axis=1)
+                    farthest += (rho[:-1] + rho[1:] + below) / 2.0  # (M3)
+                swept[velocity] = steps[:, velocity] * farthest
+                below += swept[velocity]
+            frame = int(joints.tree.parent[frame])
+        return swept
+
+
+class _Search:
+    """Of one motion: what is known of the pairs' distances so far."""
+
+    def __init__(self, robot: ClearanceOfMeshes, q: np.ndarray) -> None:
+        """
+        Args:
+            robot: whose motion it is.
+            q: (T, nq) positions of the plant.
+        """
+        self._meshes, self._q = robot.meshes, q
+        self._rows, links = self._meshes.rows, self._meshes.meshes
+        frames = np.array([mesh.frame for mesh in links], dtype=int)
+        self._frames = frames[self._rows]  # (P, 2)
+        self._R, self._p = self._meshes.poses(q)
+        self._steps = robot.advance(q, self._R, self._p)
+        self._L = np.zeros((len(self._rows), len(q)))
+        np.cumsum(self._steps, axis=1, out=self._L[:, 1:])
+        # Balls about the links bound all distances from below.
+        centres = np.array([mesh.centre for mesh in links]).reshape(-1, 3)
+        radii = np.array([mesh.radius for mesh in links])
+        centres = self._p[:, frames] + (self._R[:, frames] @ centres[..., None])[..., 0]
+        a, b = self._rows.T
+        apart = np.linalg.norm(centres[:, a] - centres[:, b], axis=2).T
+        self._low = apart - (radii[a] + radii[b])[:, None] - 1e-9
+        self._parted = self._low > 0.0
+        self._found = np.full_like(self._low, np.inf)  # that was measured
+        self._num_measured = 0
+
+    def clearance(self) -> MeshClearance:
+        """The bounds, each close enough or of distances that were measured."""
+        while True:
+            aim = self._spread()
+            between = (self._low[:, :-1] + self._low[:, 1:] - self._steps) / 2.0  # (M2)
+            way_open = between < np.minimum(aim[:, :-1], aim[:, 1:])
+            asked = self._low < aim
+            asked[:, :-1] |= way_open
+            asked[:, 1:] |= way_open
+            pair, frame = _middles(asked & np.isinf(self._found))
+            if not len(pair):
+                break
+            d, parted = self._measure(pair, frame, np.zeros(len(pair)))
+            self._low[pair, frame] = np.maximum(self._low[pair, frame], d)
+            self._found[pair, frame] = d
+            self._parted[pair, frame] |= parted
+        touch_at = self._found <= 0.0
+        touch_on = touch_at[:, :-1] | touch_at[:, 1:]
+        on_ways = self._halve(np.maximum(between, 0.0), way_open, touch_on)
+        self._look_inside(on_ways, touch_at, touch_on)
+        at_frames = np.where(touch_at, 0.0, np.maximum(self._low, 0.0))
+        on_ways[touch_on] = 0.0
+        names, measured = self._meshes.pairs, self._num_measured
+        return MeshClearance(names, at_frames, on_ways, touch_at, touch_on, measured)
+
+    def _spread(self) -> np.ndarray:
+        """What is known of a frame says something of all others: (M1).
+
+        Returns:
+            (P, T) how close each frame's bound is to be [m].
+        """
+        L, low, high = self._L, self._low, self._found
+        low = np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L)
+        self._low = np.maximum(low, _backward(np.maximum, low - L) + L)
+        high = np.minimum.accumulate(high - L, axis=1) + L
+        high = np.minimum(high, _backward(np.minimum, high + L) - L)
+        return np.minimum(_ENOUGH, 0.5 * high)
+
+    def _measure(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
+        """(M) distances [m], and whether hulls are apart.
+
+        Args:
+            pair, frame, part: (M) which pair, and where: the part of the way from a
+                frame to the next.
+        """
+        d, parted = np.empty(len(pair)), np.empty(len(pair), dtype=bool)
+        for start in range(0, len(pair), _BLOCK):
+            some = slice(start, start + _BLOCK)
+            for k, X in enumerate(self._placed(pair[some], frame[some], part[some])):
+                i, j = self._rows[pair[start + k]]
+                d[start + k], parted[start + k] = self._meshes.distance(i, j, *X)
+        self._num_measured += len(pair)
+        return d, parted
+
+    def _placed(self, pair, frame, part) -> zip:
+        """R_AB and p_AB of pairs."""
+        a, b = self._frames[pair].T
+        if part.any():
+            u = part[:, None]
+            after = self._q[np.minimum(frame + 1, len(self._q) - 1)]
+            poses = self._meshes.poses((1.0 - u) * self._q[frame] + u * after)
+            at = np.arange(len(pair))
+        else:
+            poses, at = (self._R, self._p), frame
+        R_A, R_B = poses[0][at, a].swapaxes(1, 2), poses[0][at, b]
+        offset = poses[1][at, b] - poses[1][at, a]
+        return zip(R_A @ R_B, (R_A @ offset[..., None])[..., 0], strict=True)
+
+    def _halve(self, bounds, way_open, touch) -> np.ndarray:
+        """Ways whose ends do not show enough are halved.
+
+        Args:
+            bounds: (P, T - 1) of all ways [m].
+            way_open: (P, T - 1) whose are to be replaced: both ends are measured.
+            touch: (P, T - 1) on which ways a pair touches; more are found.
+
+        Returns:
+            The bounds of all ways.
+        """
+        pair, way = np.nonzero(way_open & ~touch)
+        first, last = self._found[pair, way], self._found[pair, way + 1]
+        bounds[pair, way] = np.inf
+        begin, width = np.zeros(len(pair)), 1.0
+        while len(pair):
+            nearer = width * self._steps[pair, way]
+            bound = (first + last - nearer) / 2.0
+            enough = bound >= np.minimum(_ENOUGH, 0.5 * np.minimum(first, last))
+            done = enough | (nearer < _FINEST) | touch[pair, way]
+            at = pair[done], way[done]
+            np.minimum.at(bounds, at, np.maximum(bound[done], 0.0))
+            pair, way, begin, first, last = (
+                each[~done] for each in (pair, way, begin, first, last)
+            )
+            width /= 2.0
+            middle, _ = self._measure(pair, way, begin + width)
+            np.logical_or.at(touch, (pair, way), middle <= 0.0)
+            pair, way = np.tile(pair, 2), np.tile(way, 2)
+            begin = np.concatenate([begin, begin + width])
+            first, last = np.concatenate([[first, middle], [middle, last]], axis=1)
+        return bounds
+
+    def _look_inside(self, on_ways, touch_at, touch_on) -> None:
+        """One link inside the other touches it, in all frames until surfaces meet.
+
+        Args:
+            on_ways, touch_at, touch_on: as of `MeshClearance`; what is found is added
+                to the last two.
+        """
+        decided = self._parted | touch_at
+        for row in np.flatnonzero(~decided.all(axis=1)):
+            ends = np.flatnonzero(touch_on[row] | (on_ways[row] <= 0.0)) + 1
+            for stretch in np.split(np.arange(decided.shape[1]), ends):
+                k = int(stretch[0])
+                X = relative_poses(self._R[k], self._p[k], *self._frames[row])
+                if not decided[row, stretch].any() and self._meshes.one_inside(
+                    *self._rows[row], *X
+                ):
+                    touch_at[row, stretch] = touch_on[row, stretch[:-1]] = True
+
+
+def _backward(of: np.ufunc, values: np.ndarray) -> np.ndarray:
+    """The largest or smallest of each frame and all after it."""
+    return of.accumulate(values[:, ::-1], axis=1)[:, ::-1]
+
+
+def _middles(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the middle of each run of True in the rows of a mask."""
+    padded = np.zeros((len(mask), mask.shape[1] + 2), dtype=np.int8)
+    padded[:, 1:-1] = mask
+    change = np.diff(padded, axis=1)
+    row, start = np.nonzero(change > 0)
+    _, end = np.nonzero(change < 0)
+    return row, (start + end - 1) // 2

@@ -1,0 +1,313 @@
+"""The meshes of a robot's links, which pairs of them can meet, and how far they are.
+
+Each link's mesh is given in the frame F of `robot.kinematics` that carries it, so that
+welded links share a pose. Distances are asked from below: of convex hulls where these
+are apart, else of the triangles.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from pydrake.multibody.tree import BodyIndex, JointIndex
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.equations.kinematics import link_poses
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import find_joint, zero_positions
+from crar_drake.robot.kinematics import JointTree
+from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
+
+try:
+    import fcl
+except ImportError:  # of an extra, which `link_meshes.check_installed` asks for
+    fcl = None
+
+# Meshes that are no farther apart touch: more than what doubles are off by, of a hull's
+# vertices as of triangles [m].
+ROUNDING = 1e-6
+
+# Where hulls are farther apart than this, the triangles are not asked [m].
+_HULLS_ENOUGH = 1e-3
+
+# A winding number beyond is that of a point inside.
+_HALF_TURN = 0.5
+
+
+class CarriedMesh:
+    """A link's mesh in the frame F that carries it.
+
+    Attributes:
+        name: of the link.
+        frame: number of F.
+        vertices: (N, 3) p_FV [m]; faces: (M, 3) indices of them.
+        corners: (8, 3) of its bounding box along the axes of F [m].
+        centre: (3,) of the box [m]; radius: of the ball about it with all vertices [m].
+        extreme: (H, 3) vertices of its convex hull [m].
+    """
+
+    def __init__(self, link: LinkMesh, frame: int, X_FB) -> None:
+        first = np.cumsum([0] + [len(part.vertices) for part in link.parts])
+        p_BV = np.concatenate([part.vertices for part in link.parts])
+        faces = np.concatenate(
+            [part.faces + n for part, n in zip(link.parts, first, strict=False)]
+        )
+        # Files repeat a vertex for each of its triangles.
+        p_BV, merged = np.unique(p_BV, axis=0, return_inverse=True)
+        a, b, c = (faces := merged.reshape(-1)[faces]).T
+        self.faces = faces[(a != b) & (b != c) & (c != a)]
+        self.name, self.frame = link.name, frame
+        self.vertices = p_BV @ X_FB.rotation().matrix().T + X_FB.translation()
+        used = self.vertices[np.unique(self.faces)]
+        box = np.array([used.min(axis=0), used.max(axis=0)])
+        self.corners = np.array(list(itertools.product(*box.T)))
+        self.centre = box.mean(axis=0)
+        self.radius = float(np.linalg.norm(used - self.centre, axis=1).max())
+        tree = fcl.BVHModel()
+        tree.beginModel(len(self.vertices), len(self.faces))
+        tree.addSubModel(self.vertices, self.faces)
+        tree.endModel()
+        self._triangles = tree
+        self.extreme, self._hull = used, None
+        try:
+            hull = ConvexHull(used)
+        except QhullError:  # it is flat: its triangles are asked
+            return
+        self.extreme = used[hull.vertices]
+        number = np.empty(len(used), dtype=int)
+        number[hull.vertices] = np.arange(len(hull.vertices))
+        faces = _outward(self.extreme, number[hull.simplices])
+        of_three = np.column_stack([np.full(len(faces), 3), faces])
+        self._hull = fcl.Convex(self.extreme, len(faces), of_three.ravel())
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it has no hull with a volume."""
+        return self._hull is None
+
+    def objects(self) -> tuple:
+        """The hull, None if it is flat, and the triangles, to be placed."""
+        hull = None if self._hull is None else fcl.CollisionObject(self._hull)
+        return hull, fcl.CollisionObject(self._triangles)
+
+    @cached_property
+    def one_vertex_each(self) -> np.ndarray:
+        """(K, 3) a vertex of each of the K connected pieces of the surface [m]."""
+        a, b, c = self.faces.T
+        edges = np.concatenate([a, b]), np.concatenate([b, c])
+        size = len(self.vertices)
+        graph = coo_array((np.ones(len(edges[0])), edges), shape=(size, size))
+        _, piece = connected_components(graph, directed=False)
+        used = np.unique(self.faces)
+        return self.vertices[used[np.unique(piece[used], return_index=True)[1]]]
+
+    def holds(self, p_FQ: np.ndarray) -> bool:
+        """Whether one of some points is inside, by the surface's winding number.
+
+        Args:
+            p_FQ: (P, 3) points that are not on the surface [m].
+        """
+        lower, upper = self.corners[0], self.corners[-1]
+        for p in p_FQ[((p_FQ > lower) & (p_FQ < upper)).all(axis=1)]:
+            a, b, c = np.moveaxis(self.vertices[self.faces] - p, 1, 0)
+            la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+            # Solid angles: A. van Oosterom and J. Strackee, 1983.
+            ab, bc, ca = (np.sum(x * y, axis=1) for x, y in ((a, b), (b, c), (c, a)))
+            above = np.sum(a * np.cross(b, c), axis=1)
+            angles = np.arctan2(above, la * lb * lc + ab * lc + bc * la + ca * lb)
+            if abs(angles.sum()) / (2.0 * np.pi) > _HALF_TURN:
+                return True
+        return False
+
+
+@dataclass(frozen=True)
+class NotOf:
+    """What nothing is said of.
+
+    Attributes:
+        one_joint: pairs of links with one joint between them; those with none, which
+            are welded, are one body.
+        as_built: pairs that touch in the zero and in the rest posture.
+        beyond_root: pairs with a link that the root does not carry: they depend on
+            where the root is.
+        without_mesh: links that have no shape.
+        coarse: links of which there are only simplified triangles: the pairs hold of
+            these.
+    """
+
+    one_joint: list[tuple[str, str]]
+    as_built: list[tuple[str, str]]
+    beyond_root: list[tuple[str, str]]
+    without_mesh: list[str]
+    coarse: list[str]
+
+
+class MeshPairs:
+    """The pairs of links that more than one joint is between.
+
+    Attributes:
+        joints: the frames of the robot.
+        meshes: (L) of the links that have one.
+        rows: (P, 2) pairs of indices of `meshes`.
+        not_of: what is no pair.
+    """
+
+    def __init__(self, robot: WholeBody) -> None:
+        """
+        Raises:
+            ModelError: a mesh cannot be read, or a joint is of no known kind.
+        """
+        plant = robot.plant
+        self.joints = JointTree(plant)
+        of_links = read_link_meshes(plant, robot.scene_graph)
+        shaped = {int(link.body) for link in of_links}
+        bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
+        root, _ = self.joints.place(plant.GetBodyByName(robot.root))
+        self.meshes = [
+            CarriedMesh(link, *self.joints.place(plant.get_body(link.body)))
+            for link in of_links
+        ]
+        carried = [self._is_carried(mesh.frame, root) for mesh in self.meshes]
+        joined = set()
+        for index in range(plant.num_joints()):
+            joint = plant.get_joint(JointIndex(index))
+            ends = (joint.parent_body(), joint.child_body())
+            joined.add(frozenset(self.joints.place(body)[0] for body in ends))
+        rows, one_joint, beyond_root = [], [], []
+        for i, j in itertools.combinations(range(len(self.meshes)), 2):
+            frames = frozenset((self.meshes[i].frame, self.meshes[j].frame))
+            if len(frames) == 1:
+                continue
+            if frames in joined:
+                one_joint.append((i, j))
+            elif carried[i] and carried[j]:
+                rows.append((i, j))
+            else:
+                beyond_root.append((i, j))
+        self.rows = np.array(rows, dtype=int).reshape(-1, 2)
+        self._nearest = fcl.DistanceRequest(enable_nearest_points=True)
+        self._a = [mesh.objects() for mesh in self.meshes]
+        self._b = [mesh.objects() for mesh in self.meshes]
+        built = self._touch_as_built(robot)
+        as_built, self.rows = self.named(self.rows[built]), self.rows[~built]
+        self.not_of = NotOf(
+            one_joint=self.named(one_joint),
+            as_built=as_built,
+            beyond_root=self.named(beyond_root),
+            without_mesh=[b.name() for b in bodies if int(b.index()) not in shaped],
+            coarse=[link.name for link in of_links if link.coarse],
+        )
+
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """(P) names of the pairs."""
+        return self.named(self.rows)
+
+    def named(self, rows: Iterable[Sequence[int]]) -> list[tuple[str, str]]:
+        """The names of pairs of indices."""
+        return [(self.meshes[i].name, self.meshes[j].name) for i, j in rows]
+
+    def distance(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+        """How far two surfaces are apart at least.
+
+        Of hulls, which are never farther apart than what they hold: any direction n
+        along which one ends before the other begins shows a distance, however n was
+        found.
+
+        Args:
+            i, j: of the meshes, in the frames A and B.
+            R: (3, 3) R_AB.
+            p: (3,) p_AB [m].
+
+        Returns:
+            The distance less `ROUNDING`, 0 where they touch [m]; and whether their
+            hulls are apart, so that neither is inside the other.
+        """
+        hull_a, triangles_a = self._a[i]
+        hull_b, triangles_b = self._b[j]
+        X = fcl.Transform(R, p)
+        gap = -np.inf
+        if hull_a is not None and hull_b is not None:
+            hull_b.setTransform(X)
+            near = fcl.DistanceResult()
+            fcl.distance(hull_a, hull_b, self._nearest, near)
+            n = near.nearest_points[1] - near.nearest_points[0]
+            length = np.linalg.norm(n)
+            if length > 0.0:
+                n = n / length
+                ends = (self.meshes[i].extreme @ n).max()
+                gap = (self.meshes[j].extreme @ (n @ R)).min() + n @ p - ends
+        parted = bool(gap > ROUNDING)
+        if gap < _HULLS_ENOUGH:
+            triangles_b.setTransform(X)
+            of_triangles = fcl.distance(triangles_a, triangles_b)
+            gap = max(gap, of_triangles)
+        return max(0.0, float(gap) - ROUNDING), parted
+
+    def one_inside(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> bool:
+        """Whether a piece of one is inside the other, if no triangles intersect.
+
+        Args: as of `distance`.
+        """
+        a, b = self.meshes[i], self.meshes[j]
+        return a.holds(b.one_vertex_each @ R.T + p) or b.holds(
+            (a.one_vertex_each - p) @ R
+        )
+
+    def _is_carried(self, frame: int, root: int) -> bool:
+        while frame > root:  # parents have smaller numbers
+            frame = int(self.joints.tree.parent[frame])
+        return frame == root
+
+    def _touch_as_built(self, robot: WholeBody) -> np.ndarray:
+        """(P,) whether a pair touches in the zero and in the rest posture."""
+        plant = robot.plant
+        limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+        zero = np.clip(zero_positions(plant), *limits)
+        rest = zero.copy()
+        for name, value in robot.description.rest_posture.items():
+            rest[find_joint(plant, name).position_start()] = value
+        touch = np.ones(len(self.rows), dtype=bool)
+        for R, p in zip(*self.poses([rest, zero]), strict=True):
+            for row in np.flatnonzero(touch):
+                i, j = self.rows[row]
+                X = relative_poses(R, p, self.meshes[i].frame, self.meshes[j].frame)
+                apart, parted = self.distance(i, j, *X)
+                touch[row] = not apart or (not parted and self.one_inside(i, j, *X))
+        return touch
+
+    def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """R_WF (K, N, 3, 3) and p_WF (K, N, 3) of all frames [m].
+
+        Args:
+            q: (K, nq) positions of the plant.
+        """
+        tree = self.joints.tree
+        X = link_poses(np.array(q, dtype=float), tree, tree.every)
+        X = X.reshape(len(q), -1, 4, 3)
+        return X[:, :, :3].swapaxes(2, 3), X[:, :, 3]
+
+
+def relative_poses(R: np.ndarray, p: np.ndarray, a, b) -> tuple:
+    """R_AB (..., 3, 3) and p_AB (..., 3) from R_WF (..., N, 3, 3) and p_WF (..., N, 3).
+
+    Args:
+        R, p: poses of all frames [m].
+        a, b: which of them are A and B.
+    """
+    R_AW = R[..., a, :, :].swapaxes(-1, -2)
+    offset = p[..., b, :] - p[..., a, :]
+    return R_AW @ R[..., b, :, :], (R_AW @ offset[..., None])[..., 0]
+
+
+def _outward(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The faces of a hull, counterclockwise seen from outside."""
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    outward = np.sum(np.cross(b - a, c - a) * (a - points.mean(axis=0)), axis=1) > 0.0
+    return np.where(outward[:, None], faces, faces[:, ::-1])

@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
     page = out.with_suffix(".html")
     if not arguments.no_page:
         check_file(page)
-    with _frames_bar() as progress:
+    with frames_bar() as progress:
         clips = clean_file(
             reference,
             out,
@@ -135,10 +135,10 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.no_page:
         _write_page(arguments, out, page, clips)
         print(page)
-    return final_line(_violated(clips))
+    return final_line(violations(clips))
 
 
-def _violated(clips: list[CleanedClip]) -> list[str]:
+def violations(clips: list[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
     unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
     return [
@@ -281,11 +281,11 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
     if len(failed) > _MOST_LINES:
         print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
     print(out / "cleaned.csv")
-    return final_line([*_violated(clips), *counted(len(failed), "file", "failed")])
+    return final_line([*violations(clips), *counted(len(failed), "file", "failed")])
 
 
 @contextmanager
-def _frames_bar() -> Iterator[Callable[[int, int], None]]:
+def frames_bar() -> Iterator[Callable[[int, int], None]]:
     """Yields a callback that draws how far a motion is, on stderr."""
     with _bar() as bar:
         task = bar.add_task("", total=None)

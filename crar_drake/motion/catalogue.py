@@ -101,6 +101,19 @@ def load_performer(
     return make(read(path), text, options)
 
 
+def motion_file(
+    name: str | os.PathLike[str], options: MotionOptions | None = None
+) -> Path:
+    """The file of the motion of that name; arguments as of `load_performer`.
+
+    Raises:
+        MotionError: there is no such motion.
+    """
+    if _is_path(name):
+        return Path(name)
+    return resolve(name, (options and options.skeleton) or None).amc
+
+
 def refuse_robot_motion(path: str | os.PathLike[str]) -> None:
     """Raises MotionError if a file holds a motion of a robot's own joints.
 

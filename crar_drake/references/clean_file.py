@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -141,9 +141,47 @@ def clean_file(
         raise MotionError(f"{out}: is the reference itself; name another file")
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
-    uncovered = Uncovered(whole_body)
     motions = read_motions(reference, layout, rate, robot=whole_body)
-    carrying = CarryingHands(whole_body)
+    return clean_motions(
+        motions,
+        out,
+        whole_body,
+        parameters or CleaningParameters(),
+        reference=reference,
+        layout=motions[0].layout,
+        options={"layout": layout, "rate": rate},
+        progress=progress,
+    )
+
+
+def clean_motions(
+    motions: Sequence[RobotMotion],
+    out: Path,
+    robot: WholeBody,
+    parameters: CleaningParameters,
+    *,
+    reference: Path,
+    layout: str,
+    options: dict,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[CleanedClip]:
+    """Cleans motions, and writes them and their certificate, or neither.
+
+    Args:
+        motions: with their joints in the robot's order.
+        out: to be written.
+        robot: that moves.
+        parameters: what changing the least means, and what is kept.
+        reference: the file that they are from.
+        layout: of the file to be written.
+        options: what the certificate says of how they were read.
+        progress: as of `clean_file`.
+
+    Raises:
+        ModelError, MotionError, WriteError: as `clean_file`.
+    """
+    description, uncovered = robot.description, Uncovered(robot)
+    carrying = CarryingHands(robot)
     cleaners: dict[float, Cleaner] = {}
     written, seconds = [], []
     for motion in motions:
@@ -164,28 +202,32 @@ def clean_file(
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
         written.append(replace(motion, joint_positions=joints))
-    to = LAYOUTS[written[0].layout]
+    to = LAYOUTS[layout]
     # Where the file says it, each motion may have another.
     rate_given = None if to.has_rate else written[0].rate
     place = certificate_path(out)
     with whole_set(out.parent, last=place.name) as folder:
-        write_motions(folder / out.name, written, to.name, whole_body)
+        write_motions(folder / out.name, written, to.name, robot)
         # What is certified is what stands in the file, rounded as its layout does.
-        again = read_motions(folder / out.name, to.name, rate_given, robot=whole_body)
+        again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
         clips, rows = [], []
         for before, after, took in zip(motions, again, seconds, strict=True):
             cleaner = cleaners[after.rate]
             margins = [_margins(motion, cleaner) for motion in (before, after)]
             meshes = uncovered.look_at(after)
             clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
-            rows.append(_row(before, after, margins, meshes, took, cleaner, whole_body))
-        p = parameters or CleaningParameters()
+            rows.append(_row(before, after, margins, meshes, took, cleaner, robot))
         certificate = make_certificate(
-            folder / out.name, reference, description, clips, p.floor, uncovered
+            folder / out.name,
+            reference,
+            description,
+            clips,
+            parameters.floor,
+            uncovered,
         )
-        certificate["parameters"] = asdict(p)
+        certificate["parameters"] = asdict(parameters)
         certificate["motion"] |= {"layout": to.name, "rate": rate_given}
-        certificate["options"] = {"layout": layout, "rate": rate}
+        certificate["options"] = options
         write_certificate(folder / place.name, certificate)
     return rows
 

@@ -14,7 +14,7 @@ Unknowns of a frame are those of `body_points`. The motion that is found is clea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -178,12 +178,18 @@ class Retargeter:
         self._set_floor_points()
         self._lower, self._upper = self._bent_as_a_person()
 
-    def retarget(self, performer: Performer, rate: float) -> Retargeted:
+    def retarget(
+        self,
+        performer: Performer,
+        rate: float,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Retargeted:
         """A performer's motion on the robot.
 
         Args:
             performer: with legs.
             rate: frames per second [Hz].
+            progress: is called with the number of frames that are done, and of all.
 
         Raises:
             MotionError: the performer lacks something.
@@ -210,6 +216,8 @@ class Retargeter:
             part.solve(round(_NEAR * rate), "no rows")
             y[first:last] = part.y[first - before : last - before]
             first = frames if last == frames else first + _PART
+            if progress is not None:
+                progress(first, frames)
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
             targets.root_positions + y[:, :3],
@@ -218,6 +226,30 @@ class Retargeter:
             targets,
             effort,
         )
+
+    def ways(
+        self,
+        root_positions: np.ndarray,
+        root_rotations: np.ndarray,
+        q: np.ndarray,
+        ends: Sequence[tuple[str, str]],
+    ) -> list[np.ndarray]:
+        """From one task frame to another, (T, 3) of each pair [m].
+
+        Args:
+            root_positions, root_rotations: (T, 3) p_WR [m], (T, 3, 3) R_WR.
+            q: (T, n) positions of the controlled joints.
+            ends: pairs of task frames.
+        """
+        y = np.hstack([np.zeros((len(q), ROOT)), q])
+        placed = Placed(
+            self._poses, self.rest, self._base, root_positions, root_rotations, y
+        )
+        found = []
+        for pair in ends:
+            points, _ = placed.points(*self.frame_points(pair))
+            found.append(points[:, 1] - points[:, 0])
+        return found
 
     def placed(self, targets: PerformerTargets, frames, y) -> Placed:
         """The links at some frames; those of the last call are not found again."""

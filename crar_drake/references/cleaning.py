@@ -351,6 +351,7 @@ class Cleaner:
             posture_weight=p.joint_weight * ones,
             about=reference,
             smoothness=stiffness * ones,
+            change_smoothness=stiffness * ones,
             lower=np.minimum(model.lower + _WITHIN_LIMITS, model.upper),
             upper=np.maximum(model.upper - _WITHIN_LIMITS, model.lower),
             fastest=fastest * min(p.velocity_scale, 1.0) * _SHARE_OF_SPEED / self.rate,

@@ -4,12 +4,13 @@ With y_k in R^m the unknowns of frame k, over the T frames of a motion:
 
     minimise    1/2 sum_k [ |r_k(y_k)|^2 + |w (y_k - c_k)|^2
                             + |s (x_(k-1) - 2 x_k + x_(k+1))|^2
-                            + |v_k (f(y_(k+1)) - f(y_k))|^2 ],          x = y - a
+                            + |v_k (f(y_(k+1)) - f(y_k) - g_k)|^2 ],    x = y - a
     such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
                 lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
 
-The tasks r, the posture c, the smoothness about a and what stands still, f, are the
-caller's: for a reference motion that is to change the least c = a is the reference.
+The tasks r, the posture c, the smoothness about a, and the steps g of f (0 of what
+stands still), are the caller's: for a reference motion that is to change the least, c =
+a is the reference.
 
 *Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
 Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
@@ -68,7 +69,7 @@ class AtFrames(NamedTuple):
     Attributes:
         r: (L, R) residuals of the tasks,
         J: (L, R, m) and their Jacobian.
-        f: (L, F) what stands still from one frame to the next while it has a weight,
+        f: (L, F) whose steps from one frame to the next are given,
         G: (L, F, m) and its Jacobian.
     """
 
@@ -82,11 +83,13 @@ class Tasks(Protocol):
     """What the motion is to do.
 
     Attributes:
-        step_weights: (T - 1, F) v, how much it is to stand still from each frame to the
-            next; None if nothing is.
+        step_weights: (T - 1, F) v, of the steps from each frame to the next; None if
+            there are none.
+        steps: (T - 1, F) g.
     """
 
     step_weights: np.ndarray | None
+    steps: np.ndarray
 
     def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
         """At some frames.
@@ -122,6 +125,7 @@ class Problem:
         posture_weight: (m,) w.
         about: (T, m) a.
         smoothness: (m,) s.
+        change_smoothness: (m,) s about what was found without rows of distances.
         lower, upper: (m,) limits; infinite where there is none.
         fastest: (m,) change from a frame to the next, at most; infinite likewise.
         near_rows: of S samples, counted from the motion's first frame, their y (S, m),
@@ -135,6 +139,7 @@ class Problem:
     posture_weight: np.ndarray
     about: np.ndarray
     smoothness: np.ndarray
+    change_smoothness: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     fastest: np.ndarray
@@ -205,6 +210,7 @@ class Part:
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
+        self._smoothness = self.problem.smoothness
         self._stiffness = _second_differences(len(self.y))
 
     def solve(self, near: int, begin: str = "all rows") -> None:
@@ -213,13 +219,15 @@ class Part:
         Args:
             near: frames so near to one that is not settled are live.
             begin: "all rows"; "no rows" of distances until all else is at its minimum,
-                after which frames that keep them are left alone; or "again" with the
-                last penalty, from a motion that is nearly there.
+                after which frames that keep them are left alone, and others change
+                smoothly; or "again" with the last penalty, from a motion that is
+                nearly there.
         """
         stages = _PENALTIES[-1:] if begin == "again" else _PENALTIES
         live = self._live(self.free)
         if begin == "no rows":
             self.y = self._minimise(live, 0.0).y
+            self._about, self._smoothness = self.y, self.problem.change_smoothness
             lacking, _ = self._lacking(live, self._linearise(self.y, live, 1.0, 0.0))
             if not lacking.any():
                 return
@@ -315,7 +323,7 @@ class Part:
     def _merit(self, at: _Linearised, live: _Live, penalty: float) -> float:
         problem, y = self.problem, at.y
         posture = problem.posture_weight * (y - self._posture)[live.frames]
-        bends = problem.smoothness * np.diff(y - self._about, 2, axis=0)
+        bends = self._smoothness * np.diff(y - self._about, 2, axis=0)
         weights, _, steps = self._standing(live, at.done.f)
         terms = (at.done.r[live.own], posture, bends, weights * steps)
         sums = [np.vdot(z, z) for z in terms]
@@ -394,7 +402,7 @@ class Part:
     def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
         """Of what is minimised, without constraints."""
         problem, some = self.problem, live.frames
-        weight, stiff = problem.posture_weight**2, problem.smoothness**2
+        weight, stiff = problem.posture_weight**2, self._smoothness**2
         r, J = at.done.r[live.own], at.done.J[live.own]
         transposed = J.swapaxes(1, 2)
         D = transposed @ J
@@ -421,16 +429,17 @@ class Part:
     def _standing(
         self, live: _Live, f: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """v and the changes of f from a frame that is seen to the next, (K, F) both,
+        """v and what f's steps lack, from a frame that is seen to the next, (K, F) both,
         and between them (K,) which of the frames that are seen come before."""
-        v = self.problem.tasks.step_weights
-        if v is None:
+        tasks = self.problem.tasks
+        if tasks.step_weights is None:
             return np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 0))
         before = np.flatnonzero(np.diff(live.seen) == 1)
-        return v[self.first + live.seen[before]], before, f[before + 1] - f[before]
+        k = self.first + live.seen[before]
+        return tasks.step_weights[k], before, f[before + 1] - f[before] - tasks.steps[k]
 
     def _add_standing(self, normal: Normal, at: _Linearised, live: _Live) -> None:
-        """Adds the rows v (f_(k+1) - f_k)."""
+        """Adds the rows v (f_(k+1) - f_k - g_k)."""
         v, before, change = self._standing(live, at.done.f)
         some = v.any(axis=1)
         v, before, change = v[some], before[some], change[some]

@@ -4,7 +4,7 @@
                      + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
                      + |w_foot (sole's heel and ball - target)|^2 + |w_hand turn|^2
                      + |w_posture (q - rest)|^2 + |second differences|^2
-                     + |w_stand (change of heels and balls that stand)|^2
+                     + |w_stand (steps of heels and balls near the floor - target)|^2
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
@@ -50,6 +50,8 @@ _OF_FEET, _OF_LINKS = 512, 64
 
 # Frames so near to one that lacks something move with it [s].
 _NEAR = 0.5
+# A foot that is nearer to the floor may not slip [m].
+_LOW = 0.06
 _PART, _OVERLAP = 300, 1.0  # frames of a part of a long motion; [s] beyond its end
 _ASKED, _ASKED_BETWEEN = 4.5e-3, 2.5e-3  # of watched pairs [m]
 _SHARE_OF_SPEED = 0.99
@@ -68,10 +70,12 @@ class RetargetingParameters:
         turn: of how the root is turned [1/rad].
         foot: of heels and balls on the floor plane [1/m], in the air and standing;
         foot_height: of their heights.
-        standing: of what stands, from a frame to the next [1/m].
+        standing: of the steps of what stands, from a frame to the next [1/m].
+        low: of the steps of what is near the floor: it would slip otherwise [1/m].
         hand: of how the hands are turned [1/rad].
         posture: of the rest posture [1/rad].
-        smoothing: motions that come and go within this time cost more [s].
+        smoothing: motions that come and go within this time cost more [s],
+        change_smoothing: as do changes by which constraints are kept.
         cutoff: of the low-pass of the performer [Hz].
     """
 
@@ -83,9 +87,11 @@ class RetargetingParameters:
     foot: float = 5.0  # [1/m]
     foot_height: float = 20.0  # [1/m]
     standing: float = 1e3  # [1/m]
+    low: float = 1e2  # [1/m]
     hand: float = 0.3  # [1/rad]
     posture: float = 0.03  # [1/rad]
     smoothing: float = 0.02  # [s]
+    change_smoothing: float = 0.04  # [s]
     cutoff: float = 6.0  # [Hz]
 
 
@@ -289,6 +295,7 @@ class Retargeter:
             posture_weight=weight,
             about=np.zeros_like(y),
             smoothness=np.full(ROOT + n, (p.smoothing * rate) ** 2),
+            change_smoothness=np.full(ROOT + n, (p.change_smoothing * rate) ** 2),
             lower=np.concatenate([-nowhere, self._lower]),
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
@@ -456,10 +463,14 @@ class PersonTasks:
             [flag for foot in sides for flag in (foot.on_heel, foot.on_ball)], axis=1
         )
         self._sole_weights = np.array([p.foot, p.foot, p.foot_height])
-        stands = p.standing * (on[1:] & on[:-1])
-        self.step_weights = np.repeat(stands[:, :, None], 3, axis=2).reshape(
-            len(stands), -1
-        )
+        steps, stands = np.diff(self._soles, axis=0), on[1:] & on[:-1]
+        steps[stands] = 0.0
+        heights = self._soles[..., 2].reshape(len(on), -1, 2).min(axis=2)
+        low = np.repeat(np.maximum(heights[1:], heights[:-1]) < _LOW, 2, axis=1)
+        weights = np.where(stands, p.standing, p.low * low)[..., None]
+        weights = weights * np.where(stands[..., None], 1.0, [1.0, 1.0, 0.0])
+        self.steps = steps.reshape(len(steps), -1)
+        self.step_weights = weights.reshape(self.steps.shape)
         self._hands = [
             hand for hand in targets.hands if hand in robot.description.task_frames
         ]

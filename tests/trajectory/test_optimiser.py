@@ -17,6 +17,7 @@ class Following:
 
     def __init__(self, wanted, step_weights=None):
         self.wanted, self.step_weights = wanted, step_weights
+        self.steps = np.full((FRAMES - 1, 1), 0.02)
 
     def at(self, frames, y):
         r = 3.0 * (y[:, 0] + y[:, 1] ** 2 - self.wanted[frames])
@@ -49,6 +50,7 @@ def problem(**changes) -> Problem:
         posture_weight=np.array([1.0, 2.0]),
         about=through,
         smoothness=np.array([0.5, 1.0]),
+        change_smoothness=np.array([0.5, 1.0]),
         lower=np.array([-np.inf, -1.0]),
         upper=np.array([np.inf, 0.7]),
         fastest=np.array([0.25, 0.2]),
@@ -79,7 +81,8 @@ def cost(problem, y):
     posture = problem.posture_weight * (y - problem.posture)
     stands = 0.0
     if problem.tasks.step_weights is not None:
-        stands = problem.tasks.step_weights * np.diff(done.f, axis=0)
+        stands = np.diff(done.f, axis=0) - problem.tasks.steps
+        stands = problem.tasks.step_weights * stands
     terms = (done.r, posture, bends, np.asarray(stands))
     return 0.5 * sum(float((z**2).sum()) for z in terms)
 
@@ -128,7 +131,7 @@ def test_a_path_around_a_disc_is_a_minimum(fastest, stands):
     assert y[:, 1].max() < 0.7 + 1e-3
     assert cost(of, y) < 1.01 * scipy_says(of, y, at)
     if stands:
-        steps = np.abs(np.diff(np.sin(y[:, 0])))
+        steps = np.abs(np.diff(np.sin(y[:, 0])) - 0.02)
         assert steps[2:5].max() < 0.5 * steps[7:].max()
 
 

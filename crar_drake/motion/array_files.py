@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Container
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,14 @@ from crar_drake.errors import MotionError
 LARGEST = 4 * 2**30  # that a file may unpack to [bytes]
 
 
-def load_arrays(path: Path) -> dict[str, np.ndarray]:
+def load_arrays(
+    path: Path, only: Container[str] | None = None
+) -> dict[str, np.ndarray]:
     """The arrays of an NPZ file by name, or the one of an NPY file as "".
+
+    Args:
+        path: of the file.
+        only: names of those that are wanted, if not all are; others may hold objects.
 
     Raises:
         MotionError: it cannot be read, is damaged, holds objects, or unpacks to more
@@ -29,7 +36,8 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
                 f"{path}: it unpacks to more than {LARGEST / 2**30:g} GiB"
             )
         with np.load(path, allow_pickle=False) as file:
-            return {key: file[key] for key in file.files}
+            wanted = [key for key in file.files if only is None or key in only]
+            return {key: file[key] for key in wanted}
     except MotionError:
         raise
     except ValueError as error:

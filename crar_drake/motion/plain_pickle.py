@@ -24,8 +24,8 @@ from pathlib import Path
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import LARGEST
-from crar_drake.references.pickled_arrays import RefusedPickle
-from crar_drake.references.plain_unpickler import PlainUnpickler
+from crar_drake.motion.pickled_arrays import RefusedPickle
+from crar_drake.motion.plain_unpickler import PlainUnpickler
 
 # How often its own size a file may unpack to, beyond what is small [bytes]: numbers of
 # a motion do not compress that well.

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from crar_drake.references.pickled_arrays import (
+from crar_drake.motion.pickled_arrays import (
     CALLED,
     KNOWN,
     MOST_NUMBER_KEYS,

@@ -39,7 +39,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.references.plain_pickle import read_plain_pickle, write_plain_pickle
+from crar_drake.motion.plain_pickle import read_plain_pickle, write_plain_pickle
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 

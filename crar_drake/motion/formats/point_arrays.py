@@ -24,7 +24,7 @@ from crar_drake.motion.text_files import read_motion_text
 
 _ARRAYS = ("positions", "joints", "keypoints", "keypoints_3d", "joints3d", "poses3d")
 _NAMES = ("names", "joint_names", "labels")
-_RATES = ("frame_rate", "fps", "mocap_framerate", "mocap_frame_rate", "framerate")
+RATES = ("frame_rate", "fps", "mocap_framerate", "mocap_frame_rate", "framerate")
 _UNIT = "unit"
 
 
@@ -79,7 +79,7 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
                 f"{held or 'nothing'}"
             )
         points = arrays[fitting[0]]
-    rate = first(_RATES)
+    rate = first(RATES)
     names = first(_NAMES)
     positions = _checked(path, "the positions", points)
     listed = (
@@ -91,16 +91,26 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
         raise MotionError(
             f"{path}: {len(listed)} names for {positions.shape[1]} points"
         )
-    if rate is not None and (
-        np.size(rate) != 1 or not (0.0 < float(np.ravel(rate)[0]) < np.inf)
-    ):
-        raise MotionError(f"{path}: the frame rate must be one positive number")
     return PointArrays(
         listed,
         positions,
-        float(np.ravel(rate)[0]) if rate is not None else 0.0,
+        one_rate(str(path), rate),
         str(arrays[_UNIT]) if _UNIT in arrays else "",
     )
+
+
+def one_rate(where: str, rate: object) -> float:
+    """The rate [Hz] that a file has as an array or number; 0 where it has none.
+
+    Raises:
+        MotionError: it is not one positive number.
+    """
+    if rate is None:
+        return 0.0
+    values = np.ravel(rate)
+    if values.size != 1 or values.dtype.kind not in "fiu" or not 0 < values[0] < np.inf:
+        raise MotionError(f"{where}: the frame rate must be one positive number")
+    return float(values[0])
 
 
 def _checked(path: Path, what: str, array: np.ndarray) -> np.ndarray:

@@ -103,8 +103,8 @@ def add_skeleton(parser: Parser) -> None:
     parser.add_argument(
         "--skeleton",
         metavar="FILE",
-        help="the motion's skeleton (.asf), if it is not beside the motion; of a motion "
-        "of SMPL-H or SMPL-X the model's own NPZ",
+        help="the motion's skeleton (.asf), if it is not beside the motion; of a "
+        "motion of SMPL-H or SMPL-X the model's own NPZ",
     )
 
 

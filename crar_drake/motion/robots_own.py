@@ -15,6 +15,9 @@ SUFFIXES = {
     **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
 }
 
+# Columns of the root's position in a CSV with a heading.
+NAMED_ROOT = tuple(f"root_translate{axis}" for axis in "XYZ")
+
 
 def is_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a path has the suffix of a robot motion; its contents are not asked."""
@@ -23,7 +26,8 @@ def is_reference(path: str | os.PathLike[str]) -> bool:
 
 def holds_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a file has the suffix of a robot motion, and does not hold a person's
-    points instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
+    points instead: those are in a CSV with a heading that names no robot's root, or an
+    NPZ without `joint_pos`.
 
     A file that cannot be read is none; whoever reads it says why.
     """
@@ -34,13 +38,19 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
         if path.suffix.lower() == ".csv":
             lines = read_motion_text(path).split("\n", 100)
             data = (line for line in lines if not line.lstrip().startswith("#"))
-            return _is_numbers(next(filter(str.strip, data), ""))
+            first = next(filter(str.strip, data), "")
+            return _is_numbers(first) or is_named(first)
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 return "joint_pos.npy" in archive.namelist()
     except (OSError, MotionError, zipfile.BadZipFile):
         return False
     return True
+
+
+def is_named(line: str) -> bool:
+    """Whether a line is the heading of a robot's motion, as BONES-SEED has it."""
+    return set(NAMED_ROOT) <= {cell.strip() for cell in cells_of(line)}
 
 
 def _is_numbers(line: str) -> bool:

@@ -48,6 +48,7 @@ LAYOUTS = {
     for layout in (
         Layout("xyzw-csv", ".csv", "Unitree, input of BeyondMimic and mjlab", 7),
         Layout("wxyz-csv", ".csv", "ProtoMotions, kimodo", 7),
+        Layout("named-csv", ".csv", "BONES-SEED"),
         Layout("beyondmimic-npz", ".npz", "BeyondMimic, Isaac Lab", breadth_first=True),
         Layout("mjlab-npz", ".npz", "mjlab"),
         Layout("holosoma-npz", ".npz", "holosoma", 7),
@@ -103,11 +104,10 @@ def reordered(motion: RobotMotion, joint_names: Sequence[str]) -> RobotMotion:
     computed = dict(motion.computed)
     # What has a column a joint goes with them; what has a row a link stays, and is
     # written only in the layout that it was read from.
-    if "joint_vel" in computed:
-        velocities = np.asarray(computed["joint_vel"])
-        root = velocities.shape[1] - motion.num_joints
-        columns = [*range(root), *(root + i for i in order)]
-        computed["joint_vel"] = velocities[:, columns]
+    for key in {"joint_vel", "rows"} & computed.keys():
+        values = np.asarray(computed[key])
+        root = values.shape[1] - motion.num_joints
+        computed[key] = values[:, [*range(root), *(root + i for i in order)]]
     computed.pop("pose_aa", None)
     changed = replace(
         motion,

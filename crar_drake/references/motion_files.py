@@ -13,6 +13,7 @@ from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
 from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import LAYOUTS, Layout, layout_named, reordered
+from crar_drake.references.named_csv import write_named_csv
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
 from crar_drake.references.robot_match import matched
@@ -128,7 +129,9 @@ def write_motions(
     for motion in motions:
         check_joint_names(motion.joint_names, motion.num_joints, motion.source)
     ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
-    if to.suffix == ".csv":
+    if layout == "named-csv":
+        write_named_csv(path, ordered[0])
+    elif to.suffix == ".csv":
         write_csv(path, ordered[0], layout)
     elif to.suffix == ".npz":
         write_npz(path, ordered[0], layout, robot)

@@ -59,7 +59,7 @@ def read_named_csv(
         wrong = f"no {', '.join(missing)}" if missing else "a column there twice"
         raise MotionError(
             f"{path}: its heading has {wrong if joints else 'no JOINT_dof'}; such "
-            f"files have {', '.join(_ROOT)} [cm, deg], and JOINT_dof [deg] of each joint "
+            f"files have {', '.join(_ROOT)} [cm, deg], and JOINT_dof [deg] of a joint "
             f"(found: {printable(', '.join(list(columns)[:8]))})"
         )
     rows = table[:, [columns[name] for name in (*_ROOT, *joints)]]

@@ -7,7 +7,7 @@ key              shape      what
 ===============  =========  ========================================================
 fps              number     frames per second [Hz]
 root_pos         (T, 3)     x y z of the root in the world [m]
-root_rot         (T, 4)     its orientation, x y z w
+root_rot         (T, 4)     its orientation, x y z w (w x y z is told by its tilt)
 dof_pos          (T, n)     joints [rad], in the order of the robot's model
 local_body_pos   (T, B, 3)  origins of links in the root's frame [m], or None
 link_body_list   B texts    their names, or None
@@ -40,6 +40,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.plain_pickle import read_plain_pickle, write_plain_pickle
+from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
@@ -88,7 +89,7 @@ def read_pickle(
     if layout is not None and layout != found:
         raise MotionError(f"{path}: its keys are those of {found}, not of {layout}")
     return tuple(
-        _motion(path, name, clip, found, rate, joint_names)
+        _motion(path, name, clip, found, rate, joint_names, layout is not None)
         for name, clip in clips.items()
     )
 
@@ -140,6 +141,7 @@ def _motion(
     layout: str,
     rate: float | None,
     joint_names: Sequence[str] | None,
+    said: bool,
 ) -> RobotMotion:
     where = f"{path}, clip {clip!r}" if clip else str(path)
     keys, guesses = _KEYS[layout], []
@@ -159,6 +161,15 @@ def _motion(
         raise MotionError(
             f"{where}, frame {zero[0] + 1}: {keys['rotation']} has length zero"
         )
+    quaternions = arrays["rotation"].astype(float)
+    order, evidence = guess_quaternion_order(quaternions)
+    if order == "wxyz" and evidence.startswith("sure") and not said:
+        guesses.append(
+            f"{keys['rotation']} is wxyz, not xyzw as {layout} has it: {evidence} "
+            f"(--layout {layout} takes it as xyzw)"
+        )
+    else:
+        quaternions = quaternions[:, [3, 0, 1, 2]]
     names = ()
     for key in _JOINT_NAMES:
         if isinstance(held.get(key), list | tuple | np.ndarray):
@@ -168,7 +179,7 @@ def _motion(
     return RobotMotion(
         joint_names=names or tuple(joint_names or ()),
         root_positions=arrays["position"].astype(float),
-        root_quaternions=arrays["rotation"][:, [3, 0, 1, 2]].astype(float),
+        root_quaternions=quaternions,
         joint_positions=arrays["joints"].astype(float),
         rate=rate,
         layout=layout,

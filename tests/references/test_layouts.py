@@ -245,6 +245,23 @@ def test_gmr_is_read(tmp_path: Path):
     assert np.array_equal(read.joint_positions, JOINTS)
 
 
+def test_a_pickle_whose_quaternions_are_wxyz_is_told(tmp_path: Path):
+    held = dict(fps=120, root_pos=P, root_rot=Q, dof_pos=JOINTS)
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
+    read = read_motion(tmp_path / "a.pkl")
+    assert np.array_equal(read.root_quaternions, Q)
+    assert "root_rot is wxyz, not xyzw as gmr-pkl has it: sure" in read.guesses[0]
+    said = read_motion(tmp_path / "a.pkl", layout="gmr-pkl")
+    assert np.array_equal(said.root_quaternions, Q[:, [3, 0, 1, 2]])
+    # What is upright either way, or in neither, is as the layout has it.
+    for quaternion in ([0.0, 0.0, 0.0, 1.0], [0.5, 0.5, 0.5, 0.5]):
+        held["root_rot"] = np.tile(quaternion, (len(P), 1))
+        (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
+        read = read_motion(tmp_path / "a.pkl")
+        assert np.array_equal(xyzw(read.root_quaternions), held["root_rot"])
+        assert not read.guesses
+
+
 def test_clips_of_motion_lib_are_read(tmp_path: Path):
     clip = dict(root_trans_offset=P, dof=JOINTS, root_rot=xyzw(Q), fps=30)
     clip["pose_aa"] = np.zeros((len(P), 6, 3))

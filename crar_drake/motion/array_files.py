@@ -13,6 +13,29 @@ from crar_drake.errors import MotionError
 LARGEST = 4 * 2**30  # that a file may unpack to [bytes]
 
 
+def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype, int]:
+    """Shape and type of an NPY file's array, and where its data begin.
+
+    Raises:
+        MotionError: it cannot be read, or is none.
+    """
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+                version, np.lib.format.read_array_header_2_0
+            )
+            shape, _, dtype = read(file)
+            return shape, dtype, file.tell()
+    except OSError as error:
+        raise MotionError(f"{path}: cannot be read: {error.strerror}") from error
+    except Exception as error:
+        # The header is Python, and so are the errors of its reader.
+        raise MotionError(
+            f"{path}: it is no NPY file, or one that is damaged ({error})"
+        ) from None
+
+
 def load_arrays(
     path: Path, only: Container[str] | None = None
 ) -> dict[str, np.ndarray]:

@@ -28,10 +28,12 @@ class RefusedPickle(Exception):
 
 
 class ArrayInMaking:
-    """An array that is being built."""
+    """An array that is being built; or the dict that one without axes is put around, as
+    `np.save` puts it."""
 
     def __init__(self) -> None:
         self.value: np.ndarray | None = None
+        self.dict: dict | None = None
 
 
 class TypeInMaking:
@@ -40,6 +42,9 @@ class TypeInMaking:
     def __init__(self, name: object) -> None:
         if not isinstance(name, str):
             raise RefusedPickle("an array's type is damaged")
+        if name == "O8":
+            self.value = np.dtype(object)
+            return
         refusal = f"it has an array of type {name[:40]!r}, which are no numbers"
         # NumPy's own reader of names knows far more, and evaluates some.
         if not _TYPE_NAME.fullmatch(name):
@@ -197,6 +202,8 @@ def shaped(
 ) -> np.ndarray:
     """An array of its own from its bytes; as large as they are, whatever it says."""
     check_shape(shape)
+    if dtype.hasobject:
+        raise RefusedPickle("it has an array of objects, which are no numbers")
     if dtype.itemsize == 0:
         raise RefusedPickle("an array is damaged")
     if math.prod(shape) * dtype.itemsize != len(data):

@@ -186,6 +186,11 @@ class PlainUnpickler(_PYTHONS):
             target.value = self._joblib_array(state)
         elif isinstance(target, ArrayInMaking):
             version, shape, dtype, fortran, data = state
+            if shape == () and isinstance(data, list) and len(data) == 1:
+                if not isinstance(data[0], dict):
+                    raise RefusedPickle("it has an object that is no dict")
+                target.dict = data[0]
+                return
             if not isinstance(dtype, TypeInMaking) or not isinstance(
                 data, bytes | bytearray
             ):
@@ -299,6 +304,8 @@ class _Finish:
         if value is None or isinstance(value, _SIMPLE):
             return value, 1
         if isinstance(value, ArrayInMaking):
+            if value.dict is not None:
+                return self(value.dict)
             if value.value is None:
                 raise RefusedPickle("it has an array without numbers")
             return value.value, 1

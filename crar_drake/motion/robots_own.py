@@ -6,12 +6,14 @@ import os
 import zipfile
 from pathlib import Path
 
-from crar_drake.errors import MotionError
+import numpy as np
+
+from crar_drake.motion.array_files import npy_header
 from crar_drake.motion.text_files import read_motion_text
 
 # Suffixes of robot motions, each to the one that the same files usually have.
 SUFFIXES = {
-    **{usual: usual for usual in (".csv", ".npz", ".pkl")},
+    **{usual: usual for usual in (".csv", ".npz", ".npy", ".pkl")},
     **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
 }
 
@@ -26,8 +28,9 @@ def is_reference(path: str | os.PathLike[str]) -> bool:
 
 def holds_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a file has the suffix of a robot motion, and does not hold a person's
-    points instead: those are in a CSV with a heading that names no robot's root, or an
-    NPZ without `joint_pos`.
+    points instead: those are in a CSV with a heading that names no robot's root, an
+    NPZ without `joint_pos`, or an NPY without a
+    dict or quaternions.
 
     A file that cannot be read is none; whoever reads it says why.
     """
@@ -40,10 +43,16 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
             data = (line for line in lines if not line.lstrip().startswith("#"))
             first = next(filter(str.strip, data), "")
             return _is_numbers(first) or is_named(first)
+        if path.suffix.lower() == ".npy":
+            shape, dtype, _ = npy_header(path)
+            if dtype.hasobject or len(shape) != 2 or not shape[0]:
+                return dtype.hasobject
+            quaternion = np.load(path, mmap_mode="r")[0, 3:7]
+            return bool(abs(np.linalg.norm(quaternion) - 1.0) < 0.1)
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 return "joint_pos.npy" in archive.namelist()
-    except (OSError, MotionError, zipfile.BadZipFile):
+    except (OSError, ValueError, zipfile.BadZipFile):  # MotionError is one
         return False
     return True
 

@@ -40,7 +40,7 @@ class Layout:
     @property
     def has_rate(self) -> bool:
         """Whether a file says its rate, each of its motions another perhaps."""
-        return self.suffix != ".csv"
+        return self.suffix != ".csv" and self.name != "amass-npy"
 
 
 LAYOUTS = {
@@ -52,6 +52,8 @@ LAYOUTS = {
         Layout("beyondmimic-npz", ".npz", "BeyondMimic, Isaac Lab", breadth_first=True),
         Layout("mjlab-npz", ".npz", "mjlab"),
         Layout("holosoma-npz", ".npz", "holosoma", 7),
+        Layout("phuma-npy", ".npy", "PHUMA"),
+        Layout("amass-npy", ".npy", "Retargeted AMASS for robotics", 7),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),
         Layout("motion-lib-pkl", ".pkl", "PHC, ASAP, HumanoidVerse", several=True),
     )

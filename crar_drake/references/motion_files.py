@@ -14,6 +14,7 @@ from crar_drake.nearest import nearest
 from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import LAYOUTS, Layout, layout_named, reordered
 from crar_drake.references.named_csv import write_named_csv
+from crar_drake.references.npy_layouts import read_npy, write_npy
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
 from crar_drake.references.robot_match import matched
@@ -24,7 +25,12 @@ from crar_drake.references.robot_motion import (
 )
 from crar_drake.references.whole_body import WholeBody
 
-_READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
+_READERS = {
+    ".csv": read_csv,
+    ".npz": read_npz,
+    ".npy": read_npy,
+    ".pkl": read_pickle,
+}
 
 
 def read_motion(
@@ -133,6 +139,8 @@ def write_motions(
         write_named_csv(path, ordered[0])
     elif to.suffix == ".csv":
         write_csv(path, ordered[0], layout)
+    elif to.suffix == ".npy":
+        write_npy(path, ordered[0], layout)
     elif to.suffix == ".npz":
         write_npz(path, ordered[0], layout, robot)
     else:

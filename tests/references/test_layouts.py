@@ -313,7 +313,7 @@ def test_no_layout_loses_a_number(tmp_path: Path, robot, layout: str):
     given = RobotMotion(DEPTH_FIRST, p, Q32, q, 30.0)
     file = tmp_path / f"a{LAYOUTS[layout].suffix}"
     write_motion(file, given, layout, robot)
-    read = read_motion(file, layout=layout, robot=robot)
+    read = read_motion(file, layout=layout, rate=30.0, robot=robot)
     assert read.joint_names == DEPTH_FIRST and read.rate == 30.0
     assert np.array_equal(read.root_positions, p)
     assert np.array_equal(read.root_quaternions, Q32)
@@ -398,7 +398,7 @@ def test_bad_csv_files(tmp_path: Path, robot):
     with pytest.raises(MotionError, match="this is a folder"):
         read_motion(tmp_path)
     (tmp_path / "a.bvh").write_text("x")
-    with pytest.raises(MotionError, match=r"\.csv, \.npz, \.pkl"):
+    with pytest.raises(MotionError, match=r"\.csv, \.npy, \.npz, \.pkl"):
         read_motion(tmp_path / "a.bvh")
 
 

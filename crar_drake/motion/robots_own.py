@@ -17,6 +17,9 @@ SUFFIXES = {
     **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
 }
 
+# Of which a robot's NPZ has one: the joints.
+_NPZ_KEYS = {f"{key}.npy" for key in ("joint_pos", "dof_positions", "qpos")}
+
 # Columns of the root's position in a CSV with a heading.
 NAMED_ROOT = tuple(f"root_translate{axis}" for axis in "XYZ")
 
@@ -29,7 +32,7 @@ def is_reference(path: str | os.PathLike[str]) -> bool:
 def holds_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a file has the suffix of a robot motion, and does not hold a person's
     points instead: those are in a CSV with a heading that names no robot's root, an
-    NPZ without `joint_pos`, or an NPY without a
+    NPZ without joints, or an NPY without a
     dict or quaternions.
 
     A file that cannot be read is none; whoever reads it says why.
@@ -51,7 +54,7 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
             return bool(abs(np.linalg.norm(quaternion) - 1.0) < 0.1)
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
-                return "joint_pos.npy" in archive.namelist()
+                return bool(_NPZ_KEYS & set(archive.namelist()))
     except (OSError, ValueError, zipfile.BadZipFile):  # MotionError is one
         return False
     return True

@@ -52,6 +52,7 @@ LAYOUTS = {
         Layout("beyondmimic-npz", ".npz", "BeyondMimic, Isaac Lab", breadth_first=True),
         Layout("mjlab-npz", ".npz", "mjlab"),
         Layout("holosoma-npz", ".npz", "holosoma", 7),
+        Layout("amp-npz", ".npz", "Isaac Lab's AMP, AMASS Retargeted for G1"),
         Layout("phuma-npy", ".npy", "PHUMA"),
         Layout("amass-npy", ".npy", "Retargeted AMASS for robotics", 7),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),

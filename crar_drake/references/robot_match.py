@@ -45,8 +45,7 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
         raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     if motion.joint_names:
         ordered = reordered(motion, robot.joint_names)
-        _check_links(ordered, robot)
-        return ordered
+        return _links_checked(ordered, robot)
     if motion.num_joints != robot.n:
         raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     layout = LAYOUTS.get(motion.layout)
@@ -147,17 +146,29 @@ def _wrong_number(motion: RobotMotion, robot: WholeBody) -> str:
     return f"{text}. A motion of it is {', '.join(fits)}"
 
 
-def _check_links(motion: RobotMotion, robot: WholeBody) -> None:
-    """Of a file with names of links: whether they are where the robot has them."""
+def _links_checked(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
+    """The motion; of a file with names of links: if they are where the robot has them.
+
+    In an `amp-npz` they may be of another version of the robot, or come late behind the
+    joints, as a simulator recorded them: that is reported.
+
+    Raises:
+        MotionError: they are elsewhere.
+    """
     names = motion.extras.get("body_names")
     if names is None or "body_pos_w" not in motion.computed or not motion.is_as_read:
-        return
+        return motion
     off = _links_off(motion, robot, tuple(str(name) for name in np.asarray(names)))
-    if off is not None and off > _SAME_LINK:
-        raise MotionError(
-            f"{motion.source}: its links are up to {1e3 * off:.0f} mm from where those "
-            f"of {robot.description.name} are: it is of another robot"
-        )
+    if off is None or off <= _SAME_LINK:
+        return motion
+    where = (
+        f"its links are up to {1e3 * off:.0f} mm from where those of "
+        f"{robot.description.name} are"
+    )
+    if motion.layout != "amp-npz":
+        raise MotionError(f"{motion.source}: {where}: it is of another robot")
+    doubt = f"{where}: another version of it, or recorded late; the joints count"
+    return replace(motion, guesses=(*motion.guesses, doubt))
 
 
 def _links_off(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Container
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -21,12 +22,7 @@ def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype, int]:
     """
     try:
         with path.open("rb") as file:
-            version = np.lib.format.read_magic(file)
-            read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
-                version, np.lib.format.read_array_header_2_0
-            )
-            shape, _, dtype = read(file)
-            return shape, dtype, file.tell()
+            return *_header(file), file.tell()
     except OSError as error:
         raise MotionError(f"{path}: cannot be read: {error.strerror}") from error
     except Exception as error:
@@ -36,14 +32,34 @@ def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype, int]:
         ) from None
 
 
+def _header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of the array that begins here."""
+    version = np.lib.format.read_magic(file)
+    read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+        version, np.lib.format.read_array_header_2_0
+    )
+    shape, _, dtype = read(file)
+    return shape, dtype
+
+
+def npz_names(path: Path) -> set[str]:
+    """Names of the arrays in an NPZ file; none if it cannot be read as one."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except (OSError, zipfile.BadZipFile):
+        return set()
+
+
 def load_arrays(
-    path: Path, only: Container[str] | None = None
+    path: Path, only: Container[str] | None = None, *, skip_objects: bool = False
 ) -> dict[str, np.ndarray]:
     """The arrays of an NPZ file by name, or the one of an NPY file as "".
 
     Args:
         path: of the file.
         only: names of those that are wanted, if not all are; others may hold objects.
+        skip_objects: whether wanted ones that hold objects are left out, not refused.
 
     Raises:
         MotionError: it cannot be read, is damaged, holds objects, or unpacks to more
@@ -60,6 +76,8 @@ def load_arrays(
             )
         with np.load(path, allow_pickle=False) as file:
             wanted = [key for key in file.files if only is None or key in only]
+            if skip_objects:
+                wanted = [key for key in wanted if not _holds_objects(file, key)]
             return {key: file[key] for key in wanted}
     except MotionError:
         raise
@@ -81,3 +99,8 @@ def load_arrays(
             f"{path}: it is no {kind} file, or one that is damaged, cut off or "
             f"encrypted ({error})"
         ) from None
+
+
+def _holds_objects(file: np.lib.npyio.NpzFile, key: str) -> bool:
+    with file.zip.open(f"{key}.npy") as member:
+        return _header(member)[1].hasobject

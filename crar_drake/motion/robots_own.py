@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from crar_drake.motion.array_files import npy_header
+from crar_drake.motion.array_files import npy_header, npz_names
 from crar_drake.motion.text_files import read_motion_text
 
 # Suffixes of robot motions, each to the one that the same files usually have.
@@ -18,7 +17,7 @@ SUFFIXES = {
 }
 
 # Of which a robot's NPZ has one: the joints.
-_NPZ_KEYS = {f"{key}.npy" for key in ("joint_pos", "dof_positions", "qpos")}
+_NPZ_KEYS = {"joint_pos", "dof_positions", "qpos"}
 
 # Columns of the root's position in a CSV with a heading.
 NAMED_ROOT = tuple(f"root_translate{axis}" for axis in "XYZ")
@@ -53,9 +52,8 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
             quaternion = np.load(path, mmap_mode="r")[0, 3:7]
             return bool(abs(np.linalg.norm(quaternion) - 1.0) < 0.1)
         if path.suffix.lower() == ".npz":
-            with zipfile.ZipFile(path) as archive:
-                return bool(_NPZ_KEYS & set(archive.namelist()))
-    except (OSError, ValueError, zipfile.BadZipFile):  # MotionError is one
+            return bool(_NPZ_KEYS & npz_names(path))
+    except (OSError, ValueError):  # MotionError is one
         return False
     return True
 

@@ -53,6 +53,7 @@ LAYOUTS = {
         Layout("mjlab-npz", ".npz", "mjlab"),
         Layout("holosoma-npz", ".npz", "holosoma", 7),
         Layout("amp-npz", ".npz", "Isaac Lab's AMP, AMASS Retargeted for G1"),
+        Layout("locomujoco-npz", ".npz", "LocoMuJoCo", several=True),
         Layout("phuma-npy", ".npy", "PHUMA"),
         Layout("amass-npy", ".npy", "Retargeted AMASS for robotics", 7),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),

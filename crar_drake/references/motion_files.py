@@ -11,6 +11,7 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
+from crar_drake.references import locomujoco_npz
 from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import LAYOUTS, Layout, layout_named, reordered
 from crar_drake.references.named_csv import write_named_csv
@@ -141,6 +142,8 @@ def write_motions(
         write_csv(path, ordered[0], layout)
     elif to.suffix == ".npy":
         write_npy(path, ordered[0], layout)
+    elif layout == locomujoco_npz.LAYOUT:
+        locomujoco_npz.write_locomujoco(path, ordered)
     elif to.suffix == ".npz":
         write_npz(path, ordered[0], layout, robot)
     else:

@@ -40,8 +40,11 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
-from crar_drake.motion.array_files import load_arrays
+from crar_drake.motion.array_files import load_arrays, npz_names
+from crar_drake.references.locomujoco_npz import LAYOUT as LOCOMUJOCO
+from crar_drake.references.locomujoco_npz import read_locomujoco
 from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
+from crar_drake.references.root_speeds import difference, turning
 from crar_drake.references.whole_body import WholeBody
 
 USUAL_RATE = 50.0  # [Hz]
@@ -75,7 +78,7 @@ def read_npz(
     layout: str | None,
     rate: float | None,
     joint_names: Sequence[str] | None,
-) -> tuple[RobotMotion]:
+) -> tuple[RobotMotion, ...]:
     """Reads an NPZ file; `layout` None tells the kinds apart.
 
     Where the file does not tell the two kinds without names apart, `layout` of the
@@ -84,6 +87,8 @@ def read_npz(
     Raises:
         MotionError: the file is damaged.
     """
+    if layout == LOCOMUJOCO or "qpos" in npz_names(path):
+        return read_locomujoco(path, layout, rate)
     arrays = load_arrays(path)
     amp = "dof_positions" in arrays and "joint_pos" not in arrays
     if amp:
@@ -209,8 +214,8 @@ def _computed(
     """Velocities, and the links' poses and velocities in the world."""
     step = 1.0 / motion.rate
     R_WR = motion.root_rotations
-    v_WR, w_WR = _difference(motion.root_positions, step), _turning(R_WR, step)
-    qdot = _difference(motion.joint_positions, step)
+    v_WR, w_WR = difference(motion.root_positions, step), turning(R_WR, step)
+    qdot = difference(motion.joint_positions, step)
     columns = robot.columns_in(motion.joint_names)
     q, v = motion.joint_positions[:, columns], qdot[:, columns]
     p_RB, R_RB = robot.poses_in_root(q, links)
@@ -235,21 +240,6 @@ def _computed(
         "body_lin_vel_w": v_WR[:, None] + turned + v_RB_W,
         "body_ang_vel_w": w_WR[:, None] + w_RB_W,
     }
-
-
-def _difference(samples: np.ndarray, step: float) -> np.ndarray:
-    if len(samples) < 2:
-        return np.zeros_like(samples)
-    return np.gradient(samples, step, axis=0)
-
-
-def _turning(R: Rotation, step: float) -> np.ndarray:
-    """(T, 3) angular velocities in the world [rad/s]."""
-    if len(R) < 2:
-        return np.zeros((len(R), 3))
-    inner = (R[2:] * R[:-2].inv()).as_rotvec() / (2.0 * step)
-    first, last = ((R[i + 1] * R[i].inv()).as_rotvec() / step for i in (0, len(R) - 2))
-    return np.vstack([first, inner, last])
 
 
 def _numbers(

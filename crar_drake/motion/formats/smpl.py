@@ -25,7 +25,6 @@ github.com/vchoutas/smplx.
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +32,7 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.array_files import load_arrays
+from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.motion.formats.point_arrays import RATES, one_rate
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.smpl_skeleton import NAMES, offsets_of
@@ -72,12 +71,7 @@ class SmplMotion:
 
 def holds_smpl(path: Path) -> bool:
     """Whether an NPZ has turns of a body model's joints; a damaged one has not."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = {name.removesuffix(".npy") for name in archive.namelist()}
-    except (OSError, zipfile.BadZipFile):
-        return False
-    return _found(names) is not None
+    return _found(npz_names(path)) is not None
 
 
 def read_smpl(path: str | os.PathLike[str]) -> SmplMotion:

@@ -28,6 +28,7 @@ class Layout:
             elsewhere.
         breadth_first: whether joints are in that order, and not depth first.
         several: whether a file can hold several motions.
+        written: whether such files are written, and not only read.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Layout:
     root_columns: int = 0
     breadth_first: bool = False
     several: bool = False
+    written: bool = True
 
     @property
     def has_rate(self) -> bool:
@@ -56,6 +58,7 @@ LAYOUTS = {
         Layout("locomujoco-npz", ".npz", "LocoMuJoCo", several=True),
         Layout("phuma-npy", ".npy", "PHUMA"),
         Layout("amass-npy", ".npy", "Retargeted AMASS for robotics", 7),
+        Layout("proto-motion", ".motion", "ProtoMotions", written=False),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),
         Layout("motion-lib-pkl", ".pkl", "PHC, ASAP, HumanoidVerse", several=True),
     )

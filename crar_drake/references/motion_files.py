@@ -18,6 +18,7 @@ from crar_drake.references.named_csv import write_named_csv
 from crar_drake.references.npy_layouts import read_npy, write_npy
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
+from crar_drake.references.proto_motion import read_proto_motion
 from crar_drake.references.robot_match import matched
 from crar_drake.references.robot_motion import (
     UNKNOWN_ORDER,
@@ -31,6 +32,7 @@ _READERS = {
     ".npz": read_npz,
     ".npy": read_npy,
     ".pkl": read_pickle,
+    ".motion": read_proto_motion,
 }
 
 
@@ -126,6 +128,11 @@ def write_motions(
 ) -> None:
     """Writes several motions into one file, if the layout can; see `write_motion`."""
     to = layout_named(layout)
+    if not to.written:
+        raise MotionError(
+            f"{path}: {layout} is read, but not written; `crar-drake convert` makes "
+            "another layout of such a file first"
+        )
     if not motions:
         raise MotionError(f"{path}: there is no motion to write")
     if len(motions) > 1 and not to.several:

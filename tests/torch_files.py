@@ -62,7 +62,7 @@ def tensor(key, kind, length, offset, size, stride) -> Raw:
 def write_torch(
     path: Path, value: object, *, order: str = "little", storages=None, offset: int = 0
 ) -> Path:
-    """Writes a file; `storages` replaces the bytes, in which arrays begin at `offset`."""
+    """Writes a file; `storages` replaces bytes, in which arrays begin at `offset`."""
     held: dict[str, bytes] = {}
     if isinstance(value, dict):
         value = {

@@ -4,7 +4,7 @@ Everywhere a motion is one of:
 
 - a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
   `05_02.asf`, `05.asf`, or the only ASF file of the folder.
-- a path to a file of another format: BVH, C3D, a body model's turns (NPZ of AMASS), or
+- a path to a file of another format: BVH, C3D, TRC, turns of a body model (AMASS), or
   joint positions (NPZ, NPY, CSV).
 - a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
   the environment variable CRAR_MOCAP_PATH, then in the user's cache, both laid out
@@ -28,6 +28,7 @@ from crar_drake.motion.formats.bvh import Bvh, read_bvh
 from crar_drake.motion.formats.c3d import Markers, read_c3d
 from crar_drake.motion.formats.point_arrays import PointArrays, read_point_arrays
 from crar_drake.motion.formats.smpl import SmplMotion, holds_smpl, read_smpl
+from crar_drake.motion.formats.trc import read_trc
 from crar_drake.motion.known_trials import known_trials
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
@@ -51,6 +52,7 @@ def _read_npz(path: Path) -> PointArrays | SmplMotion:
 _FORMATS = {
     ".bvh": read_bvh,
     ".c3d": read_c3d,
+    ".trc": read_trc,
     ".npz": _read_npz,
     ".npy": read_point_arrays,
     ".csv": read_point_arrays,

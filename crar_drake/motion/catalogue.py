@@ -4,8 +4,8 @@ Everywhere a motion is one of:
 
 - a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
   `05_02.asf`, `05.asf`, or the only ASF file of the folder.
-- a path to a file of another format: BVH, C3D, TRC, turns of a body model (AMASS), or
-  joint positions (NPZ, NPY, CSV).
+- a path to a file of another format: BVH, C3D, TRC, MVNX, turns of a body model
+  (AMASS), or joint positions (NPZ, NPY, CSV).
 - a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
   the environment variable CRAR_MOCAP_PATH, then in the user's cache, both laid out
   like the database's own site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
@@ -26,6 +26,7 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
 from crar_drake.motion.formats.bvh import Bvh, read_bvh
 from crar_drake.motion.formats.c3d import Markers, read_c3d
+from crar_drake.motion.formats.mvnx import Mvnx, read_mvnx
 from crar_drake.motion.formats.point_arrays import PointArrays, read_point_arrays
 from crar_drake.motion.formats.smpl import SmplMotion, holds_smpl, read_smpl
 from crar_drake.motion.formats.trc import read_trc
@@ -35,6 +36,7 @@ from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.performers.bvh import bvh_performer
 from crar_drake.motion.performers.c3d import c3d_performer
+from crar_drake.motion.performers.mvnx import mvnx_performer
 from crar_drake.motion.performers.points import points_performer
 from crar_drake.motion.performers.smpl import smpl_performer
 from crar_drake.motion.robots_own import holds_reference
@@ -53,6 +55,7 @@ _FORMATS = {
     ".bvh": read_bvh,
     ".c3d": read_c3d,
     ".trc": read_trc,
+    ".mvnx": read_mvnx,
     ".npz": _read_npz,
     ".npy": read_point_arrays,
     ".csv": read_point_arrays,
@@ -61,6 +64,7 @@ _FORMATS = {
 _PERFORMERS = {
     Bvh: bvh_performer,
     Markers: c3d_performer,
+    Mvnx: mvnx_performer,
     PointArrays: points_performer,
     SmplMotion: smpl_performer,
 }

@@ -73,7 +73,7 @@ class JoblibArray(ArrayInMaking):
 
 
 # Stand-ins for what is only named, and compared with.
-NDARRAY, _LATIN = object(), "latin1"
+NDARRAY, _DICT, _LATIN = object(), object(), "latin1"
 
 
 def _reconstruct(cls: object, shape: object, code: object) -> ArrayInMaking:
@@ -116,6 +116,13 @@ def _ordered(*items: object) -> dict:
     return OrderedDict((key, value) for key, value in pairs)
 
 
+def _default_dict(*arguments: object) -> dict:
+    """What it has for keys that are not there is no data."""
+    if arguments not in ((), (None,), (_DICT,)):
+        raise RefusedPickle("a dict is damaged")
+    return {}
+
+
 def _container(kind: type):
     def make(*items: object):
         if len(items) > 1 or (items and not isinstance(items[0], list | bytes)):
@@ -144,6 +151,9 @@ KNOWN = {
     ("numpy", "dtype"): _dtype,
     ("_codecs", "encode"): _encode,
     ("collections", "OrderedDict"): _ordered,
+    ("collections", "defaultdict"): _default_dict,
+    ("builtins", "dict"): _DICT,
+    ("__builtin__", "dict"): _DICT,
     **{
         (module, kind.__name__): _container(kind)
         for module in ("builtins", "__builtin__")
@@ -151,7 +161,7 @@ KNOWN = {
     },
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): JoblibArray,
 }
-CALLED = frozenset(function for function in KNOWN.values() if function is not NDARRAY)
+CALLED = frozenset(KNOWN.values()) - {NDARRAY, _DICT}
 
 
 def check_keys(keys: Iterable[object]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from mmap import PROT_READ, mmap
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,9 @@ SUFFIXES = {
 # Of which a robot's NPZ has one: the joints.
 _NPZ_KEYS = {"joint_pos", "dof_positions", "qpos"}
 
+# What a pickle of a person has for a key (WHAM's).
+_PERSON = b"pose_world"
+
 # Columns of the root's position in a CSV with a heading.
 NAMED_ROOT = tuple(f"root_translate{axis}" for axis in "XYZ")
 
@@ -31,7 +35,7 @@ def is_reference(path: str | os.PathLike[str]) -> bool:
 def holds_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a file has the suffix of a robot motion, and does not hold a person's
     points instead: those are in a CSV with a heading that names no robot's root, an
-    NPZ without joints, or an NPY without a
+    NPZ without joints, a pickle of WHAM, or an NPY without a
     dict or quaternions.
 
     A file that cannot be read is none; whoever reads it says why.
@@ -51,6 +55,12 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
                 return dtype.hasobject
             quaternion = np.load(path, mmap_mode="r")[0, 3:7]
             return bool(abs(np.linalg.norm(quaternion) - 1.0) < 0.1)
+        if SUFFIXES[path.suffix.lower()] == ".pkl":
+            with (
+                path.open("rb") as file,
+                mmap(file.fileno(), 0, prot=PROT_READ) as data,
+            ):
+                return data.find(_PERSON) < 0
         if path.suffix.lower() == ".npz":
             return bool(_NPZ_KEYS & npz_names(path))
     except (OSError, ValueError):  # MotionError is one

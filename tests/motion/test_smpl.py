@@ -1,15 +1,19 @@
 """Motions of SMPL's body models, against a BVH of the same body and the same turns."""
 
+import pickle
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from torch_files import Raw, named, opcodes, write_torch
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import load_performer
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import JOINTS, Performer
+from crar_drake.motion.robots_own import holds_reference
 from crar_drake.motion.smpl_skeleton import MEAN_OFFSETS, NAMES, PARENTS
 
 FRAMES, RATE = 40, 60.0
@@ -189,3 +193,93 @@ def test_wrong_files_are_told(changes, options, said, tmp_path) -> None:
     np.savez(tmp_path / "a.npz", **held)
     with pytest.raises(MotionError, match=said):
         performed(tmp_path / "a.npz", **options)
+
+
+def gvhmr(**changes) -> dict:
+    """What GVHMR saves: y up, as 32-bit numbers, one shape for all frames."""
+    turns, root = moving()
+    flat = turns.reshape(FRAMES, 66).astype(np.float32)
+    held = dict(
+        global_orient=flat[:, :3],
+        body_pose=flat[:, 3:],
+        transl=root.astype(np.float32),
+        betas=np.broadcast_to(np.float32([0.5] * 10), (FRAMES, 10)),
+    )
+    return held | changes
+
+
+def test_gvhmr_is_read_without_torch(tmp_path) -> None:
+    np.savez(tmp_path / "a.npz", **gvhmr())
+    expected = performed(tmp_path / "a.npz", frame_rate=30.0)
+    storages: dict[str, bytes] = {}
+    result = dict(
+        smpl_params_global=Raw(opcodes(gvhmr(), storages)),
+        smpl_params_incam=Raw(opcodes(gvhmr(transl=np.ones((FRAMES, 3))), storages)),
+        K_fullimg=Raw(opcodes(np.eye(3), storages)),
+    )
+    write_torch(tmp_path / "a.pt", result, storages=storages)
+    found = performed(tmp_path / "a.pt")
+    assert found.format == "SMPL-X" and found.up == "+y"
+    assert found.frame_rate == 30.0 and found.rate_source == "assumed"
+    assert performed(tmp_path / "a.pt", frame_rate=25.0).rate_source == "given"
+    for joint in ("pelvis", "left_wrist", "right_toe"):
+        np.testing.assert_allclose(found.positions[joint], expected.positions[joint])
+    write_torch(tmp_path / "a.pt", {"model": 1})
+    with pytest.raises(MotionError, match="no turns of a body model's joints"):
+        performed(tmp_path / "a.pt")
+    write_torch(tmp_path / "a.pt", {"model": named("torch.nn", "Linear", 1)})
+    with pytest.raises(MotionError, match="names torch.nn.Linear"):
+        performed(tmp_path / "a.pt")
+
+
+def wham(frame_ids: np.ndarray | None = None) -> dict:
+    """What WHAM saves: a person a key, y up, turns of 24 joints."""
+    turns, root = moving()
+    poses = np.zeros((FRAMES, 72), dtype=np.float32)
+    poses[:, :66] = turns.reshape(FRAMES, 66)
+    ids = np.arange(5, 5 + FRAMES) if frame_ids is None else frame_ids
+    person = dict(
+        pose=poses * 0.0,
+        trans=root * 0.0,
+        pose_world=poses,
+        trans_world=root.astype(np.float32),
+        betas=np.ones((FRAMES, 10), dtype=np.float32),
+        frame_ids=ids,
+    )
+    held = defaultdict(dict)
+    held[0] = {k: v[:7] for k, v in person.items()}
+    held[1] = person
+    return held
+
+
+def test_wham_is_read(tmp_path) -> None:
+    turns, root = moving()
+    poses = np.hstack([turns.reshape(FRAMES, 66), np.zeros((FRAMES, 6))])
+    np.savez(tmp_path / "a.npz", poses=poses, trans=root, fps=25.0)
+    expected = performed(tmp_path / "a.npz").positions
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(wham()))
+    found = performed(tmp_path / "a.pkl", frame_rate=25.0)
+    assert found.format == "SMPL" and not holds_reference(tmp_path / "a.pkl")
+    assert found.notes == ("person 1, who is seen longest; others: 0",)
+    for joint in ("pelvis", "left_wrist", "right_toe"):
+        p = found.positions[joint]
+        np.testing.assert_allclose(p, expected[joint], atol=1e-5)
+    with pytest.raises(MotionError, match="--frame-rate HZ"):
+        performed(tmp_path / "a.pkl")
+    # The person is hidden for a while after the tenth frame.
+    ids = np.concatenate([np.arange(10), np.arange(20, FRAMES + 10)])
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(wham(ids)))
+    found = performed(tmp_path / "a.pkl", frame_rate=25.0)
+    assert found.num_frames == FRAMES - 10
+    assert "only frames 20 to 49 of the video, the longest of 2" in found.notes[1]
+
+
+def test_a_pickle_of_no_person_is_a_robots(tmp_path) -> None:
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"root_pos": np.zeros((3, 3))}))
+    assert holds_reference(tmp_path / "a.pkl")
+    with pytest.raises(MotionError, match="of a robot's own joints, not of a person"):
+        performed(tmp_path / "a.pkl")
+    held = {1: {"pose_world": np.zeros((3, 72))}}
+    (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
+    with pytest.raises(MotionError, match="person 1: no turns of a body model's"):
+        performed(tmp_path / "a.pkl")

@@ -1,4 +1,4 @@
-"""Motions of the body models SMPL, SMPL-H and SMPL-X: AMASS, and others by their keys.
+"""Motions of the body models SMPL, SMPL-H and SMPL-X, of AMASS, GVHMR and WHAM.
 
 A joint's turn against its parent is an axis times an angle; the pelvis's is in the
 file's axes. The first 22 joints are the same in all three models; hands and face are
@@ -11,22 +11,26 @@ poses, trans                           (T, 3 J), (T,  AMASS: J is 52 (SMPL-H) or
                                        3)             (SMPL-X)
 root_orient, pose_body, trans          (T, 3), (T,    AMASS of SMPL-X, beside `poses`
                                        63), (T, 3)
-global_orient, body_pose, transl       (T, 3), (T,    the package smplx, and what is
-                                       63), (T, 3)    made with it
+global_orient, body_pose, transl       (T, 3), (T,    the package smplx; GVHMR, in
+                                       63), (T, 3)    `smpl_params_global` of a file
+                                                      of `torch.save`
+pose_world, trans_world, frame_ids     (T, 72), (T,   WHAM, in a pickle, one such dict
+                                       3), (T,)       for each person (SMPL)
 mocap_framerate, mocap_frame_rate,     ()             [Hz]
 fps, frame_rate
 betas                                  (10) or more   the body's shape
 =====================================  =============  ================================
 
-Lengths are in metres. Sources: amass.is.tue.mpg.de; `smplx/body_models.py` of
-github.com/vchoutas/smplx.
+Lengths are in metres. GVHMR's files and WHAM's say no rate; GVHMR's own is 30 Hz.
+Sources: amass.is.tue.mpg.de; `smplx/body_models.py` of github.com/vchoutas/smplx;
+`tools/demo/demo.py` of github.com/zju3dv/GVHMR; `demo.py` of github.com/yohanshin/WHAM.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,15 +38,21 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.motion.array_files import load_arrays, npz_names
 from crar_drake.motion.formats.point_arrays import RATES, one_rate
+from crar_drake.motion.plain_pickle import read_plain_pickle
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.smpl_skeleton import NAMES, offsets_of
+from crar_drake.motion.torch_zip import read_torch_zip
 
 # Turns, side by side, and the translation.
 _KEYS = (
     (("poses",), "trans"),
     (("root_orient", "pose_body"), "trans"),
     (("global_orient", "body_pose"), "transl"),
+    (("pose_world",), "trans_world"),
 )
+_GVHMR, _GVHMR_RATE = "smpl_params_global", 30.0  # [Hz]
+_WHAM, _FRAMES = "pose_world", "frame_ids"
+
 _SHAPE, _MODEL = "betas", "surface_model_type"
 _USED = {*(k for keys, trans in _KEYS for k in (*keys, trans)), *RATES, _SHAPE, _MODEL}
 _TURNS = 3 * len(NAMES)
@@ -60,6 +70,8 @@ class SmplMotion:
         frame_rate: samples per second [Hz]; 0 if the file does not say.
         model: "SMPL", whose skeleton SMPL-H has as well, or "SMPL-X".
         betas: (K,) the body's shape; none if the file does not say.
+        rate_assumed: whether the rate is what such files usually have.
+        notes: what of the file is left out.
     """
 
     turns: np.ndarray
@@ -67,6 +79,8 @@ class SmplMotion:
     frame_rate: float  # [Hz]
     model: str
     betas: np.ndarray
+    rate_assumed: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def holds_smpl(path: Path) -> bool:
@@ -81,10 +95,59 @@ def read_smpl(path: str | os.PathLike[str]) -> SmplMotion:
         MotionError: the file is missing or damaged, or an array is of another shape.
     """
     path = Path(path)
-    return smpl_of(str(path), load_arrays(path, _USED))
+    return _smpl_of(str(path), load_arrays(path, _USED))
 
 
-def smpl_of(where: str, arrays: Mapping[str, np.ndarray]) -> SmplMotion:
+def read_gvhmr(path: str | os.PathLike[str]) -> SmplMotion:
+    """Reads a `.pt` of GVHMR, or another of `torch.save` with the keys of smplx.
+
+    Raises:
+        MotionError: as `read_smpl`, or it holds more than tensors and plain data.
+    """
+    held = read_torch_zip(path)
+    if isinstance(held, dict) and isinstance(held.get(_GVHMR), dict):
+        held = {"fps": _GVHMR_RATE} | held[_GVHMR]
+        return replace(_smpl_of(str(path), held), rate_assumed=True)
+    return _smpl_of(str(path), held if isinstance(held, dict) else {})
+
+
+def read_wham(path: str | os.PathLike[str]) -> SmplMotion:
+    """Reads a pickle of WHAM: the person who is seen longest, the longest time.
+
+    Raises:
+        MotionError: as `read_smpl`, or it holds more than arrays and plain data.
+    """
+    held = read_plain_pickle(path)
+    people = {
+        name: person
+        for name, person in (held.items() if isinstance(held, dict) else ())
+        if isinstance(person, dict) and isinstance(person.get(_WHAM), np.ndarray)
+    }
+    if not people:
+        return _smpl_of(str(path), held if isinstance(held, dict) else {})
+    chosen = max(people, key=lambda name: len(people[name][_WHAM]))
+    where, person = f"{path}, person {chosen}", people[chosen]
+    motion, notes = _smpl_of(where, person), []
+    if len(people) > 1:
+        others = ", ".join(str(name) for name in people if name != chosen)
+        notes.append(f"person {chosen}, who is seen longest; others: {others}")
+    frames = np.ravel(person.get(_FRAMES, ()))
+    if len(frames) == len(motion.turns) and frames.dtype.kind in "iu":
+        breaks = np.flatnonzero(np.diff(frames) != 1) + 1
+        runs = np.split(np.arange(len(frames)), breaks)
+        run = max(runs, key=len)
+        if len(runs) > 1:
+            notes.append(
+                f"only frames {frames[run[0]]} to {frames[run[-1]]} of the video, "
+                f"the longest of {len(runs)} times for which the person is seen"
+            )
+        motion = replace(
+            motion, turns=motion.turns[run], translations=motion.translations[run]
+        )
+    return replace(motion, notes=tuple(notes))
+
+
+def _smpl_of(where: str, arrays: Mapping[str, object]) -> SmplMotion:
     """The motion in named arrays; `where` is for errors."""
     found = _found(arrays)
     if found is None:
@@ -93,8 +156,8 @@ def smpl_of(where: str, arrays: Mapping[str, np.ndarray]) -> SmplMotion:
             + ", or ".join(", ".join([*keys, trans]) for keys, trans in _KEYS)
         )
     keys, trans = found
-    parts = [_rows(where, key, arrays[key]) for key in keys]
-    translations = _rows(where, trans, arrays[trans])
+    parts = [_rows(where, key, np.asarray(arrays[key])) for key in keys]
+    translations = _rows(where, trans, np.asarray(arrays[trans]))
     lengths = {len(array) for array in (*parts, translations)}
     if len(lengths) > 1 or not len(translations):
         raise MotionError(
@@ -116,7 +179,8 @@ def smpl_of(where: str, arrays: Mapping[str, np.ndarray]) -> SmplMotion:
         or str(arrays.get(_MODEL, "")).lower() == "smplx"
         or (len(keys) > 1 and parts[1].shape[1] != _SMPL_BODY)
     )
-    betas = np.asarray(arrays.get(_SHAPE, ()), dtype=float)
+    betas = np.asarray(arrays.get(_SHAPE, ()))
+    betas = betas.astype(float) if betas.dtype.kind in "fiu" else np.zeros(0)
     return SmplMotion(
         turns=turns[:, :_TURNS].reshape(-1, len(NAMES), 3),
         translations=translations,
@@ -162,7 +226,7 @@ def read_smpl_offsets(path: str | os.PathLike[str], betas: np.ndarray) -> np.nda
     return offsets_of(joints)
 
 
-def _found(names) -> tuple[tuple[str, ...], str] | None:
+def _found(names: Iterable[object]) -> tuple[tuple[str, ...], str] | None:
     return next((f for f in _KEYS if set(f[0]) | {f[1]} <= set(names)), None)
 
 

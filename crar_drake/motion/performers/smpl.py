@@ -65,7 +65,11 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
             name=name,
             format=motion.model,
             frame_rate=rate,
-            rate_source="given" if options.frame_rate else "file",
+            rate_source=(
+                "given"
+                if options.frame_rate
+                else ("assumed" if motion.rate_assumed else "file")
+            ),
             positions={joint: p[:, i] for joint, i in index.items()},
             joints={joint: NAMES[i] for joint, i in index.items()},
             rotations={joint: R[:, i] for joint, i in index.items()},
@@ -82,6 +86,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
                     [motion.translations, motion.turns.reshape(len(motion.turns), -1)]
                 )
             ),
+            notes=motion.notes,
             facts=(lengths,),
         ),
         options,

@@ -4,7 +4,8 @@ NPZ: `positions` (or `joints`, `keypoints`, `poses3d`, or the only such array) o
 (T, J, 3), and, if they are there, `names` (J,) and `frame_rate` (or `fps`,
 `mocap_framerate`).
 NPY: the array alone. CSV: a heading with a column per number, `NAME_x`, `NAME_y`,
-`NAME_z`, and perhaps `time` in seconds.
+`NAME_z`, and perhaps `time` in seconds; names that are numbers alone (`point_0_x`) say
+nothing.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from crar_drake.errors import MotionError, printable
 from crar_drake.motion.array_files import load_arrays
 from crar_drake.motion.plausible import refuse_far
+from crar_drake.motion.point_layouts import are_numbered
 from crar_drake.motion.text_files import read_motion_text
 
 _ARRAYS = ("positions", "joints", "keypoints", "keypoints_3d", "joints3d", "poses3d")
@@ -167,11 +169,18 @@ def _read_csv(path: Path) -> PointArrays:
         raise MotionError(f"{path}: the motion has no frames")
     positions = np.array(values).reshape(len(values), -1, 3)
     return PointArrays(
-        tuple(points), _checked(path, "the columns", positions), _rate_of(path, times)
+        () if are_numbered(tuple(points)) else tuple(points),
+        _checked(path, "the columns", positions),
+        even_rate(path, times),
     )
 
 
-def _rate_of(path: Path, times: list[float]) -> float:
+def even_rate(path: Path, times: list[float]) -> float:
+    """The rate of times [s] that are evenly spaced [Hz]; 0 of fewer than two.
+
+    Raises:
+        MotionError: they are not.
+    """
     if len(times) < 2:
         return 0.0
     steps = np.diff(times)

@@ -19,6 +19,7 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import ARM, JOINTS, LEG, SIDES, Fact, Performer
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.rates import rate_doubt
+from crar_drake.motion.travel import travelling
 
 # A performer whose feet are no farther than this from the file's zero height stands
 # on it; else the file's origin is elsewhere (often at the pelvis).
@@ -64,6 +65,8 @@ class Recording:
             file as the format says, not along its up axis; None elsewhere.
         floor_unknown: whether the body's lengths are not the person's, and so the
             file's height 0 not its floor.
+        without_travel: whether the points are relative to the pelvis; then the feet
+            take them along.
         pelvis_up: (T, 3) what is up in the pelvis; the neck from it by default.
         hands: hand to the vectors (T, 3) to its fingertips and to its thumb's side.
         hands_obstacle: why there are none.
@@ -85,6 +88,7 @@ class Recording:
     rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     body_axes: np.ndarray | None = None
     floor_unknown: bool = False
+    without_travel: bool = False
     pelvis_up: np.ndarray | None = None
     hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     hands_obstacle: str = ""
@@ -140,6 +144,10 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     R_WF = frame.R_WF
     world = {joint: frame.metres * p[joint] @ R_WF.T for joint in JOINTS if joint in p}
     facts = [*frame.facts, *recording.facts]
+    if recording.without_travel:
+        world = travelling(world, recording.frame_rate)
+        why = "points are relative to the pelvis: from feet that stand"
+        facts.append(Fact("travel", "rebuilt", "inferred", why))
     within = 0.0 if recording.floor_unknown else _FLOOR
     floor, floor_fact = _floor(world, leg_length(world), within)
     world = {joint: q - [0.0, 0.0, floor] for joint, q in world.items()}

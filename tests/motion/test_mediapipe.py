@@ -28,7 +28,7 @@ def walk(steps: int = 6) -> dict[str, np.ndarray]:
     for side, y, first in (("left", 0.1, 0), ("right", -0.1, 1)):
         number, phase = np.divmod(t / STEP, 1.0)
         swings = number % 2 == first
-        done = (number - first + 1) // 2 + np.where(swings, 0.0, 0.0)
+        done = (number - first + 1) // 2
         ahead = np.where(swings, phase - np.sin(2 * np.pi * phase) / (2 * np.pi), 0.0)
         feet[side] = np.column_stack(
             [
@@ -56,7 +56,7 @@ def walk(steps: int = 6) -> dict[str, np.ndarray]:
 
 
 def landmarks(p: dict[str, np.ndarray]) -> np.ndarray:
-    """(T, 33, 3) as a camera ahead sees them: x right, y down, z away, 0 at the hips."""
+    """(T, 33, 3) as a camera ahead sees them: x right, y down, z away from it."""
     found = dict(p)
     for side in ("left", "right"):
         found[f"{side}_foot_index"] = p[f"{side}_toe"]

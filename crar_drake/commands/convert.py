@@ -29,9 +29,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--to",
         metavar="LAYOUT",
-        help="layout of OUT: xyzw-csv, wxyz-csv, beyondmimic-npz, mjlab-npz, "
-        "holosoma-npz, gmr-pkl, motion-lib-pkl (default: that of IN, if OUT has its "
-        "suffix)",
+        help="layout of OUT (docs/guides/reference-motions.md; default: "
+        "that of IN, if OUT has its suffix)",
     )
     parser.add_argument(
         "--rate",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,21 +59,11 @@ def add_reference_judge_options(parser: Parser) -> None:
 
 def is_reference_or_folder(path: Path) -> bool:
     """Whether a path is no log: a folder, or a motion by suffix and keys."""
-    if path.is_dir() or path.suffix.lower() in (
-        ".csv",
-        ".pkl",
-        ".pickle",
-        ".joblib",
-        ".p",
-    ):
+    from crar_drake.motion.robots_own import holds_reference, is_reference
+
+    if path.is_dir() or (is_reference(path) and path.suffix.lower() != ".npz"):
         return True
-    if path.suffix.lower() != ".npz" or not path.is_file():
-        return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return "joint_pos.npy" in archive.namelist()
-    except (zipfile.BadZipFile, OSError):
-        return False  # the log's reader tells what is wrong
+    return holds_reference(path)  # of a damaged NPZ the log's reader tells
 
 
 def run_references(arguments: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "motion",
         run,
         "Print what is in a motion and what looks bad, and plot it. It may also be a "
-        "motion of a whole robot (.csv, .npz, .pkl).",
+        "motion of a whole robot (.csv, .npz, .npy, .pkl, .motion).",
     )
     parser.add_argument("motion", metavar="MOTION", help=MOTION_HELP)
     add_skeleton(parser)

@@ -25,7 +25,7 @@ CONSTRAINTS = ("none", "paper", "lookahead")
 # What several commands say of the same options.
 MOTION_HELP = (
     "a built-in one (dance), a CMU recording (cmu:05_02), or a file: .amc, .bvh, .c3d, "
-    ".npz, .npy, .csv"
+    ".trc, .mvnx, .npz, .npy, .csv, .json, .pt, .pkl"
 )
 EXPERIMENT_HELP = (
     "which points follow the motion: two wrists, seven of the upper body, or these and "
@@ -103,7 +103,8 @@ def add_skeleton(parser: Parser) -> None:
     parser.add_argument(
         "--skeleton",
         metavar="FILE",
-        help="the motion's skeleton (.asf), if it is not beside the motion",
+        help="the motion's skeleton (.asf), if it is not beside the motion; of a "
+        "motion of SMPL-H or SMPL-X the model's own NPZ",
     )
 
 

@@ -4,7 +4,8 @@ Everywhere a motion is one of:
 
 - a path to an AMC file: `some/05_02.amc`. Its skeleton is given, or lies beside it:
   `05_02.asf`, `05.asf`, or the only ASF file of the folder.
-- a path to a file of another format: BVH, C3D, or joint positions (NPZ, NPY, CSV).
+- a path to a file of another format: BVH, C3D, TRC, MVNX, turns of a body model
+  (AMASS, GVHMR, WHAM), or joint positions (NPZ, NPY, CSV, MediaPipe's JSON).
 - a trial of the CMU Graphics Lab database: `cmu:05_02`, looked up in the folders of
   the environment variable CRAR_MOCAP_PATH, then in the user's cache, both laid out
   like the database's own site: `subjects/05/05.asf`, `subjects/05/05_02.amc`.
@@ -23,29 +24,59 @@ from pathlib import Path
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip, read_amc, read_asf
-from crar_drake.motion.formats.bvh import read_bvh
-from crar_drake.motion.formats.c3d import read_c3d
-from crar_drake.motion.formats.point_arrays import read_point_arrays
+from crar_drake.motion.formats.bvh import Bvh, read_bvh
+from crar_drake.motion.formats.c3d import Markers, read_c3d
+from crar_drake.motion.formats.mediapipe_json import read_mediapipe
+from crar_drake.motion.formats.mvnx import Mvnx, read_mvnx
+from crar_drake.motion.formats.point_arrays import PointArrays, read_point_arrays
+from crar_drake.motion.formats.smpl import (
+    SmplMotion,
+    holds_smpl,
+    read_gvhmr,
+    read_smpl,
+    read_wham,
+)
+from crar_drake.motion.formats.trc import read_trc
 from crar_drake.motion.known_trials import known_trials
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
 from crar_drake.motion.performers.bvh import bvh_performer
 from crar_drake.motion.performers.c3d import c3d_performer
+from crar_drake.motion.performers.mvnx import mvnx_performer
 from crar_drake.motion.performers.points import points_performer
+from crar_drake.motion.performers.smpl import smpl_performer
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.resources import builtin_motions_folder, cached
 
 CMU_PREFIX = "cmu:"
 SEARCH_PATH_VARIABLE = "CRAR_MOCAP_PATH"
 
-# Suffix of a format other than AMC: its reader, and what makes the performer.
+
+def _read_npz(path: Path) -> PointArrays | SmplMotion:
+    return read_smpl(path) if holds_smpl(path) else read_point_arrays(path)
+
+
+# Suffix of a format other than AMC: its reader.
 _FORMATS = {
-    ".bvh": (read_bvh, bvh_performer),
-    ".c3d": (read_c3d, c3d_performer),
-    ".npz": (read_point_arrays, points_performer),
-    ".npy": (read_point_arrays, points_performer),
-    ".csv": (read_point_arrays, points_performer),
+    ".bvh": read_bvh,
+    ".c3d": read_c3d,
+    ".trc": read_trc,
+    ".mvnx": read_mvnx,
+    ".npz": _read_npz,
+    ".npy": read_point_arrays,
+    ".json": read_mediapipe,
+    ".pt": read_gvhmr,
+    ".pkl": read_wham,
+    ".csv": read_point_arrays,
+}
+# What a reader gives: what makes the performer of it.
+_PERFORMERS = {
+    Bvh: bvh_performer,
+    Markers: c3d_performer,
+    Mvnx: mvnx_performer,
+    PointArrays: points_performer,
+    SmplMotion: smpl_performer,
 }
 MOTION_SUFFIXES = (".amc", *_FORMATS)
 
@@ -92,13 +123,12 @@ def load_performer(
                 )
         clip = load_clip(name, options.skeleton or None, frame_rate=options.frame_rate)
         return asf_amc_performer(clip)
-    if options.skeleton:
+    held = _FORMATS[suffix](_existing_file(text, suffix, "motion"))
+    if options.skeleton and not isinstance(held, SmplMotion):
         raise MotionError(
             f"motion {text} has its own skeleton; leave {options.skeleton} away"
         )
-    path = _existing_file(text, suffix, "motion")
-    read, make = _FORMATS[suffix]
-    return make(read(path), text, options)
+    return _PERFORMERS[type(held)](held, text, options)
 
 
 def motion_file(

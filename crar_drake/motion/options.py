@@ -23,7 +23,8 @@ class MotionOptions:
     """Overrides of what is read off a motion file, or inferred from it.
 
     Attributes:
-        skeleton: the ASF file of an AMC motion; "" for the one beside it.
+        skeleton: the ASF file of an AMC motion, "" for the one beside it; the model's
+            own NPZ of a motion of SMPL-H or SMPL-X, "" for a body in the mean.
         frame_rate: samples per second [Hz]; None for the file's own.
         unit: a key of UNITS, or the metres in a unit as a number; "" to infer it.
         up: the file's axis that points up, one of AXES (the + may be left out).

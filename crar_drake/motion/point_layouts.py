@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -80,6 +81,15 @@ def layout_of(names: tuple[str, ...], positions: np.ndarray) -> str:
     thigh = np.linalg.norm(positions[:, 1] - positions[:, 2], axis=1)
     apart = np.linalg.norm(positions[:, 1] - positions[:, 4], axis=1)
     return "H36M-17" if np.nanmedian(thigh) > np.nanmedian(apart) else "COCO-17"
+
+
+def are_numbered(names: tuple[str, ...]) -> bool:
+    """Whether names are one text with the points' numbers, and so say nothing."""
+    cut = [re.fullmatch(r"(.*?)[_ ]*(\d+)", name.strip()) for name in names]
+    if not all(cut) or len({found[1] for found in cut}) > 1:
+        return False
+    numbers = [int(found[2]) for found in cut]
+    return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 def joints_of_layout(names: tuple[str, ...], joints: tuple[str, ...]) -> dict[str, int]:

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import os
-import zipfile
+from mmap import PROT_READ, mmap
 from pathlib import Path
 
-from crar_drake.errors import MotionError
+import numpy as np
+
+from crar_drake.motion.array_files import npy_header, npz_names
 from crar_drake.motion.text_files import read_motion_text
 
 # Suffixes of robot motions, each to the one that the same files usually have.
 SUFFIXES = {
-    **{usual: usual for usual in (".csv", ".npz", ".pkl")},
+    **{usual: usual for usual in (".csv", ".npz", ".npy", ".pkl", ".motion")},
     **{also: ".pkl" for also in (".pickle", ".joblib", ".p")},
 }
+
+# Of which a robot's NPZ has one: the joints.
+_NPZ_KEYS = {"joint_pos", "dof_positions", "qpos"}
+
+# What a pickle of a person has for a key (WHAM's).
+_PERSON = b"pose_world"
+
+# Columns of the root's position in a CSV with a heading.
+NAMED_ROOT = tuple(f"root_translate{axis}" for axis in "XYZ")
 
 
 def is_reference(path: str | os.PathLike[str]) -> bool:
@@ -23,7 +34,9 @@ def is_reference(path: str | os.PathLike[str]) -> bool:
 
 def holds_reference(path: str | os.PathLike[str]) -> bool:
     """Whether a file has the suffix of a robot motion, and does not hold a person's
-    points instead: those are in a CSV with a heading, or an NPZ without `joint_pos`.
+    points instead: those are in a CSV with a heading that names no robot's root, an
+    NPZ without joints, a pickle of WHAM, or an NPY without a
+    dict or quaternions.
 
     A file that cannot be read is none; whoever reads it says why.
     """
@@ -34,13 +47,30 @@ def holds_reference(path: str | os.PathLike[str]) -> bool:
         if path.suffix.lower() == ".csv":
             lines = read_motion_text(path).split("\n", 100)
             data = (line for line in lines if not line.lstrip().startswith("#"))
-            return _is_numbers(next(filter(str.strip, data), ""))
+            first = next(filter(str.strip, data), "")
+            return _is_numbers(first) or is_named(first)
+        if path.suffix.lower() == ".npy":
+            shape, dtype, _ = npy_header(path)
+            if dtype.hasobject or len(shape) != 2 or not shape[0]:
+                return dtype.hasobject
+            quaternion = np.load(path, mmap_mode="r")[0, 3:7]
+            return bool(abs(np.linalg.norm(quaternion) - 1.0) < 0.1)
+        if SUFFIXES[path.suffix.lower()] == ".pkl":
+            with (
+                path.open("rb") as file,
+                mmap(file.fileno(), 0, prot=PROT_READ) as data,
+            ):
+                return data.find(_PERSON) < 0
         if path.suffix.lower() == ".npz":
-            with zipfile.ZipFile(path) as archive:
-                return "joint_pos.npy" in archive.namelist()
-    except (OSError, MotionError, zipfile.BadZipFile):
+            return bool(_NPZ_KEYS & npz_names(path))
+    except (OSError, ValueError):  # MotionError is one
         return False
     return True
+
+
+def is_named(line: str) -> bool:
+    """Whether a line is the heading of a robot's motion, as BONES-SEED has it."""
+    return set(NAMED_ROOT) <= {cell.strip() for cell in cells_of(line)}
 
 
 def _is_numbers(line: str) -> bool:

@@ -1,4 +1,4 @@
-"""CSV files without a header: a line a frame, the root's pose, then the joints.
+"""CSV files: a line a frame, the root's pose, then the joints; without a heading:
 
 ========  =====================================================================
 columns   what
@@ -9,7 +9,8 @@ columns   what
 from 8    the joints [rad], in the order of the robot's model, depth first
 ========  =====================================================================
 
-Neither names, rate nor the order of the quaternion are in the file.
+Neither names, rate nor the order of the quaternion are in the file. With a heading, see
+`named_csv`.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
-from crar_drake.motion.robots_own import cells_of
+from crar_drake.motion.robots_own import NAMED_ROOT, cells_of, is_named
 from crar_drake.motion.text_files import read_motion_text
+from crar_drake.references.named_csv import read_named_csv
 from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
 
@@ -44,7 +46,12 @@ def read_csv(
     Raises:
         MotionError: a line is damaged, or nothing tells the order.
     """
-    table = _read_table(path)
+    heading, table = _read_table(path)
+    if layout is not None and (layout == "named-csv") != bool(heading):
+        has = "a heading" if heading else "no heading"
+        raise MotionError(f"{path}: it has {has}, which is not as {layout} has it")
+    if heading:
+        return read_named_csv(path, heading, table, rate)
     quaternions = table[:, 3:7]
     _check_not_zero(path, quaternions)
     guesses = []
@@ -89,31 +96,36 @@ def write_csv(path: str | os.PathLike[str], motion: RobotMotion, layout: str) ->
             file.write(",".join(map(repr, row)) + "\n")
 
 
-def _read_table(path: Path) -> np.ndarray:
-    """(T, 7 + n) numbers."""
+def _read_table(path: Path) -> tuple[list[str], np.ndarray]:
+    """Names of the columns, [] where there are none, and (T, C) numbers."""
+    heading: list[str] = []
     rows: list[list[float]] = []
     lines = read_motion_text(path).split("\n")
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         cells = cells_of(line)
+        if not rows and not heading and is_named(line):
+            heading = cells
+            continue
         try:
             row = [float(cell) for cell in cells]
         except ValueError:
             bad = next(cell.strip() for cell in cells if not _is_number(cell))
-            header = " (files with a header are not read)" if not rows else ""
+            header = f" (a heading has {', '.join(NAMED_ROOT)})" if not rows else ""
             raise MotionError(
                 f"{path}, line {number}: {bad[:40]!r} is no number{header}"
             ) from None
-        if rows and len(row) != len(rows[0]):
+        expected = len(heading or (rows or [row])[0])
+        if len(row) != expected:
             raise MotionError(
-                f"{path}, line {number}: {len(row)} columns, but {len(rows[0])} in the "
+                f"{path}, line {number}: {len(row)} columns, but {expected} in the "
                 "lines before: the line, or the file, is cut off"
             )
         rows.append(row)
     if not rows:
         raise MotionError(f"{path}: the file is empty")
-    if len(rows[0]) < 8:
+    if not heading and len(rows[0]) < 8:
         raise MotionError(
             f"{path}: {len(rows[0])} columns; a robot's motion has x, y, z, the four "
             "of a quaternion, and at least one joint"
@@ -126,7 +138,7 @@ def _read_table(path: Path) -> np.ndarray:
             f"{path}, frame {row + 1}, column {column + 1}: {table[row, column]} is no "
             "finite number"
         )
-    return table
+    return heading, table
 
 
 def _check_not_zero(path: Path, quaternions: np.ndarray) -> None:

@@ -28,6 +28,7 @@ class Layout:
             elsewhere.
         breadth_first: whether joints are in that order, and not depth first.
         several: whether a file can hold several motions.
+        written: whether such files are written, and not only read.
     """
 
     name: str
@@ -36,11 +37,12 @@ class Layout:
     root_columns: int = 0
     breadth_first: bool = False
     several: bool = False
+    written: bool = True
 
     @property
     def has_rate(self) -> bool:
         """Whether a file says its rate, each of its motions another perhaps."""
-        return self.suffix != ".csv"
+        return self.suffix != ".csv" and self.name != "amass-npy"
 
 
 LAYOUTS = {
@@ -48,9 +50,15 @@ LAYOUTS = {
     for layout in (
         Layout("xyzw-csv", ".csv", "Unitree, input of BeyondMimic and mjlab", 7),
         Layout("wxyz-csv", ".csv", "ProtoMotions, kimodo", 7),
+        Layout("named-csv", ".csv", "BONES-SEED"),
         Layout("beyondmimic-npz", ".npz", "BeyondMimic, Isaac Lab", breadth_first=True),
         Layout("mjlab-npz", ".npz", "mjlab"),
         Layout("holosoma-npz", ".npz", "holosoma", 7),
+        Layout("amp-npz", ".npz", "Isaac Lab's AMP, AMASS Retargeted for G1"),
+        Layout("locomujoco-npz", ".npz", "LocoMuJoCo", several=True),
+        Layout("phuma-npy", ".npy", "PHUMA"),
+        Layout("amass-npy", ".npy", "Retargeted AMASS for robotics", 7),
+        Layout("proto-motion", ".motion", "ProtoMotions", written=False),
         Layout("gmr-pkl", ".pkl", "GMR, TWIST"),
         Layout("motion-lib-pkl", ".pkl", "PHC, ASAP, HumanoidVerse", several=True),
     )
@@ -103,11 +111,10 @@ def reordered(motion: RobotMotion, joint_names: Sequence[str]) -> RobotMotion:
     computed = dict(motion.computed)
     # What has a column a joint goes with them; what has a row a link stays, and is
     # written only in the layout that it was read from.
-    if "joint_vel" in computed:
-        velocities = np.asarray(computed["joint_vel"])
-        root = velocities.shape[1] - motion.num_joints
-        columns = [*range(root), *(root + i for i in order)]
-        computed["joint_vel"] = velocities[:, columns]
+    for key in {"joint_vel", "rows"} & computed.keys():
+        values = np.asarray(computed[key])
+        root = values.shape[1] - motion.num_joints
+        computed[key] = values[:, [*range(root), *(root + i for i in order)]]
     computed.pop("pose_aa", None)
     changed = replace(
         motion,

@@ -11,10 +11,14 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.rates import SLOWEST, rate_doubt, rate_meant
 from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
+from crar_drake.references import locomujoco_npz
 from crar_drake.references.csv_layouts import read_csv, write_csv
 from crar_drake.references.layouts import LAYOUTS, Layout, layout_named, reordered
+from crar_drake.references.named_csv import write_named_csv
+from crar_drake.references.npy_layouts import read_npy, write_npy
 from crar_drake.references.npz_layouts import read_npz, write_npz
 from crar_drake.references.pickle_layouts import read_pickle, write_pickle
+from crar_drake.references.proto_motion import read_proto_motion
 from crar_drake.references.robot_match import matched
 from crar_drake.references.robot_motion import (
     UNKNOWN_ORDER,
@@ -23,7 +27,13 @@ from crar_drake.references.robot_motion import (
 )
 from crar_drake.references.whole_body import WholeBody
 
-_READERS = {".csv": read_csv, ".npz": read_npz, ".pkl": read_pickle}
+_READERS = {
+    ".csv": read_csv,
+    ".npz": read_npz,
+    ".npy": read_npy,
+    ".pkl": read_pickle,
+    ".motion": read_proto_motion,
+}
 
 
 def read_motion(
@@ -118,6 +128,11 @@ def write_motions(
 ) -> None:
     """Writes several motions into one file, if the layout can; see `write_motion`."""
     to = layout_named(layout)
+    if not to.written:
+        raise MotionError(
+            f"{path}: {layout} is read, but not written; `crar-drake convert` makes "
+            "another layout of such a file first"
+        )
     if not motions:
         raise MotionError(f"{path}: there is no motion to write")
     if len(motions) > 1 and not to.several:
@@ -128,8 +143,14 @@ def write_motions(
     for motion in motions:
         check_joint_names(motion.joint_names, motion.num_joints, motion.source)
     ordered = [_in_layouts_order(motion, to, robot) for motion in motions]
-    if to.suffix == ".csv":
+    if layout == "named-csv":
+        write_named_csv(path, ordered[0])
+    elif to.suffix == ".csv":
         write_csv(path, ordered[0], layout)
+    elif to.suffix == ".npy":
+        write_npy(path, ordered[0], layout)
+    elif layout == locomujoco_npz.LAYOUT:
+        locomujoco_npz.write_locomujoco(path, ordered)
     elif to.suffix == ".npz":
         write_npz(path, ordered[0], layout, robot)
     else:

@@ -17,10 +17,16 @@ joint_names      (n,)          only with the root in `joint_pos`
 body_names       (B,)          the same
 ===============  ============  ====================================================
 
-Three kinds are in use. `beyondmimic-npz` has joints and links breadth first, as Isaac
-Lab has them, and `mjlab-npz` depth first, as MuJoCo has them; link 0 is the root, and
-names are in neither. (mjlab trained on the other kind tracks wrong links.)
-`holosoma-npz` has the root in `joint_pos`, depth first, and the names.
+Three kinds are in use with these names. `beyondmimic-npz` has joints and links breadth
+first, as Isaac Lab has them, and `mjlab-npz` depth first, as MuJoCo has them; link 0 is
+the root, and names are in neither. (mjlab trained on the other kind tracks wrong
+links.) `holosoma-npz` has the root in `joint_pos`, depth first, and the names.
+
+A fourth, `amp-npz` of Isaac Lab's AMP tasks and of "AMASS Retargeted for G1", has the
+same under other names: `dof_names`, `dof_positions`, `dof_velocities`,
+`body_positions`, `body_rotations`, `body_linear_velocities`, `body_angular_velocities`;
+links are some or all, the first is the root. Source: `motion_loader.py` of the task
+`humanoid_amp` in github.com/isaac-sim/IsaacLab.
 """
 
 from __future__ import annotations
@@ -34,15 +40,30 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
-from crar_drake.motion.array_files import load_arrays
+from crar_drake.motion.array_files import load_arrays, npz_names
+from crar_drake.references.locomujoco_npz import LAYOUT as LOCOMUJOCO
+from crar_drake.references.locomujoco_npz import read_locomujoco
 from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
+from crar_drake.references.root_speeds import difference, turning
 from crar_drake.references.whole_body import WholeBody
 
 USUAL_RATE = 50.0  # [Hz]
 
 _BODY_KEYS = ("body_pos_w", "body_quat_w", "body_lin_vel_w", "body_ang_vel_w")
 _COMPUTED = ("joint_vel", *_BODY_KEYS)
-_NAMES = ("joint_names", "body_names")
+
+# Keys of `amp-npz`, which are read and written as the others'.
+_AMP = "amp-npz"
+_AMP_KEYS = {
+    "dof_names": "joint_names",
+    "dof_positions": "joint_pos",
+    "dof_velocities": "joint_vel",
+    "body_positions": "body_pos_w",
+    "body_rotations": "body_quat_w",
+    "body_linear_velocities": "body_lin_vel_w",
+    "body_angular_velocities": "body_ang_vel_w",
+}
+_AMP_SHAPES = {"dof_positions": 2, "body_positions": 3, "body_rotations": 3}
 
 # Links whose distance to the one before changes less than this hang on it [m]; what
 # float32 rounds a few metres to is a tenth of it.
@@ -57,7 +78,7 @@ def read_npz(
     layout: str | None,
     rate: float | None,
     joint_names: Sequence[str] | None,
-) -> tuple[RobotMotion]:
+) -> tuple[RobotMotion, ...]:
     """Reads an NPZ file; `layout` None tells the kinds apart.
 
     Where the file does not tell the two kinds without names apart, `layout` of the
@@ -66,7 +87,16 @@ def read_npz(
     Raises:
         MotionError: the file is damaged.
     """
+    if layout == LOCOMUJOCO or "qpos" in npz_names(path):
+        return read_locomujoco(path, layout, rate)
     arrays = load_arrays(path)
+    amp = "dof_positions" in arrays and "joint_pos" not in arrays
+    if amp:
+        for key, dimensions in _AMP_SHAPES.items():
+            _numbers(path, arrays, key, dimensions)
+        if "dof_names" not in arrays:
+            raise MotionError(f"{path}: it has no dof_names, the joints' names")
+        arrays = {_AMP_KEYS.get(key, key): array for key, array in arrays.items()}
     if "joint_pos" not in arrays:
         log = "; it looks like the log of a run" if "signed_distances" in arrays else ""
         raise MotionError(
@@ -76,13 +106,17 @@ def read_npz(
     if rate is None:
         rate = _rate(path, arrays, guesses)
     q = _numbers(path, arrays, "joint_pos", 2)
-    with_root = _has_root(path, layout, arrays, q)
-    if with_root:
+    if amp != (layout == _AMP) and layout is not None:
+        raise MotionError(f"{path}: its keys are not those of {layout}")
+    if not amp and _has_root(path, layout, arrays, q):
         layout = "holosoma-npz"
         p_WR, Q_WR, joints = q[:, :3], q[:, 3:7], q[:, 7:]
         names = tuple(str(name) for name in arrays.get("joint_names", ()))
     else:
-        if layout is None:
+        names = ()
+        if amp:
+            layout, names = _AMP, tuple(str(name) for name in arrays["joint_names"])
+        elif layout is None:
             layout, evidence = _guess_order(path, arrays)
             guesses.append(evidence)
         p_WR = _numbers(path, arrays, "body_pos_w", 3)
@@ -92,7 +126,7 @@ def read_npz(
                 f"{path}: joint_pos has {len(q)} frames, body_pos_w {len(p_WR)} and "
                 f"body_quat_w {len(Q_WR)}, or there is no link"
             )
-        p_WR, Q_WR, joints, names = p_WR[:, 0], Q_WR[:, 0], q, ()
+        p_WR, Q_WR, joints = p_WR[:, 0], Q_WR[:, 0], q
     return (
         RobotMotion(
             joint_names=names or tuple(joint_names or ()),
@@ -146,21 +180,26 @@ def write_npz(
                 "from its model: say which robot (--robot)"
             )
         links = robot.links_of(motion.joint_names)
+        kept = tuple(str(name) for name in extras.pop("body_names", ()))
+        if layout == _AMP and kept and all(map(robot.has_link, kept)):
+            links = kept  # its first is the root's
         values = {
             key: value.astype(precision)
             for key, value in _computed(motion, layout, robot, links).items()
         }
-        extras.pop("body_names", None)
-        if layout == "holosoma-npz":
+        if layout in ("holosoma-npz", _AMP):
             extras["body_names"] = np.array(links)
     q = motion.joint_positions
     if layout == "holosoma-npz":
         q = np.hstack([motion.root_positions, motion.root_quaternions, q])
-        if motion.joint_names:
-            extras["joint_names"] = np.array(motion.joint_names)
+    if layout in ("holosoma-npz", _AMP) and motion.joint_names:
+        extras["joint_names"] = np.array(motion.joint_names)
     rate = motion.rate
     fps = np.array([int(rate) if rate == int(rate) else rate])
     arrays = {"fps": fps, "joint_pos": q.astype(precision), **values, **extras}
+    if layout == _AMP:
+        amp = {ours: theirs for theirs, ours in _AMP_KEYS.items()}
+        arrays = {amp.get(key, key): array for key, array in arrays.items()}
     with whole_file(path) as temporary:
         np.savez(temporary, **arrays)
 
@@ -175,8 +214,8 @@ def _computed(
     """Velocities, and the links' poses and velocities in the world."""
     step = 1.0 / motion.rate
     R_WR = motion.root_rotations
-    v_WR, w_WR = _difference(motion.root_positions, step), _turning(R_WR, step)
-    qdot = _difference(motion.joint_positions, step)
+    v_WR, w_WR = difference(motion.root_positions, step), turning(R_WR, step)
+    qdot = difference(motion.joint_positions, step)
     columns = robot.columns_in(motion.joint_names)
     q, v = motion.joint_positions[:, columns], qdot[:, columns]
     p_RB, R_RB = robot.poses_in_root(q, links)
@@ -201,21 +240,6 @@ def _computed(
         "body_lin_vel_w": v_WR[:, None] + turned + v_RB_W,
         "body_ang_vel_w": w_WR[:, None] + w_RB_W,
     }
-
-
-def _difference(samples: np.ndarray, step: float) -> np.ndarray:
-    if len(samples) < 2:
-        return np.zeros_like(samples)
-    return np.gradient(samples, step, axis=0)
-
-
-def _turning(R: Rotation, step: float) -> np.ndarray:
-    """(T, 3) angular velocities in the world [rad/s]."""
-    if len(R) < 2:
-        return np.zeros((len(R), 3))
-    inner = (R[2:] * R[:-2].inv()).as_rotvec() / (2.0 * step)
-    first, last = ((R[i + 1] * R[i].inv()).as_rotvec() / step for i in (0, len(R) - 2))
-    return np.vstack([first, inner, last])
 
 
 def _numbers(

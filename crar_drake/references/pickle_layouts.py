@@ -7,7 +7,7 @@ key              shape      what
 ===============  =========  ========================================================
 fps              number     frames per second [Hz]
 root_pos         (T, 3)     x y z of the root in the world [m]
-root_rot         (T, 4)     its orientation, x y z w
+root_rot         (T, 4)     its orientation, x y z w (w x y z is told by its tilt)
 dof_pos          (T, n)     joints [rad], in the order of the robot's model
 local_body_pos   (T, B, 3)  origins of links in the root's frame [m], or None
 link_body_list   B texts    their names, or None
@@ -39,7 +39,8 @@ from pathlib import Path
 import numpy as np
 
 from crar_drake.errors import MotionError
-from crar_drake.references.plain_pickle import read_plain_pickle, write_plain_pickle
+from crar_drake.motion.plain_pickle import read_plain_pickle, write_plain_pickle
+from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 
@@ -47,12 +48,14 @@ USUAL_RATE = 30.0  # [Hz]
 
 _GMR = {"position": "root_pos", "rotation": "root_rot", "joints": "dof_pos"}
 _LIB = {"position": "root_trans_offset", "rotation": "root_rot", "joints": "dof"}
-_KEYS = {"gmr-pkl": _GMR, "motion-lib-pkl": _LIB}
+_PHUMA = {"position": "root_trans", "rotation": "root_ori", "joints": "dof_pos"}
+_KEYS = {"gmr-pkl": _GMR, "motion-lib-pkl": _LIB, "phuma-npy": _PHUMA}
 _COMPUTED = {
     "gmr-pkl": ("local_body_pos", "link_body_list"),
     "motion-lib-pkl": ("pose_aa",),
+    "phuma-npy": (),
 }
-_PRECISION = {"gmr-pkl": "float64", "motion-lib-pkl": "float32"}
+_PRECISION = {"gmr-pkl": "float64", "motion-lib-pkl": "float32", "phuma-npy": "float64"}
 _JOINT_NAMES = ("joint_names", "dof_names")
 
 
@@ -88,9 +91,28 @@ def read_pickle(
     if layout is not None and layout != found:
         raise MotionError(f"{path}: its keys are those of {found}, not of {layout}")
     return tuple(
-        _motion(path, name, clip, found, rate, joint_names)
+        _motion(path, name, clip, found, rate, joint_names, layout is not None)
         for name, clip in clips.items()
     )
+
+
+def motion_of_clip(
+    path: Path,
+    held: object,
+    layout: str,
+    rate: float | None,
+    joint_names: Sequence[str] | None,
+) -> RobotMotion:
+    """The motion in a dict with the keys of a layout that has one.
+
+    Raises:
+        MotionError: it is no dict, lacks a key, or an array is of another shape.
+    """
+    if not isinstance(held, dict) or not set(_KEYS[layout].values()) <= held.keys():
+        has = ", ".join(str(key)[:30] for key in list(held)[:6]) if held else "nothing"
+        keys = ", ".join(_KEYS[layout].values())
+        raise MotionError(f"{path}: {layout} is a dict with {keys}; this has {has}")
+    return _motion(path, "", held, layout, rate, joint_names, said=True)
 
 
 def write_pickle(
@@ -112,14 +134,14 @@ def write_pickle(
         MotionError: there is no robot where one is needed, or two clips have one name.
     """
     if layout == "gmr-pkl":
-        write_plain_pickle(path, _clip(path, motions[0], layout, robot))
+        write_plain_pickle(path, clip_of_motion(path, motions[0], layout, robot))
         return
     clips = {}
     for motion in motions:
         name = motion.clip or Path(motion.source).stem or "motion"
         if name in clips:
             raise MotionError(f"{path}: two clips are called {name!r}")
-        clips[name] = _clip(path, motion, layout, robot)
+        clips[name] = clip_of_motion(path, motion, layout, robot)
     # A file that was one clip without a name stays so.
     if len(motions) == 1 and not motions[0].clip and motions[0].layout == layout:
         (clips,) = clips.values()
@@ -128,7 +150,7 @@ def write_pickle(
 
 def _layout(held: Mapping) -> str | None:
     for layout, keys in _KEYS.items():
-        if set(keys.values()) <= held.keys():
+        if layout.endswith("-pkl") and set(keys.values()) <= held.keys():
             return layout
     return None
 
@@ -140,6 +162,7 @@ def _motion(
     layout: str,
     rate: float | None,
     joint_names: Sequence[str] | None,
+    said: bool,
 ) -> RobotMotion:
     where = f"{path}, clip {clip!r}" if clip else str(path)
     keys, guesses = _KEYS[layout], []
@@ -159,6 +182,15 @@ def _motion(
         raise MotionError(
             f"{where}, frame {zero[0] + 1}: {keys['rotation']} has length zero"
         )
+    quaternions = arrays["rotation"].astype(float)
+    order, evidence = guess_quaternion_order(quaternions)
+    if order == "wxyz" and evidence.startswith("sure") and not said:
+        guesses.append(
+            f"{keys['rotation']} is wxyz, not xyzw as {layout} has it: {evidence} "
+            f"(--layout {layout} takes it as xyzw)"
+        )
+    else:
+        quaternions = quaternions[:, [3, 0, 1, 2]]
     names = ()
     for key in _JOINT_NAMES:
         if isinstance(held.get(key), list | tuple | np.ndarray):
@@ -168,7 +200,7 @@ def _motion(
     return RobotMotion(
         joint_names=names or tuple(joint_names or ()),
         root_positions=arrays["position"].astype(float),
-        root_quaternions=arrays["rotation"][:, [3, 0, 1, 2]].astype(float),
+        root_quaternions=quaternions,
         joint_positions=arrays["joints"].astype(float),
         rate=rate,
         layout=layout,
@@ -211,12 +243,13 @@ def _numbers(where: str, key: str, value: object, columns: int | None) -> np.nda
     return array if array.dtype.kind == "f" else array.astype(float)
 
 
-def _clip(
+def clip_of_motion(
     path: str | os.PathLike[str],
     motion: RobotMotion,
     layout: str,
     robot: WholeBody | None,
 ) -> dict:
+    """The dict of a motion, with the keys of a layout; see `write_pickle`."""
     same = motion.layout == layout
     precision = motion.precision if same and motion.precision else _PRECISION[layout]
     computed = dict(motion.computed) if same and motion.is_as_read else {}
@@ -240,6 +273,8 @@ def _clip(
 
 
 def _computed(path, motion: RobotMotion, layout: str, robot, precision: str) -> dict:
+    if layout == "phuma-npy":
+        return {}
     if layout == "gmr-pkl":
         if robot is None:
             return {"local_body_pos": None, "link_body_list": None}

@@ -15,6 +15,9 @@ from crar_drake.references.whole_body import WholeBody
 # versions. Beyond, it is another robot, or joints in another order [m].
 _SAME_LINK = 0.03
 
+# Turns of joints are the same to this; files have seven digits [rad].
+_SAME_TURN = 1e-4
+
 # Layouts that differ by the order of the joints alone: depth first, breadth first, and
 # one of these.
 _KNOWN_BY_LINKS = ("mjlab-npz", "beyondmimic-npz", UNKNOWN_ORDER)
@@ -31,17 +34,18 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
 
     Names in the file are taken at their word. Without, the number of joints has to
     be right, and the order is that of the layout; where the file says where the links
-    are, that has to fit, and decides between depth first and breadth first.
+    are, that has to fit, and decides between depth first and breadth first. A motion of
+    all joints but the wrists has these at 0, where such files lock them.
 
     Raises:
         MotionError: it is a motion of another robot; the message says what is expected.
     """
+    motion = _with_wrists(motion, robot)
     if set(robot.joint_names) < set(motion.joint_names):
         raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     if motion.joint_names:
         ordered = reordered(motion, robot.joint_names)
-        _check_links(ordered, robot)
-        return ordered
+        return _links_checked(ordered, robot)
     if motion.num_joints != robot.n:
         raise MotionError(f"{motion.source}: {_wrong_number(motion, robot)}")
     layout = LAYOUTS.get(motion.layout)
@@ -83,6 +87,43 @@ def matched(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
     return reordered(named, robot.joint_names)
 
 
+def _with_wrists(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
+    """The motion; one that lacks the wrists alone, as the G1's of ASAP and PBHC with 23
+    of its 29 joints do, gets them.
+
+    Where the file has the joints' turns (`pose_aa`), they have to be about the axes of
+    the robot's other joints.
+    """
+    layout = LAYOUTS.get(motion.layout)
+    order = (
+        robot.breadth_first if layout and layout.breadth_first else robot.joint_names
+    )
+    wrists = tuple(name for name in order if "wrist" in name)
+    others = tuple(name for name in order if name not in wrists)
+    if not wrists or motion.layout == UNKNOWN_ORDER or motion.num_joints != len(others):
+        return motion
+    if motion.joint_names and set(motion.joint_names) != set(others):
+        return motion
+    if not motion.joint_names and "pose_aa" in motion.computed:
+        axes = robot.joint_axes[[robot.joint_names.index(name) for name in others]]
+        turns = np.asarray(motion.computed["pose_aa"])[:, 1 : 1 + len(others)]
+        expected = axes * motion.joint_positions[:, :, None]
+        if turns.shape != expected.shape or np.abs(turns - expected).max() > _SAME_TURN:
+            return motion
+    still = np.zeros((motion.num_frames, len(wrists)))
+    said = f"it has {len(others)} joints, which are {robot.description.name}'s without"
+    return replace(
+        motion,
+        joint_names=(*(motion.joint_names or others), *wrists),
+        joint_positions=np.hstack([motion.joint_positions, still]),
+        guesses=(
+            *motion.guesses,
+            f"{said} its {len(wrists)} of the wrists: those at 0",
+        ),
+        computed={},
+    )
+
+
 def _wrong_number(motion: RobotMotion, robot: WholeBody) -> str:
     name, n, has = robot.description.name, robot.n, motion.num_joints
     layout = LAYOUTS.get(motion.layout)
@@ -105,17 +146,29 @@ def _wrong_number(motion: RobotMotion, robot: WholeBody) -> str:
     return f"{text}. A motion of it is {', '.join(fits)}"
 
 
-def _check_links(motion: RobotMotion, robot: WholeBody) -> None:
-    """Of a file with names of links: whether they are where the robot has them."""
+def _links_checked(motion: RobotMotion, robot: WholeBody) -> RobotMotion:
+    """The motion; of a file with names of links: if they are where the robot has them.
+
+    In an `amp-npz` they may be of another version of the robot, or come late behind the
+    joints, as a simulator recorded them: that is reported.
+
+    Raises:
+        MotionError: they are elsewhere.
+    """
     names = motion.extras.get("body_names")
     if names is None or "body_pos_w" not in motion.computed or not motion.is_as_read:
-        return
+        return motion
     off = _links_off(motion, robot, tuple(str(name) for name in np.asarray(names)))
-    if off is not None and off > _SAME_LINK:
-        raise MotionError(
-            f"{motion.source}: its links are up to {1e3 * off:.0f} mm from where those "
-            f"of {robot.description.name} are: it is of another robot"
-        )
+    if off is None or off <= _SAME_LINK:
+        return motion
+    where = (
+        f"its links are up to {1e3 * off:.0f} mm from where those of "
+        f"{robot.description.name} are"
+    )
+    if motion.layout != "amp-npz":
+        raise MotionError(f"{motion.source}: {where}: it is of another robot")
+    doubt = f"{where}: another version of it, or recorded late; the joints count"
+    return replace(motion, guesses=(*motion.guesses, doubt))
 
 
 def _links_off(

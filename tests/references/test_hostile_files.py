@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
+from crar_drake.motion.plain_pickle import read_plain_pickle
+from crar_drake.motion.plain_unpickler import PlainUnpickler
 from crar_drake.references.npz_layouts import read_npz
-from crar_drake.references.plain_pickle import read_plain_pickle
-from crar_drake.references.plain_unpickler import PlainUnpickler
 
 NESTED = b")" + b"2\x86" * 60  # a tuple of itself twice, 60 deep: 2^60 entries
 COLLIDING = [k * (2**61 - 1) for k in range(1, 20001)]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.references.plain_pickle import read_plain_pickle, write_plain_pickle
+from crar_drake.motion.plain_pickle import read_plain_pickle, write_plain_pickle
 
 DATA = {
     "clip": OrderedDict(

@@ -1,16 +1,25 @@
 """A robot tells whose joints a motion has, and in which order."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from small_biped import BREADTH_FIRST, DEPTH_FIRST, moving_samples, whole_biped
+from small_biped import (
+    BREADTH_FIRST,
+    DEPTH_FIRST,
+    biped,
+    moving_samples,
+    whole_biped,
+)
 
 from crar_drake.errors import MotionError
 from crar_drake.references.motion_files import read_motion, write_motion
 from crar_drake.references.robot_match import matched
 from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import load_robot_description
 
 P, Q, JOINTS = moving_samples()
 
@@ -59,3 +68,36 @@ def test_without_names_or_links_the_number_counts(robot):
     found = matched(replace(named(DEPTH_FIRST), joint_names=()), robot)
     assert found.joint_names == DEPTH_FIRST
     assert found.guesses == ("joints have no names: 5 as biped, depth first",)
+
+
+def test_a_motion_without_the_wrists_has_them_still(tmp_path: Path):
+    """The wrist is depth first the second of five joints, of which there are four."""
+    folder = biped(tmp_path / "biped")
+    urdf = folder / "biped.urdf"
+    urdf.write_text(urdf.read_text().replace('"left_knee"', '"left_wrist_pitch"'))
+    robot = WholeBody(load_robot_description(folder))
+    assert robot.joint_names[1] == "left_wrist_pitch"
+    others = tuple(name for name in robot.joint_names if "wrist" not in name)
+    q = JOINTS[:, :4]
+    axes = np.array([[1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    turns = np.concatenate([np.zeros((len(q), 1, 3)), axes * q[:, :, None]], axis=1)
+    clip = dict(root_trans_offset=P, dof=q, root_rot=np.roll(Q, -1, 1), fps=30)
+    for names, aa in (((), turns), (others[::-1], turns), ((), None)):
+        held = clip | (dict(pose_aa=aa) if aa is not None else {})
+        held |= dict(joint_names=list(names)) if names else {}
+        (tmp_path / "a.pkl").write_bytes(pickle.dumps(held))
+        found = read_motion(tmp_path / "a.pkl", robot=robot)
+        assert found.joint_names == robot.joint_names and not found.is_as_read
+        assert np.array_equal(found.joint_positions[:, 1], np.zeros(len(q)))
+        rest = found.joint_positions[:, [0, 2, 3, 4]]
+        assert np.array_equal(rest, q[:, ::-1] if names else q)
+        assert "biped's without its 1 of the wrists" in found.guesses[0]
+        write_motion(tmp_path / "b.pkl", found, "motion-lib-pkl", robot)
+        again = pickle.loads((tmp_path / "b.pkl").read_bytes())
+        assert again["dof"].shape == (len(q), 5) and again["pose_aa"].shape[1] == 6
+    # Turns about other axes are those of other joints.
+    (tmp_path / "a.pkl").write_bytes(
+        pickle.dumps(clip | dict(pose_aa=turns[..., ::-1]))
+    )
+    with pytest.raises(MotionError, match="4 joints; robot biped has 5 joints"):
+        read_motion(tmp_path / "a.pkl", robot=robot)

@@ -34,7 +34,7 @@ _UNITS = {"mm": "mm", "cm": "cm", "m": "m", "in": "in", "": ""}
 
 @dataclass(frozen=True)
 class Markers:
-    """Labelled points of a C3D file.
+    """Labelled points of a C3D file, or of another.
 
     Attributes:
         labels: as in the file, subject prefixes included.
@@ -42,6 +42,7 @@ class Markers:
         frame_rate: samples per second [Hz]; 0 if the file does not say.
         unit: a key of `options.UNITS`, or "" if the file does not say.
         measures: what the file says of the subject, e.g. "LKneeWidth" [file units].
+        format: of the file.
     """
 
     labels: tuple[str, ...]
@@ -49,6 +50,7 @@ class Markers:
     frame_rate: float  # [Hz]
     unit: str
     measures: Mapping[str, float]
+    format: str = "C3D"
 
 
 def read_c3d(path: str | os.PathLike[str]) -> Markers:

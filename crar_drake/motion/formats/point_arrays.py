@@ -4,7 +4,8 @@ NPZ: `positions` (or `joints`, `keypoints`, `poses3d`, or the only such array) o
 (T, J, 3), and, if they are there, `names` (J,) and `frame_rate` (or `fps`,
 `mocap_framerate`).
 NPY: the array alone. CSV: a heading with a column per number, `NAME_x`, `NAME_y`,
-`NAME_z`, and perhaps `time` in seconds.
+`NAME_z`, and perhaps `time` in seconds; names that are numbers alone (`point_0_x`) say
+nothing.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ import numpy as np
 from crar_drake.errors import MotionError, printable
 from crar_drake.motion.array_files import load_arrays
 from crar_drake.motion.plausible import refuse_far
+from crar_drake.motion.point_layouts import are_numbered
 from crar_drake.motion.text_files import read_motion_text
 
 _ARRAYS = ("positions", "joints", "keypoints", "keypoints_3d", "joints3d", "poses3d")
 _NAMES = ("names", "joint_names", "labels")
-_RATES = ("frame_rate", "fps", "mocap_framerate", "mocap_frame_rate", "framerate")
+RATES = ("frame_rate", "fps", "mocap_framerate", "mocap_frame_rate", "framerate")
 _UNIT = "unit"
 
 
@@ -79,7 +81,7 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
                 f"{held or 'nothing'}"
             )
         points = arrays[fitting[0]]
-    rate = first(_RATES)
+    rate = first(RATES)
     names = first(_NAMES)
     positions = _checked(path, "the positions", points)
     listed = (
@@ -91,16 +93,26 @@ def _of_npz(path: Path, arrays: dict[str, np.ndarray]) -> PointArrays:
         raise MotionError(
             f"{path}: {len(listed)} names for {positions.shape[1]} points"
         )
-    if rate is not None and (
-        np.size(rate) != 1 or not (0.0 < float(np.ravel(rate)[0]) < np.inf)
-    ):
-        raise MotionError(f"{path}: the frame rate must be one positive number")
     return PointArrays(
         listed,
         positions,
-        float(np.ravel(rate)[0]) if rate is not None else 0.0,
+        one_rate(str(path), rate),
         str(arrays[_UNIT]) if _UNIT in arrays else "",
     )
+
+
+def one_rate(where: str, rate: object) -> float:
+    """The rate [Hz] that a file has as an array or number; 0 where it has none.
+
+    Raises:
+        MotionError: it is not one positive number.
+    """
+    if rate is None:
+        return 0.0
+    values = np.ravel(rate)
+    if values.size != 1 or values.dtype.kind not in "fiu" or not 0 < values[0] < np.inf:
+        raise MotionError(f"{where}: the frame rate must be one positive number")
+    return float(values[0])
 
 
 def _checked(path: Path, what: str, array: np.ndarray) -> np.ndarray:
@@ -157,11 +169,18 @@ def _read_csv(path: Path) -> PointArrays:
         raise MotionError(f"{path}: the motion has no frames")
     positions = np.array(values).reshape(len(values), -1, 3)
     return PointArrays(
-        tuple(points), _checked(path, "the columns", positions), _rate_of(path, times)
+        () if are_numbered(tuple(points)) else tuple(points),
+        _checked(path, "the columns", positions),
+        even_rate(path, times),
     )
 
 
-def _rate_of(path: Path, times: list[float]) -> float:
+def even_rate(path: Path, times: list[float]) -> float:
+    """The rate of times [s] that are evenly spaced [Hz]; 0 of fewer than two.
+
+    Raises:
+        MotionError: they are not.
+    """
     if len(times) < 2:
         return 0.0
     steps = np.diff(times)

@@ -19,6 +19,7 @@ from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import ARM, JOINTS, LEG, SIDES, Fact, Performer
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.rates import rate_doubt
+from crar_drake.motion.travel import travelling
 
 # A performer whose feet are no farther than this from the file's zero height stands
 # on it; else the file's origin is elsewhere (often at the pelvis).
@@ -59,6 +60,13 @@ class Recording:
         rest: name of JOINTS to (3,) in a standing rest pose; empty if there is none.
         rotations: name of JOINTS to (T, 3, 3) R_FJ, the identity in the rest pose
             where there is one.
+        body_axes: (3, 3) axes of a body (x ahead, y to the left, z up) in those that
+            `rotations` turn, where these have a standing rest pose that lies in the
+            file as the format says, not along its up axis; None elsewhere.
+        floor_unknown: whether the body's lengths are not the person's, and so the
+            file's height 0 not its floor.
+        without_travel: whether the points are relative to the pelvis; then the feet
+            take them along.
         pelvis_up: (T, 3) what is up in the pelvis; the neck from it by default.
         hands: hand to the vectors (T, 3) to its fingertips and to its thumb's side.
         hands_obstacle: why there are none.
@@ -78,6 +86,9 @@ class Recording:
     guessed: frozenset[str] = frozenset()
     rest: Mapping[str, np.ndarray] = field(default_factory=dict)
     rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    body_axes: np.ndarray | None = None
+    floor_unknown: bool = False
+    without_travel: bool = False
     pelvis_up: np.ndarray | None = None
     hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     hands_obstacle: str = ""
@@ -133,7 +144,12 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     R_WF = frame.R_WF
     world = {joint: frame.metres * p[joint] @ R_WF.T for joint in JOINTS if joint in p}
     facts = [*frame.facts, *recording.facts]
-    floor, floor_fact = _floor(world, leg_length(world))
+    if recording.without_travel:
+        world = travelling(world, recording.frame_rate)
+        why = "points are relative to the pelvis: from feet that stand"
+        facts.append(Fact("travel", "rebuilt", "inferred", why))
+    within = 0.0 if recording.floor_unknown else _FLOOR
+    floor, floor_fact = _floor(world, leg_length(world), within)
     world = {joint: q - [0.0, 0.0, floor] for joint, q in world.items()}
     if floor_fact is not None:
         facts.append(floor_fact)
@@ -207,14 +223,16 @@ def frames_apart(
     return 0
 
 
-def _floor(p: Mapping[str, np.ndarray], leg: float) -> tuple[float, Fact | None]:
-    """Height of the floor in the file [m], 0 unless the body says otherwise."""
+def _floor(
+    p: Mapping[str, np.ndarray], leg: float, within: float
+) -> tuple[float, Fact | None]:
+    """Height of the floor in the file [m], 0 if the body comes as near as `within`."""
     feet = [joint for joint in p if joint.endswith(("ankle", "toe"))]
     lowest = np.min([p[joint][:, 2] for joint in p], axis=0)
     height = float(np.quantile(lowest, _FLOOR_QUANTILE))
     if not any(joint.endswith("toe") for joint in feet):
         height -= leg * ANKLE_SHARE / LEG_SHARE
-    if abs(height) < _FLOOR:
+    if abs(height) < within:
         return 0.0, None
     why = "the lowest that the body comes"
     return height, Fact("floor", f"at {height:.2f} m of the file", "inferred", why)
@@ -233,6 +251,12 @@ def _orientations(
 ) -> tuple[np.ndarray, dict[str, np.ndarray], Fact]:
     """R_WP of the pelvis, those of all parts, and where they come from."""
     rotations = recording.rotations
+    if recording.body_axes is not None:
+        turned = {
+            joint: R_WF @ R @ recording.body_axes for joint, R in rotations.items()
+        }
+        why = "against the model's rest pose"
+        return turned["pelvis"], turned, Fact("orientations", "", "file", why)
     turned = {joint: R_WF @ R @ R_WF.T for joint, R in rotations.items()}
     if turned and recording.rest:
         why = "against the standing rest pose"

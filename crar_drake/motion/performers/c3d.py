@@ -1,4 +1,4 @@
-"""The performer of a C3D file with a known set of markers."""
+"""The performer of a C3D or TRC file with a known set of markers."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
     """
     if options.joints:
         raise MotionError(
-            f"motion {name}: joints of a C3D come from its markers' labels; leave "
-            f"--joints {options.joints} away"
+            f"motion {name}: joints of a {markers.format} come from its markers' "
+            f"labels; leave --joints {options.joints} away"
         )
     rate = options.frame_rate or markers.frame_rate
     if not rate:
@@ -72,7 +72,7 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
     return assemble(
         Recording(
             name=name,
-            format="C3D",
+            format=markers.format,
             frame_rate=rate,
             rate_source="given" if options.frame_rate else "file",
             positions=body.positions,

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from crar_drake.references.pickled_arrays import (
+from crar_drake.motion.pickled_arrays import (
     CALLED,
     KNOWN,
     MOST_NUMBER_KEYS,
@@ -52,7 +52,14 @@ _PYTHONS = pickle._Unpickler
 
 
 class PlainUnpickler(_PYTHONS):
-    """Reads one pickle."""
+    """Reads one pickle.
+
+    Attributes:
+        known: what stands for a name that the file has, by module and name.
+        called: which of those are functions.
+    """
+
+    known, called = KNOWN, CALLED
 
     def __init__(self, data: bytes) -> None:
         """
@@ -96,8 +103,8 @@ class PlainUnpickler(_PYTHONS):
         Raises:
             RefusedPickle: the name is none of those that NumPy and joblib write.
         """
-        if (module, name) in KNOWN:
-            return KNOWN[module, name]
+        if (module, name) in self.known:
+            return self.known[module, name]
         hint = ""
         if module.split(".")[0] == "torch":
             hint = "; save tensors as arrays (`.numpy()`) first"
@@ -157,7 +164,7 @@ class PlainUnpickler(_PYTHONS):
     def _call(self) -> None:
         arguments, function = self.stack.pop(), self.stack.pop()
         # Only functions of `pickled_arrays` are ever on the stack; all else is data.
-        if not callable(function) or function not in CALLED:
+        if not callable(function) or function not in self.called:
             raise RefusedPickle("it calls what is no function of NumPy's arrays")
         if not isinstance(arguments, tuple):
             raise TypeError
@@ -186,6 +193,11 @@ class PlainUnpickler(_PYTHONS):
             target.value = self._joblib_array(state)
         elif isinstance(target, ArrayInMaking):
             version, shape, dtype, fortran, data = state
+            if shape == () and isinstance(data, list) and len(data) == 1:
+                if not isinstance(data[0], dict):
+                    raise RefusedPickle("it has an object that is no dict")
+                target.dict = data[0]
+                return
             if not isinstance(dtype, TypeInMaking) or not isinstance(
                 data, bytes | bytearray
             ):
@@ -299,6 +311,8 @@ class _Finish:
         if value is None or isinstance(value, _SIMPLE):
             return value, 1
         if isinstance(value, ArrayInMaking):
+            if value.dict is not None:
+                return self(value.dict)
             if value.value is None:
                 raise RefusedPickle("it has an array without numbers")
             return value.value, 1

@@ -24,8 +24,8 @@ from pathlib import Path
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import LARGEST
-from crar_drake.references.pickled_arrays import RefusedPickle
-from crar_drake.references.plain_unpickler import PlainUnpickler
+from crar_drake.motion.pickled_arrays import RefusedPickle
+from crar_drake.motion.plain_unpickler import PlainUnpickler
 
 # How often its own size a file may unpack to, beyond what is small [bytes]: numbers of
 # a motion do not compress that well.
@@ -67,11 +67,11 @@ def write_plain_pickle(path: str | os.PathLike[str], value: object) -> None:
         value: as `read_plain_pickle` returns it.
     """
     with whole_file(path) as temporary:
-        temporary.write_bytes(_for_any_numpy(pickle.dumps(value, protocol=3)))
+        temporary.write_bytes(for_any_numpy(pickle.dumps(value, protocol=3)))
 
 
-def _for_any_numpy(data: bytes) -> bytes:
-    """The same pickle with the names that NumPy 1 has, which NumPy 2 knows as well."""
+def for_any_numpy(data: bytes) -> bytes:
+    """A pickle of protocol 3 with the names of NumPy 1, which NumPy 2 knows, too."""
     parts, before = [], 0
     for opcode, argument, position in pickletools.genops(data):
         if opcode.name == "GLOBAL":  # c, module, newline, name, newline

@@ -28,10 +28,12 @@ class RefusedPickle(Exception):
 
 
 class ArrayInMaking:
-    """An array that is being built."""
+    """An array that is being built; or the dict that one without axes is put around, as
+    `np.save` puts it."""
 
     def __init__(self) -> None:
         self.value: np.ndarray | None = None
+        self.dict: dict | None = None
 
 
 class TypeInMaking:
@@ -40,6 +42,9 @@ class TypeInMaking:
     def __init__(self, name: object) -> None:
         if not isinstance(name, str):
             raise RefusedPickle("an array's type is damaged")
+        if name == "O8":
+            self.value = np.dtype(object)
+            return
         refusal = f"it has an array of type {name[:40]!r}, which are no numbers"
         # NumPy's own reader of names knows far more, and evaluates some.
         if not _TYPE_NAME.fullmatch(name):
@@ -68,7 +73,7 @@ class JoblibArray(ArrayInMaking):
 
 
 # Stand-ins for what is only named, and compared with.
-NDARRAY, _LATIN = object(), "latin1"
+NDARRAY, _DICT, _LATIN = object(), object(), "latin1"
 
 
 def _reconstruct(cls: object, shape: object, code: object) -> ArrayInMaking:
@@ -111,6 +116,13 @@ def _ordered(*items: object) -> dict:
     return OrderedDict((key, value) for key, value in pairs)
 
 
+def _default_dict(*arguments: object) -> dict:
+    """What it has for keys that are not there is no data."""
+    if arguments not in ((), (None,), (_DICT,)):
+        raise RefusedPickle("a dict is damaged")
+    return {}
+
+
 def _container(kind: type):
     def make(*items: object):
         if len(items) > 1 or (items and not isinstance(items[0], list | bytes)):
@@ -139,6 +151,9 @@ KNOWN = {
     ("numpy", "dtype"): _dtype,
     ("_codecs", "encode"): _encode,
     ("collections", "OrderedDict"): _ordered,
+    ("collections", "defaultdict"): _default_dict,
+    ("builtins", "dict"): _DICT,
+    ("__builtin__", "dict"): _DICT,
     **{
         (module, kind.__name__): _container(kind)
         for module in ("builtins", "__builtin__")
@@ -146,7 +161,7 @@ KNOWN = {
     },
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): JoblibArray,
 }
-CALLED = frozenset(function for function in KNOWN.values() if function is not NDARRAY)
+CALLED = frozenset(KNOWN.values()) - {NDARRAY, _DICT}
 
 
 def check_keys(keys: Iterable[object]) -> int:
@@ -197,6 +212,8 @@ def shaped(
 ) -> np.ndarray:
     """An array of its own from its bytes; as large as they are, whatever it says."""
     check_shape(shape)
+    if dtype.hasobject:
+        raise RefusedPickle("it has an array of objects, which are no numbers")
     if dtype.itemsize == 0:
         raise RefusedPickle("an array is damaged")
     if math.prod(shape) * dtype.itemsize != len(data):

@@ -16,7 +16,6 @@ from crar_drake.references.change import Change, find_change, find_frozen
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import CarryingHands
 from crar_drake.references.layouts import LAYOUTS
-from crar_drake.references.margins import Margins
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import (
     CertifiedClip,
@@ -30,6 +29,7 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import LIMIT_TOLERANCE, load_robot_description
+from crar_drake.trajectory.margins import Margins
 
 # A frame counts as changed if a joint is farther from the reference [rad or m].
 _CHANGED = 1e-6

@@ -23,7 +23,6 @@ from crar_drake.files import check_file, whole_file
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.references.layouts import LAYOUTS
-from crar_drake.references.margins import Margins
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.robot_motion import RobotMotion
@@ -34,6 +33,7 @@ from crar_drake.robot.description import (
     SPEED_TOLERANCE,
     RobotDescription,
 )
+from crar_drake.trajectory.margins import Margins
 from crar_drake.version import __version__
 
 KIND = "crar-drake certificate of a reference motion"

@@ -110,8 +110,13 @@ def retarget_file(
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
     retargeter = Retargeter(description, parameters)
+    frames = int(performer.duration * rate) + 1
     began = time.process_time()
-    found = retargeter.retarget(performer, rate, progress)
+    found = retargeter.retarget(
+        performer,
+        rate,
+        None if progress is None else lambda k: progress(k, frames),
+    )
     seconds = time.process_time() - began
     quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
     names = retargeter.model.joint_names

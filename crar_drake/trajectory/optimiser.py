@@ -429,8 +429,8 @@ class Part:
     def _standing(
         self, live: _Live, f: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """v and what f's steps lack, from a frame that is seen to the next, (K, F) both,
-        and between them (K,) which of the frames that are seen come before."""
+        """v and what f's steps lack, from a frame that is seen to the next, (K, F)
+        both, and between them (K,) which of the frames that are seen come before."""
         tasks = self.problem.tasks
         if tasks.step_weights is None:
             return np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 0))

@@ -21,22 +21,19 @@ import numpy as np
 from pydrake.multibody.tree import BodyIndex
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import link_outlines, links_outward
 from crar_drake.trajectory.body_points import ROOT, Placed
 from crar_drake.trajectory.distance_rows import (
     NearRows,
-    configurations,
-    find_near_rows,
 )
-from crar_drake.trajectory.optimiser import AtFrames, Effort, Part, Problem, Samples
+from crar_drake.trajectory.keeping import Keeper
+from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
     PerformerTargets,
@@ -48,13 +45,8 @@ _SOLE = 0.01
 # Directions in which a link's farthest point is one that can be the lowest.
 _OF_FEET, _OF_LINKS = 512, 64
 
-# Frames so near to one that lacks something move with it [s].
-_NEAR = 0.5
 # A foot that is nearer to the floor may not slip [m].
 _LOW = 0.06
-_PART, _OVERLAP = 300, 1.0  # frames of a part of a long motion; [s] beyond its end
-_ASKED, _ASKED_BETWEEN = 4.5e-3, 2.5e-3  # of watched pairs [m]
-_SHARE_OF_SPEED = 0.99
 # Beyond straight, or over-stretched, by so much at most [rad].
 _STRETCHED = 0.02
 
@@ -77,6 +69,8 @@ class RetargetingParameters:
         smoothing: motions that come and go within this time cost more [s],
         change_smoothing: as do changes by which constraints are kept.
         cutoff: of the low-pass of the performer [Hz].
+        floor, floor_between: distances that watched pairs keep at each frame, and on
+            the straight way to the next [m].
     """
 
     limb: float = 1.0
@@ -85,14 +79,16 @@ class RetargetingParameters:
     root_height: float = 0.3  # [1/m]
     turn: float = 1.0  # [1/rad]
     foot: float = 5.0  # [1/m]
-    foot_height: float = 20.0  # [1/m]
-    standing: float = 1e3  # [1/m]
+    foot_height: float = 40.0  # [1/m]
+    standing: float = 2e3  # [1/m]
     low: float = 1e2  # [1/m]
     hand: float = 0.3  # [1/rad]
     posture: float = 0.03  # [1/rad]
     smoothing: float = 0.02  # [s]
-    change_smoothing: float = 0.04  # [s]
+    change_smoothing: float = 0.08  # [s]
     cutoff: float = 6.0  # [Hz]
+    floor: float = 4e-3  # [m]
+    floor_between: float = 0.5e-3  # [m]
 
 
 @dataclass(frozen=True)
@@ -103,6 +99,7 @@ class Retargeted:
         root_positions: (T, 3) p_WR [m].
         root_rotations: (T, 3, 3) R_WR.
         q: (T, n) positions of the controlled joints [rad or m].
+        violating: (T,) frames that still violate something.
         targets: what the performer asked for.
         effort: that it took.
     """
@@ -110,6 +107,7 @@ class Retargeted:
     root_positions: np.ndarray
     root_rotations: np.ndarray
     q: np.ndarray
+    violating: np.ndarray
     targets: PerformerTargets
     effort: Effort
 
@@ -152,11 +150,6 @@ class Retargeter:
         bare = replace(fixed, pairs=[])
         some = [Task(frame=frames["waist"])]
         self.model = ControlModel.FromDescription(fixed, some)
-        if self.model.pairs.needs_query:
-            raise ModelError(
-                f"robot {description.name} has watched shapes that are neither "
-                "capsules nor spheres; these alone are examined"
-            )
         plant = self.model.plant
         bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
         self._links = [body.name() for body in bodies]
@@ -169,16 +162,6 @@ class Retargeter:
         self._context = context
         X_WB = find_body(plant, description.base).EvalPoseInWorld(context)
         self._base = X_WB.translation(), X_WB.rotation().matrix()
-        self.reaches = hold(
-            find_reaches(
-                self.model.joints,
-                self.model.pairs,
-                self.model.order,
-                plant.GetPositionLowerLimits(),
-                plant.GetPositionUpperLimits(),
-            )
-        )
-        self.num_pairs = len(self.reaches.value.rows)
         self._outlines = link_outlines(plant, self.model.scene_graph)
         self.legs = {side: self._leg(side) for side in SIDES}
         self._set_floor_points()
@@ -188,14 +171,14 @@ class Retargeter:
         self,
         performer: Performer,
         rate: float,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Callable[[int], None] | None = None,
     ) -> Retargeted:
         """A performer's motion on the robot.
 
         Args:
             performer: with legs.
             rate: frames per second [Hz].
-            progress: is called with the number of frames that are done, and of all.
+            progress: is called with the number of frames that are done.
 
         Raises:
             MotionError: the performer lacks something.
@@ -206,29 +189,15 @@ class Retargeter:
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
-        effort, problem = Effort(), self._problem(targets, y)
-        overlap = round(_OVERLAP * rate)
-        first = 0
-        while first < frames:
-            last = min(frames, first + _PART + overlap)
-            if frames - last < _PART // 2:
-                last = frames
-            before, after = max(0, first - 2), min(frames, last + 2)
-            free = np.zeros(after - before, dtype=bool)
-            free[first - before : last - before] = True
-            part = Part(
-                problem, before, y[before:after].copy(), free, _samples(free), effort
-            )
-            part.solve(round(_NEAR * rate), "no rows")
-            y[first:last] = part.y[first - before : last - before]
-            first = frames if last == frames else first + _PART
-            if progress is not None:
-                progress(first, frames)
+        keeper = Keeper(self.model, rate, p.floor, p.floor_between)
+        problem = self._problem(targets, keeper, y)
+        y, violating, effort = keeper.keep(problem, y, whole=True, progress=progress)
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
             targets.root_positions + y[:, :3],
             turned @ targets.root_rotations,
-            np.clip(y[:, ROOT:], self.model.lower, self.model.upper),
+            y[:, ROOT:],
+            violating,
             targets,
             effort,
         )
@@ -283,11 +252,13 @@ class Retargeter:
             offsets.append(frame.GetFixedPoseInBodyFrame().translation())
         return links, np.array(offsets)
 
-    def _problem(self, targets: PerformerTargets, y: np.ndarray) -> Problem:
+    def _problem(
+        self, targets: PerformerTargets, keeper: Keeper, y: np.ndarray
+    ) -> Problem:
         p, n, rate = self.parameters, self.model.n, targets.rate
         nowhere = np.full(ROOT, np.inf)
         fastest = self.model.velocity_limits[self.model.controlled]
-        fastest = _SHARE_OF_SPEED * fastest / rate
+        fastest = fastest / rate
         weight = np.concatenate([np.zeros(ROOT), np.full(n, p.posture)])
         return Problem(
             tasks=PersonTasks(self, targets),
@@ -299,8 +270,8 @@ class Retargeter:
             lower=np.concatenate([-nowhere, self._lower]),
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
-            near_rows=NearRowsAndFloor(self, targets),
-            num_rows=self.num_pairs + len(self.floor_points),
+            near_rows=NearRowsAndFloor(self, targets, keeper),
+            num_rows=keeper.num_rows + len(self.floor_points),
         )
 
     def _place(self, name: str) -> np.ndarray:
@@ -528,22 +499,17 @@ class PersonTasks:
 class NearRowsAndFloor:
     """Watched pairs that are near, and links that are near the floor or below it."""
 
-    def __init__(self, robot: Retargeter, targets: PerformerTargets) -> None:
-        self._robot, self._targets = robot, targets
+    def __init__(
+        self, robot: Retargeter, targets: PerformerTargets, keeper: Keeper
+    ) -> None:
+        self._robot, self._targets, self._keeper = robot, targets, keeper
 
     def __call__(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """See `optimiser.Problem`."""
-        robot = self._robot
-        whole = configurations(robot.model, robot.rest, y[:, ROOT:])
-        found = find_near_rows(whole, at.asked + look, robot.model.robot_ahead)
-        near = NearRows(*found)
-        gradient = np.zeros((len(near.d), y.shape[1]))
-        gradient[:, ROOT:] = near.gradient[:, : robot.model.n]
-        near = near._replace(d=near.d - at.asked[near.sample], gradient=gradient)
-        low = self._low(at, y, look)
-        both = [np.concatenate(pair) for pair in zip(near, low, strict=True)]
-        order = np.argsort(both[0], kind="stable")
-        return NearRows(*(x[order] for x in both))
+        both = self._keeper.near_rows(at, y, look), self._low(at, y, look)
+        rows = [np.concatenate(pair) for pair in zip(*both, strict=True)]
+        order = np.argsort(rows[0], kind="stable")
+        return NearRows(*(x[order] for x in rows))
 
     def _low(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """Of each link its lowest point, at frames alone."""
@@ -565,15 +531,4 @@ class NearRowsAndFloor:
         sample, number, d, g = (
             np.concatenate(each) for each in zip(*rows, strict=True)
         )
-        return NearRows(sample, robot.num_pairs + number, d, g)
-
-
-def _samples(free: np.ndarray) -> Samples:
-    """At the frames that are free, and half-way between them and their neighbours."""
-    at = np.flatnonzero(free)
-    ways = np.flatnonzero(free[:-1] | free[1:])
-    return Samples(
-        np.concatenate([at, ways]),
-        np.concatenate([np.zeros(len(at)), np.full(len(ways), 0.5)]),
-        np.concatenate([np.full(len(at), _ASKED), np.full(len(ways), _ASKED_BETWEEN)]),
-    )
+        return NearRows(sample, self._keeper.num_rows + number, d, g)

@@ -153,7 +153,7 @@ def test_a_long_motion_is_cleaned_in_parts(cleaner, monkeypatch):
     """And is as if it had been solved at once."""
     q = np.tile(reaching(50, RATE, 1.0), (4, 1))
     at_once = cleaner.clean(q)
-    monkeypatch.setattr("crar_drake.references.cleaning._PART", 60)
+    monkeypatch.setattr("crar_drake.trajectory.keeping._PART", 60)
     parts = cleaner.clean(q)
     assert parts.effort.linearised > at_once.effort.linearised
     assert least_distances(cleaner, parts.q).min() > 0.125 * FLOOR

@@ -1,0 +1,290 @@
+"""A motion that keeps what it is to keep, and is shown to: windows, parts, certificate.
+
+Only *windows* about frames that violate something are solved, with half a second on
+either side, in parts of some ten seconds. Elsewhere the motion stands, bit for bit.
+
+Nothing trusts the solver. Afterwards the margins of each frame and of each straight way
+to the next are found (`margins`). Where they are too small, more is asked for, and a
+small window is solved again; where that does not help, from a clear straight way that
+leads past it. What stays violated is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from crar_drake.equations.compilation import hold
+from crar_drake.errors import ModelError
+from crar_drake.robot.description import LIMIT_TOLERANCE
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.reach import find_reaches
+from crar_drake.trajectory.distance_rows import (
+    NearRows,
+    configurations,
+    find_near_rows,
+)
+from crar_drake.trajectory.margins import Margins, find_margins
+from crar_drake.trajectory.optimiser import Effort, Part, Problem, Samples, spread
+
+# The solver is asked for so much more than is certified [m], for its tolerance and what
+# a file rounds.
+_MORE_AT_FRAMES, _MORE_BETWEEN = 3e-4, 2e-3
+_WITHIN_LIMITS = 1e-6  # [rad or m]
+_SHARE_OF_SPEED = 0.998
+
+# A window reaches so far beyond what violates something, and again beyond what is not
+# certified after it was solved [s].
+_AROUND, _AROUND_AGAIN = 0.5, 0.3
+# Frames of a part of a long window, and how long it is solved beyond its end [s].
+_PART, _OVERLAP = 300, 0.7
+_TRIES = 8
+# From this try on, what is not certified begins anew from straight ways; the last try
+# leaves it there.
+_FIRST_CHORDS = 3
+# Samples on the way to the next frame: one, three where a joint moves by more than this
+# [rad], and twice as many each time that the way is not certified.
+_FAST, _MOST_PARTS = 0.12, 16
+
+
+class Keeper:
+    """Keeps watched pairs apart, and joints within limits and speeds, of one robot.
+
+    Attributes:
+        model: the robot with its root fixed, and its watched pairs.
+        rest: (nq,) its rest posture.
+        rate: frames per second [Hz].
+        floor: distance that watched pairs keep at each frame [m].
+        floor_between: and on each straight way to the next frame [m].
+        velocity_scale: share of the robot's velocity limits that may be used.
+    """
+
+    def __init__(
+        self,
+        model: ControlModel,
+        rate: float,
+        floor: float,
+        floor_between: float,
+        velocity_scale: float = 1.0,
+    ) -> None:
+        """
+        Args:
+            model, rate, floor, floor_between, velocity_scale: see the attributes.
+
+        Raises:
+            ModelError: watched shapes are others than capsules and spheres.
+        """
+        if model.pairs.needs_query:
+            raise ModelError(
+                f"robot {model.description.name} has watched shapes that are neither "
+                "capsules nor spheres; these alone are examined"
+            )
+        self.model, self.rate, self.rest = model, rate, model.rest_positions()
+        self.floor, self.floor_between = floor, floor_between
+        self.velocity_scale = velocity_scale
+        plant = model.plant
+        self._reaches = hold(
+            find_reaches(
+                model.joints,
+                model.pairs,
+                model.order,
+                plant.GetPositionLowerLimits(),
+                plant.GetPositionUpperLimits(),
+            )
+        )
+
+    @property
+    def num_rows(self) -> int:
+        """Number of pairs of shapes that are watched."""
+        return len(self._reaches.value.rows)
+
+    def margins(self, q: np.ndarray) -> Margins:
+        """What a motion (T, n) of the controlled joints keeps.
+
+        Speeds are shares of the robot's own limits, whatever share may be used.
+        """
+        return find_margins(self.model, self._reaches, q, self.rate)
+
+    def near_rows(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
+        """See `optimiser.Problem`; of unknowns of which the joints come last."""
+        asked, first_joint = at.asked, y.shape[1] - self.model.n
+        whole = configurations(self.model, self.rest, y[:, first_joint:])
+        rows = NearRows(*find_near_rows(whole, asked + look, self.model.robot_ahead))
+        # The prescribed joints, which come last, stay where they are.
+        gradient = np.zeros((len(rows.d), y.shape[1]))
+        gradient[:, first_joint:] = rows.gradient[:, : self.model.n]
+        return rows._replace(d=rows.d - asked[rows.sample], gradient=gradient)
+
+    def keep(
+        self,
+        problem: Problem,
+        y: np.ndarray,
+        whole: bool = False,
+        progress: Callable[[int], None] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, Effort]:
+        """The motion at its minimum where it was changed.
+
+        Args:
+            problem: of it; its limits and speeds are kept with a little to spare.
+            y: (T, m) unknowns, of which the joints come last.
+            whole: whether all frames are to be found, first without rows of distances;
+                else those alone that violate something.
+            progress: is called with the number of frames that are done.
+
+        Returns:
+            (T, m) the motion; (T,) frames that still violate something, at them or on
+            the way to the next; the effort that it took.
+        """
+        frames, first_joint = len(y), y.shape[1] - self.model.n
+        y, effort = y.copy(), Effort()
+        q = y[:, first_joint:]  # a view
+        problem = _within(problem)
+        margins = None if whole else self.margins(q)
+        violating = np.ones(frames, bool) if whole else self._violating(margins)
+        asked = np.full(frames, self.floor + _MORE_AT_FRAMES)
+        between = np.full(frames, self.floor_between + _MORE_BETWEEN)
+        moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
+        parts = np.where((moves > _FAST) | whole, 4, 2)
+        begin = "no rows" if whole else "all rows"
+        around, attempt = _AROUND, 0
+        while violating.any() and attempt < _TRIES:
+            solved = spread(violating, round(around * self.rate))
+            if attempt >= _FIRST_CHORDS:
+                solved |= self._lay_chords(y, violating)
+            for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
+                samples = _samples(asked, between, parts, first, last)
+                before, after = max(0, first - 2), min(frames, last + 2)
+                free = np.zeros(after - before, dtype=bool)
+                free[first - before : last - before] = True
+                part = Part(problem, before, y[before:after].copy(), free, samples)
+                part.effort = effort
+                part.solve(
+                    round(_AROUND_AGAIN * self.rate), "again" if attempt else begin
+                )
+                y[first:last] = part.y[first - before : last - before]
+                if progress is not None and not attempt:
+                    progress(end)
+            q[solved] = np.clip(q[solved], self.model.lower, self.model.upper)
+            if margins is None:
+                margins = self.margins(q)
+            else:
+                margins = self._margins_again(q, margins, solved)
+            violating = self._violating(margins)
+            low = margins.distance < self.floor
+            asked[low] += 1.2 * (self.floor - margins.distance[low]) + 1e-4
+            gaps = margins.between < self.floor_between
+            between[gaps & (parts >= _MOST_PARTS)] += 1e-3
+            parts[gaps] = np.minimum(2 * parts[gaps], _MOST_PARTS)
+            around, attempt = _AROUND_AGAIN, attempt + 1
+        return y, violating, effort
+
+    def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:
+        """Leads the motion past what violates something on straight ways that are
+        clear, from a frame before to a frame after: the side of an obstacle on which
+        the robot stays is not the reference's then.
+
+        Args:
+            y: (T, m), changed in place.
+            violating: (T,) which frames are not to stay.
+
+        Returns:
+            (T,) the frames that were changed.
+        """
+        frames, changed = len(y), np.zeros(len(y), dtype=bool)
+        q = y[:, y.shape[1] - self.model.n :]
+        for first, last in _runs(violating):
+            for reach in range(1, frames):
+                a, b = max(first - reach, -1), min(last - 1 + reach, frames)
+                ends = [k for k in (a, b) if 0 <= k < frames]
+                if not ends:
+                    break
+                if violating[ends].any() or not self._is_way(q[ends], b - a):
+                    continue
+                share = np.linspace(0.0, 1.0, b - a + 1)[1:-1, None]
+                y[a + 1 : b] = (1.0 - share) * y[ends[0]] + share * y[ends[-1]]
+                changed[a + 1 : b] = True
+                break
+        return changed
+
+    def _is_way(self, ends: np.ndarray, frames: int) -> bool:
+        """Whether all frames on the straight way between two configurations, so many
+        apart, violate nothing; of one configuration, whether that does not."""
+        margins = self.margins(ends)
+        slowed = replace(margins, speed=margins.speed / frames)
+        low = margins.between.min() < self.floor
+        return not (low or self._violating(slowed).any())
+
+    def _violating(self, margins: Margins) -> np.ndarray:
+        """(T,) frames that violate something, at them or on the way to the next."""
+        fast = margins.speed > self.velocity_scale
+        return (
+            (margins.distance < self.floor)
+            | (margins.between < self.floor_between)
+            | (margins.limit < -LIMIT_TOLERANCE)
+            | fast
+            | np.append(False, fast[:-1])
+        )
+
+    def _margins_again(
+        self, q: np.ndarray, margins: Margins, changed: np.ndarray
+    ) -> Margins:
+        """The margins of a motion of which some frames have changed."""
+        found = {name: x.copy() for name, x in vars(margins).items()}
+        touched = np.flatnonzero(spread(changed, 1))
+        for run in np.split(touched, np.flatnonzero(np.diff(touched) > 1) + 1):
+            if not len(run):
+                continue
+            # The last frame of a run has no way of its own here.
+            some = slice(run[0], min(run[-1] + 2, len(q)))
+            new = self.margins(q[some])
+            last = run[-1] + 1 == len(q)
+            for name, x in vars(new).items():
+                found[name][run] = x[: len(run)] if last else x[:-1]
+        return Margins(**found)
+
+    def _parts(self, mask: np.ndarray) -> Iterator[tuple[int, int, int]]:
+        """First frame, frame after the last, and how far the motion is done with it;
+        the last frames of a part that goes on are solved again by the next."""
+        overlap = round(_OVERLAP * self.rate)
+        for first, last in _runs(mask):
+            while last - first > _PART + overlap + _PART // 2:
+                yield first, first + _PART + overlap, first + _PART
+                first += _PART
+            yield first, last, last
+
+
+def _within(problem: Problem) -> Problem:
+    """With the limits and speeds that the solver is asked for."""
+    inside = np.minimum(_WITHIN_LIMITS, 0.5 * (problem.upper - problem.lower))
+    return replace(
+        problem,
+        lower=problem.lower + inside,
+        upper=problem.upper - inside,
+        fastest=_SHARE_OF_SPEED * problem.fastest,
+    )
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """First frame of each stretch of a mask (T,), and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _samples(
+    asked: np.ndarray, between: np.ndarray, parts: np.ndarray, first: int, last: int
+) -> Samples:
+    """At the frames first to last - 1, and between these and their neighbours, counted
+    from the part's first."""
+    before, frames = max(0, first - 2), len(asked)
+    at = np.arange(first, last)
+    ways = np.arange(max(first - 1, 0), min(last, frames - 1))
+    times = parts[ways] - 1
+    k = np.repeat(ways, times)
+    number = np.arange(len(k)) - np.repeat(np.cumsum(times) - times, times) + 1
+    return Samples(
+        np.concatenate([at, k]) - before,
+        np.concatenate([np.zeros(len(at)), number / parts[k]]),
+        np.concatenate([asked[at], between[k]]),
+    )

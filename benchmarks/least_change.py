@@ -26,12 +26,13 @@ from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from crar_drake.references.change import rms
-from crar_drake.references.following import HANDS, CleaningParameters, Follower
-from crar_drake.references.frame_targets import configurations
+from crar_drake.references.cleaning import Cleaner, CleaningParameters
+from crar_drake.references.ground_contact import HANDS
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame, load_robot_description
 from crar_drake.studies.tables import markdown_table
+from crar_drake.trajectory.distance_rows import configurations
 
 _STEPS = 25  # quadratic programs for a frame
 _REGION, _SMALLEST = 0.3, 1e-4  # how far one of them may move a joint [rad]
@@ -70,19 +71,19 @@ class Found:
 class LeastChange:
     """Least changes of one robot's frames in one measure."""
 
-    def __init__(self, follower: Follower, measure: str) -> None:
+    def __init__(self, cleaner: Cleaner, measure: str) -> None:
         """
         Args:
-            follower: of the robot, with its feet.
+            cleaner: of the robot, with its feet.
             measure: one of MEASURES.
         """
-        self._model = follower.model
-        self._floor = follower.parameters.floor
+        self._model = cleaner.model
+        self._floor = cleaner.parameters.floor
         self._workspace = self._model.MakeWorkspace()
         self._rest = self._model.rest_positions()
-        self._parameters, self._measure = follower.parameters, measure
-        plant, frames = self._model.plant, follower.description.task_frames
-        self._feet = [find_frame(plant, frames[f]).body() for f in follower.feet]
+        self._parameters, self._measure = cleaner.parameters, measure
+        plant, frames = self._model.plant, cleaner.description.task_frames
+        self._feet = [find_frame(plant, frames[f]).body() for f in cleaner.feet]
         self._hands = [
             find_frame(plant, frames[f]).body() for f in HANDS if f in frames
         ]
@@ -157,9 +158,9 @@ class LeastChange:
             weights = (_ALIKE, _FEET_TURN) if places else (along, p.foot_turn_weight)
             pairs = zip(self._feet, feet, strict=True)
             tasks += [(body, X, *weights) for body, X in pairs]
-        if places:
+            weight = 1.0 if places else p.hand_weight
             pairs = zip(self._hands, hands, strict=True)
-            tasks += [(body, X, _ALIKE, 0.0) for body, X in pairs]
+            tasks += [(body, X, weight * _ALIKE, 0.0) for body, X in pairs]
         for body, X, linear, angular in tasks:
             J = self._jacobian(body)
             X_now = self._pose(body)
@@ -201,7 +202,7 @@ class LeastChange:
 
 
 def least_changes(
-    follower: Follower,
+    cleaner: Cleaner,
     reference: np.ndarray,
     cleaned: np.ndarray,
     measure: str,
@@ -209,14 +210,14 @@ def least_changes(
     """The frames of least change, (T, n), and what the worst lacks of the floor [m].
 
     Args:
-        follower: of the robot.
+        cleaner: of the robot.
         reference, cleaned: (T, n) joints before and after.
         measure: one of MEASURES.
     """
-    least = LeastChange(follower, measure)
+    least = LeastChange(cleaner, measure)
     # Frames that violate nothing stay as they are.
-    margins = follower.margins(reference)
-    clear = (margins.distance >= follower.parameters.floor) & (margins.limit >= 0.0)
+    margins = cleaner.margins(reference)
+    clear = (margins.distance >= cleaner.parameters.floor) & (margins.limit >= 0.0)
     frames, broken = reference.copy(), 0.0
     for k in np.flatnonzero(~clear):
         starts = [reference[k], cleaned[k], frames[max(k - 1, 0)]]
@@ -255,20 +256,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(argv)
     description = load_robot_description(arguments.robot).without_ground()
     (motion,) = read_motions(arguments.motion, robot=WholeBody(description))
-    rows, follower = [], Follower(description, motion.rate)
-    names = follower.model.joint_names
+    rows, cleaner = [], Cleaner(description, motion.rate)
+    names = cleaner.model.joint_names
     columns = [motion.joint_names.index(name) for name in names]
     q = np.ascontiguousarray(motion.joint_positions[:, columns])
     some = slice(None, None, arguments.every)
-    measured = LeastChange(follower, MEASURES[0])
-    ours = follower.follow(q).q
+    measured = LeastChange(cleaner, MEASURES[0])
+    ours = cleaner.clean(q).q
     hands = CleaningParameters(hands=True)
-    by_hands = Follower(description, motion.rate, hands).follow(q).q
+    by_hands = Cleaner(description, motion.rate, hands).clean(q).q
     for name, made in ((OURS, ours), (f"{OURS} --hands", by_hands)):
         rows.append(row(name, measured, q[some], made[some], 0.0))
         print(rows[-1], flush=True)
     for measure in MEASURES:
-        frames, broken = least_changes(follower, q[some], ours[some], measure)
+        frames, broken = least_changes(cleaner, q[some], ours[some], measure)
         rows.append(
             row(f"least change of {measure}", measured, q[some], frames, broken)
         )

@@ -18,7 +18,9 @@ PACKAGE = ROOT / "crar_drake"
 # Layer to its rooms, the lowest first. `run` is a module beside them.
 LAYERS = {
     "the law": ("equations", "robot", "control"),
-    "motions": ("motion", "targets", "robot_import", "judging", "references"),
+    "motions": (
+        *("motion", "targets", "robot_import", "judging", "trajectory", "references"),
+    ),
     "runs": (
         *("simulation", "results", "run", "studies", "play", "teleoperation"),
         "commands",

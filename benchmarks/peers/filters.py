@@ -35,7 +35,8 @@ from benchmarks.peers.problem import finite_or_none, write_robot
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.references.change import Change, find_change
-from crar_drake.references.following import FEET, CleaningParameters, Follower
+from crar_drake.references.cleaning import Cleaner, CleaningParameters
+from crar_drake.references.ground_contact import FEET
 from crar_drake.references.judged_files import motions_below
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import ReferenceJudge, ReferenceVerdict
@@ -249,10 +250,10 @@ def cleaned(
         columns: of the joints that the robot controls, in a motion's.
     """
     reference = np.ascontiguousarray(motion.joint_positions[:, columns])
-    follower = _follower(description, motion.rate)
+    cleaner = _cleaner(description, motion.rate)
     start = time.process_time()
     q = motion.joint_positions.copy()
-    q[:, columns] = follower.follow(reference).q
+    q[:, columns] = cleaner.clean(reference).q
     took = time.process_time() - start
     return replace(motion, joint_positions=q), took
 
@@ -304,8 +305,8 @@ def penetrating(
         columns: of the joints that the robot controls.
     """
     q = np.ascontiguousarray(motion.joint_positions[:, columns])
-    follower = _follower(description, motion.rate)
-    return int((follower.margins(q).distance < 0.0).sum())
+    cleaner = _cleaner(description, motion.rate)
+    return int((cleaner.margins(q).distance < 0.0).sum())
 
 
 def best(tried: Iterable[Tried]) -> Tried:
@@ -336,7 +337,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     description = load_robot_description(arguments.robot).without_ground()
     robot = WholeBody(description)
     references = read_references(arguments.motions, robot)
-    controlled = Follower(description, 50.0).model.joint_names
+    controlled = Cleaner(description, 50.0).model.joint_names
     columns = [robot.joint_names.index(joint) for joint in controlled]
     ours = {}
     for name, reference in references.items():
@@ -479,12 +480,12 @@ def cells(motion: str, row: Row) -> list[str]:
     ]
 
 
-_FOLLOWERS: dict[float, Follower] = {}  # of the one robot, by their rates
+_FOLLOWERS: dict[float, Cleaner] = {}  # of the one robot, by their rates
 
 
-def _follower(description: RobotDescription, rate: float) -> Follower:
+def _cleaner(description: RobotDescription, rate: float) -> Cleaner:
     if rate not in _FOLLOWERS:
-        _FOLLOWERS[rate] = Follower(description, rate)
+        _FOLLOWERS[rate] = Cleaner(description, rate)
     return _FOLLOWERS[rate]
 
 

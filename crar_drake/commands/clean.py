@@ -26,8 +26,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         subparsers,
         "clean",
         run,
-        "Follow a reference motion of a whole robot under all constraints with the "
-        "least change, and write it in its own layout with a certificate beside it, "
+        "Change a reference motion of a whole robot the least so that it keeps all "
+        "constraints, and write it in its own layout with a certificate beside it, "
         "and a page that shows both. "
         "The last line is OK, or VIOLATED and what, and the exit code 1, as it is if a "
         "file failed. The same command continues a folder that was stopped.",
@@ -53,7 +53,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--hands",
         action="store_true",
-        help="let the hands keep their poses, too, as far as may be",
+        help="keep the hands' poses throughout, as of hands that hold an object (those "
+        "that carry the robot on the ground are kept without this)",
     )
     parser.add_argument(
         "--layout",
@@ -88,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: 1 if something is still violated or a file of a folder failed.
     """
-    from crar_drake.references.following import CleaningParameters
+    from crar_drake.references.cleaning import CleaningParameters
     from crar_drake.robot.description import whole_body_name
 
     reference: Path = arguments.reference
@@ -202,9 +203,19 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"{_millimetres(clip.feet_rms, clip.feet_worst)}; hands "
         f"{_millimetres(clip.hands_rms, clip.hands_worst)}; jerk of the joints "
         f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
-        f"steps: {clip.corrected} frames corrected, {clip.scaled} scaled; "
         f"{clip.seconds:.1f} s of a processor, {clip.times_real_time:.1f} x real time",
     ]
+    if clip.deepest:
+        lines.append(f"still penetrating, most at {clip.deepest}")
+    if clip.near > clip.penetrating:
+        lines.append(
+            f"{clip.near} frames keep less than the margin, at them or on the way to "
+            "the next"
+        )
+    if clip.frozen:
+        lines.append(
+            f"in {clip.frozen} frames the robot stands still while its reference moves"
+        )
     if clip.meshes_penetrating < 0:
         lines.append(
             "no meshes were looked at: of links that nobody watches nothing is known"
@@ -220,11 +231,6 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         lines.append(
             "meshes touch, or are not shown to be clear, on "
             f"{clip.meshes_unclear} ways between frames"
-        )
-    if clip.moved_start:
-        lines.append(
-            "the first frame is not clear: the motion begins beside it, by up to "
-            f"{_degrees(clip.moved_start)} in a joint, and catches up"
         )
     return lines
 

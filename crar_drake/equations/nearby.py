@@ -11,16 +11,11 @@ import numpy as np
 from crar_drake.equations.admission import (
     Bounds,
     Reaches,
-    extended,
     path_bounds,
-    reaching,
-    step_reach,
-    travel,
 )
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.kinematics import Robot, link_poses, place_points
-from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.vectors import put, put_at, some_columns
 
 
@@ -136,117 +131,6 @@ def some_reaches(reaches: Held, rows: np.ndarray) -> Held:
 
 
 @compiled
-def with_reaches(numbers: Held, reaches: Held) -> Held:
-    """`LookaheadNumbers` of these pairs, each of which has one row."""
-    n, count = numbers.value, len(reaches.value.rows)
-    return hold(
-        LookaheadNumbers(
-            n.tasks,
-            n.limits,
-            n.gains,
-            n.admission,
-            reaches,
-            np.arange(count).reshape(-1, 1),
-            n.preview,
-        )
-    )
-
-
-@compiled
-def pairs_within(
-    q: np.ndarray, enough: np.ndarray, robot: Held, numbers: Held
-) -> tuple[np.ndarray, np.ndarray, Held, Held]:
-    """The pairs of shapes that are near, and the law on these alone.
-
-    Args:
-        q: (nq,) positions in the plant's order.
-        enough: (Nr,) from which distance on a pair is left out [m].
-        robot, numbers: hold a `Robot` and `LookaheadNumbers`.
-
-    Returns:
-        (N,) their rows, of the nearest if none is so near; (Nr,) of
-        `nearby_distances`; the robot and the numbers of these alone.
-    """
-    d = nearby_distances(q.reshape(1, -1), enough.reshape(1, -1), robot)[0]
-    rows = np.flatnonzero(~(d >= enough))
-    if not len(rows):
-        rows = np.array([np.argmin(d)])
-    some = some_reaches(numbers.value.reaches, rows)
-    return rows, d, some_shapes(robot, rows), with_reaches(numbers, some)
-
-
-@compiled
-def reaching_within(q: np.ndarray, far: np.ndarray, reaches: Held) -> Held:
-    """Holds `Reaches` that hold as long as no joint goes farther than `far` from q.
-
-    Args:
-        q: (nv,) positions in the order of the equations; no root floats.
-        far: (nv,) [rad or m], likewise.
-        reaches: holds `Reaches`.
-    """
-    of = reaches.value
-    extents = np.maximum(of.extents, (np.abs(q) + far)[of.slides])
-    if (extents == of.extents).all():
-        return reaches
-    return extended(extents, reaches)
-
-
-@compiled
-def watched_nearby(
-    q: np.ndarray, v: np.ndarray, fastest: np.ndarray, robot: Held, numbers: Held
-) -> tuple[np.ndarray, np.ndarray, Held, Held]:
-    """The law on the pairs of shapes that a step can be influenced by.
-
-    A distance changes by at most (A6) on the braking path, and by as much again on the
-    way to the next one. So a pair has no row in the law if it is farther apart than the
-    first and the influence distance; and it keeps the floor, whatever the law does, if
-    it is farther than both and the floor. Of a step that is faster than `fastest`, the
-    second is to be asked again: `still_clear`.
-
-    Args:
-        q, v: (nq,), (nv,) state, in the plant's order.
-        fastest: (nv,) what is expected of |s|, likewise.
-        robot, numbers: hold a `Robot` and `LookaheadNumbers`.
-
-    Returns:
-        (N,) rows of the pairs that are watched; (Nr,) what no distance on the present
-        braking path is smaller than [m], infinite for these; the robot and the numbers
-        of these alone.
-    """
-    n, r = numbers.value, robot.value
-    gains = n.admission
-    x = gains.T * v[r.order]
-    next_ = step_reach(v, gains) * fastest[r.order]
-    of = reaching_within(q[r.positions], np.abs(x) + next_, n.reaches)
-    here, beyond = travel(x, of), travel(next_, of)
-    enough = here + np.maximum(n.gains.influence_distance, gains.floor + beyond)
-    rows, d, some, its_numbers = pairs_within(q, enough, robot, numbers)
-    room = d - here
-    room[rows] = np.inf
-    return rows, room, some, its_numbers
-
-
-@compiled
-def still_clear(
-    q: np.ndarray, v: np.ndarray, s: np.ndarray, room: np.ndarray, numbers: Held
-) -> bool:
-    """Whether a step leaves clear what `watched_nearby` left out.
-
-    Args:
-        q, v: (nv,), (nv,) state, in the order of the equations.
-        s: (nv,) velocity of where the robot would come to rest, in the order of the
-            equations.
-        room: (Nr,) of `watched_nearby`.
-        numbers: of all pairs.
-    """
-    n = numbers.value
-    next_ = step_reach(s, n.admission) * s
-    far = n.admission.T * np.abs(v) + np.abs(next_)
-    moved = travel(next_, reaching_within(q, far, n.reaches))
-    return bool((room - moved >= n.admission.floor).all())
-
-
-@compiled
 def bounds_of_some(
     start: np.ndarray,
     x: np.ndarray,
@@ -269,22 +153,3 @@ def bounds_of_some(
     some = some_reaches(reaches, rows)
     shapes, straight = some_shapes(robot, rows).value, np.zeros(len(x))
     return path_bounds(start, x, straight, levels, asked, shapes, some)
-
-
-@compiled
-def keeps_level(
-    start: np.ndarray, x: np.ndarray, level: float, robot: Held, reaches: Held
-) -> bool:
-    """Whether all pairs keep a level on a path; arguments as in `bounds_of_some`."""
-    r = robot.value
-    reaches = reaching(start, x, np.zeros(len(x)), reaches, r.turn)
-    enough = level + 0.5 * travel(x, reaches)
-    middle = start + 0.5 * x
-    in_plant = np.empty((1, len(start)))
-    for i in range(len(start)):
-        in_plant[0, r.positions[i]] = middle[i]
-    found = nearby_distances(in_plant, enough.reshape(1, -1), robot)[0]
-    rows = np.flatnonzero(~(found >= enough))
-    if not len(rows):
-        return True
-    return not (bounds_of_some(start, x, level, rows, robot, reaches).at >= 0.0).any()

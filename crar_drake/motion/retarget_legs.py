@@ -102,20 +102,20 @@ def retarget_legs(
         MotionError: the performer lacks joints of the legs, or does not tell how the
             hips are turned, or the motion cannot be filtered.
     """
-    p = _smooth_legs(performer, cutoff)
+    p = smooth_legs(performer, cutoff)
     rate = performer.frame_rate
     root_turns = hip_turns(performer, cutoff, trunk)
     R_W = Rotation.from_quat(root_turns)
-    scales = {side: legs[side].length / _length(performer, side) for side in SIDES}
+    scales = {side: legs[side].length / leg_length(performer, side) for side in SIDES}
     middle = 0.5 * (p["left_hip"] + p["right_hip"]) * np.mean(list(scales.values()))
     middle[:, :2] -= middle[0, :2].copy()
     p_BM = np.mean([legs[side].hip for side in SIDES], axis=0)
     root = middle - R_W.apply(p_BM)
-    ankles, turns = {}, _foot_turns(performer, p, cutoff)
+    ankles, turns = {}, foot_turns(performer, p, cutoff)
     for side in SIDES:
         way = p[f"{side}_ankle"] - p[f"{side}_hip"]
         ankles[side] = root + R_W.apply(legs[side].hip) + scales[side] * way
-    floor = _floor(ankles, turns, legs, rate)
+    floor = floor_height(ankles, turns, legs, rate)
     root[:, 2] -= floor
     for side in SIDES:
         ankles[side] = ankles[side] - [0.0, 0.0, floor]
@@ -162,7 +162,7 @@ def retarget_legs(
     return LegsMotion(root, root_turns, knees, feet)
 
 
-def _smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
+def smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
     names = [f"{side}_{joint}" for side in SIDES for joint in LEG]
     # How a foot is turned is known, or else seen from where its toes are.
     untold = [s for s in SIDES if f"{s}_ankle" not in performer.orientations]
@@ -182,7 +182,7 @@ def _smooth_legs(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
         raise MotionError(f"motion {performer.name}: {error}") from error
 
 
-def _length(performer: Performer, side: str) -> float:
+def leg_length(performer: Performer, side: str) -> float:
     """Of a leg, hip to knee to ankle, in the median [m]."""
     p = performer.positions
     total = 0.0
@@ -198,7 +198,7 @@ def _length(performer: Performer, side: str) -> float:
     return total
 
 
-def _foot_turns(performer: Performer, p, cutoff: float) -> dict[str, Rotation]:
+def foot_turns(performer: Performer, p, cutoff: float) -> dict[str, Rotation]:
     """How each foot is turned from where it is flat and faces x."""
     floor = min(np.quantile(p[f"{s}_ankle"][:, 2], 0.05) for s in SIDES)
     found = {}
@@ -234,7 +234,7 @@ def _from_points(knee, ankle, toe) -> np.ndarray:
     return np.stack([x, y, np.cross(x, y)], axis=2)
 
 
-def _floor(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
+def floor_height(ankles, turns, legs: Mapping[str, LegShape], rate: float) -> float:
     """Height of the soles when they are on the floor [m].
 
     First where heels and balls are slow, and low among those heights, since a foot may

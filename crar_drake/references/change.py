@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.references.following import FEET, HANDS
+from crar_drake.references.ground_contact import FEET, HANDS
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import joint_jerks
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame
+
+# A joint that is faster moves [rad/s]; to this share of its speed it stands still.
+_MOVES, _STILL = 0.5, 0.02
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,22 @@ def _moved(
         for motion in (before, after)
     )
     return np.linalg.norm(now - was, axis=2)
+
+
+def find_frozen(before: RobotMotion, after: RobotMotion) -> np.ndarray:
+    """(T,) whether all joints stand still on the way to the next frame while they move
+    before.
+
+    Args:
+        before, after: of as many frames.
+    """
+    was, now = (
+        np.abs(np.diff(m.joint_positions, axis=0, append=m.joint_positions[-1:])).max(
+            axis=1, initial=0.0
+        )
+        for m in (before, after)
+    )
+    return (was * before.rate > _MOVES) & (now < _STILL * was)
 
 
 def rms(values: np.ndarray) -> float:

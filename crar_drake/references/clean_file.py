@@ -12,8 +12,9 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
-from crar_drake.references.change import Change, find_change
-from crar_drake.references.following import Cleaned, CleaningParameters, Follower
+from crar_drake.references.change import Change, find_change, find_frozen
+from crar_drake.references.cleaning import Cleaner, CleaningParameters
+from crar_drake.references.ground_contact import CarryingHands
 from crar_drake.references.layouts import LAYOUTS
 from crar_drake.references.margins import Margins
 from crar_drake.references.mesh_clearance import MeshClearance
@@ -49,15 +50,17 @@ class CleanedClip(Change):
         nearest_before, nearest: the smallest distance of watched capsules [m].
         between: no distance on the straight ways between frames is smaller [m].
         changed: frames with a joint that is not where the reference has it.
-        corrected, scaled: frames with a step that was.
-        moved_start: of the first frame, its farthest joint [rad].
-        num_watched: pairs that the law watched.
+        near: frames that keep less than the floor, at them or on the way to the next;
+            those that penetrate among them.
+        frozen: frames that stand still on the way to the next while the reference
+            moves.
         meshes_penetrating: frames in which meshes penetrate, those of links that nobody
             watches among them; -1 where there are none to be looked at.
         meshes_unclear: ways to the next frame on which meshes touch, or are not shown
             to be clear; -1 as well.
         seconds: of a processor that cleaning took, without reading, writing and
             measuring [s].
+        deepest: frame and pair of the deepest penetration, in words; "" without one.
     """
 
     clip: str
@@ -73,17 +76,16 @@ class CleanedClip(Change):
     nearest: float
     between: float
     changed: int
-    corrected: int
-    scaled: int
-    moved_start: float
-    num_watched: int
+    near: int
+    frozen: int
     meshes_penetrating: int
     meshes_unclear: int
     seconds: float
+    deepest: str
 
     @property
     def times_real_time(self) -> float:
-        """How much faster than the motion itself the law was, on one core."""
+        """How much faster than the motion itself it was cleaned, on one core."""
         return (self.frames - 1) / self.rate / self.seconds if self.seconds else 0.0
 
     @property
@@ -97,7 +99,8 @@ class CleanedClip(Change):
 # What is a number, those of the change last; and whether it is a whole one.
 _CHANGE = tuple(field.name for field in fields(Change))
 _WHOLE = {field.name: field.type == "int" for field in fields(CleanedClip)}
-NUMBERS = (*(name for name in _WHOLE if name not in ("clip", *_CHANGE)), *_CHANGE)
+_TEXTS = ("clip", "deepest")
+NUMBERS = (*(name for name in _WHOLE if name not in (*_TEXTS, *_CHANGE)), *_CHANGE)
 
 
 def number_from(name: str, text: str) -> float:
@@ -121,13 +124,12 @@ def clean_file(
         reference: the file.
         out: to be written, in the same layout.
         robot: name or folder of the robot.
-        parameters: how the reference is followed.
+        parameters: what changing the least means, and what is kept.
         layout, rate: of the file, where it does not say them (`read_motion`).
         progress: is called with the frame that was reached, and of how many.
 
     Raises:
-        MotionError: the file cannot be read, is of another robot, or no clear
-            configuration was found near the first frame of one.
+        MotionError: the file cannot be read, or is of another robot.
         ModelError: the robot is not there, or not one that can be cleaned for.
         WriteError: the file or its certificate cannot be written.
         CrarError: the certificate would take the place of another file's.
@@ -141,24 +143,24 @@ def clean_file(
     whole_body = WholeBody(description)
     uncovered = Uncovered(whole_body)
     motions = read_motions(reference, layout, rate, robot=whole_body)
-    followers: dict[float, Follower] = {}
-    written, cleaned = [], []
+    carrying = CarryingHands(whole_body)
+    cleaners: dict[float, Cleaner] = {}
+    written, seconds = [], []
     for motion in motions:
-        if motion.rate not in followers:
-            followers[motion.rate] = Follower(description, motion.rate, parameters)
-        follower = followers[motion.rate]
-        columns = _columns(motion, follower)
+        if motion.rate not in cleaners:
+            cleaners[motion.rate] = Cleaner(description, motion.rate, parameters)
+        cleaner = cleaners[motion.rate]
+        columns = _columns(motion, cleaner)
         began = time.process_time()
-        try:
-            found = follower.follow(
-                np.ascontiguousarray(motion.joint_positions[:, columns]),
-                None
-                if progress is None
-                else lambda k, total=motion.num_frames: progress(k, total),
-            )
-        except MotionError as error:
-            raise MotionError(f"{reference}: {error}") from error
-        cleaned.append((found, time.process_time() - began))
+        found = cleaner.clean(
+            np.ascontiguousarray(motion.joint_positions[:, columns]),
+            motion.root_rotations.as_matrix(),
+            carrying.shares(motion, cleaner.hands),
+            None
+            if progress is None
+            else lambda k, total=motion.num_frames: progress(k, total),
+        )
+        seconds.append(time.process_time() - began)
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
         written.append(replace(motion, joint_positions=joints))
@@ -171,18 +173,12 @@ def clean_file(
         # What is certified is what stands in the file, rounded as its layout does.
         again = read_motions(folder / out.name, to.name, rate_given, robot=whole_body)
         clips, rows = [], []
-        for before, after, (found, took) in zip(motions, again, cleaned, strict=True):
-            follower = followers[after.rate]
-            margins = [_margins(motion, follower) for motion in (before, after)]
+        for before, after, took in zip(motions, again, seconds, strict=True):
+            cleaner = cleaners[after.rate]
+            margins = [_margins(motion, cleaner) for motion in (before, after)]
             meshes = uncovered.look_at(after)
-            clips.append(
-                CertifiedClip(
-                    after.clip, after.rate, margins[1], found.admitted, meshes
-                )
-            )
-            rows.append(
-                _row(before, after, margins, meshes, found, took, follower, whole_body)
-            )
+            clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
+            rows.append(_row(before, after, margins, meshes, took, cleaner, whole_body))
         p = parameters or CleaningParameters()
         certificate = make_certificate(
             folder / out.name, reference, description, clips, p.floor, uncovered
@@ -194,26 +190,26 @@ def clean_file(
     return rows
 
 
-def _columns(motion: RobotMotion, follower: Follower) -> list[int]:
+def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
     """Where the joints that are controlled stand in a motion's.
 
     Raises:
         MotionError: the motion moves joints that the robot does not control, so that
             distances would not be those of the motion.
     """
-    others = sorted(set(motion.joint_names) - set(follower.model.joint_names))
+    others = sorted(set(motion.joint_names) - set(cleaner.model.joint_names))
     if others:
         raise MotionError(
-            f"{motion.source}: robot {follower.description.name} does not control "
+            f"{motion.source}: robot {cleaner.description.name} does not control "
             f"{', '.join(others[:5])}: import it with --whole-body, or take these out "
             "of its prescribed_joints"
         )
-    return [motion.joint_names.index(name) for name in follower.model.joint_names]
+    return [motion.joint_names.index(name) for name in cleaner.model.joint_names]
 
 
-def _margins(motion: RobotMotion, follower: Follower) -> Margins:
-    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, follower)])
-    return follower.margins(q)
+def _margins(motion: RobotMotion, cleaner: Cleaner) -> Margins:
+    q = np.ascontiguousarray(motion.joint_positions[:, _columns(motion, cleaner)])
+    return cleaner.margins(q)
 
 
 def _row(
@@ -221,9 +217,8 @@ def _row(
     after: RobotMotion,
     margins: list[Margins],
     meshes: MeshClearance | None,
-    found: Cleaned,
     seconds: float,
-    follower: Follower,
+    cleaner: Cleaner,
     robot: WholeBody,
 ) -> CleanedClip:
     change = after.joint_positions - before.joint_positions
@@ -243,14 +238,25 @@ def _row(
         between=float(now.between.min()),
         changed=_count(np.abs(change).max(axis=1) > _CHANGED),
         **asdict(find_change(before, after, robot)),
-        corrected=_count(found.admitted == 1.0),
-        scaled=_count(found.admitted == 2.0),
-        moved_start=found.moved_start,
-        num_watched=found.num_watched,
+        near=_count(
+            (now.distance < cleaner.parameters.floor)
+            | (now.between < cleaner.parameters.floor_between)
+        ),
+        frozen=_count(find_frozen(before, after)),
         meshes_penetrating=-1 if meshes is None else meshes.num_touching,
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
         seconds=seconds,
+        deepest=_deepest(now, cleaner),
     )
+
+
+def _deepest(margins: Margins, cleaner: Cleaner) -> str:
+    frame = int(margins.distance.argmin())
+    depth = -margins.distance[frame]
+    if not depth > 0.0:
+        return ""
+    a, b = cleaner.description.pairs[margins.pair[frame]]
+    return f"frame {frame + 1}: {a} - {b}, {1e3 * depth:.1f} mm deep"
 
 
 def _count(frames: np.ndarray) -> int:

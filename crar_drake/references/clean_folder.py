@@ -21,7 +21,7 @@ from crar_drake.references.clean_file import (
     clean_file,
     number_from,
 )
-from crar_drake.references.following import CleaningParameters
+from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.motion_certificate import (
     certificate_path,
     file_hash,
@@ -30,7 +30,7 @@ from crar_drake.references.motion_certificate import (
 )
 from crar_drake.robot.description import load_robot_description
 
-_HEADER = ("file", "clip", "error", *NUMBERS)
+_HEADER = ("file", "clip", "error", *NUMBERS, "deepest")
 
 
 @dataclass(frozen=True)
@@ -203,10 +203,10 @@ def _write_table(table: Path, folder: Path, files: dict[Path, CleanedFile]) -> N
     for path in sorted(files):
         name, result = path.relative_to(folder), files[path]
         if result.error:
-            writer.writerow([name, "", result.error, *("" for _ in NUMBERS)])
+            writer.writerow([name, "", result.error, *("" for _ in NUMBERS), ""])
         for clip in result.clips:
             row = [getattr(clip, number) for number in NUMBERS]
-            writer.writerow([name, clip.clip, "", *row])
+            writer.writerow([name, clip.clip, "", *row, clip.deepest])
     with whole_file(table) as temporary:
         temporary.write_text(stream.getvalue())
 
@@ -238,6 +238,6 @@ def _read_table(table: Path, folder: Path) -> dict[Path, CleanedFile]:
             damaged.add(path)
             continue
         before = files[path].clips if path in files else ()
-        clip = CleanedClip(clip=row["clip"], **numbers)
+        clip = CleanedClip(clip=row["clip"], deepest=row["deepest"], **numbers)
         files[path] = CleanedFile(path, (*before, clip))
     return {path: file for path, file in files.items() if path not in damaged}

@@ -11,6 +11,7 @@ over its toes, or turns on its ball, has one that stays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,10 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame
 from crar_drake.robot_import.link_outlines import link_outlines, links_outward
+from crar_drake.trajectory.optimiser import spread
 
 THRESHOLDS = ContactThresholds()
+FEET, HANDS = ("left_foot", "right_foot"), ("left_hand", "right_hand")
 
 # Points of a foot within this of its lowest one are those that it may stand on [m].
 _SOLE = 0.01
@@ -34,6 +37,9 @@ _FLOOR_SHARE = 0.1
 
 # A contact that is shorter is none [s].
 _SHORTEST = 0.1
+
+# A hand carries a little so long before and after it is planted [s].
+_BEFORE_CARRYING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +88,18 @@ class GroundContact:
 class Outline:
     """The robot's links as balls: vertices of hulls, or the ends of capsules."""
 
-    def __init__(self, robot: WholeBody) -> None:
+    def __init__(self, robot: WholeBody, points: Sequence[str] = FEET) -> None:
         """
         Args:
             robot: whose links have meshes, or else capsules and spheres.
+            points: task frames of what may stand on the ground.
         """
         self._robot = robot
         self._outlines = link_outlines(robot.plant, robot.scene_graph)
         self.feet = {
             point: links_outward(robot.plant, find_frame(robot.plant, frame))
             for point, frame in robot.description.task_frames.items()
-            if point in ("left_foot", "right_foot")
+            if point in points
         }
 
     @property
@@ -167,6 +174,38 @@ class Outline:
             p[..., 2] -= outline.radii
             points.append(p)
         return np.concatenate(points, axis=1)
+
+
+class CarryingHands:
+    """When hands carry a robot: while they are planted on the floor of its feet."""
+
+    def __init__(self, robot: WholeBody) -> None:
+        """
+        Args:
+            robot: with or without hands.
+        """
+        self._feet, self._hands = Outline(robot), Outline(robot, HANDS)
+
+    def shares(self, motion: RobotMotion, hands: Sequence[str]) -> np.ndarray:
+        """(T, H) 1 where a hand carries, and less shortly before and after, else 0.
+
+        Args:
+            motion: with its joints in the order of the robot.
+            hands: task frames.
+        """
+        shares = np.zeros((motion.num_frames, len(hands)))
+        if not self._hands.feet:
+            return shares
+        floor = self._feet.ground_contact(motion).floor
+        width = 2 * round(_BEFORE_CARRYING * motion.rate) + 1
+        for hand in self._hands.ground_contact(motion, floor).feet:
+            if hand.foot in hands:
+                shares[:, hands.index(hand.foot)] = np.convolve(
+                    spread(hand.planted, width // 2),
+                    np.full(width, 1.0 / width),
+                    "same",
+                )
+        return shares
 
 
 def _lowest_floor(soles: dict[str, np.ndarray]) -> float:

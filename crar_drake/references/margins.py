@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.control.modes.lookahead import LookaheadMode
-from crar_drake.equations.admission import reaching
+from crar_drake.equations.admission import reaching, travel
+from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import PLAIN
 from crar_drake.equations.nearby import bounds_of_some, nearby_distances
-from crar_drake.references.frame_targets import configurations
 from crar_drake.robot.model import ControlModel
+from crar_drake.trajectory.distance_rows import configurations
 
 # A way's bound is sought so far below what its ends keep, then four times farther
 # and so on, and is found to so much [m].
@@ -47,8 +47,7 @@ class Margins:
 
 def find_margins(
     model: ControlModel,
-    mode: LookaheadMode,
-    speed_limits: np.ndarray,
+    reaches: Held,
     q: np.ndarray,
     rate: float,
 ) -> Margins:
@@ -56,53 +55,70 @@ def find_margins(
 
     Args:
         model: of the robot, its root fixed; its watched pairs are capsules and spheres.
-        mode: of it.
-        speed_limits: (n,) of the controlled joints [rad/s or m/s].
-        q: (T, n) their positions [rad or m].
+        reaches: holds `Reaches` of its pairs.
+        q: (T, n) positions of the controlled joints [rad or m].
         rate: frames per second [Hz].
     """
     frames = len(q)
     whole = configurations(model, model.rest_positions(), q)
-    everything = np.full((frames, len(mode.reaches.value.rows)), np.inf)
-    d = nearby_distances(whole, everything, mode.robot)
+    everything = np.full((frames, len(reaches.value.rows)), np.inf)
+    d = nearby_distances(whole, everything, model.robot_ahead)
     nearest = d.argmin(axis=1)
     distance = d[np.arange(frames), nearest]
     pair = model.pairs.pair_of_shapes[nearest]
-    between = distance.copy()
-    for k in range(frames - 1):
-        start, end = whole[k][model.positions], whole[k + 1][model.positions]
-        between[k] = _on_way(start, end - start, d[k : k + 2], mode)
+    between = np.append(
+        bounds_between(
+            np.ascontiguousarray(whole[:, model.positions]),
+            d,
+            model.robot_ahead,
+            reaches,
+        ),
+        distance[-1],
+    )
+    fastest = model.velocity_limits[model.controlled]
     speed = np.zeros(frames)
-    speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / speed_limits).max(axis=1)
+    speed[:-1] = (np.abs(np.diff(q, axis=0)) * rate / fastest).max(axis=1)
     limit = np.minimum(q - model.lower, model.upper - q).min(axis=1)
     return Margins(distance, pair, between, limit, speed)
 
 
-def _on_way(start, x, d, mode: LookaheadMode) -> float:
-    """A bound for all distances on the way from `start` to `start` + x [m].
+@compiled
+def bounds_between(
+    q: np.ndarray, d: np.ndarray, robot: Held, reaches: Held
+) -> np.ndarray:
+    """(T - 1,) bounds for all distances on the straight ways between T frames [m].
+
+    A bound is only as close as the level that was asked for: it is sought between one
+    that is shown and one that is not.
 
     Args:
-        start, x: (nv,) in the equations' order.
-        d: (2, Nr) the distances at its ends [m].
-        mode: of the pairs.
+        q: (T, nq) positions in the equations' order.
+        d: (T, Nr) the distances there [m].
+        robot: holds a `Robot`, as in `equations.nearby`.
+        reaches: holds `Reaches` of all pairs.
     """
-    nearest = d.min()
-    reaches = reaching(start, x, 0.0 * x, mode.reaches, PLAIN)
-    low = 0.5 * (d[0] + d[1] - np.abs(x) @ reaches.value.farthest)
-    # A bound is only as close as the level that was asked for: it is sought between one
-    # that is shown and one that is not.
-    slack, failed, shown = _FIRST_SLACK, 0.0, np.inf
-    while slack < _LARGEST_SLACK and shown - failed > _FIRST_SLACK:
-        rows = np.flatnonzero(low < nearest - slack)
-        keeps = np.ones(len(rows), dtype=bool)
-        if len(rows):
+    bounds = np.empty(len(q) - 1)
+    for k in range(len(bounds)):
+        start, x = q[k], q[k + 1] - q[k]
+        nearest = min(d[k].min(), d[k + 1].min())
+        reach = reaching(start, x, np.zeros(len(x)), reaches, PLAIN)
+        low = 0.5 * (d[k] + d[k + 1] - travel(x, reach))
+        slack, failed, shown = _FIRST_SLACK, 0.0, np.inf
+        while slack < _LARGEST_SLACK and shown - failed > _FIRST_SLACK:
             level = nearest - slack
-            found = bounds_of_some(start, x, level, rows, mode.robot, mode.reaches)
-            keeps = found.at < 0.0
-            low[rows[keeps]] = np.maximum(low[rows[keeps]], found.low[keeps])
-        if keeps.all():
-            shown = slack
-        else:
-            failed = slack
-        slack = 4.0 * slack if np.isinf(shown) else 0.5 * (failed + shown)
-    return float(low.min())
+            rows = np.flatnonzero(low < level)
+            clear = True
+            if len(rows):
+                found = bounds_of_some(start, x, level, rows, robot, reaches)
+                for i in range(len(rows)):
+                    if found.at[i] < 0.0:
+                        low[rows[i]] = max(low[rows[i]], found.low[i])
+                    else:
+                        clear = False
+            if clear:
+                shown = slack
+            else:
+                failed = slack
+            slack = 4.0 * slack if np.isinf(shown) else 0.5 * (failed + shown)
+        bounds[k] = low.min()
+    return bounds

@@ -37,14 +37,12 @@ from crar_drake.robot.description import (
 from crar_drake.version import __version__
 
 KIND = "crar-drake certificate of a reference motion"
-FORMAT = 3
+FORMAT = 4
 
 # By so much less than what is claimed may be found: rounding [m].
 DISTANCE_TOLERANCE = 1e-6
 # Points on the way to the next frame that the referee looks at.
 _BETWEEN = 3
-
-_HOW = ("nominal", "corrected", "scaled")
 
 
 @dataclass(frozen=True)
@@ -55,15 +53,12 @@ class CertifiedClip:
         clip: its name; "" in files with one motion.
         rate: frames per second [Hz].
         margins: what it keeps.
-        admitted: (T,) how the steps to each frame were admitted, see `Cleaned`; -1
-            where it was not followed by the law.
         meshes: what the meshes keep; None where none were looked at.
     """
 
     clip: str
     rate: float
     margins: Margins
-    admitted: np.ndarray
     meshes: MeshClearance | None
 
 
@@ -250,8 +245,8 @@ def check_certificate(
     meshes penetrate where they are looked at, whether it is of that pair or not.
 
     Not examined is what nothing here could refute: of which reference, by which version
-    and parameters the motion was made, which pair is the nearest at a frame, how steps
-    were admitted, and the rate of a CSV, which does not say it.
+    and parameters the motion was made, which pair is the nearest at a frame, and the
+    rate of a CSV, which does not say it.
 
     Args:
         motion: the file.
@@ -487,9 +482,8 @@ def _check_clip(
     for k in range(len(q)):
         _check_frame(check, k, q[k : k + 2], bounds, referee)
     summary = _summary(claims, referee.pairs)
-    for name in ("smallest", "steps"):
-        if claimed[name] != summary[name]:
-            check.refuted.append(f"{name!r} is not what its frames say")
+    if claimed["smallest"] != summary["smallest"]:
+        check.refuted.append("'smallest' is not what its frames say")
 
 
 def _check_frame(check, k: int, ends, bounds, referee: Referee) -> None:
@@ -525,7 +519,6 @@ def _clip(each: CertifiedClip, pairs: Sequence[Sequence[str]]) -> dict:
         "between": m.between.tolist(),
         "limit": m.limit.tolist(),
         "speed": m.speed.tolist(),
-        "admitted": [int(how) for how in each.admitted],
     }
     summary = _summary(frames, pairs)
     of_motion = {"clip": each.clip, "rate": each.rate, "meshes": _meshes(each.meshes)}
@@ -564,17 +557,13 @@ def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
     """What follows from a motion's frames.
 
     Raises:
-        ValueError: lists of frames are of different lengths, or there is no such pair
-            or way to admit a step.
+        ValueError: lists of frames are of different lengths, or there is no such pair.
     """
-    distance, pair, admitted = (frames[k] for k in ("distance", "pair", "admitted"))
-    if not len(distance) == len(pair) == len(admitted):
-        raise ValueError("pair or admitted is of another number of frames")
+    distance, pair = frames["distance"], frames["pair"]
+    if len(distance) != len(pair):
+        raise ValueError("pair is of another number of frames")
     if not all(0 <= k < len(pairs) for k in pair):
         raise ValueError("a pair is not among those that are watched")
-    if not all(-1 <= how < len(_HOW) for how in admitted):
-        raise ValueError("a step was admitted in an unknown way")
-    manners = [_HOW[how] if how >= 0 else "unchanged" for how in admitted]
     return {
         "smallest": {
             "distance": min(distance),
@@ -583,5 +572,4 @@ def _summary(frames: dict, pairs: Sequence[Sequence[str]]) -> dict:
             "limit": min(frames["limit"]),
             "speed": max(frames["speed"]),
         },
-        "steps": {how: manners.count(how) for how in dict.fromkeys(manners)},
     }

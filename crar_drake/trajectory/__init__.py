@@ -1,0 +1,1 @@
+"""Whole motions by one optimisation: all frames at once, under all constraints."""

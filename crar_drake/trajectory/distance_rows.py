@@ -1,0 +1,119 @@
+"""Distances of watched pairs, and their gradients, at many configurations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from crar_drake.equations.capsule_distances import nearest_points
+from crar_drake.equations.collisions import distance_gradient_about_origin
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.kinematics import (
+    Measured,
+    find_state,
+    joint_motion,
+    link_poses,
+    place_points,
+)
+from crar_drake.equations.nearby import ball_distances
+from crar_drake.equations.vectors import put
+from crar_drake.robot.model import ControlModel
+
+_ROOM = 4096  # rows, to begin with
+
+
+def configurations(model: ControlModel, rest: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(..., nq) of the plant, the prescribed joints as in `rest`, from (..., n)."""
+    whole = np.empty((*q.shape[:-1], len(rest)))
+    whole[...] = rest
+    whole[..., model.controlled_positions] = q
+    return whole
+
+
+class NearRows(NamedTuple):
+    """Pairs that are near, at some of S samples of a motion.
+
+    Attributes:
+        sample: (R,) of which sample, in ascending order.
+        row: (R,) of which pair of shapes.
+        d: (R,) the signed distance [m].
+        gradient: (R, nv) Eq. (20) [m/rad or 1].
+    """
+
+    sample: np.ndarray
+    row: np.ndarray
+    d: np.ndarray
+    gradient: np.ndarray
+
+
+def no_rows(unknowns: int) -> NearRows:
+    """None, of so many unknowns."""
+    nothing = np.zeros(0, dtype=int)
+    return NearRows(nothing, nothing, np.zeros(0), np.zeros((0, unknowns)))
+
+
+@compiled
+def find_near_rows(
+    q: np.ndarray, enough: np.ndarray, robot: Held
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The fields of `NearRows`.
+
+    Args:
+        q: (S, nq) positions in the plant's order.
+        enough: (S,) pairs that are as far apart are left out [m].
+        robot: holds a `Robot` with a row for each pair of capsules and spheres.
+    """
+    r = robot.value
+    pairs, tree = r.pairs.value, r.tree.value
+    nv, count = len(r.order), len(pairs.moves)
+    shapes = pairs.shapes[:count]
+    samples, rows = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
+    d, g = np.empty(_ROOM), np.empty((_ROOM, nv))
+    used = 0
+    for k in range(len(q)):
+        X = link_poses(q[k : k + 1], tree, tree.every)
+        points = place_points(X, r.selection, r.first)
+        maybe = np.flatnonzero(~(ball_distances(points[0], pairs, shapes) >= enough[k]))
+        found, normal, p, _ = nearest_points(points[0], pairs, shapes[maybe])
+        near = np.flatnonzero(~(found >= enough[k]))
+        if not len(near):
+            continue
+        some = maybe[near]
+        S = joint_motion(points[:, : 3 * nv])
+        gradients = distance_gradient_about_origin(
+            normal[near], p[near], S, pairs.moves[some]
+        )
+        while used + len(near) > len(rows):
+            samples = np.concatenate((samples, np.empty_like(samples)))
+            rows = np.concatenate((rows, np.empty_like(rows)))
+            d = np.concatenate((d, np.empty_like(d)))
+            g = np.concatenate((g, np.empty_like(g)))
+        for i in range(len(near)):
+            samples[used], rows[used], d[used] = k, some[i], found[near[i]]
+            put(g[used], 0, gradients[0, i])
+            used += 1
+    return samples[:used].copy(), rows[:used].copy(), d[:used].copy(), g[:used].copy()
+
+
+@compiled
+def find_poses(q: np.ndarray, robot: Held) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the tasks' frames are, and how joints move them: Eq. (5).
+
+    Args:
+        q: (K, nq) positions in the plant's order.
+        robot: holds a `Robot` whose tasks are T poses, without watched pairs.
+
+    Returns:
+        R (K, T, 3, 3), p (K, T, 3) [m] and J (K, 6 T, nv), see `TaskRows`.
+    """
+    r = robot.value
+    rows, m, nv = r.rows.value, len(r.tasks.value.fixed), len(r.order)
+    K = len(q)
+    R = np.empty((K, len(rows.angular_tasks), 3, 3))
+    p = np.empty((K, len(rows.linear_tasks), 3))
+    J, still = np.empty((K, m, nv)), np.zeros(nv)
+    for k in range(K):
+        state = find_state(Measured(q[k : k + 1], still, np.zeros((0, 7))), r)
+        R[k], p[k], J[k] = state.R, state.p, state.J
+    return R, p, J

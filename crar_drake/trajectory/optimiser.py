@@ -1,0 +1,510 @@
+"""A motion as one least-squares problem with constraints: all frames at once.
+
+With y_k in R^m the unknowns of frame k, over the T frames of a motion:
+
+    minimise    1/2 sum_k [ |r_k(y_k)|^2 + |w (y_k - c_k)|^2
+                            + |s (x_(k-1) - 2 x_k + x_(k+1))|^2
+                            + |v_k (f(y_(k+1)) - f(y_k))|^2 ],          x = y - a
+    such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
+                lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
+
+The tasks r, the posture c, the smoothness about a and what stands still, f, are the
+caller's: for a reference motion that is to change the least c = a is the reference.
+
+*Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
+Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
+
+    f(y) + sum_i (rho / 2) max(0, lambda_i / rho - c_i(y))^2,
+
+then set lambda_i to max(0, lambda_i - rho c_i). The penalty rho grows in stages: begun
+with the last one the minimum is a worse one. Each minimisation takes damped
+Gauss-Newton steps; in a step all rows are linearised, and which of them count is found
+by iterating. Unknowns of neighbouring frames alone are coupled, so a step's time is
+linear in the frames (`bands`).
+
+Frames are *live* while rows that concern them, or frames near them, are not settled.
+Others are held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from crar_drake.trajectory.bands import Normal, add_rows
+from crar_drake.trajectory.distance_rows import NearRows, no_rows
+
+# rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
+_PENALTIES = (1e2, 3e3, 1e5)
+_PENALTY_OF_JOINTS = 1e5
+
+_STEPS = 40  # Gauss-Newton steps of a minimisation, at most
+_ACTIVE_SETS = 3  # in one of them, at most
+_UPDATES = 10  # of the multipliers under the last penalty, at most
+_LONGEST_STEP = 0.5  # of any unknown in a step [rad]
+_SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
+_GAIN = 1e-2  # as does one by which the merit falls by a smaller share than this,
+_NO_COST = 1e-4  # or than this of this
+# What rows lack is to fall to this share with an update; else, so often in a row, more
+# updates are of no use.
+_LESS, _STALLS = 0.8, 2
+_LACKS = 1e-4  # a row that lacks less than this is settled [m]
+_ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axis [m]
+
+# Rows count that are nearer than what is asked for and this [m], which goes with the
+# last step [m/rad].
+_LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
+
+# Levenberg's damping: first, least, most; by how much it rises and falls.
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _DAMPING_RATIO = 1e-2, 1e-5, 1e4, 4.0
+
+
+class AtFrames(NamedTuple):
+    """What the motion does at L frames.
+
+    Attributes:
+        r: (L, R) residuals of the tasks,
+        J: (L, R, m) and their Jacobian.
+        f: (L, F) what stands still from one frame to the next while it has a weight,
+        G: (L, F, m) and its Jacobian.
+    """
+
+    r: np.ndarray
+    J: np.ndarray
+    f: np.ndarray
+    G: np.ndarray
+
+
+class Tasks(Protocol):
+    """What the motion is to do.
+
+    Attributes:
+        step_weights: (T - 1, F) v, how much it is to stand still from each frame to the
+            next; None if nothing is.
+    """
+
+    step_weights: np.ndarray | None
+
+    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
+        """At some frames.
+
+        Args:
+            frames: (L,) which of the motion.
+            y: (L, m) their unknowns.
+        """
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1).
+
+    Attributes:
+        frame: (S,) k.
+        share: (S,) t, from 0 to less than 1.
+        asked: (S,) what each row keeps there [m].
+    """
+
+    frame: np.ndarray
+    share: np.ndarray
+    asked: np.ndarray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is minimised, and the constraints; m unknowns a frame.
+
+    Attributes:
+        tasks: of each frame.
+        posture: (T, m) c.
+        posture_weight: (m,) w.
+        about: (T, m) a.
+        smoothness: (m,) s.
+        lower, upper: (m,) limits; infinite where there is none.
+        fastest: (m,) change from a frame to the next, at most; infinite likewise.
+        near_rows: of S samples, counted from the motion's first frame, their y (S, m),
+            and a length: the rows that keep less than that beyond what they are asked,
+            which is what their `d` says.
+        num_rows: number of rows that a sample may have.
+    """
+
+    tasks: Tasks
+    posture: np.ndarray
+    posture_weight: np.ndarray
+    about: np.ndarray
+    smoothness: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    fastest: np.ndarray
+    near_rows: Callable[[Samples, np.ndarray, float], NearRows]
+    num_rows: int
+
+
+@dataclass
+class Effort:
+    """What solving took: linearisations, and factorisations."""
+
+    linearised: int = 0
+    factorised: int = 0
+
+
+@dataclass
+class _Live:
+    """Frames that move, and what concerns them; the others' places are -1."""
+
+    frames: np.ndarray
+    seen: np.ndarray  # these, and if something stands still their neighbours
+    own: np.ndarray  # where the live ones are among the seen
+    samples: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    steps: np.ndarray  # from these frames to the next
+    step_left: np.ndarray
+    step_right: np.ndarray
+
+
+@dataclass
+class _Linearised:
+    """The problem about y (P, m), at live frames and samples."""
+
+    y: np.ndarray
+    done: AtFrames  # at the frames that are seen
+    rows: NearRows  # whose `sample` counts live ones
+    merit: float = 0.0
+
+
+@dataclass
+class Part:
+    """Some frames of a motion in a row, of which some may move.
+
+    Attributes:
+        problem: of the whole motion.
+        first: which of its frames is the part's first.
+        y: (P, m) unknowns; `solve` changes them.
+        free: (P,) whether a frame may move. Beside the others, the two at each end are
+            held unless the motion ends there.
+        samples: of the part, counted from its first frame.
+        effort: is counted.
+    """
+
+    problem: Problem
+    first: int
+    y: np.ndarray
+    free: np.ndarray
+    samples: Samples
+    effort: Effort = field(default_factory=Effort)
+
+    def __post_init__(self) -> None:
+        some = slice(self.first, self.first + len(self.y))
+        self._posture, self._about = (
+            self.problem.posture[some],
+            self.problem.about[some],
+        )
+        self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
+        self._of_limits = np.zeros((2, *self.y.shape))
+        self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
+        self._stiffness = _second_differences(len(self.y))
+
+    def solve(self, near: int, begin: str = "all rows") -> None:
+        """Minimises, until what is asked for is kept or nothing more is gained.
+
+        Args:
+            near: frames so near to one that is not settled are live.
+            begin: "all rows"; "no rows" of distances until all else is at its minimum,
+                after which frames that keep them are left alone; or "again" with the
+                last penalty, from a motion that is nearly there.
+        """
+        stages = _PENALTIES[-1:] if begin == "again" else _PENALTIES
+        live = self._live(self.free)
+        if begin == "no rows":
+            self.y = self._minimise(live, 0.0).y
+            lacking, _ = self._lacking(live, self._linearise(self.y, live, 1.0, 0.0))
+            if not lacking.any():
+                return
+            live = self._live(self.free & spread(lacking, near))
+        least, stalls = np.inf, 0
+        for update in range(len(stages) - 1 + _UPDATES):
+            penalty = stages[min(update, len(stages) - 1)]
+            at = self._minimise(live, penalty)
+            self.y = at.y
+            self._update(live, at, penalty)
+            lacking, lacks = self._lacking(live, at)
+            if update >= len(stages) - 1:
+                stalls = stalls + 1 if lacks > _LESS * least else 0
+                if not lacking.any() or stalls >= _STALLS:
+                    return
+                least = min(least, lacks)
+                live = self._live(self.free & spread(lacking, near))
+
+    def _minimise(self, live: _Live, penalty: float) -> _Linearised:
+        damping, look = _DAMPING, _FARTHEST_LOOK
+        at = self._linearise(self.y, live, penalty, look)
+        for _ in range(_STEPS):
+            step = self._step(at, live, penalty, damping)
+            size = 0.0 if step is None else float(np.abs(step).max(initial=0.0))
+            if step is not None:
+                step *= min(1.0, _LONGEST_STEP / max(size, 1e-300))
+                y = at.y.copy()
+                y[live.frames] += step
+                look = np.clip(_LOOK * size, _NEAREST_LOOK, _FARTHEST_LOOK)
+                new = self._linearise(y, live, penalty, look)
+            if step is None or not new.merit <= at.merit + 1e-12:
+                damping = max(_DAMPING_RATIO * damping, _DAMPING)
+                if damping > _MOST_DAMPING:
+                    break
+                continue
+            gain, at = at.merit - new.merit, new
+            damping = max(damping / _DAMPING_RATIO, _LEAST_DAMPING)
+            if gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED:
+                break
+        return at
+
+    def _live(self, mask: np.ndarray) -> _Live:
+        """Of the frames of a mask, whose gaps of one or two frames are closed: frames
+        that are coupled are neighbours then."""
+        mask = spread(mask, 1) & self.free
+        frames = np.flatnonzero(mask)
+        place = np.full(len(mask) + 1, -1)
+        place[frames] = np.arange(len(frames))
+        k, t = self.samples.frame, self.samples.share
+        right = np.where(t > 0.0, np.minimum(k + 1, len(mask) - 1), k)
+        samples = np.flatnonzero(mask[k] | mask[right])
+        steps = np.flatnonzero(mask[:-1] | mask[1:])
+        moving = self.problem.tasks.step_weights is not None
+        seen = np.flatnonzero(spread(mask, 1)) if moving else frames
+        return _Live(
+            frames,
+            seen,
+            np.searchsorted(seen, frames),
+            samples,
+            place[k[samples]],
+            np.where(t[samples] > 0.0, place[right[samples]], -1),
+            steps,
+            place[steps],
+            place[steps + 1],
+        )
+
+    def _linearise(
+        self, y: np.ndarray, live: _Live, penalty: float, look: float
+    ) -> _Linearised:
+        self.effort.linearised += 1
+        problem, some = self.problem, live.samples
+        k, share = self.samples.frame[some], self.samples.share[some]
+        t = share[:, None]
+        at = (1.0 - t) * y[k] + t * y[np.minimum(k + 1, len(y) - 1)]
+        samples = Samples(self.first + k, share, self.samples.asked[some])
+        rows = no_rows(y.shape[1])
+        if penalty:
+            rows = problem.near_rows(samples, at, look)
+        done = problem.tasks.at(self.first + live.seen, y[live.seen])
+        new = _Linearised(y, done, rows)
+        new.merit = self._merit(new, live, penalty)
+        return new
+
+    def _limits(self, y: np.ndarray, live: _Live) -> tuple[np.ndarray, np.ndarray]:
+        """(2, L, m), (2, K, m) what is left to limits and speeds, either way."""
+        problem, here = self.problem, y[live.frames]
+        step = y[live.steps + 1] - y[live.steps]
+        return (
+            np.stack([here - problem.lower, problem.upper - here]),
+            np.stack([problem.fastest - step, problem.fastest + step]),
+        )
+
+    def _merit(self, at: _Linearised, live: _Live, penalty: float) -> float:
+        problem, y = self.problem, at.y
+        posture = problem.posture_weight * (y - self._posture)[live.frames]
+        bends = problem.smoothness * np.diff(y - self._about, 2, axis=0)
+        weights, _, steps = self._standing(live, at.done.f)
+        terms = (at.done.r[live.own], posture, bends, weights * steps)
+        sums = [np.vdot(z, z) for z in terms]
+        limits, speeds = self._limits(y, live)
+        for rho, lam, c in (
+            (
+                penalty,
+                self._of_rows[live.samples[at.rows.sample], at.rows.row],
+                at.rows.d,
+            ),
+            (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits),
+            (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds),
+        ):
+            lacks = np.maximum(0.0, lam / rho - c)
+            sums.append(rho * np.vdot(lacks, lacks))
+        return 0.5 * float(sum(sums))
+
+    def _step(
+        self, at: _Linearised, live: _Live, penalty: float, damping: float
+    ) -> np.ndarray | None:
+        """(L, m) to the minimum of the linearised merit, with its own active set."""
+        base = self._normal(at, live, damping)
+        rows, rho = at.rows, _PENALTY_OF_JOINTS
+        left, right = live.left[rows.sample], live.right[rows.sample]
+        t = self.samples.share[live.samples[rows.sample]]
+        lam = self._of_rows[live.samples[rows.sample], rows.row]
+        shift = lam / penalty - at.rows.d
+        limits, speeds = self._limits(at.y, live)
+        limits = self._of_limits[:, live.frames] / rho - limits
+        speeds = self._of_speeds[:, live.steps] / rho - speeds
+        frames, m = base.b.shape
+        step, before = np.zeros((frames, m)), None
+        for _ in range(_ACTIVE_SETS):
+            wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
+            moved = (1.0 - t)[:, None] * wide[left] + t[:, None] * wide[right]
+            change = wide[live.step_right] - wide[live.step_left]
+            on = (
+                shift > np.einsum("rj,rj->r", rows.gradient, moved),
+                limits > np.stack([step, -step]),
+                speeds > np.stack([-change, change]),
+            )
+            same = before is not None and all(map(np.array_equal, on, before))
+            if same:
+                break
+            before = on
+            normal = base.copy()
+            some = np.flatnonzero(on[0])
+            add_rows(
+                normal.D,
+                normal.S,
+                normal.b,
+                left[some],
+                right[some],
+                t[some],
+                rows.gradient[some],
+                np.full(len(some), penalty),
+                shift[some],
+            )
+            every = np.arange(frames)
+            normal.add_to_diagonal(every, rho * on[1].sum(axis=0))
+            kept = np.where(on[1], limits, 0.0)  # those that are infinite are not on
+            normal.b += rho * (kept[0] - kept[1])
+            _add_speeds(normal, live, rho * on[2].sum(axis=0))
+            kept = np.where(on[2], speeds, 0.0)
+            push = rho * (kept[1] - kept[0])
+            for places, sign in ((live.step_right, 1.0), (live.step_left, -1.0)):
+                there = places >= 0
+                np.add.at(normal.b, places[there], sign * push[there])
+            self.effort.factorised += 1
+            found = normal.solve()
+            if found is None:
+                return None
+            step = found
+        return step
+
+    def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
+        """Of what is minimised, without constraints."""
+        problem, some = self.problem, live.frames
+        weight, stiff = problem.posture_weight**2, problem.smoothness**2
+        r, J = at.done.r[live.own], at.done.J[live.own]
+        transposed = J.swapaxes(1, 2)
+        D = transposed @ J
+        frames, m = len(some), at.y.shape[1]
+        j = np.arange(m)
+        centre, first, second = self._stiffness
+        D[:, j, j] += weight + damping + centre[some, None] * stiff
+        S, E = np.zeros((max(frames - 1, 0), m, m)), np.zeros((max(frames - 2, 0), m))
+        by_one, by_two = np.diff(some) == 1, (some[2:] - some[:-2]) == 2
+        S[:, j, j] = np.where(by_one, first[some[:-1]], 0.0)[:, None] * stiff
+        if frames > 2:
+            E[:] = np.where(by_two, second[some[:-2]], 0.0)[:, None] * stiff
+        bends = np.diff(at.y - self._about, 2, axis=0)
+        pull = np.zeros_like(at.y)
+        pull[:-2] += bends
+        pull[1:-1] -= 2.0 * bends
+        pull[2:] += bends
+        b = (transposed @ r[:, :, None])[:, :, 0]
+        b += weight * (at.y - self._posture)[some] + stiff * pull[some]
+        normal = Normal(D, S, E, -b)
+        self._add_standing(normal, at, live)
+        return normal
+
+    def _standing(
+        self, live: _Live, f: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """v and the changes of f from a frame that is seen to the next, (K, F) both,
+        and between them (K,) which of the frames that are seen come before."""
+        v = self.problem.tasks.step_weights
+        if v is None:
+            return np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 0))
+        before = np.flatnonzero(np.diff(live.seen) == 1)
+        return v[self.first + live.seen[before]], before, f[before + 1] - f[before]
+
+    def _add_standing(self, normal: Normal, at: _Linearised, live: _Live) -> None:
+        """Adds the rows v (f_(k+1) - f_k)."""
+        v, before, change = self._standing(live, at.done.f)
+        some = v.any(axis=1)
+        v, before, change = v[some], before[some], change[some]
+        if not len(v):
+            return
+        place = np.full(len(at.y), -1)
+        place[live.frames] = np.arange(len(live.frames))
+        sides = []
+        for sign, seen in ((-1.0, before), (1.0, before + 1)):
+            A = sign * v[:, :, None] * at.done.G[seen]
+            sides.append((place[live.seen[seen]], A))
+            k, there = place[live.seen[seen]], place[live.seen[seen]] >= 0
+            transposed = A[there].swapaxes(1, 2)
+            np.add.at(normal.D, k[there], transposed @ A[there])
+            pull = transposed @ (v * change)[there][:, :, None]
+            np.add.at(normal.b, k[there], -pull[:, :, 0])
+        (k, A), (after, B) = sides
+        both = (k >= 0) & (after >= 0)
+        np.add.at(normal.S, k[both], B[both].swapaxes(1, 2) @ A[both])
+
+    def _update(self, live: _Live, at: _Linearised, penalty: float) -> None:
+        """Of the multipliers."""
+        some, rows = live.samples, at.rows
+        lam = self._of_rows[some[rows.sample], rows.row]
+        self._of_rows[some] = 0.0
+        self._of_rows[some[rows.sample], rows.row] = np.maximum(
+            0.0, lam - penalty * rows.d
+        )
+        limits, speeds = self._limits(at.y, live)
+        for lam, places, c in (
+            (self._of_limits, live.frames, limits),
+            (self._of_speeds, live.steps, speeds),
+        ):
+            lam[:, places] = np.maximum(0.0, lam[:, places] - _PENALTY_OF_JOINTS * c)
+
+    def _lacking(self, live: _Live, at: _Linearised) -> tuple[np.ndarray, float]:
+        """Which frames (P,) have rows that lack something, and what all rows lack
+        together [m]."""
+        d, (limits, speeds) = at.rows.d, self._limits(at.y, live)
+        lacking = np.zeros(len(at.y), dtype=bool)
+        low = live.samples[at.rows.sample[d < -_LACKS]]
+        lacking[self.samples.frame[low]] = True
+        lacking[live.frames[(limits < -_LACKS / _ARM).any(axis=(0, 2))]] = True
+        lacking[live.steps[(speeds < -_LACKS / _ARM).any(axis=(0, 2))]] = True
+        lacks = -np.minimum(d, 0.0).sum()
+        lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
+        return lacking, float(lacks)
+
+
+def spread(mask: np.ndarray, by: int) -> np.ndarray:
+    """Also the `by` frames before and after those of a mask (T,)."""
+    if by <= 0 or not len(mask):
+        return mask
+    return np.convolve(mask, np.ones(2 * by + 1))[by:-by] > 0.5
+
+
+def _second_differences(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The bands of B'B, B the second differences: (P,), (P - 1,), (P - 2,)."""
+    centre, first = np.zeros(frames), np.zeros(max(frames - 1, 0))
+    second = np.ones(max(frames - 2, 0))
+    if frames > 2:
+        centre[:-2] += 1.0
+        centre[1:-1] += 4.0
+        centre[2:] += 1.0
+        first[:-1] -= 2.0
+        first[1:] -= 2.0
+    return centre, first, second
+
+
+def _add_speeds(normal: Normal, live: _Live, much: np.ndarray) -> None:
+    """Adds (K, m) `much` times the squared change in each step."""
+    j = np.arange(much.shape[1])
+    for places in (live.step_left, live.step_right):
+        there = places >= 0
+        normal.add_to_diagonal(places[there], much[there])
+    both = (live.step_left >= 0) & (live.step_right >= 0)
+    normal.S[live.step_left[both][:, None], j, j] -= much[both]

@@ -1,0 +1,186 @@
+"""What a performer asks of a robot, frame by frame: directions of limbs, the root, and
+feet that stand.
+
+Lengths are the robot's: of the performer's limbs the directions are kept. The hips'
+path is scaled by the length of the robot's legs over that of the performer's, and each
+foot is placed from its hip as the performer's ankle is from his. Feet on the floor are
+held where they stand (`motion.held_feet`). Nothing here knows what the robot can do:
+where its legs do not reach, or links would touch, the optimisation decides
+(`retargeting`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import low_pass, unit_vectors
+from crar_drake.motion.hand_orientations import hand_orientations
+from crar_drake.motion.held_feet import hold_foot
+from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.retarget_legs import (
+    floor_height,
+    foot_turns,
+    leg_length,
+    smooth_legs,
+)
+from crar_drake.motion.turns import hip_turns
+
+# From which of the performer's joints to which limbs lead, and of the robot's frames.
+_ARM = (("shoulder", "elbow"), ("elbow", "wrist"))
+_LEG = (("hip", "knee"), ("knee", "ankle"))
+LIMBS = {
+    **{
+        f"{side}_{a}-{b}": ((f"{side}_{a}", f"{side}_{b}"),) * 2
+        for side in SIDES
+        for a, b in _ARM
+    },
+    **{
+        f"{side}_{a}-{b}": (
+            (f"{side}_{a}", f"{side}_{b}"),
+            (f"{side}_{a}", f"{side}_{b}".replace("ankle", "foot")),
+        )
+        for side in SIDES
+        for a, b in _LEG
+    },
+    "trunk": (("pelvis", "neck"), ("waist", "neck")),
+    "shoulders": (("left_shoulder", "right_shoulder"),) * 2,
+    "head": (("neck", "head"),) * 2,
+}
+# Shorter than this a limb has no direction worth keeping [m].
+_SHORTEST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class FootTarget:
+    """A foot at T frames.
+
+    Attributes:
+        heel, ball: (T, 3) where the middles of the sole's rear and front edge are [m].
+        on_heel, on_ball: (T,) whether they stand on the floor.
+    """
+
+    heel: np.ndarray
+    ball: np.ndarray
+    on_heel: np.ndarray
+    on_ball: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PerformerTargets:
+    """T frames at a rate, in the world W: z up, the floor at z = 0.
+
+    Attributes:
+        rate: frames per second [Hz].
+        root_positions: (T, 3) p_WR [m].
+        root_rotations: (T, 3, 3) R_WR.
+        directions: name of LIMBS to (T, 3) unit vectors.
+        feet: side to its foot.
+        hands: "left_hand", "right_hand" to (T, 3, 3) R_WH; empty without.
+    """
+
+    rate: float
+    root_positions: np.ndarray
+    root_rotations: np.ndarray
+    directions: Mapping[str, np.ndarray]
+    feet: Mapping[str, FootTarget]
+    hands: Mapping[str, np.ndarray]
+
+
+def performer_targets(
+    performer: Performer,
+    legs: Mapping[str, LegShape],
+    root_at_rest: np.ndarray,
+    rate: float,
+    cutoff: float,
+) -> PerformerTargets:
+    """What a performer asks of a robot with legs.
+
+    Args:
+        performer: with legs.
+        legs: the robot's, by side.
+        root_at_rest: (3, 3) R_WR, as the robot stands and faces x.
+        rate: frames per second that are wanted [Hz].
+        cutoff: of the zero-phase low-pass [Hz].
+
+    Raises:
+        MotionError: the performer lacks joints of the legs, or does not tell how the
+            hips are turned, or the motion cannot be filtered.
+    """
+    own, p = performer.frame_rate, smooth_legs(performer, cutoff)
+    R_W = Rotation.from_quat(hip_turns(performer, cutoff))
+    scales = {side: legs[side].length / leg_length(performer, side) for side in SIDES}
+    middle = 0.5 * (p["left_hip"] + p["right_hip"]) * np.mean(list(scales.values()))
+    middle[:, :2] -= middle[0, :2].copy()
+    root = middle - R_W.apply(np.mean([legs[side].hip for side in SIDES], axis=0))
+    turns, ankles = foot_turns(performer, p, cutoff), {}
+    for side in SIDES:
+        leg = p[f"{side}_ankle"] - p[f"{side}_hip"]
+        ankles[side] = root + R_W.apply(legs[side].hip) + scales[side] * leg
+    floor = floor_height(ankles, turns, legs, own)
+    root[:, 2] -= floor
+    times = np.arange(0.0, performer.duration + 1e-9, 1.0 / rate)
+    frames = np.clip(np.round(times * own).astype(int), 0, len(root) - 1)
+
+    def at(samples: np.ndarray) -> np.ndarray:
+        if len(samples) < 4:
+            return samples[frames]
+        return CubicSpline(performer.time, samples)(
+            np.minimum(times, performer.duration)
+        )
+
+    def turned_at(turned: Rotation) -> np.ndarray:
+        quaternions = turned.as_quat()
+        flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1))
+        quaternions[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, flips))[:, None]
+        return Rotation.from_quat(at(quaternions)).as_matrix()
+
+    feet = {}
+    for side, leg in legs.items():
+        ankle = ankles[side] - [0.0, 0.0, floor]
+        held = hold_foot(ankle, turns[side], leg.heel, leg.ball, leg.points, own)
+        turn = Rotation.from_quat(held.turns)
+        ends = [at(held.positions + turn.apply(end)) for end in (leg.heel, leg.ball)]
+        feet[side] = FootTarget(*ends, held.heel[frames], held.ball[frames])
+    return PerformerTargets(
+        rate,
+        at(root),
+        turned_at(R_W) @ root_at_rest,
+        {name: unit_vectors(at(way)) for name, way in _ways(performer, cutoff).items()},
+        feet,
+        {
+            hand: turned_at(Rotation.from_quat(quaternions))
+            for hand, quaternions in _hands(performer, cutoff).items()
+        },
+    )
+
+
+def _ways(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
+    """Name of LIMBS to (T, 3) from one end to the other, of those that there are."""
+    found = {}
+    for name, ((a, b), _) in LIMBS.items():
+        if not {a, b} <= set(performer.positions):
+            continue
+        ends = (performer.positions[joint] for joint in (b, a))
+        end, start = (low_pass(p, performer.frame_rate, cutoff) for p in ends)
+        norm = np.linalg.norm(end - start, axis=1)
+        frame = int(norm.argmin())
+        if not norm[frame] >= _SHORTEST:
+            raise MotionError(
+                f"motion {performer.name}: {a} and {b} coincide in frame {frame + 1}, "
+                "so that the limb has no direction; check the skeleton's lengths"
+            )
+        found[name] = end - start
+    return found
+
+
+def _hands(performer: Performer, cutoff: float) -> dict[str, np.ndarray]:
+    if not performer.hands:
+        return {}
+    return hand_orientations(performer).smooth(cutoff)

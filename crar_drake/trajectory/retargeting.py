@@ -1,0 +1,536 @@
+"""A performer's motion on a whole robot, root and joints of all frames at once.
+
+    minimise    sum_k  |w_limb (u_robot - u_performer)|^2     of each limb's direction
+                     + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
+                     + |w_foot (sole's heel and ball - target)|^2 + |w_hand turn|^2
+                     + |w_posture (q - rest)|^2 + |second differences|^2
+                     + |w_stand (change of heels and balls that stand)|^2
+    such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
+                as a person's, and nothing is below the floor.
+
+Unknowns of a frame are those of `body_points`. The motion that is found is cleaned
+(`references.cleaning`), which certifies it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.multibody.tree import BodyIndex
+from scipy.spatial.transform import Rotation
+
+from crar_drake.equations.compilation import hold
+from crar_drake.errors import ModelError
+from crar_drake.motion.leg_shape import LegShape
+from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.robot.description import RobotDescription, find_body, find_frame
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.reach import find_reaches
+from crar_drake.robot.task import Task
+from crar_drake.robot_import.link_outlines import link_outlines, links_outward
+from crar_drake.trajectory.body_points import ROOT, Placed
+from crar_drake.trajectory.distance_rows import (
+    NearRows,
+    configurations,
+    find_near_rows,
+)
+from crar_drake.trajectory.optimiser import AtFrames, Effort, Part, Problem, Samples
+from crar_drake.trajectory.performer_targets import (
+    LIMBS,
+    PerformerTargets,
+    performer_targets,
+)
+
+# Points of a foot at rest within this of its lowest one are its sole [m].
+_SOLE = 0.01
+# Directions in which a link's farthest point is one that can be the lowest.
+_OF_FEET, _OF_LINKS = 512, 64
+
+# Frames so near to one that lacks something move with it [s].
+_NEAR = 0.5
+_PART, _OVERLAP = 300, 1.0  # frames of a part of a long motion; [s] beyond its end
+_ASKED, _ASKED_BETWEEN = 4.5e-3, 2.5e-3  # of watched pairs [m]
+_SHARE_OF_SPEED = 0.99
+# Beyond straight, or over-stretched, by so much at most [rad].
+_STRETCHED = 0.02
+
+
+@dataclass(frozen=True)
+class RetargetingParameters:
+    """What the performer's motion counts for.
+
+    Attributes:
+        limb: of a limb's direction [1].
+        head: of the head's [1].
+        root: of the root's place on the floor [1/m], root_height: of its height.
+        turn: of how the root is turned [1/rad].
+        foot: of heels and balls on the floor plane [1/m], in the air and standing;
+        foot_height: of their heights.
+        standing: of what stands, from a frame to the next [1/m].
+        hand: of how the hands are turned [1/rad].
+        posture: of the rest posture [1/rad].
+        smoothing: motions that come and go within this time cost more [s].
+        cutoff: of the low-pass of the performer [Hz].
+    """
+
+    limb: float = 1.0
+    head: float = 0.2
+    root: float = 1.0  # [1/m]
+    root_height: float = 0.3  # [1/m]
+    turn: float = 1.0  # [1/rad]
+    foot: float = 5.0  # [1/m]
+    foot_height: float = 20.0  # [1/m]
+    standing: float = 1e3  # [1/m]
+    hand: float = 0.3  # [1/rad]
+    posture: float = 0.03  # [1/rad]
+    smoothing: float = 0.02  # [s]
+    cutoff: float = 6.0  # [Hz]
+
+
+@dataclass(frozen=True)
+class Retargeted:
+    """A robot's motion, T frames of n joints.
+
+    Attributes:
+        root_positions: (T, 3) p_WR [m].
+        root_rotations: (T, 3, 3) R_WR.
+        q: (T, n) positions of the controlled joints [rad or m].
+        targets: what the performer asked for.
+        effort: that it took.
+    """
+
+    root_positions: np.ndarray
+    root_rotations: np.ndarray
+    q: np.ndarray
+    targets: PerformerTargets
+    effort: Effort
+
+
+class Retargeter:
+    """Retargets performers to one robot.
+
+    Attributes:
+        description: of the robot.
+        model: the robot with its root fixed, and its watched pairs.
+        parameters: what is wanted.
+        legs: side to the leg's lengths and sole.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        parameters: RetargetingParameters | None = None,
+    ) -> None:
+        """
+        Args:
+            description: of a robot with legs and arms, imported as a whole body.
+            parameters: what is wanted.
+
+        Raises:
+            ModelError: it lacks a task frame, or its feet have no shape.
+        """
+        self.parameters = parameters or RetargetingParameters()
+        self.description = description
+        frames = description.task_frames
+        needed = {end for _, ends in LIMBS.values() for end in ends} - {"head"}
+        missing = sorted(needed - set(frames))
+        if missing:
+            raise ModelError(
+                f"robot {description.name}: following a person needs the task_frames "
+                f"{', '.join(missing)}; add them to its robot.yaml (frames of an "
+                "import.yaml)"
+            )
+        fixed = replace(description, root="fixed")
+        bare = replace(fixed, pairs=[])
+        some = [Task(frame=frames["waist"])]
+        self.model = ControlModel.FromDescription(fixed, some)
+        if self.model.pairs.needs_query:
+            raise ModelError(
+                f"robot {description.name} has watched shapes that are neither "
+                "capsules nor spheres; these alone are examined"
+            )
+        plant = self.model.plant
+        bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
+        self._links = [body.name() for body in bodies]
+        tasks = [Task(frame=name, kind="pose") for name in self._links]
+        self._poses = ControlModel.FromDescription(bare, tasks)
+        self.rest = self.model.rest_positions()
+        self._last = None
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, self.rest)
+        self._context = context
+        X_WB = find_body(plant, description.base).EvalPoseInWorld(context)
+        self._base = X_WB.translation(), X_WB.rotation().matrix()
+        self.reaches = hold(
+            find_reaches(
+                self.model.joints,
+                self.model.pairs,
+                self.model.order,
+                plant.GetPositionLowerLimits(),
+                plant.GetPositionUpperLimits(),
+            )
+        )
+        self.num_pairs = len(self.reaches.value.rows)
+        self._outlines = link_outlines(plant, self.model.scene_graph)
+        self.legs = {side: self._leg(side) for side in SIDES}
+        self._set_floor_points()
+        self._lower, self._upper = self._bent_as_a_person()
+
+    def retarget(self, performer: Performer, rate: float) -> Retargeted:
+        """A performer's motion on the robot.
+
+        Args:
+            performer: with legs.
+            rate: frames per second [Hz].
+
+        Raises:
+            MotionError: the performer lacks something.
+        """
+        p = self.parameters
+        targets = performer_targets(performer, self.legs, self._base[1], rate, p.cutoff)
+        frames, n = len(targets.root_positions), self.model.n
+        y = np.zeros((frames, ROOT + n))
+        rest = self.rest[self.model.controlled_positions]
+        y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
+        effort, problem = Effort(), self._problem(targets, y)
+        overlap = round(_OVERLAP * rate)
+        first = 0
+        while first < frames:
+            last = min(frames, first + _PART + overlap)
+            if frames - last < _PART // 2:
+                last = frames
+            before, after = max(0, first - 2), min(frames, last + 2)
+            free = np.zeros(after - before, dtype=bool)
+            free[first - before : last - before] = True
+            part = Part(
+                problem, before, y[before:after].copy(), free, _samples(free), effort
+            )
+            part.solve(round(_NEAR * rate), "no rows")
+            y[first:last] = part.y[first - before : last - before]
+            first = frames if last == frames else first + _PART
+        turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
+        return Retargeted(
+            targets.root_positions + y[:, :3],
+            turned @ targets.root_rotations,
+            np.clip(y[:, ROOT:], self.model.lower, self.model.upper),
+            targets,
+            effort,
+        )
+
+    def placed(self, targets: PerformerTargets, frames, y) -> Placed:
+        """The links at some frames; those of the last call are not found again."""
+        key = targets, frames.tobytes(), y.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._place_links(targets, frames, y)
+        return self._last[1]
+
+    def _place_links(self, targets: PerformerTargets, frames, y) -> Placed:
+        return Placed(
+            self._poses,
+            self.rest,
+            self._base,
+            targets.root_positions[frames],
+            targets.root_rotations[frames],
+            y,
+        )
+
+    def frame_points(self, names: Sequence[str]) -> tuple[list[int], np.ndarray]:
+        """Of task frames: (P,) their links, and (P, 3) where they are on them [m]."""
+        links, offsets = [], []
+        for name in names:
+            frame = find_frame(self.model.plant, self.description.task_frames[name])
+            links.append(self._links.index(frame.body().name()))
+            offsets.append(frame.GetFixedPoseInBodyFrame().translation())
+        return links, np.array(offsets)
+
+    def _problem(self, targets: PerformerTargets, y: np.ndarray) -> Problem:
+        p, n, rate = self.parameters, self.model.n, targets.rate
+        nowhere = np.full(ROOT, np.inf)
+        fastest = self.model.velocity_limits[self.model.controlled]
+        fastest = _SHARE_OF_SPEED * fastest / rate
+        weight = np.concatenate([np.zeros(ROOT), np.full(n, p.posture)])
+        return Problem(
+            tasks=PersonTasks(self, targets),
+            posture=y.copy(),
+            posture_weight=weight,
+            about=np.zeros_like(y),
+            smoothness=np.full(ROOT + n, (p.smoothing * rate) ** 2),
+            lower=np.concatenate([-nowhere, self._lower]),
+            upper=np.concatenate([nowhere, self._upper]),
+            fastest=np.concatenate([nowhere, fastest]),
+            near_rows=NearRowsAndFloor(self, targets),
+            num_rows=self.num_pairs + len(self.floor_points),
+        )
+
+    def _place(self, name: str) -> np.ndarray:
+        frame = find_frame(self.model.plant, self.description.task_frames[name])
+        return frame.CalcPoseInWorld(self._context).translation()
+
+    def _leg(self, side: str) -> LegShape:
+        plant = self.model.plant
+        foot = find_frame(plant, self.description.task_frames[f"{side}_foot"])
+        hip, knee, ankle = (self._place(f"{side}_{x}") for x in ("hip", "knee", "foot"))
+        points = []
+        for link in links_outward(plant, foot):
+            if link in self._outlines:
+                outline = self._outlines[link]
+                X_WL = plant.GetBodyByName(link).EvalPoseInWorld(self._context)
+                down = outline.radii[:, None] * [0.0, 0.0, 1.0]
+                points.append(X_WL.multiply(outline.points.T).T - down - ankle)
+        if not points:
+            raise ModelError(
+                f"robot {self.description.name}: {side}_foot: nothing from this "
+                "frame's link on has a mesh, capsule or sphere, so that there is no "
+                "sole to stand on"
+            )
+        points = np.concatenate(points)
+        sole = points[points[:, 2] <= points[:, 2].min() + _SOLE]
+        (x0, y0, z), (x1, y1, _) = sole.min(axis=0), sole.max(axis=0)
+        middle = 0.5 * (y0 + y1)
+        thigh, shank = np.linalg.norm(knee - hip), np.linalg.norm(ankle - knee)
+        return LegShape(
+            hip=hip - self._base[0],
+            thigh=float(thigh),
+            shank=float(shank),
+            reach=float(thigh + shank),
+            foot=foot.CalcPoseInWorld(self._context).rotation().matrix(),
+            points=points,
+            heel=np.array([x0, middle, z]),
+            ball=np.array([x1, middle, z]),
+        )
+
+    def sole_points(self) -> tuple[list[int], np.ndarray]:
+        """Heels and balls, left then right: (4,) their links, and (4, 3) where they are
+        on them [m]."""
+        links, offsets = [], []
+        for side, leg in self.legs.items():
+            name = self.description.task_frames[f"{side}_foot"]
+            body = find_frame(self.model.plant, name).body()
+            X_WL = body.EvalPoseInWorld(self._context)
+            ankle = self._place(f"{side}_foot")
+            for point in (leg.heel, leg.ball):
+                links.append(self._links.index(body.name()))
+                offsets.append(X_WL.inverse().multiply(ankle + point))
+        return links, np.array(offsets)
+
+    def _set_floor_points(self) -> None:
+        """Of each link with a shape which it is, and the points that can be its lowest
+        with the radii of balls about them."""
+        rng = np.random.default_rng(0)
+        directions = rng.normal(size=(_OF_FEET, 3))
+        feet = {
+            link
+            for side in SIDES
+            for link in links_outward(
+                self.model.plant,
+                find_frame(
+                    self.model.plant, self.description.task_frames[f"{side}_foot"]
+                ),
+            )
+        }
+        self.floor_points = []
+        for link, outline in self._outlines.items():
+            if link in self._links:
+                count = _OF_FEET if link in feet else _OF_LINKS
+                far = outline.points @ directions[:count].T + outline.radii[:, None]
+                some = np.unique(far.argmax(axis=0))
+                self.floor_points.append(
+                    (self._links.index(link), outline.points[some], outline.radii[some])
+                )
+
+    def _bent_as_a_person(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) limits of the joints, elbows and knees beyond straight on one side."""
+        model = self.model
+        lower, upper = model.lower.copy(), model.upper.copy()
+        # From a straight limb the lower part goes ahead at an elbow, back at a knee.
+        for chain, ahead in (
+            (("shoulder", "elbow", "wrist"), 1.0),
+            (("hip", "knee", "foot"), -1.0),
+        ):
+            for side in SIDES:
+                found = self._hinge([f"{side}_{x}" for x in chain])
+                if found is None:
+                    continue
+                joint, straight, sense = found
+                if ahead * sense > 0.0:
+                    lower[joint] = max(lower[joint], straight - _STRETCHED)
+                else:
+                    upper[joint] = min(upper[joint], straight + _STRETCHED)
+        return lower, upper
+
+    def _hinge(self, chain: Sequence[str]) -> tuple[int, float, float] | None:
+        """The joint that bends a limb: which, where the limb is straight, and whether
+        from there the end goes ahead as it turns; None if it does not say."""
+        model, plant = self.model, self.model.plant
+        context = plant.CreateDefaultContext()
+        frames = [find_frame(plant, self.description.task_frames[x]) for x in chain]
+
+        def places(q: np.ndarray) -> list[np.ndarray]:
+            plant.SetPositions(context, q)
+            return [frame.CalcPoseInWorld(context).translation() for frame in frames]
+
+        best = None
+        for i, column in enumerate(model.controlled_positions):
+            low, high = model.lower[i], model.upper[i]
+            if not (np.isfinite(low) and np.isfinite(high)):
+                continue
+            values = np.linspace(low, high, 61)
+            angles, middles, ends = [], [], []
+            for value in values:
+                q = self.rest.copy()
+                q[column] = value
+                a, b, c = places(q)
+                cosine = (b - a) @ (c - b)
+                cosine /= np.linalg.norm(b - a) * np.linalg.norm(c - b)
+                angles.append(np.arccos(np.clip(cosine, -1.0, 1.0)))
+                middles.append(b)
+                ends.append(c)
+            moves = np.ptp(np.array(middles), axis=0).max()
+            bends = np.ptp(angles)
+            if moves > 1e-6 or bends < 0.5 or (best and bends <= best[0]):
+                continue
+            k = int(np.argmin(angles))
+            ahead = np.gradient(np.array(ends)[:, 0], values)[k]
+            best = bends, i, float(values[k]), float(ahead)
+        if best is None or abs(best[3]) < 0.02:
+            return None
+        return best[1:]
+
+
+class PersonTasks:
+    """What a performer asks for, as residuals; see the module."""
+
+    def __init__(self, robot: Retargeter, targets: PerformerTargets) -> None:
+        self._robot, self._targets = robot, targets
+        p = robot.parameters
+        self._limbs = list(targets.directions)
+        ends = [LIMBS[limb][1] for limb in self._limbs]
+        self._limb_weights = np.array(
+            [p.head if limb == "head" else p.limb for limb in self._limbs]
+        )
+        starts, tips = zip(*ends, strict=True)
+        start_links, start_offsets = robot.frame_points(starts)
+        tip_links, tip_offsets = robot.frame_points(tips)
+        sole_links, sole_offsets = robot.sole_points()
+        self._links = [*start_links, *tip_links, *sole_links]
+        self._offsets = np.concatenate([start_offsets, tip_offsets, sole_offsets])
+        sides = [targets.feet[side] for side in robot.legs]
+        self._soles = np.stack(
+            [end for foot in sides for end in (foot.heel, foot.ball)], axis=1
+        )  # (T, 4, 3)
+        on = np.stack(
+            [flag for foot in sides for flag in (foot.on_heel, foot.on_ball)], axis=1
+        )
+        self._sole_weights = np.array([p.foot, p.foot, p.foot_height])
+        stands = p.standing * (on[1:] & on[:-1])
+        self.step_weights = np.repeat(stands[:, :, None], 3, axis=2).reshape(
+            len(stands), -1
+        )
+        self._hands = [
+            hand for hand in targets.hands if hand in robot.description.task_frames
+        ]
+        self._hand_links, self._hand_turns = [], []
+        for hand in self._hands:
+            name = robot.description.task_frames[hand]
+            frame = find_frame(robot.model.plant, name)
+            self._hand_links += robot.frame_points([hand])[0]
+            X_BF = frame.GetFixedPoseInBodyFrame()
+            self._hand_turns.append(X_BF.rotation().matrix())
+
+    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
+        """See `optimiser.Tasks`."""
+        targets, p = self._targets, self._robot.parameters
+        placed = self._robot.placed(targets, frames, y)
+        points, J = placed.points(self._links, self._offsets)
+        K, m, limbs = len(y), y.shape[1], len(self._limbs)
+        way = points[:, limbs : 2 * limbs] - points[:, :limbs]
+        length = np.linalg.norm(way, axis=2)[..., None]
+        u = way / length
+        wanted = np.stack([targets.directions[x][frames] for x in self._limbs], axis=1)
+        across = (np.eye(3) - u[..., None] * u[..., None, :]) / length[..., None]
+        weights = self._limb_weights[:, None]
+        r = [(weights * (u - wanted)).reshape(K, -1)]
+        turned = across @ (J[:, limbs : 2 * limbs] - J[:, :limbs])
+        jacobians = [(weights[..., None] * turned).reshape(K, -1, m)]
+
+        root = np.array([p.root, p.root, p.root_height, p.turn, p.turn, p.turn])
+        r.append(root * y[:, :ROOT])
+        of_root = np.zeros((K, ROOT, m))
+        of_root[:, np.arange(ROOT), np.arange(ROOT)] = root
+        jacobians.append(of_root)
+
+        soles, of_soles = points[:, 2 * limbs :], J[:, 2 * limbs :]
+        off = self._sole_weights * (soles - self._soles[frames])
+        r.append(off.reshape(K, -1))
+        weighted = self._sole_weights[:, None] * of_soles
+        jacobians.append(weighted.reshape(K, -1, m))
+
+        if self._hands:
+            R, of_hands = placed.turns(self._hand_links)
+            wanted = np.stack([targets.hands[x][frames] for x in self._hands], axis=1)
+            away = R @ np.array(self._hand_turns) @ wanted.swapaxes(-1, -2)
+            turn = Rotation.from_matrix(away.reshape(-1, 3, 3)).as_rotvec()
+            r.append(p.hand * turn.reshape(K, -1))
+            jacobians.append(p.hand * of_hands.reshape(K, -1, m))
+        return AtFrames(
+            np.concatenate(r, axis=1),
+            np.concatenate(jacobians, axis=1),
+            soles.reshape(K, -1),
+            of_soles.reshape(K, -1, m),
+        )
+
+
+class NearRowsAndFloor:
+    """Watched pairs that are near, and links that are near the floor or below it."""
+
+    def __init__(self, robot: Retargeter, targets: PerformerTargets) -> None:
+        self._robot, self._targets = robot, targets
+
+    def __call__(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
+        """See `optimiser.Problem`."""
+        robot = self._robot
+        whole = configurations(robot.model, robot.rest, y[:, ROOT:])
+        found = find_near_rows(whole, at.asked + look, robot.model.robot_ahead)
+        near = NearRows(*found)
+        gradient = np.zeros((len(near.d), y.shape[1]))
+        gradient[:, ROOT:] = near.gradient[:, : robot.model.n]
+        near = near._replace(d=near.d - at.asked[near.sample], gradient=gradient)
+        low = self._low(at, y, look)
+        both = [np.concatenate(pair) for pair in zip(near, low, strict=True)]
+        order = np.argsort(both[0], kind="stable")
+        return NearRows(*(x[order] for x in both))
+
+    def _low(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
+        """Of each link its lowest point, at frames alone."""
+        robot = self._robot
+        samples = np.flatnonzero(at.share == 0.0)
+        placed = robot.placed(self._targets, at.frame[samples], y[samples])
+        heights = placed.root_positions[:, None, 2] + placed.from_root[:, :, 2]
+        rows = []
+        for number, (link, points, radii) in enumerate(robot.floor_points):
+            reach = (np.linalg.norm(points, axis=1) + radii).max()
+            k = np.flatnonzero(heights[:, link] < look + reach)
+            z = placed.R[k, link, 2] @ points.T - radii + heights[k, link, None]
+            lowest = z.argmin(axis=1)
+            d = z[np.arange(len(k)), lowest]
+            low = d < look
+            k = k[low]
+            _, g = placed.heights(k, link, points[lowest[low]])
+            rows.append((samples[k], np.full(len(k), number), d[low], g))
+        sample, number, d, g = (
+            np.concatenate(each) for each in zip(*rows, strict=True)
+        )
+        return NearRows(sample, robot.num_pairs + number, d, g)
+
+
+def _samples(free: np.ndarray) -> Samples:
+    """At the frames that are free, and half-way between them and their neighbours."""
+    at = np.flatnonzero(free)
+    ways = np.flatnonzero(free[:-1] | free[1:])
+    return Samples(
+        np.concatenate([at, ways]),
+        np.concatenate([np.zeros(len(at)), np.full(len(ways), 0.5)]),
+        np.concatenate([np.full(len(at), _ASKED), np.full(len(ways), _ASKED_BETWEEN)]),
+    )

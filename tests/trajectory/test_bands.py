@@ -1,0 +1,73 @@
+"""The normal equations of a motion, against dense matrices."""
+
+import numpy as np
+import pytest
+
+from crar_drake.trajectory.bands import Normal, add_rows
+
+
+def dense(normal: Normal) -> np.ndarray:
+    frames, m = normal.b.shape
+    H = np.zeros((frames, m, frames, m))
+    for k in range(frames):
+        H[k, :, k] = np.tril(normal.D[k]) + np.tril(normal.D[k], -1).T
+    for k in range(frames - 1):
+        H[k + 1, :, k], H[k, :, k + 1] = normal.S[k], normal.S[k].T
+    for k in range(frames - 2):
+        H[k + 2, :, k] = H[k, :, k + 2] = np.diag(normal.E[k])
+    return H.reshape(frames * m, -1)
+
+
+def some_normal(frames: int, m: int, seed: int) -> Normal:
+    rng = np.random.default_rng(seed)
+    D = rng.normal(size=(frames, m, m))
+    D = D @ D.swapaxes(1, 2) + 10.0 * np.eye(m)
+    S = rng.normal(size=(max(frames - 1, 0), m, m))
+    E = rng.normal(size=(max(frames - 2, 0), m))
+    return Normal(D, S, E, rng.normal(size=(frames, m)))
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 7])
+@pytest.mark.parametrize("m", [1, 4])
+def test_the_solution_is_that_of_the_dense_matrix(frames, m):
+    normal = some_normal(frames, m, 10 * frames + m)
+    expected = np.linalg.solve(dense(normal), normal.b.ravel())
+    np.testing.assert_allclose(normal.solve().ravel(), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_not_positive_definite_has_no_solution():
+    normal = some_normal(3, 2, 1)
+    normal.D[1] -= 100.0 * np.eye(2)
+    assert np.linalg.eigvalsh(dense(normal)).min() < 0.0
+    assert normal.solve() is None
+
+
+def test_rows_are_least_squares_of_frames_and_places_between(monkeypatch):
+    """Of both forms of the function, held frames among them."""
+    rng = np.random.default_rng(5)
+    frames, m = 4, 3
+    #        frame 0, between 0 and 1, between 2 and a held one, held and 0, frame 3
+    left = np.array([0, 0, 0, 2, -1, 3])
+    right = np.array([-1, 1, 1, -1, 0, -1])
+    share = np.array([0.0, 0.25, 0.25, 0.5, 0.5, 0.0])
+    g, weight = rng.normal(size=(6, m)), rng.uniform(1.0, 2.0, 6)
+    g[1, 0] = 0.0
+    target = rng.normal(size=6)
+    A = np.zeros((6, frames, m))
+    for r in range(6):
+        if left[r] >= 0:
+            A[r, left[r]] += (1.0 - share[r]) * g[r]
+        if right[r] >= 0:
+            A[r, right[r]] += share[r] * g[r]
+    A = A.reshape(6, -1)
+    forms = [add_rows] + ([add_rows.py_func] if hasattr(add_rows, "py_func") else [])
+    for form in forms:
+        found = some_normal(frames, m, 2)
+        before = dense(found), found.b.copy()
+        form(found.D, found.S, found.b, left, right, share, g, weight, target)
+        np.testing.assert_allclose(
+            dense(found) - before[0], A.T @ (weight[:, None] * A), atol=1e-12
+        )
+        np.testing.assert_allclose(
+            (found.b - before[1]).ravel(), A.T @ (weight * target), atol=1e-12
+        )

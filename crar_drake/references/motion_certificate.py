@@ -37,7 +37,7 @@ from crar_drake.trajectory.margins import Margins
 from crar_drake.version import __version__
 
 KIND = "crar-drake certificate of a reference motion"
-FORMAT = 3
+FORMAT = 4
 
 # By so much less than what is claimed may be found: rounding [m].
 DISTANCE_TOLERANCE = 1e-6
@@ -326,18 +326,18 @@ def _check_pairs(
 ) -> None:
     """Whether it tells of each pair that can meet that it is of it, or that it is not.
 
-    Where nobody looks at meshes here, what it says of them counts for nothing.
+    Where nobody looks at meshes here, pairs that only these cover count as uncovered.
     """
     listed = {frozenset(pair) for pair in certificate["not_covered"]["pairs"]}
-    check.uncovered = len(listed)
-    told = listed | {frozenset(pair) for pair in robot.description.pairs}
+    watched = {frozenset(pair) for pair in robot.description.pairs}
+    of_meshes = {frozenset(pair) for pair in certificate["mesh_pairs"]}
+    told = listed | watched | of_meshes
     if judge is None:
+        check.uncovered = len(listed | (of_meshes - watched))
         pairs = shaped_pairs(robot)
     else:
+        check.uncovered, check.mesh_pairs = len(listed), len(of_meshes)
         pairs = judge.pairs + judge.left_out
-        of_meshes = {frozenset(pair) for pair in certificate["mesh_pairs"]}
-        check.mesh_pairs = len(of_meshes)
-        told |= of_meshes
         unknown = of_meshes - {frozenset(pair) for pair in judge.pairs}
         if unknown:
             pair = " - ".join(sorted(next(iter(unknown))))
@@ -372,7 +372,9 @@ def _check_meshes(
     # What is not claimed may be anything but a penetration.
     least = {"at_frames": np.zeros(len(judge.pairs)), "on_ways": None}
     least["on_ways"] = least["at_frames"].copy()
-    if claims is not None:
+    if claims is None and said:
+        check.refuted.append(f"{name}it has no bounds of meshes")
+    elif claims is not None:
         row = {frozenset(pair): k for k, pair in enumerate(judge.pairs)}
         rows = [row.get(frozenset(pair)) for pair in said]
         for key, values in least.items():
@@ -541,7 +543,7 @@ def _meshes(found: MeshClearance | None) -> dict | None:
         "not_shown": found.not_shown,
     }
     return {
-        key: (np.floor(values * 1e6) / 1e6).tolist() for key, values in least.items()
+        key: (np.floor(values * 1e9) / 1e9).tolist() for key, values in least.items()
     } | {
         key: [
             [int(row), np.flatnonzero(mask[row]).tolist()]

@@ -382,3 +382,45 @@ def test_no_point_goes_farther_than_the_bound(tmp_path, seed):
                 last[body] = p
         together = sum(each.max() for each in went.values())
         assert together <= bound[row, k] <= 4.0 * together
+
+
+def elbow(folder: Path) -> WholeBody:
+    """A post at the axis of a shoulder, 1 m to an elbow, and a needle 1 m long."""
+    half = 1e-6
+    box((-half,) * 3, (half,) * 3).export(folder / "post.obj", digits=12)
+    box((0.0, -half, -half), (1.0, half, half)).export(folder / "needle.obj", digits=12)
+    parts = [
+        link("post", '<mesh filename="post.obj"/>'),
+        link("upper"),
+        joint("shoulder", "post", "upper", limits=WIDE),
+        link("needle", '<mesh filename="needle.obj"/>'),
+        joint("bend", "upper", "needle", xyz="1 0 0", limits=WIDE),
+    ]
+    write(folder, robot(parts, "elbow"), "elbow.urdf")
+    (folder / "robot.yaml").write_text(
+        "name: elbow\nmodel: elbow.urdf\nbase: post\ntask_frames: {t: needle}\n"
+    )
+    return WholeBody(load_robot_description(folder))
+
+
+def test_one_joint_moves_a_point_as_far_as_its_arc(tmp_path):
+    body = elbow(tmp_path)
+    meshes = ClearanceOfMeshes(body)
+    q = np.array([[0.2, 1.0], [0.9, 1.0], [0.9, -0.5]])
+    arm = np.sqrt(2.0 + 2.0 * np.cos(1.0))  # from the shoulder to the needle's end
+    bound = meshes.advance(q, *meshes.meshes.poses(q))
+    np.testing.assert_allclose(bound[0], [0.7 * arm, 1.5], rtol=1e-5)
+
+
+def test_an_arm_that_stretches_on_the_way(tmp_path):
+    """It is bent at both ends, and its end goes farther than if it were on the way."""
+    body = elbow(tmp_path)
+    meshes = ClearanceOfMeshes(body)
+    q = np.array([[0.0, -2.0], [3.0, 2.0]])
+    u = np.linspace(0.0, 1.0, 10001)
+    shoulder, bend = 3.0 * u, -2.0 + 4.0 * u
+    end = np.exp(1j * shoulder) + np.exp(1j * (shoulder + bend))
+    path = np.abs(np.diff(end)).sum()
+    bent = 3.0 * np.sqrt(2.0 + 2.0 * np.cos(2.0)) + 4.0
+    bound = meshes.advance(q, *meshes.meshes.poses(q))[0, 0]
+    assert bent < path <= bound < 2.0 * path

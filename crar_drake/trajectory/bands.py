@@ -69,13 +69,16 @@ def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
     # symmetric the lower triangle is summed.
     m = g.shape[1]
     H, h = np.zeros((m, m)), np.zeros(m)
+    some = 0
     for r in range(len(g)):
-        for i in range(m):
-            scaled = weight[r] * g[r, i]
-            if scaled != 0.0:
-                h[i] += scaled * target[r]
-                for j in range(i + 1):
-                    H[i, j] += scaled * g[r, j]
+        if weight[r] != 0.0:
+            some += 1
+            for i in range(m):
+                scaled = weight[r] * g[r, i]
+                if scaled != 0.0:
+                    h[i] += scaled * target[r]
+                    for j in range(i + 1):
+                        H[i, j] += scaled * g[r, j]
         k, after, t = left[r], right[r], share[r]
         u = 1.0 - t
         if (
@@ -85,6 +88,9 @@ def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
             and share[r + 1] == t
         ):
             continue
+        if not some:
+            continue
+        some = 0
         for i in range(m):
             if k >= 0:
                 b[k, i] += u * h[i]
@@ -123,7 +129,7 @@ def add_rows(
         left, right: (R,) the frames k and l = k + 1; -1 where that one is held.
         share: (R,) t; rows with the same frame and share come one after the other.
         g: (R, m).
-        weight, target: (R,).
+        weight, target: (R,); a weight may be 0.
     """
     squares = (weight[:, None, None] * g[:, :, None]) * g[:, None, :]
     pulls = (weight * target)[:, None] * g
@@ -135,3 +141,32 @@ def add_rows(
     both = (left >= 0) & (right >= 0)
     by = (share * (1.0 - share))[both]
     np.add.at(S, left[both], by[:, None, None] * squares[both])
+
+
+def _along_rows_loops(g, left, right, share, x):
+    moved = np.zeros(len(g))
+    for r in range(len(g)):
+        k, after, t = left[r], right[r], share[r]
+        total = 0.0
+        if k >= 0 and t < 1.0:
+            for j in range(g.shape[1]):
+                total += (1.0 - t) * g[r, j] * x[k, j]
+        if after >= 0 and t > 0.0:
+            for j in range(g.shape[1]):
+                total += t * g[r, j] * x[after, j]
+        moved[r] = total
+    return moved
+
+
+@compiled(loops=_along_rows_loops)
+def along_rows(
+    g: np.ndarray,
+    left: np.ndarray,
+    right: np.ndarray,
+    share: np.ndarray,
+    x: np.ndarray,
+) -> np.ndarray:
+    """g ((1 - t) x_k + t x_l) of each row, (R,); arguments as of `add_rows`."""
+    wide = np.vstack((x, np.zeros((1, x.shape[1]))))  # -1: a frame that is held
+    by = share.reshape(-1, 1)
+    return ((1.0 - by) * wide[left] * g + by * wide[right] * g).sum(axis=1)

@@ -22,9 +22,11 @@ _SMALL = 1e-4  # [rad] below which a turn's Jacobian is taken from its series
 
 def skew(v: np.ndarray) -> np.ndarray:
     """(..., 3, 3) of the cross products v x."""
-    x, y, z = np.moveaxis(v, -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*v.shape, 3)
+    found = np.zeros((*v.shape, 3))
+    found[..., 0, 1], found[..., 0, 2] = -v[..., 2], v[..., 1]
+    found[..., 1, 0], found[..., 1, 2] = v[..., 2], -v[..., 0]
+    found[..., 2, 0], found[..., 2, 1] = -v[..., 1], v[..., 0]
+    return found
 
 
 def turn_jacobian(turn: np.ndarray) -> np.ndarray:
@@ -97,13 +99,12 @@ class Placed:
         return self.root_positions[:, None] + arm, J
 
     def heights(
-        self, frames: np.ndarray, links: int, offsets: np.ndarray
+        self, frames: np.ndarray, links: np.ndarray, offsets: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Of single points of a link: z (N,) [m], and gradients (N, 6 + n).
+        """Of single points at single frames: z (N,) [m], and gradients (N, 6 + n).
 
         Args:
-            frames: (N,) at which of the K frames.
-            links: which of the tasks they are on.
+            frames, links: (N,) which of the K frames, and which of the tasks.
             offsets: (N, 3) p_LP in its frame [m].
         """
         off = (self.R[frames, links] @ offsets[..., None])[..., 0]

@@ -35,7 +35,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from crar_drake.trajectory.bands import Normal, add_rows
+from crar_drake.trajectory.bands import Normal, add_rows, along_rows
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
@@ -303,10 +303,10 @@ class Part:
         t = share[:, None]
         at = (1.0 - t) * y[k] + t * y[np.minimum(k + 1, len(y) - 1)]
         samples = Samples(self.first + k, share, self.samples.asked[some])
+        done = problem.tasks.at(self.first + live.seen, y[live.seen])
         rows = no_rows(y.shape[1])
         if penalty:
             rows = problem.near_rows(samples, at, look)
-        done = problem.tasks.at(self.first + live.seen, y[live.seen])
         new = _Linearised(y, done, rows)
         new.merit = self._merit(new, live, penalty)
         return new
@@ -358,10 +358,9 @@ class Part:
         step, before = np.zeros((frames, m)), None
         for _ in range(_ACTIVE_SETS):
             wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
-            moved = (1.0 - t)[:, None] * wide[left] + t[:, None] * wide[right]
             change = wide[live.step_right] - wide[live.step_left]
             on = (
-                shift > np.einsum("rj,rj->r", rows.gradient, moved),
+                shift > along_rows(rows.gradient, left, right, t, step),
                 limits > np.stack([step, -step]),
                 speeds > np.stack([-change, change]),
             )
@@ -370,17 +369,16 @@ class Part:
                 break
             before = on
             normal = base.copy()
-            some = np.flatnonzero(on[0])
             add_rows(
                 normal.D,
                 normal.S,
                 normal.b,
-                left[some],
-                right[some],
-                t[some],
-                rows.gradient[some],
-                np.full(len(some), penalty),
-                shift[some],
+                left,
+                right,
+                t,
+                rows.gradient,
+                penalty * on[0],
+                shift,
             )
             every = np.arange(frames)
             normal.add_to_diagonal(every, rho * on[1].sum(axis=0))

@@ -156,7 +156,7 @@ class Retargeter:
         tasks = [Task(frame=name, kind="pose") for name in self._links]
         self._poses = ControlModel.FromDescription(bare, tasks)
         self.rest = self.model.rest_positions()
-        self._last = None
+        self._last = None, np.zeros(1, dtype=int), np.zeros((1, 0)), None
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, self.rest)
         self._context = context
@@ -226,15 +226,11 @@ class Retargeter:
             found.append(points[:, 1] - points[:, 0])
         return found
 
-    def placed(self, targets: PerformerTargets, frames, y) -> Placed:
-        """The links at some frames; those of the last call are not found again."""
-        key = targets, frames.tobytes(), y.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._place_links(targets, frames, y)
-        return self._last[1]
-
-    def _place_links(self, targets: PerformerTargets, frames, y) -> Placed:
-        return Placed(
+    def placed(
+        self, targets: PerformerTargets, frames: np.ndarray, y: np.ndarray
+    ) -> Placed:
+        """The links at some frames."""
+        found = Placed(
             self._poses,
             self.rest,
             self._base,
@@ -242,6 +238,20 @@ class Retargeter:
             targets.root_rotations[frames],
             y,
         )
+        self._last = targets, frames, y, found
+        return found
+
+    def placed_before(
+        self, targets: PerformerTargets, frames: np.ndarray, y: np.ndarray
+    ) -> tuple[Placed, np.ndarray]:
+        """The links at frames, and which of its frames these are: the last that were
+        placed, if they are among them."""
+        known, at, of, found = self._last
+        k = np.minimum(np.searchsorted(at, frames), len(at) - 1)
+        same = known is targets and np.array_equal(at[k], frames)
+        if same and np.array_equal(of[k], y):
+            return found, k
+        return self.placed(targets, frames, y), np.arange(len(frames))
 
     def frame_points(self, names: Sequence[str]) -> tuple[list[int], np.ndarray]:
         """Of task frames: (P,) their links, and (P, 3) where they are on them [m]."""
@@ -515,20 +525,22 @@ class NearRowsAndFloor:
         """Of each link its lowest point, at frames alone."""
         robot = self._robot
         samples = np.flatnonzero(at.share == 0.0)
-        placed = robot.placed(self._targets, at.frame[samples], y[samples])
-        heights = placed.root_positions[:, None, 2] + placed.from_root[:, :, 2]
+        placed, k = robot.placed_before(self._targets, at.frame[samples], y[samples])
+        heights = placed.root_positions[k, None, 2] + placed.from_root[k, :, 2]
         rows = []
         for number, (link, points, radii) in enumerate(robot.floor_points):
             reach = (np.linalg.norm(points, axis=1) + radii).max()
-            k = np.flatnonzero(heights[:, link] < look + reach)
-            z = placed.R[k, link, 2] @ points.T - radii + heights[k, link, None]
+            some = np.flatnonzero(heights[:, link] < look + reach)
+            z = placed.R[k[some], link, 2] @ points.T - radii
+            z += heights[some, link, None]
             lowest = z.argmin(axis=1)
-            d = z[np.arange(len(k)), lowest]
+            d = z[np.arange(len(some)), lowest]
             low = d < look
-            k = k[low]
-            _, g = placed.heights(k, link, points[lowest[low]])
-            rows.append((samples[k], np.full(len(k), number), d[low], g))
-        sample, number, d, g = (
+            links = np.full(np.count_nonzero(low), link)
+            number = np.full(len(links), number)
+            rows.append((some[low], number, d[low], links, points[lowest[low]]))
+        some, number, d, links, points = (
             np.concatenate(each) for each in zip(*rows, strict=True)
         )
-        return NearRows(sample, self._keeper.num_rows + number, d, g)
+        _, g = placed.heights(k[some], links, points)
+        return NearRows(samples[some], self._keeper.num_rows + number, d, g)

@@ -196,6 +196,14 @@ def test_it_runs_in_real_time_and_describes_itself(server, client):
     model = server.motion.model
     assert said["tasks"] == {"left_wrist": "position", "right_wrist": "position"}
     assert said["positions"] == list(model.position_names)
+    # Where the robot's points are, as Drake has them.
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, model.rest_positions())
+    for task, target in said["targets"].items():
+        frame = plant.GetFrameByName(model.description.task_frames[task])
+        there = frame.CalcPoseInWorld(context).translation()
+        np.testing.assert_allclose(target["position"], there, atol=1e-8)
     assert len(said["torques"]) == len(commands[0]["torques"])
     assert [c["status"] for c in commands] == ["braking"] * 3
     assert sum(server.statistics.steps.values()) <= 101

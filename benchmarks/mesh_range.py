@@ -1,19 +1,21 @@
 """Can the meshes of two links meet within the limits of the joints between them?
 
     python -m benchmarks.mesh_range g1_whole_body pelvis left_hip_roll_link
+        [--page docs/measurements/whole-body.md]
 
 The triangles are asked over a grid of these joints, from limit to limit; the others are
 at rest. Where links meet that are built so near each other that nobody watches them,
-it is for the motion to stay away from there. docs/guides/whole-body.md has figures.
+it is for the motion to stay away from there.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.robot.description import (
     RobotDescription,
@@ -22,32 +24,33 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks
-from crar_drake.studies.tables import markdown_table
 from crar_drake.targets.ankle_limits import joints_between
 
 
-def main() -> None:
-    """Prints what the command line asks for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def main(argv: Sequence[str] | None = None) -> None:
+    """Reports what the command line asks for."""
+    benchmark = Benchmark("benchmarks.mesh_range", __doc__, "whole-body")
+    parser = benchmark.parser
     parser.add_argument("robot", help="its name or folder")
     parser.add_argument("links", nargs=2, help="two links, the inner one first")
     parser.add_argument("--steps", type=int, default=19, help="of each joint")
-    arguments = parser.parse_args()
+    arguments = benchmark.parse(argv, lambda _: "mesh range")
     description = load_robot_description(arguments.robot)
     found = mesh_range(description, *arguments.links, arguments.steps)
     rest, joints, values, distances = found
-    print(
-        f"at rest {1e3 * rest:.1f} mm apart; in {np.sum(distances < 0.0)} of ", end=""
+    found = (
+        f"{' and '.join(arguments.links)} are {1e3 * rest:.1f} mm apart at rest; in "
+        f"{np.sum(distances < 0.0)} of {distances.size} configurations they meet. "
+        "Smallest distances [mm], joint by joint [rad]:"
     )
-    print(f"{distances.size} configurations they meet. Smallest distances [mm]:\n")
+    tables = []
     for axis, joint in enumerate(joints):
         others = tuple(k for k in range(len(joints)) if k != axis)
         nearest = distances.min(axis=others)
         header = [joint, *(f"{value:.2f}" for value in values[axis])]
         row = ["", *(f"{1e3 * d:.1f}" for d in nearest)]
-        print(markdown_table(header, [row]))
+        tables.append(Table(header, [row]))
+    benchmark.report(tables, found)
 
 
 def mesh_range(
@@ -84,4 +87,4 @@ def mesh_range(
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

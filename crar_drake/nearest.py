@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Iterable
 
 # More names than these are more than anybody reads.
-_MOST_NAMES = 20
+_MOST_NAMES = 40
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -1,26 +1,29 @@
 """What breaks the lookahead's assumptions, by how much, and what helps against it.
 
-python -m benchmarks.faults [--out table.md] [--motion M ...]
-    [--period P] [--preview S]
+python -m benchmarks.faults [--motion M ...] [--period P] [--preview S]
+    [--page docs/measurements/faults.md]
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from benchmarks.preview_option import add_preview_option, lookahead_defaults
+from benchmarks.page import Benchmark, Table, run
+from benchmarks.preview_option import (
+    add_preview_option,
+    defaults_or_preview,
+    lookahead_defaults,
+)
 from crar_drake.control.records import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import FAILURES, RunResult, run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push, TargetJump
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.tables import markdown_table, write_report
 
 # How long each motion runs [s]: until after the first fast stretch in which hands
 # come near the body. Other motions run whole.
@@ -355,8 +358,8 @@ def run_all(
     return outcomes
 
 
-def report(outcomes: Sequence[Outcome]) -> str:
-    """Two Markdown tables: each fault over all runs, and each run in violation.
+def make_tables(outcomes: Sequence[Outcome]) -> list[Table]:
+    """Each fault over all runs; and each run in violation, if there are such.
 
     The first table's figures are the worst of the fault's runs with the defaults.
     """
@@ -384,12 +387,11 @@ def report(outcomes: Sequence[Outcome]) -> str:
         "peak torque",
         "rms acceleration",
     ]
-    table = markdown_table(
-        ["fault", "assumption broken", "runs in violation", "samples", *figures], rows
-    )
+    whole = ["fault", "assumption broken", "runs in violation", "samples", *figures]
+    table = Table(whole, rows)
     violated = {(o.fault, o.where) for o in plain if o.violated}
     if not violated:
-        return table + "\nNo run is in violation.\n"
+        return [table]
     details = [
         [
             o.fault,
@@ -405,7 +407,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
         if (o.fault, o.where) in violated
     ]
     header = ["fault", "run", "settings", "samples in violation", *figures]
-    return table + "\n" + markdown_table(header, details)
+    return [table, Table(header, details)]
 
 
 def _distance(distance: float) -> str:
@@ -418,14 +420,14 @@ def _excess(angle: float) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs all faults on dance and boxing, in both experiments."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", help="Markdown file for the tables")
+    benchmark = Benchmark("benchmarks.faults", __doc__, "faults")
+    parser = benchmark.parser
     parser.add_argument(
         "--motion", action="append", help="may be repeated; default dance and boxing"
     )
     parser.add_argument("--period", type=float, default=PERIOD, help="control period")
     add_preview_option(parser)
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(argv, defaults_or_preview)
     outcomes = run_all(
         arguments.motion or ("dance", "boxing"),
         period=arguments.period,
@@ -436,8 +438,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         ),
         preview=arguments.preview,
     )
-    write_report(report(outcomes), arguments.out)
+    tables = make_tables(outcomes)
+    benchmark.report(tables, "" if tables[1:] else "No run is in violation.")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,7 @@
 """What a run of many minutes takes: memory, time and the size of its files.
 
-    python -m benchmarks.long_run [MOTION] [--minutes 1,10] [--out table.md]
+    python -m benchmarks.long_run [MOTION] [--minutes 1,10]
+        [--page docs/measurements/memory.md]
 
 The motion is played there and back until the time is over; each length runs in a
 process of its own, with log, plot and recording.
@@ -8,7 +9,6 @@ process of its own, with log, plot and recording.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import tempfile
@@ -19,13 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.formats.asf_amc import Clip, write_amc, write_asf
 from crar_drake.results import LOG, RECORDING
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import load_scenario
-from crar_drake.studies.tables import markdown_table, write_report
 
 HEADER = [
     "motion",
@@ -83,20 +83,20 @@ def measure(motion: str, scenario: str, minutes: float) -> list[str]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Measures every length, and prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    benchmark = Benchmark("benchmarks.long_run", __doc__, "memory")
+    parser = benchmark.parser
     parser.add_argument("motion", nargs="?", default="dance")
     parser.add_argument("--scenario", default="dance", help="everything else")
     parser.add_argument("--minutes", default="1,10", help="lengths [min]")
-    parser.add_argument("--out", help="Markdown file for the table")
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(argv, lambda _: "runs")
     lengths = [float(text) for text in arguments.minutes.split(",")]
     rows = []
     for minutes in lengths:
         with FreshProcesses(1) as pool:
             call = pool.submit(measure, arguments.motion, arguments.scenario, minutes)
             rows.append(call.result())
-    write_report(markdown_table(HEADER, rows), arguments.out)
+    benchmark.report([Table(HEADER, rows)])
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

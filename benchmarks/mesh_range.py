@@ -1,19 +1,22 @@
 """Can the meshes of two links meet within the limits of the joints between them?
 
-    python -m benchmarks.mesh_range g1_whole_body pelvis left_hip_roll_link
+    python -m benchmarks.mesh_range g1_whole_body pelvis,left_hip_roll_link ...
+        [--page docs/measurements/whole-body.md]
 
 The triangles are asked over a grid of these joints, from limit to limit; the others are
 at rest. Where links meet that are built so near each other that nobody watches them,
-it is for the motion to stay away from there. docs/guides/whole-body.md has figures.
+it is for the motion to stay away from there.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.page import Benchmark, Table, run
+from crar_drake.errors import CrarError
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.robot.description import (
     RobotDescription,
@@ -22,32 +25,50 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks
-from crar_drake.studies.tables import markdown_table
 from crar_drake.targets.ankle_limits import joints_between
 
+HEADER = (
+    "links",
+    "at rest",
+    "configurations in which they meet",
+    "smallest distance",
+    "where [rad]",
+)
 
-def main() -> None:
-    """Prints what the command line asks for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Reports what the command line asks for."""
+    benchmark = Benchmark("benchmarks.mesh_range", __doc__, "whole-body")
+    parser = benchmark.parser
     parser.add_argument("robot", help="its name or folder")
-    parser.add_argument("links", nargs=2, help="two links, the inner one first")
-    parser.add_argument("--steps", type=int, default=19, help="of each joint")
-    arguments = parser.parse_args()
-    description = load_robot_description(arguments.robot)
-    found = mesh_range(description, *arguments.links, arguments.steps)
-    rest, joints, values, distances = found
-    print(
-        f"at rest {1e3 * rest:.1f} mm apart; in {np.sum(distances < 0.0)} of ", end=""
+    parser.add_argument(
+        "pairs", nargs="+", metavar="INNER,OUTER", help="two links, the inner one first"
     )
-    print(f"{distances.size} configurations they meet. Smallest distances [mm]:\n")
-    for axis, joint in enumerate(joints):
-        others = tuple(k for k in range(len(joints)) if k != axis)
-        nearest = distances.min(axis=others)
-        header = [joint, *(f"{value:.2f}" for value in values[axis])]
-        row = ["", *(f"{1e3 * d:.1f}" for d in nearest)]
-        print(markdown_table(header, [row]))
+    parser.add_argument("--steps", type=int, default=19, help="of each joint")
+    arguments = benchmark.parse(argv, lambda _: "mesh range")
+    description = load_robot_description(arguments.robot)
+    rows = []
+    for pair in arguments.pairs:
+        links = pair.split(",")
+        if len(links) != 2:
+            raise CrarError(f"{pair!r}: give two links with a comma between")
+        rest, joints, values, distances = mesh_range(
+            description, *links, arguments.steps
+        )
+        deepest = np.unravel_index(distances.argmin(), distances.shape)
+        rows.append(
+            [
+                ", ".join(links),
+                f"{1e3 * rest:.1f} mm",
+                f"{np.sum(distances < 0.0)} of {distances.size}",
+                f"{1e3 * distances.min():.1f} mm",
+                ", ".join(
+                    f"{joint} {of[k]:.2f}"
+                    for joint, of, k in zip(joints, values, deepest, strict=True)
+                ),
+            ]
+        )
+    benchmark.report([Table(HEADER, rows)])
 
 
 def mesh_range(
@@ -84,4 +105,4 @@ def mesh_range(
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,7 @@
 """How the lookahead's parameters trade tracking, margin and smoothness.
 
-    python -m benchmarks.parameter_study MOTION… [--out table.md]
+    python -m benchmarks.parameter_study MOTION…
+        [--page docs/measurements/parameters.md]
 
 Each line changes one thing of the defaults. At a control period of 5 ms, where the
 differences show sooner than at 1 ms.
@@ -8,11 +9,11 @@ differences show sooner than at 1 ms.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
@@ -23,7 +24,6 @@ from crar_drake.studies.sweep import (
     find_motions,
     run_case,
 )
-from crar_drake.studies.tables import markdown_table, write_report
 
 PERIOD = 5e-3  # [s]
 
@@ -120,14 +120,14 @@ HEADER = [
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs every variation on every motion, and prints a table per experiment."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    benchmark = Benchmark("benchmarks.parameter_study", __doc__, "parameters")
+    parser = benchmark.parser
     parser.add_argument("motions", nargs="+", help="as of crar-drake sweep")
     parser.add_argument("--duration", type=float, help="of each clip at most [s]")
     parser.add_argument("--jobs", type=int, help="processes; one per core")
-    parser.add_argument("--out", help="Markdown file for the tables")
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(argv, lambda _: "study")
     motions = find_motions(arguments.motions)
-    text = ""
+    tables = []
     with FreshProcesses(arguments.jobs) as pool:
         futures = {}
         for experiment in EXPERIMENTS:
@@ -147,9 +147,9 @@ def main(argv: Sequence[str] | None = None) -> None:
                 line(name, [future.result() for future in futures[experiment, name]])
                 for name in variations()
             ]
-            text += f"\n### {experiment}\n\n" + markdown_table(HEADER, rows)
-    write_report(text, arguments.out)
+            tables.append(Table(HEADER, rows, experiment))
+    benchmark.report(tables)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

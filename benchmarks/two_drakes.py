@@ -1,7 +1,8 @@
 """What a control step takes with two versions of Drake, measured by turns.
 
     python -m benchmarks.two_drakes .venv/bin/python .venv-3.13/bin/python
-        [--motion dance] [--duration 1] [--rounds 5] [--out FILE]
+        [--motion dance] [--duration 1] [--rounds 5]
+        [--page docs/measurements/speed.md]
 
 Each interpreter has its own Drake, NumPy and Python, so that the ratio is that of all
 three. Both run this checkout; a round is `benchmarks.step --only step` in the one and
@@ -10,7 +11,6 @@ then in the other.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.errors import CrarError
-from crar_drake.studies.tables import markdown_table, write_report
 
 ROOT = Path(__file__).resolve().parents[1]  # of the checkout
 
@@ -78,8 +78,10 @@ def measure(
     return found
 
 
-def report(found: Sequence[Sequence[dict]], motion: str, duration: float) -> str:
-    """The table, as Markdown: medians of the rounds and of their ratios.
+def make_table(
+    found: Sequence[Sequence[dict]], motion: str, duration: float
+) -> tuple[Table, str]:
+    """Medians of the rounds and of their ratios, and what they were measured on.
 
     Args:
         found: from `measure`, of two interpreters.
@@ -95,13 +97,11 @@ def report(found: Sequence[Sequence[dict]], motion: str, duration: float) -> str
         f"{name} (Python {m['python']}, NumPy {m['numpy']})"
         for name, m in zip(names, machines, strict=True)
     ]
-    machine = machines[0]
     text = (
-        f"{machine['cpu']}, {machine['cores']} cores, load average {min(loads):.1f} to "
-        f"{max(loads):.1f}; {machine['threads']} thread; motion {motion}, "
-        f"{duration:g} s; {len(first)} rounds by turns. {whole[0]} and {whole[1]}. "
-        "Medians of processor time [µs], and of the rounds' ratios with the least and "
-        "the largest.\n\n"
+        f"Load average {min(loads):.1f} to {max(loads):.1f}; {machines[0]['threads']} "
+        f"thread; motion {motion}, {duration:g} s; {len(first)} rounds by turns. "
+        f"{whole[0]} and {whole[1]}. Medians of processor time [µs], and of the "
+        "rounds' ratios with the least and the largest."
     )
     rows = []
     for case in range(len(first[0]["step"])):
@@ -122,29 +122,25 @@ def report(found: Sequence[Sequence[dict]], motion: str, duration: float) -> str
                 ]
             )
     header = ["tasks, constraints", "what", *names, "second over first"]
-    return text + markdown_table(header, rows)
+    return Table(header, rows), text
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measures and prints the table; 0, or 2 with a message if something is wrong."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(argv: Sequence[str] | None = None) -> None:
+    """Measures, and reports the table."""
+    benchmark = Benchmark("benchmarks.two_drakes", __doc__, "speed")
+    parser = benchmark.parser
     parser.add_argument("pythons", nargs=2, metavar="PYTHON", help="an interpreter")
     parser.add_argument("--motion", default="dance", help="as of benchmarks.step")
     parser.add_argument("--duration", type=float, default=1.0, help="of it [s]")
     parser.add_argument("--rounds", type=int, default=5, help="(default: %(default)s)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="to write to, besides")
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(argv, lambda _: "two drakes")
     motion, duration = arguments.motion, arguments.duration
-    try:
-        if arguments.rounds < 1:
-            raise CrarError(f"--rounds: {arguments.rounds} must be at least 1")
-        found = measure(arguments.pythons, motion, duration, arguments.rounds)
-        write_report(report(found, motion, duration), arguments.out)
-    except CrarError as error:
-        print(f"two_drakes: error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    if arguments.rounds < 1:
+        raise CrarError(f"--rounds: {arguments.rounds} must be at least 1")
+    found = measure(arguments.pythons, motion, duration, arguments.rounds)
+    table, about = make_table(found, motion, duration)
+    benchmark.report([table], about)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

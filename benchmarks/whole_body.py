@@ -2,6 +2,7 @@
 
     crar-drake import-robot g1_whole_body
     python -m benchmarks.whole_body $CRAR_MOCAP_PATH --out out/whole_body
+        [--page docs/measurements/whole-body.md]
 
 Each recording is simulated with the whole body's tasks and judged by programs that
 share nothing with the controller: the referee (capsules, limits, speeds) at every
@@ -9,17 +10,18 @@ sample, the triangles of the meshes every 50 ms, and `references.footing` (slip 
 planted feet, lowest point, what the ground would have to give). Errors and footing
 leave out what is blended in at the start. The smallest files come first; a folder of a
 recording that has its log is judged, not run again, so that a stopped benchmark can be
-continued, and several can share a folder. docs/guides/whole-body.md has figures.
+continued, and several can share a folder.
 """
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.errors import CrarError
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
@@ -33,7 +35,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario, load_scenario
 from crar_drake.studies.sweep import find_motions
-from crar_drake.studies.tables import markdown_table, write_report
 
 _MESH_PERIOD = 0.05  # [s]
 _HEADER = (
@@ -50,18 +51,17 @@ _HEADER = (
 )
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Runs and judges what the command line says."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    benchmark = Benchmark("benchmarks.whole_body", __doc__, "whole-body")
+    parser = benchmark.parser
     parser.add_argument("motions", nargs="+", help="folders, files or cmu:05_02")
     parser.add_argument("--scenario", default="g1_whole_body_dance")
     parser.add_argument("--duration", type=float, help="of each, at most [s]")
     parser.add_argument("--out", type=Path, default=Path("out/whole_body"))
     parser.add_argument("--judge-only", action="store_true", help="what has a log")
     parser.add_argument("--no-meshes", action="store_true")
-    arguments = parser.parse_args()
+    arguments = benchmark.parse(argv, lambda _: "recordings")
     base = load_scenario(arguments.scenario)
     judge, rows, points = None, [], []
     for motion in sorted(find_motions(arguments.motions), key=_size):
@@ -82,10 +82,10 @@ def main() -> None:
         rows.append(_row(name, log, judge))
         points.append([name, *(f"{1e3 * error:.0f}" for error in errors.values())])
         print(rows[-1], flush=True)
-    text = markdown_table(_HEADER, rows)
+    tables = [Table(_HEADER, rows)]
     if points:
-        text += "\nRms errors [mm]:\n\n" + markdown_table(["", *errors], points)
-    write_report(text, arguments.out / "table.md")
+        tables.append(Table(["", *errors], points, "Rms errors [mm]"))
+    benchmark.report(tables)
 
 
 def _size(motion: str) -> int:
@@ -167,4 +167,4 @@ def _stood(stood: Footing) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 import crar_drake
@@ -139,6 +140,42 @@ def test_the_calls_on_the_page_about_diagrams_work():
     np.testing.assert_allclose(known["torque"], known["solution"].actuation, atol=1e-9)
 
 
+def test_the_robot_that_is_in_a_plant_already_on_the_page_works():
+    """From its own file, by Drake's parser, beside a ball that falls."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.tree import SpatialInertia
+    from pydrake.systems.primitives import ConstantVectorSource
+
+    program = programs(YOUR_DIAGRAM)[0].replace("my_robot", "upper_body")
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    urdf = ROOT / "models" / "upper_body" / "upper_body.urdf"
+    (arm,) = Parser(plant).AddModels(str(urdf))
+    base = plant.GetFrameByName(crar_drake.load_robot_description("upper_body").base)
+    plant.WeldFrames(plant.world_frame(), base)
+    plant.Finalize()
+    known = {n: getattr(crar_drake, n) for n in crar_drake.__all__}
+    known |= {"builder": builder, "plant": plant, "scene_graph": scene_graph}
+    known |= {"arm": arm, "tasks": crar_drake.position_tasks(["left_wrist"])}
+    exec(program, known)
+    controller, model = known["controller"], known["model"]
+    q = model.rest_positions()
+    for port, value in (
+        (controller.get_input_port_desired_tasks(), model.tasks_at(q)),
+        (controller.get_input_port_desired_prescribed(), model.prescribed_at(q)),
+    ):
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), port)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.2)
+    context = plant.GetMyContextFromRoot(simulator.get_context())
+    np.testing.assert_allclose(plant.GetPositions(context, arm), q, atol=1e-4)
+    # The ball has fallen by g t^2 / 2.
+    fallen = plant.GetBodyByName("ball").EvalPoseInWorld(context).translation()[2]
+    assert abs(fallen + 0.5 * 9.81 * 0.2**2) < 2e-3
+
+
 def test_the_obstacle_and_the_view_on_the_page_work(tmp_path, monkeypatch):
     """An obstacle before the controller is added, the view after it."""
     from pydrake.geometry import Capsule, ProximityProperties, StartMeshcat
@@ -147,7 +184,7 @@ def test_the_obstacle_and_the_view_on_the_page_work(tmp_path, monkeypatch):
     from pydrake.visualization import AddDefaultVisualization
 
     monkeypatch.chdir(tmp_path)
-    view, post, watched = programs(YOUR_DIAGRAM)
+    _, view, post, watched = programs(YOUR_DIAGRAM)
     live, page = re.split(r"(?m)^# .*AdvanceTo.*\n", view)
     names = (Capsule, ProximityProperties, StartMeshcat, RigidTransform, SpatialInertia)
     known = {thing.__name__: thing for thing in (*names, Path)}

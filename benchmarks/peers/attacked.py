@@ -1,6 +1,7 @@
 """The adversary's attacks on the peers: the same targets and the same judge for all.
 
     python -m benchmarks.peers.attacked --seeds 12 --out out/attacked
+        [--page docs/measurements/attacked.md]
 
 Seven points of the shipped upper body, from a clear start at rest, for a second each.
 Left out are the attacks that need what a peer does not have: a start at speed, targets
@@ -20,11 +21,11 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from benchmarks.adversary.attacks import make_episode
 from benchmarks.adversary.judge import Judge, Verdict
-from benchmarks.peers.compare import PERIOD, parser_of, recorded, run_command
+from benchmarks.page import Benchmark, Table
+from benchmarks.peers.compare import PERIOD, add_peer_options, recorded, run_command
 from benchmarks.peers.crossings import entries
 from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
@@ -36,7 +37,6 @@ from crar_drake import (
     position_tasks,
 )
 from crar_drake.files import whole_file
-from crar_drake.studies.tables import markdown_table, write_report
 
 ATTACKS = (
     "teleport",
@@ -191,12 +191,18 @@ def slow_down(folder: Path, fastest: float) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = parser_of(__doc__.splitlines()[0], "out/attacked")
+    benchmark = Benchmark("benchmarks.peers.attacked", __doc__, "attacked")
+    parser = benchmark.parser
+    add_peer_options(parser, "out/attacked")
     parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
     parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
-    parser.add_argument("--table", type=Path, help="write the tables to this file")
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(
+        argv,
+        lambda given: (
+            f"fastest {given.fastest:g}" if given.fastest else "shipped limits"
+        ),
+    )
     if arguments.fastest is not None and not arguments.fastest > 0.0:
         parser.error(f"--fastest {arguments.fastest}: must be above 0")
     if arguments.seeds < 1:
@@ -228,13 +234,10 @@ def main(argv: Sequence[str] | None = None) -> None:
                 indent=1,
             )
         )
-    text = tables(found)
-    Console().print(text, markup=False, soft_wrap=True)
-    if arguments.table:
-        write_report(text, arguments.table)
+    benchmark.report(make_tables(found))
 
 
-def tables(found: dict[str, dict[str, Harm]]) -> str:
+def make_tables(found: dict[str, dict[str, Harm]]) -> list[Table]:
     """All attacks together, a row a controller; and its smallest distance by attack."""
     whole, parts = [], []
     for name, each in found.items():
@@ -268,11 +271,8 @@ def tables(found: dict[str, dict[str, Harm]]) -> str:
             ]
         )
     attacks = list(next(iter(found.values())))
-    return (
-        markdown_table(HEADER, whole)
-        + "\nSmallest distance, and episodes violated, attack by attack:\n\n"
-        + markdown_table(["controller", *attacks], parts)
-    )
+    title = "Smallest distance, and episodes violated, attack by attack"
+    return [Table(HEADER, whole), Table(["controller", *attacks], parts, title)]
 
 
 if __name__ == "__main__":

@@ -253,14 +253,13 @@ def run_all(
     return made
 
 
-def parser_of(what: str, out: str) -> argparse.ArgumentParser:
+def add_peer_options(parser: argparse.ArgumentParser, out: str) -> None:
     """Of a benchmark that drives peers, in environments that may be there already.
 
     Args:
-        what: the benchmark, in a line.
+        parser: the benchmark's.
         out: its folder.
     """
-    parser = argparse.ArgumentParser(description=what)
     parser.add_argument("--out", type=Path, default=Path(out))
     parser.add_argument(
         "--environments",
@@ -268,7 +267,6 @@ def parser_of(what: str, out: str) -> argparse.ArgumentParser:
         default=Path("out/peers/environments"),
         help="of the peers; made where they are not there",
     )
-    return parser
 
 
 def recorded(
@@ -283,7 +281,7 @@ def recorded(
     Args:
         rows: the controllers.
         cases: to their periods of control [s].
-        arguments: of `parser_of`.
+        arguments: with those of `add_peer_options`.
         folder: of the problem.
         keep: whether what was recorded of the same is not recorded again.
 

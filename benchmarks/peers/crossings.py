@@ -1,6 +1,7 @@
 """Many random crossings: every controller with one set of settings for all of them.
 
     python -m benchmarks.peers.crossings --seeds 36
+        [--page docs/measurements/crossings.md]
 
 The motions are `motions.random_crossings` of the shipped upper body, or of another
 robot of `problem.ROBOTS`. The peers keep the settings that `compare --tune` chose for
@@ -15,19 +16,19 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
+from benchmarks.page import Benchmark, Table
 from benchmarks.peers.compare import (
     COMPILED,
     PERIOD,
     Entry,
     PeerError,
-    parser_of,
+    add_peer_options,
     recorded,
     run_command,
 )
@@ -36,7 +37,6 @@ from benchmarks.peers.peers import OURS, PEERS
 from benchmarks.peers.problem import ROBOT, ROBOTS, write_crossings, write_problem
 from benchmarks.peers.tuning import load_settings
 from crar_drake.files import whole_file
-from crar_drake.studies.tables import markdown_table
 
 TUNED_FOR = "crossing"
 HIGHER_GAINS = {"Gv": 60.0, "K": 60.0, "Kp": 900.0}
@@ -66,7 +66,8 @@ HEADER = (
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    arguments, out, cases, judge = asked(__doc__.splitlines()[0], argv)
+    benchmark = Benchmark("benchmarks.peers.crossings", __doc__, "crossings")
+    arguments, out, cases, judge = asked(benchmark, argv, lambda given: given.robot)
     folder = out / "problem"
     figures = {}
     each = dict.fromkeys(cases, PERIOD)
@@ -86,29 +87,33 @@ def main(argv: Sequence[str] | None = None) -> None:
         temporary.write_text(json.dumps(told, indent=1))
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
-    Console().print(markdown_table(HEADER, rows), markup=False, soft_wrap=True)
+    benchmark.report([Table(HEADER, rows)])
 
 
 def asked(
-    what: str, argv: Sequence[str] | None
+    benchmark: Benchmark,
+    argv: Sequence[str] | None,
+    part: Callable[[argparse.Namespace], str],
 ) -> tuple[argparse.Namespace, Path, list[str], Judge]:
     """Writes the motions that a benchmark of crossings is asked for.
 
     Args:
-        what: the benchmark, in a line.
+        benchmark: which gets the options.
         argv: its arguments.
+        part: of its page, for the arguments.
 
     Returns:
         The arguments; the folder of all, with the problem in `problem`; the cases; who
         judges them.
     """
-    parser = parser_of(what, "out/crossings")
+    parser = benchmark.parser
+    add_peer_options(parser, "out/crossings")
     parser.add_argument(
         "--robot", choices=tuple(ROBOTS), default=ROBOT, help="whose motions"
     )
     parser.add_argument("--seeds", type=int, default=12, help="how many motions")
     parser.add_argument("--first", type=int, default=0, help="the first one's seed")
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(argv, part)
     if arguments.seeds < 1:
         parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     if arguments.first < 0:

@@ -1,6 +1,7 @@
 """Reference motions cleaned by crar_drake, and filtered by PlaCo, mink and Pink.
 
-    python -m benchmarks.peers.filters g1_whole $CRAR_ROBOT_MOTIONS --table filters.md
+    python -m benchmarks.peers.filters g1_whole_body $CRAR_ROBOT_MOTIONS
+        [--page docs/measurements/filters.md]
 
 Each peer gets the same robot with the same capsules and watched pairs, its root fixed,
 and frame by frame the reference: all joints as a posture task, the feet's poses with
@@ -22,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.page import machine_line
+from benchmarks.page import Benchmark, Table
 from benchmarks.peers.compare import (
     Entry,
     PeerError,
-    parser_of,
+    add_peer_options,
     recorded,
     run_command,
 )
@@ -47,7 +48,6 @@ from crar_drake.robot.description import (
     find_frame,
     load_robot_description,
 )
-from crar_drake.studies.tables import markdown_table, write_report
 
 OURS = "crar-drake clean"
 _FEET = {
@@ -315,7 +315,9 @@ def best(tried: Iterable[Tried]) -> Tried:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = parser_of(__doc__.splitlines()[0], "out/filters")
+    benchmark = Benchmark("benchmarks.peers.filters", __doc__, "filters")
+    parser = benchmark.parser
+    add_peer_options(parser, "out/filters")
     parser.add_argument("robot", help="name or folder, imported as a whole body")
     parser.add_argument(
         "motions", type=Path, help="a robot motion, or a folder of such"
@@ -332,8 +334,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         type=Path,
         help="filters.json of an earlier run: try the settings alone that it took",
     )
-    parser.add_argument("--table", type=Path, help="write the table to this file")
-    arguments = parser.parse_args(argv)
+    arguments = benchmark.parse(argv, lambda _: "filters")
     description = load_robot_description(arguments.robot).without_ground()
     robot = WholeBody(description)
     references = read_references(arguments.motions, robot)
@@ -391,7 +392,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     with whole_file(out / "filters.json") as temporary:
         told = {name: [asdict(r) for r in each] for name, each in made.items()}
         temporary.write_text(json.dumps(told, indent=1))
-    write_report(report(made, versions), arguments.table)
+    benchmark.report(*tables_and_versions(made, versions))
 
 
 def entries(
@@ -427,26 +428,28 @@ def entries(
         raise PeerError(f"{taken}: has no settings of {error}") from None
 
 
-def report(made: dict[str, list[Row]], versions: dict[str, str]) -> str:
-    """The table, and with which settings and versions it was made."""
+def tables_and_versions(
+    made: dict[str, list[Row]], versions: dict[str, str]
+) -> tuple[list[Table], str]:
+    """What was measured and with which settings; and how many were tried, of what."""
     whole = [HEADER, *(cells(name, r) for name, each in made.items() for r in each)]
     if not any(r.judged for each in made.values() for r in each):
         whole = [[*line[:1], *line[3:]] for line in whole]  # nothing of meshes
-    table = markdown_table(whole[0], whole[1:])
-    chosen = "".join(
-        f"* {r.name}, {name}: `{json.dumps(r.settings)}`\n"
+    chosen = [
+        [name, r.name, f"`{json.dumps(r.settings)}`"]
         for name, each in made.items()
         for r in each
         if r.settings
-    )
+    ]
     sizes = ", ".join(f"{len(peer.grid)} of {peer.name}" for peer in FILTERS)
     packages = ", ".join(
         f"{name} {number}" for name, number in sorted(versions.items())
     )
-    return (
-        f"{table}\nSettings taken ({sizes} tried):\n\n{chosen}\n"
-        f"{machine_line()}; {packages}.\n"
-    )
+    tables = [
+        Table(whole[0], whole[1:]),
+        Table(["motion", "filter", "settings"], chosen, "Settings taken"),
+    ]
+    return tables, f"Settings tried: {sizes}. Versions: {packages}."
 
 
 def cells(motion: str, row: Row) -> list[str]:

@@ -25,17 +25,16 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from rich.console import Console
 from rich.progress import track
 from scipy.interpolate import BSpline
 
+from benchmarks.page import Benchmark, Table
 from benchmarks.peers.compare import PERIOD, run_command
 from benchmarks.peers.crossings import HEADER, asked, best_errors, row, told_before
 from benchmarks.peers.driver import Problem
 from benchmarks.peers.judge import Figures, Judge
 from benchmarks.peers.problem import SAMPLE
 from crar_drake.robot.description import find_frame
-from crar_drake.studies.tables import markdown_table
 
 WEIGHTS = (0.02, 0.1, 0.4, 1.6)
 STARTS = ("lookahead, defaults", "Pink")
@@ -228,7 +227,8 @@ class Foresight:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    arguments, out, cases, judge = asked(__doc__.splitlines()[0], argv)
+    benchmark = Benchmark("benchmarks.peers.foresight", __doc__, "crossings")
+    arguments, out, cases, judge = asked(benchmark, argv, lambda _: "foresight")
     best = best_errors(told_before(out, arguments.robot, cases))
     problem, runs = Problem(out / "problem"), out / "runs"
     judged: dict[float, list[Figures]] = {weight: [] for weight in WEIGHTS}
@@ -240,7 +240,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for weight, found in foresight.trade(starts):
             judged[weight].append(judge.figures(found))
     rows = [row(f"weight {weight:g}", each, best) for weight, each in judged.items()]
-    Console().print(markdown_table(HEADER, rows), markup=False, soft_wrap=True)
+    benchmark.report([Table(HEADER, rows)])
 
 
 if __name__ == "__main__":

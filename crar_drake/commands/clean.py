@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
-from crar_drake.commands.output import OUT, counted, final_line, label
+from crar_drake.commands.output import CLEANED_TABLE, OUT, counted, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
@@ -270,17 +270,25 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         raise
     clips = [clip for file in files for clip in file.clips]
     print(
-        f"{len(clips)} motions: "
-        f"{sum(clip.penetrating_before > 0 for clip in clips)} had penetrations and "
-        f"{sum(clip.penetrating > 0 for clip in clips)} have; "
+        f"{len(clips)} motions: capsules penetrated in "
+        f"{sum(clip.penetrating_before > 0 for clip in clips)} and do in "
+        f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
+    left = [
+        (file.reference, clip) for file in files for clip in file.clips if clip.violated
+    ]
+    for reference, clip in left[:_MOST_LINES]:
+        which = f"{reference} {clip.clip}".rstrip()
+        print(f"violated: {which}: {'; '.join(violations([clip]))}")
+    if len(left) > _MOST_LINES:
+        print(f"and {len(left) - _MOST_LINES} more, in the table")
     failed = [file for file in files if file.error]
     for file in failed[:_MOST_LINES]:
         print(f"failed: {file.reference}: {file.error}", file=sys.stderr)
     if len(failed) > _MOST_LINES:
         print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
-    print(out / "cleaned.csv")
+    print(out / CLEANED_TABLE)
     return final_line([*violations(clips), *counted(len(failed), "file", "failed")])
 
 

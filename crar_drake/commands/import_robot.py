@@ -140,6 +140,27 @@ def run(arguments: argparse.Namespace) -> None:
     print()
     for name in (IMPORT_FILE, "robot.yaml", "robot.urdf", "picture.png", "report.txt"):
         print(out / name)
+    print(f"\nnext: look at {out / 'picture.png'}, then {_what_next(out)}")
+
+
+def _what_next(folder: Path) -> str:
+    """A command that moves the robot, or how what no motion can move is moved."""
+    from crar_drake.resources import imported_robots_folder
+    from crar_drake.robot.description import load_robot_description
+    from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY
+
+    frames = load_robot_description(folder).task_frames
+    if not {*EXPERIMENTS["upper-body"], "waist"} <= set(frames):
+        points = ", ".join(frames) or "frames of its own"
+        return (
+            f"give its points ({points}) keyframes, as diagrams/obstacle_arm.yaml "
+            "does, or targets in a diagram of yours (docs/guides/your-diagram.md)"
+        )
+    own = folder.parent == imported_robots_folder()
+    robot = folder.name if own else folder
+    legs = {"left_foot", "right_foot", "left_knee", "right_knee"} <= set(frames)
+    experiment = WHOLE_BODY if legs else "upper-body"
+    return f"crar-drake run --robot {robot} --motion dance --experiment {experiment}"
 
 
 def _groups_to_lock(arguments: argparse.Namespace) -> tuple[str, ...] | None:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from crar_drake.commands.output import counted, final_line
+from crar_drake.commands.output import CLEANED_TABLE, counted, final_line
 from crar_drake.errors import CrarError, MotionError
 
 # Sentences of what refutes a certificate that are reported.
@@ -32,7 +32,8 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
 
     motions: list[Path] = []
     for path in arguments.what:
-        motions += find_references(path) if path.is_dir() else [path]
+        found = find_references(path) if path.is_dir() else [path]
+        motions += [motion for motion in found if motion.name != CLEANED_TABLE]
     if len(motions) == 1:
         holds = _judge(motions[0], arguments.robot)
         return final_line([] if holds else ["the certificate does not hold"])

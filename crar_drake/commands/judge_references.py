@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import Parser, add_frame_rate, add_jobs, positive
-from crar_drake.commands.output import counted, final_line
+from crar_drake.commands.output import CLEANED_TABLE, counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def run_references(arguments: argparse.Namespace) -> int:
         found = motions_below(path) if path.is_dir() else [path]
         if not found:
             raise CrarError(f"{path}: no .csv, .npz or .pkl file is in this folder")
-        files += [str(file) for file in found]
+        files += [str(file) for file in found if file.name != CLEANED_TABLE]
     files = list(dict.fromkeys(files))
     options = JudgeOptions(
         robot=arguments.robot,

@@ -130,7 +130,10 @@ def run(arguments: argparse.Namespace) -> None:
     )
     host, port = server.address
     host = f"[{host}]" if ":" in host else host
-    print(f"{server.motion.model.description.name}: UDP at {host}:{port}", flush=True)
+    model = server.motion.model
+    tasks = ", ".join(model.layout.names)
+    print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
+    print(f"waits for targets of {tasks}; Ctrl-C ends it", flush=True)
     if arguments.lcm:
         print(f"LCM at {arguments.lcm}", flush=True)
     reported = NeverWaiting()

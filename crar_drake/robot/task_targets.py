@@ -50,10 +50,13 @@ def find_targets(
         except ModelError as error:
             if task.frame in known:
                 raise
-            raise ModelError(
-                f"task {task.name or task.frame}: {error}"
-                f"{nearest(task.frame, known) if known else ''}"
-            ) from error
+            what = str(error)
+            if known:
+                what = (
+                    f"robot {description.name} has neither a point nor a frame "
+                    f"{task.frame!r}{nearest(task.frame, known)}"
+                )
+            raise ModelError(f"task {task.name or task.frame}: {what}") from error
         targets.append((frame, np.asarray(task.point, dtype=float)))
     names = tuple(task.name or task.of for task in tasks)
     for name in names:

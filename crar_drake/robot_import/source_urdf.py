@@ -16,6 +16,7 @@ from crar_drake.robot_import.mesh_finder import MeshFinder
 from crar_drake.robot_import.robot_files import read_xml, robot_name
 from crar_drake.robot_import.source_robot import (
     MOVING,
+    WORLD,
     Joint,
     Link,
     Mesh,
@@ -59,7 +60,12 @@ def read_urdf(path: Path, package_paths: Sequence[Path] = ()) -> SourceRobot:
     colours = _read_colours(root, notes)
     meshes = MeshFinder(path, package_paths)
     links = {}
-    for element in root.findall("link"):
+    elements = root.findall("link")
+    if not any(element.get("name") == WORLD for element in elements) and any(
+        parent.get("link") == WORLD for parent in root.findall("joint/parent")
+    ):
+        elements.append(ElementTree.Element("link", name=WORLD))  # as Drake reads it
+    for element in elements:
         with _naming(path, "link", element):
             link = _read_link(element, colours, meshes, path, notes)
         if link.name in links:

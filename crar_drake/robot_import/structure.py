@@ -226,6 +226,11 @@ def check_structure(
                 f"{file}: locked: {name}: {position:g} is beyond the joint's limits, "
                 f"{joint.lower:g} to {joint.upper:g} {joint.unit}"
             )
+    if all(joint.kind == "fixed" for joint in robot.joints.values()):
+        raise ModelError(
+            f"{robot.path}: no joint of it moves; import the file that has the whole "
+            "robot"
+        )
     if all(j.kind == "fixed" or j.name in locked for j in robot.joints.values()):
         raise ModelError(f"{file}: no joint is left to control; take some from locked")
     return locked

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
@@ -89,6 +90,7 @@ def AddCrarController(
     parameters: CrarParameters | None = None,
     *,
     control_model: ControlModel | None = None,
+    model_instance: ModelInstanceIndex | None = None,
     estimated_state: OutputPort | None = None,
 ) -> CrarController:
     """Adds a controller beside a plant and connects state and actuation, and, if the
@@ -108,13 +110,18 @@ def AddCrarController(
         parameters: gains and modes; by default `CrarParameters()`.
         control_model: the model that the controller computes with; by default a
             clone of `plant` and `scene_graph` as they are now. A model that is given
-            has description, tasks and distances of its own, which then count.
-        estimated_state: port of the measured [q; v]; by default the plant's own.
+            has description, tasks and distances of its own, which then count. Its
+            actuators may have other names, if they move joints of the same names.
+        model_instance: the robot in a plant that has other things that move: a
+            gripper, say, or a box. It needs `control_model`, which lacks them.
+        estimated_state: port of the measured [q; v]; by default that of the plant, or
+            of its `model_instance`.
 
     Raises:
         ModelError: the plant is not finalized, has another state or other
             actuators than the control model, or a name is not in it; or the root
-            floats and the plant's applied_generalized_force is connected already.
+            floats, and the plant's applied_generalized_force is connected already, or
+            other things in the plant move; or `model_instance` lacks `control_model`.
         ScenarioError: a parameter is out of range, or the control period or the
             torque period is not a multiple of the plant's time step.
     """
@@ -123,23 +130,29 @@ def AddCrarController(
     if not plant.is_finalized():
         raise ModelError("the plant is not finalized: call plant.Finalize() first")
     check_periods(parameters, plant.time_step())
+    part = () if model_instance is None else (model_instance,)
+    if part and control_model is None:
+        raise ModelError(
+            "model_instance: a part of a plant needs control_model, a model of that "
+            "robot alone: ControlModel.FromDescription(description, tasks)"
+        )
     if control_model is None:
         control_model = ControlModel.FromPlant(
             plant, scene_graph, description, tasks, distances=parameters.distances
         )
     model_plant = control_model.plant
     for what, theirs, ours in (
-        ("positions", plant.num_positions(), model_plant.num_positions()),
-        ("velocities", plant.num_velocities(), model_plant.num_velocities()),
-        ("actuators", plant.num_actuators(), model_plant.num_actuators()),
+        ("positions", plant.num_positions(*part), model_plant.num_positions()),
+        ("velocities", plant.num_velocities(*part), model_plant.num_velocities()),
+        ("actuators", plant.num_actuators(*part), model_plant.num_actuators()),
         # The same numbers in another order would drive the wrong joints.
-        ("positions", *(_position_names(p) for p in (plant, model_plant))),
-        ("actuators", *(_actuator_names(p) for p in (plant, model_plant))),
+        ("positions", _position_names(plant, *part), _position_names(model_plant)),
+        ("actuators", _actuated(plant, *part), _actuated(model_plant)),
     ):
         if theirs != ours:
             raise ModelError(
                 f"the plant has {theirs} {what} but the control model {ours}; they "
-                "must be the same robot"
+                "must be the same robot (model_instance names it in a plant with more)"
             )
     damped = any(
         plant.get_joint(index).default_damping_vector().any()
@@ -160,14 +173,19 @@ def AddCrarController(
         controller.set_name(f"{name}_{number}")
     builder.AddSystem(controller)
     builder.Connect(
-        estimated_state or plant.get_state_output_port(),
+        estimated_state or plant.get_state_output_port(*part),
         controller.get_input_port_estimated_state(),
     )
     builder.Connect(
-        controller.get_output_port_actuation(), plant.get_actuation_input_port()
+        controller.get_output_port_actuation(), plant.get_actuation_input_port(*part)
     )
     force = controller.get_output_port_root_force()
     if force is not None:
+        if plant.num_velocities() != model_plant.num_velocities():
+            raise ModelError(
+                "the root floats, and what pushes it goes to the whole plant: nothing "
+                "else that moves may be in it"
+            )
         port = plant.get_applied_generalized_force_input_port()
         if builder.IsConnectedOrExported(port):
             raise ModelError(
@@ -179,12 +197,17 @@ def AddCrarController(
     return controller
 
 
-def _position_names(plant: MultibodyPlant) -> str:
-    return ", ".join(plant.GetPositionNames(False, False))
+def _position_names(plant: MultibodyPlant, *part: ModelInstanceIndex) -> str:
+    names = plant.GetPositionNames(
+        *part, add_model_instance_prefix=False, always_add_suffix=False
+    )
+    return ", ".join(names)
 
 
-def _actuator_names(plant: MultibodyPlant) -> str:
-    return ", ".join(plant.GetActuatorNames(add_model_instance_prefix=False))
+def _actuated(plant: MultibodyPlant, *part: ModelInstanceIndex) -> str:
+    """The joints that actuators move, in the actuators' order, by their own names."""
+    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices(*part))
+    return ", ".join(actuator.joint().name() for actuator in actuators)
 
 
 @dataclass(frozen=True)

@@ -126,6 +126,23 @@ def make_targets(
     return TargetMessage(time, found)
 
 
+def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:
+    """Places as targets that could be sent, the inverse of `make_targets`.
+
+    Args:
+        x: (size_x,) of the tasks, or longer.
+        layout: of the tasks.
+    """
+    numbers = iter(x.round(9).tolist())
+    return {
+        name: {
+            key: [next(numbers) for _ in range(count)] if count > 1 else next(numbers)
+            for key, count in PARTS[kind]
+        }
+        for name, kind in zip(layout.names, layout.kinds, strict=True)
+    }
+
+
 def _entries(target: object, kind: str) -> np.ndarray:
     parts = PARTS[kind]
     if not isinstance(target, dict) or set(target) != {key for key, _ in parts}:

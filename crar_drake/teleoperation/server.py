@@ -36,6 +36,7 @@ from crar_drake.teleoperation.messages import (
     Drive,
     MessageError,
     TargetMessage,
+    as_targets,
     parse,
 )
 from crar_drake.teleoperation.safe_motion import SafeMotion
@@ -424,12 +425,13 @@ class TeleoperationServer:
             self.statistics.unsent += 1
 
     def _description(self) -> bytes:
-        """Names and order, as JSON."""
+        """Names and order, and where the robot's points are, as JSON."""
         model = self.motion.model
         said = {
             "robot": model.description.name,
             "period": self.period,
             "tasks": dict(zip(model.layout.names, model.layout.kinds, strict=True)),
+            "targets": as_targets(self._here, model.layout),
             "positions": list(model.position_names),
             "velocities": list(model.velocity_names),
             "torques": self._actuators(),

@@ -86,7 +86,7 @@ def test_harm_adds_up() -> None:
     total.add(attacked.Harm(1, 1, 10, 2, 3, 4, 5, 6, -0.01, 0.2, acceleration=100.0))
     total.add(attacked.Harm(1, 0, 10, 0, 0, 1, 0, 0, 0.02, 0.0, acceleration=4000.0))
     assert total == attacked.Harm(2, 1, 20, 2, 3, 5, 5, 6, -0.01, 0.2, 4000.0)
-    table = attacked.tables({"one": {"sine": total}})
+    table = attacked.make_tables({"one": {"sine": total}})[0].markdown()
     assert (
         "| one | 1 of 2 | 2 | 3 | 5 | 5 | 6 | -10.0 mm | 11.46° | 4,000 rad/s² |"
         in table

@@ -173,6 +173,7 @@ def test_rows_tell_what_the_judge_finds(robot) -> None:
         for n, (frames, change) in enumerate([(2, 0.0), (0, 0.2), (0, 0.1), (5, 0.0)])
     ]
     assert filters.best(tried) is tried[2]
-    text = filters.report({"swing": [calm, row]}, {"numpy": "2.0"})
-    assert f"| one | {row.capsule_frames} | " in text
-    assert '* one, swing: `{"steps": 1}`' in text
+    tables, said = filters.tables_and_versions({"swing": [calm, row]}, {"numpy": "2.0"})
+    assert f"| one | {row.capsule_frames} | " in tables[0].markdown()
+    assert '| swing | one | `{"steps": 1}` |' in tables[1].markdown()
+    assert "numpy 2.0" in said

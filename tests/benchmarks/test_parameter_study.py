@@ -45,6 +45,7 @@ def test_a_study_of_one_variation(monkeypatch, tmp_path, capsys):
     default = variations()["defaults"]
     monkeypatch.setattr(parameter_study, "variations", lambda: {"defaults": default})
     page = tmp_path / "study.md"
-    parameter_study.main(["reaching", "--duration", "0.02", "--out", str(page)])
+    page.write_text("<!-- study -->\n<!-- end -->\n")
+    parameter_study.main(["reaching", "--duration", "0.02", "--page", str(page)])
     text = page.read_text()
     assert text.count("| defaults |") == 2 and "### upper-body" in text

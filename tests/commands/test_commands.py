@@ -12,6 +12,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from small_logs import small_log
+from small_urdfs import humanoid
 
 import crar_drake.run
 from crar_drake.commands import main, options, parse
@@ -624,11 +625,25 @@ def test_import_robot_lists_its_guesses_and_files(empty_folder, capsys):
     assert main(["import-robot", "arm.urdf", "--out", "arm"]) == 0
     out = capsys.readouterr().out
     assert "tip: 1, 100.0 %" in out and "guessed; correct it in import.yaml" in out
-    for line in out.splitlines()[-5:]:
+    *files, _, following = out.splitlines()[-7:]
+    for line in files:
         assert Path(line).is_file()
+    # It has no wrists to follow a dancer's.
+    assert "next: look at arm/picture.png" in following and "keyframes" in following
     # The same again, of its folder: nothing is guessed any more.
     assert main(["import-robot", "arm"]) == 0
     assert "guessed" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_what_an_import_says_comes_next_works(empty_folder, capsys):
+    Path("small.urdf").write_text(humanoid())
+    assert main(["import-robot", "small.urdf", "--out", "mine"]) == 0
+    following = capsys.readouterr().out.splitlines()[-1]
+    command = following.partition(", then crar-drake ")[2].split()
+    assert command[:3] == ["run", "--robot", "mine"]
+    assert main([*command, "--duration", "0.1", "--no-recording"]) in (0, 1)
+    assert "mine following dance" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -839,3 +854,45 @@ def test_a_reader_that_has_enough_is_no_error():
         ["bash", "-c", command], capture_output=True, text=True, timeout=600
     )
     assert result.stdout == "0\n" and result.stderr == ""
+
+
+# --- Ctrl-C while modules are imported ----------------------------------------------
+
+INTERRUPTED_IMPORT = """
+import signal, sys
+module = sys.argv.pop(1)
+
+class CtrlC:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, CtrlC())
+# A background job may ignore SIGINT, and so would its child.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from crar_drake.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "crar_drake.commands",
+        "numpy",
+        "pydrake.common.deprecation",
+        "pydrake.geometry",
+    ],
+)
+def test_ctrl_c_during_an_import_leaves_no_traceback(module):
+    """Drake's modules turn it into an ImportError: the last two."""
+    process = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_IMPORT, module, "run", "nothing.yaml"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert process.returncode == 130, process.stderr
+    assert process.stderr.endswith("crar-drake: interrupted\n")
+    assert "Traceback" not in process.stderr

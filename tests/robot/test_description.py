@@ -177,6 +177,8 @@ def test_nearest():
     )
     assert nearest("zzz", ["b", "a", "a"]) == "; known are a, b"
     assert nearest("zzz", []) == ""
+    many = nearest("zzz", [f"{number:02}" for number in range(80)])
+    assert ", 38, 39 and 40 more" in many and ", 40" not in many
 
 
 def test_default_description_is_valid():

@@ -186,9 +186,10 @@ def test_an_arm_is_fixed_and_has_a_tool(tmp_path):
     )
 
 
-def test_a_root_named_world_is_the_world(tmp_path):
-    """So many arms have it; Drake welds such a link itself."""
-    parts = [link("world", mass=0.0)]
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_root_named_world_is_the_world(tmp_path, declared):
+    """So many arms have it; Drake welds such a link itself, and knows it undeclared."""
+    parts = [link("world", mass=0.0)] if declared else []
     for i, below in enumerate(["world", "l0", "l1"]):
         parts += [
             link(f"l{i}", '<capsule radius="0.03" length="0.1"/>', "0 0 0.1"),
@@ -228,6 +229,11 @@ def two_joints(extra: str = "", **options) -> str:
             ["'ab' is mimicked by 'bc'", "locked, too"],
         ),
         (two_joints(kind="planar"), "locked: {}", ["'ab' is planar", "locked"]),
+        (
+            two_joints().replace("revolute", "fixed"),
+            "locked: {}",
+            ["small.urdf: no joint of it moves"],
+        ),
         (two_joints(), "locked: {ab: 0.0, bc: 0.0}", ["no joint is left"]),
         (two_joints(), "locked: {ab: 3.0}", ["ab: 3 is beyond"]),
         (two_joints(), "locked: {abc: 0.0}", ["abc", "did you mean"]),

@@ -1,5 +1,6 @@
 """The builders: AddCrarController beside a plant, MakeCrarDiagram of a scenario."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -100,6 +101,58 @@ def test_control_model_of_another_robot(other, words):
         )
     for word in words:
         assert word in str(caught.value)
+
+
+def test_actuators_may_have_other_names():
+    """Those of a file have names of their own, and an import makes others."""
+    builder = DiagramBuilder()
+    urdf = chain_urdf("zz")
+    plant, scene_graph = add_plant(builder, urdf)
+    renamed = re.sub(r'<actuator name="(\w+)"', r'<actuator name="motor_\1"', urdf)
+    model = make_model(renamed)
+    assert model.plant.GetActuatorNames() != plant.GetActuatorNames()
+    controlled(plant, scene_graph, builder, control_model=model)
+
+
+def test_a_robot_beside_other_things_that_move():
+    """Something like a gripper comes first in the plant; torques go to the robot."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    parser = Parser(plant)
+    parser.SetAutoRenaming(True)
+    arm_urdf = chain_urdf("zyz", shapes=(), extra="")
+    gripper_urdf = chain_urdf("z", shapes=(), extra="")
+    instances = [
+        parser.AddModelsFromString(urdf, "urdf")[0] for urdf in (gripper_urdf, arm_urdf)
+    ]
+    gripper, arm = instances
+    for each in instances:
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base", each))
+    plant.Finalize()
+    model = make_model(arm_urdf)
+    with pytest.raises(ModelError, match="4 positions but.*model_instance names it"):
+        controlled(plant, scene_graph, builder, control_model=model)
+    with pytest.raises(ModelError, match="needs control_model"):
+        controlled(plant, scene_graph, builder, model_instance=arm)
+    with pytest.raises(ModelError, match="1 positions but the control model 3"):
+        controlled(
+            plant, scene_graph, builder, control_model=model, model_instance=gripper
+        )
+    controller = controlled(
+        plant, scene_graph, builder, control_model=model, model_instance=arm
+    )
+    for port, value in (
+        (controller.get_input_port_desired_tasks(), np.r_[0.5, 0.4, 0.2, np.zeros(6)]),
+        (plant.get_actuation_input_port(gripper), [0.0]),
+    ):
+        source = builder.AddSystem(ConstantVectorSource(value))
+        builder.Connect(source.get_output_port(), port)
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetPositions(context, arm, [0.3, -0.4, 0.8])
+    simulator.AdvanceTo(2.0)
+    tip = plant.GetFrameByName("tip", arm).CalcPoseInWorld(context).translation()
+    np.testing.assert_allclose(tip, [0.5, 0.4, 0.2], atol=1e-3)
 
 
 def test_period_that_is_not_a_multiple():

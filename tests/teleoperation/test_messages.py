@@ -12,6 +12,7 @@ from crar_drake.teleoperation.messages import (
     Command,
     Describe,
     MessageError,
+    as_targets,
     parse,
 )
 
@@ -34,6 +35,11 @@ def test_targets_of_each_kind():
     np.testing.assert_array_equal(message.targets[1], [0.6, 0.8, 0, 0])
     # In the order of x_d: the quaternion, of unit length now, and then the position.
     np.testing.assert_array_equal(message.targets[2], [0, 0, 1, 0, 1, 2, 3])
+    x = np.concatenate([message.targets[task] for task in range(3)])
+    assert as_targets(x, LAYOUT) == {
+        **targets,
+        "hand": {"position": [1, 2, 3], "orientation": [0, 0, 1, 0]},
+    }
     assert parse(of({"wrist": {"position": [0, 0, 0]}}), LAYOUT).time is None
     assert parse(b'{"describe": true}\n', LAYOUT) == Describe()
 

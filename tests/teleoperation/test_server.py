@@ -1,9 +1,12 @@
 """The server over a real socket: whatever is sent, its commands are safe."""
 
 import json
+import re
 import socket
 import threading
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,6 +199,14 @@ def test_it_runs_in_real_time_and_describes_itself(server, client):
     model = server.motion.model
     assert said["tasks"] == {"left_wrist": "position", "right_wrist": "position"}
     assert said["positions"] == list(model.position_names)
+    # Where the robot's points are, as Drake has them.
+    plant = model.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, model.rest_positions())
+    for task, target in said["targets"].items():
+        frame = plant.GetFrameByName(model.description.task_frames[task])
+        there = frame.CalcPoseInWorld(context).translation()
+        np.testing.assert_allclose(target["position"], there, atol=1e-8)
     assert len(said["torques"]) == len(commands[0]["torques"])
     assert [c["status"] for c in commands] == ["braking"] * 3
     assert sum(server.statistics.steps.values()) <= 101
@@ -367,3 +378,33 @@ def test_what_cannot_be_served(made):
         make_server(host="")
     with pytest.raises(ScenarioError, match="--rate 5"):
         make_server(rate=5.0)
+
+
+def test_the_client_on_the_page_moves_the_wrist_as_the_hand(server):
+    """The page's program, with a hand that rises by 5 cm."""
+    page = Path(__file__).parents[2] / "docs" / "guides" / "teleoperation.md"
+    (program,) = re.findall(
+        r"^```python\n(.*?)^```", page.read_text("utf-8"), re.M | re.S
+    )
+    heights = iter(np.minimum(np.linspace(0.0, 0.1, 80), 0.05))
+
+    def tracked_hand():
+        time.sleep(0.02)  # a headset's own rate
+        try:
+            return [7.0, 8.0, 9.0 + next(heights)]  # in a frame of its own
+        except StopIteration:
+            raise EOFError from None
+
+    thread = threading.Thread(target=server.run, args=(10.0,))
+    thread.start()
+    before = server.motion.where()[:6]
+    known = {"json": json, "socket": socket, "tracked_hand": tracked_hand}
+    try:
+        with pytest.raises(EOFError):
+            exec(program.replace("7670", str(server.address[1])), known)
+        after = server.motion.where()[:6]
+    finally:
+        known["server"].close()
+        server.stop()
+        thread.join()
+    np.testing.assert_allclose(after - before, [0, 0, 0.05, 0, 0, 0], atol=2e-3)

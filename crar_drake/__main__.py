@@ -1,6 +1,11 @@
 """`crar-drake`, which is `python -m crar_drake`, too."""
 
+import os
 import sys
+
+# Matrices are small here: the threads of NumPy's library cost more than they bring.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 
 def main() -> int:

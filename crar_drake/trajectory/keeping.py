@@ -154,15 +154,15 @@ class Keeper:
             if attempt >= _FIRST_CHORDS:
                 solved |= self._lay_chords(y, violating)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
-                samples = _samples(asked, between, parts, first, last)
-                before, after = max(0, first - 2), min(frames, last + 2)
+                # What comes after is not found yet the first time.
+                after = last if begin == "no rows" else min(frames, last + 2)
+                samples = _samples(asked, between, parts, first, last, after)
+                before = max(0, first - 2)
                 free = np.zeros(after - before, dtype=bool)
                 free[first - before : last - before] = True
                 part = Part(problem, before, y[before:after].copy(), free, samples)
                 part.effort = effort
-                part.solve(
-                    round(_AROUND_AGAIN * self.rate), "again" if attempt else begin
-                )
+                part.solve(round(_AROUND_AGAIN * self.rate), begin)
                 y[first:last] = part.y[first - before : last - before]
                 if progress is not None and not attempt:
                     progress(end)
@@ -177,7 +177,7 @@ class Keeper:
             gaps = margins.between < self.floor_between
             between[gaps & (parts >= _MOST_PARTS)] += 1e-3
             parts[gaps] = np.minimum(2 * parts[gaps], _MOST_PARTS)
-            around, attempt = _AROUND_AGAIN, attempt + 1
+            around, attempt, begin = _AROUND_AGAIN, attempt + 1, "again"
         return y, violating, effort
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:
@@ -273,13 +273,18 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _samples(
-    asked: np.ndarray, between: np.ndarray, parts: np.ndarray, first: int, last: int
+    asked: np.ndarray,
+    between: np.ndarray,
+    parts: np.ndarray,
+    first: int,
+    last: int,
+    after: int,
 ) -> Samples:
-    """At the frames first to last - 1, and between these and their neighbours, counted
-    from the part's first."""
-    before, frames = max(0, first - 2), len(asked)
+    """At the frames first to last - 1, and between these and their neighbours before
+    `after`, counted from the part's first."""
+    before = max(0, first - 2)
     at = np.arange(first, last)
-    ways = np.arange(max(first - 1, 0), min(last, frames - 1))
+    ways = np.arange(max(first - 1, 0), min(last, after - 1))
     times = parts[ways] - 1
     k = np.repeat(ways, times)
     number = np.arange(len(k)) - np.repeat(np.cumsum(times) - times, times) + 1

@@ -251,9 +251,12 @@ class Part:
         at = self._linearise(self.y, live, penalty, look)
         for _ in range(_STEPS):
             step = self._step(at, live, penalty, damping)
-            size = 0.0 if step is None else float(np.abs(step).max(initial=0.0))
             if step is not None:
-                step *= min(1.0, _LONGEST_STEP / max(size, 1e-300))
+                sizes = np.abs(step).max(axis=1)
+                step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(sizes, 1e-300))[
+                    :, None
+                ]
+                size = float(sizes.max(initial=0.0))
                 y = at.y.copy()
                 y[live.frames] += step
                 look = np.clip(_LOOK * size, _NEAREST_LOOK, _FARTHEST_LOOK)
@@ -265,7 +268,8 @@ class Part:
                 continue
             gain, at = at.merit - new.merit, new
             damping = max(damping / _DAMPING_RATIO, _LEAST_DAMPING)
-            if gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED:
+            little = gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED
+            if little and size < _LONGEST_STEP:
                 break
         return at
 
@@ -434,7 +438,8 @@ class Part:
             return np.zeros((0, 0)), np.zeros(0, dtype=int), np.zeros((0, 0))
         before = np.flatnonzero(np.diff(live.seen) == 1)
         k = self.first + live.seen[before]
-        return tasks.step_weights[k], before, f[before + 1] - f[before] - tasks.steps[k]
+        lacks = f[before + 1] - f[before] - tasks.steps[k]
+        return tasks.step_weights[k], before, lacks
 
     def _add_standing(self, normal: Normal, at: _Linearised, live: _Live) -> None:
         """Adds the rows v (f_(k+1) - f_k - g_k)."""

@@ -64,12 +64,14 @@ class FootTarget:
     Attributes:
         heel, ball: (T, 3) where the middles of the sole's rear and front edge are [m].
         on_heel, on_ball: (T,) whether they stand on the floor.
+        heights: (T, 4) of the sole's corners [m].
     """
 
     heel: np.ndarray
     ball: np.ndarray
     on_heel: np.ndarray
     on_ball: np.ndarray
+    heights: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,7 @@ class PerformerTargets:
 def performer_targets(
     performer: Performer,
     legs: Mapping[str, LegShape],
+    soles: Mapping[str, np.ndarray],
     root_at_rest: np.ndarray,
     rate: float,
     cutoff: float,
@@ -105,6 +108,8 @@ def performer_targets(
     Args:
         performer: with legs.
         legs: the robot's, by side.
+        soles: (4, 3) the corners of each foot's sole, from the foot's frame as the
+            robot stands and faces x: two of the heel, two of the ball [m].
         root_at_rest: (3, 3) R_WR, as the robot stands and faces x.
         rate: frames per second that are wanted [Hz].
         cutoff: of the zero-phase low-pass [Hz].
@@ -146,8 +151,11 @@ def performer_targets(
         ankle = ankles[side] - [0.0, 0.0, floor]
         held = hold_foot(ankle, turns[side], leg.heel, leg.ball, leg.points, own)
         turn = Rotation.from_quat(held.turns)
-        ends = [at(held.positions + turn.apply(end)) for end in (leg.heel, leg.ball)]
-        feet[side] = FootTarget(*ends, held.heel[frames], held.ball[frames])
+        points = [leg.heel, leg.ball, *soles[side]]
+        heel, ball, *corners = (at(held.positions + turn.apply(p)) for p in points)
+        heights = np.stack([corner[:, 2] for corner in corners], axis=1)
+        on = held.heel[frames], held.ball[frames]
+        feet[side] = FootTarget(heel, ball, *on, heights)
     return PerformerTargets(
         rate,
         at(root),

@@ -2,9 +2,9 @@
 
     minimise    sum_k  |w_limb (u_robot - u_performer)|^2     of each limb's direction
                      + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
-                     + |w_foot (sole's heel and ball - target)|^2 + |w_hand turn|^2
+                     + |w_foot (soles' corners - targets)|^2 + |w_hand turn|^2
                      + |w_posture (q - rest)|^2 + |second differences|^2
-                     + |w_stand (steps of heels and balls near the floor - target)|^2
+                     + |w_stand (steps of soles near the floor - targets)|^2
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
@@ -28,7 +28,7 @@ from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.robot_import.link_outlines import link_outlines, links_outward
-from crar_drake.trajectory.body_points import ROOT, Placed
+from crar_drake.trajectory.body_points import ROOT, Placed, skew
 from crar_drake.trajectory.distance_rows import (
     NearRows,
 )
@@ -60,11 +60,13 @@ class RetargetingParameters:
         head: of the head's [1].
         root: of the root's place on the floor [1/m], root_height: of its height.
         turn: of how the root is turned [1/rad].
-        foot: of heels and balls on the floor plane [1/m], in the air and standing;
-        foot_height: of their heights.
+        foot, planted: of heels and balls on the floor plane, in the air and standing
+            [1/m].
+        foot_height, planted_height: of the heights of the soles' corners, in the air
+            and standing [1/m].
         standing: of the steps of what stands, from a frame to the next [1/m].
         low: of the steps of what is near the floor: it would slip otherwise [1/m].
-        hand: of how the hands are turned [1/rad].
+        hand: of how the hands are turned, by their axes [1].
         posture: of the rest posture [1/rad].
         smoothing: motions that come and go within this time cost more [s],
         change_smoothing: as do changes by which constraints are kept.
@@ -79,10 +81,12 @@ class RetargetingParameters:
     root_height: float = 0.3  # [1/m]
     turn: float = 1.0  # [1/rad]
     foot: float = 5.0  # [1/m]
-    foot_height: float = 40.0  # [1/m]
-    standing: float = 2e3  # [1/m]
+    planted: float = 60.0  # [1/m]
+    foot_height: float = 10.0  # [1/m]
+    planted_height: float = 100.0  # [1/m]
+    standing: float = 3e2  # [1/m]
     low: float = 1e2  # [1/m]
-    hand: float = 0.3  # [1/rad]
+    hand: float = 0.4
     posture: float = 0.03  # [1/rad]
     smoothing: float = 0.02  # [s]
     change_smoothing: float = 0.08  # [s]
@@ -120,6 +124,7 @@ class Retargeter:
         model: the robot with its root fixed, and its watched pairs.
         parameters: what is wanted.
         legs: side to the leg's lengths and sole.
+        soles: side to the corners of its sole, see `performer_targets`.
     """
 
     def __init__(
@@ -164,6 +169,7 @@ class Retargeter:
         self._base = X_WB.translation(), X_WB.rotation().matrix()
         self._outlines = link_outlines(plant, self.model.scene_graph)
         self.legs = {side: self._leg(side) for side in SIDES}
+        self.soles = {side: self._corners(leg) for side, leg in self.legs.items()}
         self._set_floor_points()
         self._lower, self._upper = self._bent_as_a_person()
 
@@ -184,7 +190,9 @@ class Retargeter:
             MotionError: the performer lacks something.
         """
         p = self.parameters
-        targets = performer_targets(performer, self.legs, self._base[1], rate, p.cutoff)
+        targets = performer_targets(
+            performer, self.legs, self.soles, self._base[1], rate, p.cutoff
+        )
         frames, n = len(targets.root_positions), self.model.n
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
@@ -322,18 +330,25 @@ class Retargeter:
         )
 
     def sole_points(self) -> tuple[list[int], np.ndarray]:
-        """Heels and balls, left then right: (4,) their links, and (4, 3) where they are
-        on them [m]."""
+        """Heel and ball of each foot, left then right, and then the corners of the
+        soles: (12,) their links, and (12, 3) where they are on them [m]."""
         links, offsets = [], []
-        for side, leg in self.legs.items():
+        ends = {side: np.array([leg.heel, leg.ball]) for side, leg in self.legs.items()}
+        for side, corners in (*ends.items(), *self.soles.items()):
             name = self.description.task_frames[f"{side}_foot"]
             body = find_frame(self.model.plant, name).body()
             X_WL = body.EvalPoseInWorld(self._context)
             ankle = self._place(f"{side}_foot")
-            for point in (leg.heel, leg.ball):
-                links.append(self._links.index(body.name()))
-                offsets.append(X_WL.inverse().multiply(ankle + point))
-        return links, np.array(offsets)
+            links += [self._links.index(body.name())] * len(corners)
+            offsets.append(X_WL.inverse().multiply((ankle + corners).T).T)
+        return links, np.concatenate(offsets)
+
+    def _corners(self, leg: LegShape) -> np.ndarray:
+        """(4, 3) of a sole: two of the heel, two of the ball, from the foot's frame."""
+        z = leg.points[:, 2]
+        sole = leg.points[z <= z.min() + _SOLE]
+        (x0, y0), (x1, y1) = sole[:, :2].min(axis=0), sole[:, :2].max(axis=0)
+        return np.array([[x, y, z.min()] for x in (x0, x1) for y in (y0, y1)])
 
     def _set_floor_points(self) -> None:
         """Of each link with a shape which it is, and the points that can be its lowest
@@ -436,22 +451,22 @@ class PersonTasks:
         sole_links, sole_offsets = robot.sole_points()
         self._links = [*start_links, *tip_links, *sole_links]
         self._offsets = np.concatenate([start_offsets, tip_offsets, sole_offsets])
-        sides = [targets.feet[side] for side in robot.legs]
-        self._soles = np.stack(
-            [end for foot in sides for end in (foot.heel, foot.ball)], axis=1
-        )  # (T, 4, 3)
-        on = np.stack(
-            [flag for foot in sides for flag in (foot.on_heel, foot.on_ball)], axis=1
-        )
-        self._sole_weights = np.array([p.foot, p.foot, p.foot_height])
-        steps, stands = np.diff(self._soles, axis=0), on[1:] & on[:-1]
-        steps[stands] = 0.0
-        heights = self._soles[..., 2].reshape(len(on), -1, 2).min(axis=2)
-        low = np.repeat(np.maximum(heights[1:], heights[:-1]) < _LOW, 2, axis=1)
-        weights = np.where(stands, p.standing, p.low * low)[..., None]
-        weights = weights * np.where(stands[..., None], 1.0, [1.0, 1.0, 0.0])
+        feet = [targets.feet[side] for side in robot.legs]
+        self._ends = np.stack([x for f in feet for x in (f.heel, f.ball)], axis=1)
+        on = np.stack([x for f in feet for x in (f.on_heel, f.on_ball)], axis=1)
+        heights = np.stack([f.heights for f in feet], axis=1)  # (T, 2, 4)
+        self._heights = heights.reshape(len(on), -1)
+        weights = np.where(on, p.planted, p.foot)
+        self._end_weights = np.repeat(weights, 2, axis=1)
+        weights = np.where(on, p.planted_height, p.foot_height)
+        self._height_weights = np.repeat(weights, 2, axis=1)
+
+        steps, stands = np.diff(self._ends[..., :2], axis=0), on[1:] & on[:-1]
+        lowest = heights.min(axis=2)
+        low = np.repeat(np.maximum(lowest[1:], lowest[:-1]) < _LOW, 2, axis=1)
+        weights = np.where(stands, p.standing, p.low * low)
         self.steps = steps.reshape(len(steps), -1)
-        self.step_weights = weights.reshape(self.steps.shape)
+        self.step_weights = np.repeat(weights, 2, axis=1)
         self._hands = [
             hand for hand in targets.hands if hand in robot.description.task_frames
         ]
@@ -486,23 +501,27 @@ class PersonTasks:
         jacobians.append(of_root)
 
         soles, of_soles = points[:, 2 * limbs :], J[:, 2 * limbs :]
-        off = self._sole_weights * (soles - self._soles[frames])
-        r.append(off.reshape(K, -1))
-        weighted = self._sole_weights[:, None] * of_soles
-        jacobians.append(weighted.reshape(K, -1, m))
+        ends, of_ends = soles[:, :4, :2], of_soles[:, :4, :2]
+        weights = self._end_weights[frames]
+        r.append(weights * (ends - self._ends[frames][..., :2]).reshape(K, -1))
+        jacobians.append(weights[..., None] * of_ends.reshape(K, -1, m))
+        weights = self._height_weights[frames]
+        r.append(weights * (soles[:, 4:, 2] - self._heights[frames]))
+        jacobians.append(weights[..., None] * of_soles[:, 4:, 2])
 
         if self._hands:
             R, of_hands = placed.turns(self._hand_links)
             wanted = np.stack([targets.hands[x][frames] for x in self._hands], axis=1)
-            away = R @ np.array(self._hand_turns) @ wanted.swapaxes(-1, -2)
-            turn = Rotation.from_matrix(away.reshape(-1, 3, 3)).as_rotvec()
-            r.append(p.hand * turn.reshape(K, -1))
-            jacobians.append(p.hand * of_hands.reshape(K, -1, m))
+            axes = (R @ np.array(self._hand_turns)).swapaxes(-1, -2)  # as rows
+            off = axes - wanted.swapaxes(-1, -2)
+            r.append(0.5 * p.hand * off.reshape(K, -1))
+            turned = -skew(axes) @ of_hands[:, :, None]  # (K, H, 3, 3, m)
+            jacobians.append(0.5 * p.hand * turned.reshape(K, -1, m))
         return AtFrames(
             np.concatenate(r, axis=1),
             np.concatenate(jacobians, axis=1),
-            soles.reshape(K, -1),
-            of_soles.reshape(K, -1, m),
+            ends.reshape(K, -1),
+            of_ends.reshape(K, -1, m),
         )
 
 

@@ -198,7 +198,6 @@ class Cleaner:
             posture_weight=p.joint_weight * ones,
             about=reference,
             smoothness=stiffness * ones,
-            change_smoothness=stiffness * ones,
             lower=model.lower,
             upper=model.upper,
             fastest=p.velocity_scale * fastest / self.rate,

@@ -41,9 +41,11 @@ _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
 _TRIES = 8
-# From this try on, what is not certified begins anew from straight ways; the last try
-# leaves it there.
-_FIRST_CHORDS = 3
+_LACKS = 1e-4  # a row that is not of a distance lacks less [m]
+# This try begins anew, with as many samples as were found to be needed: where a motion
+# went through an obstacle from one frame to the next, its sides are chosen again. Later
+# ones begin from straight ways past it, and the last leaves it there.
+_ANEW = 2
 # Samples on the way to the next frame: one, three where a joint moves by more than this
 # [rad], and twice as many each time that the way is not certified.
 _FAST, _MOST_PARTS = 0.12, 16
@@ -117,11 +119,31 @@ class Keeper:
         gradient[:, first_joint:] = rows.gradient[:, : self.model.n]
         return rows._replace(d=rows.d - asked[rows.sample], gradient=gradient)
 
+    def found_without_rows(
+        self, problem: Problem, y: np.ndarray, effort: Effort
+    ) -> np.ndarray:
+        """The motion (T, m) at its minimum without rows of distances.
+
+        Args:
+            problem, y: as of `keep`.
+            effort: is added to.
+        """
+        y, problem = y.copy(), _within(problem)
+        for first, last, _ in self._parts(np.ones(len(y), dtype=bool)):
+            before = max(0, first - 2)
+            free = np.arange(before, last) >= first
+            nowhere = np.zeros(0)
+            samples = Samples(nowhere.astype(int), nowhere, nowhere)
+            part = Part(problem, before, y[before:last], free, samples, effort)
+            part.solve_without_rows()
+            y[first:last] = part.y[first - before :]
+        return y
+
     def keep(
         self,
         problem: Problem,
         y: np.ndarray,
-        whole: bool = False,
+        effort: Effort | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> tuple[np.ndarray, np.ndarray, Effort]:
         """The motion at its minimum where it was changed.
@@ -129,8 +151,7 @@ class Keeper:
         Args:
             problem: of it; its limits and speeds are kept with a little to spare.
             y: (T, m) unknowns, of which the joints come last.
-            whole: whether all frames are to be found, first without rows of distances;
-                else those alone that violate something.
+            effort: that it took until then.
             progress: is called with the number of frames that are done.
 
         Returns:
@@ -138,46 +159,44 @@ class Keeper:
             the way to the next; the effort that it took.
         """
         frames, first_joint = len(y), y.shape[1] - self.model.n
-        y, effort = y.copy(), Effort()
+        y, effort = y.copy(), effort or Effort()
         q = y[:, first_joint:]  # a view
         problem = _within(problem)
-        margins = None if whole else self.margins(q)
-        violating = np.ones(frames, bool) if whole else self._violating(margins)
+        margins = self.margins(q)
+        violating = self._violating(margins) | _below(problem, y)
         asked = np.full(frames, self.floor + _MORE_AT_FRAMES)
         between = np.full(frames, self.floor_between + _MORE_BETWEEN)
         moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
-        parts = np.where((moves > _FAST) | whole, 4, 2)
-        begin = "no rows" if whole else "all rows"
+        parts = np.where(moves > _FAST, 4, 2)
         around, attempt = _AROUND, 0
         while violating.any() and attempt < _TRIES:
             solved = spread(violating, round(around * self.rate))
-            if attempt >= _FIRST_CHORDS:
+            anew = attempt == _ANEW
+            if anew:
+                y[solved] = problem.about[solved]
+            elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
-                # What comes after is not found yet the first time.
-                after = last if begin == "no rows" else min(frames, last + 2)
-                samples = _samples(asked, between, parts, first, last, after)
-                before = max(0, first - 2)
+                samples = _samples(asked, between, parts, first, last)
+                before, after = max(0, first - 2), min(frames, last + 2)
                 free = np.zeros(after - before, dtype=bool)
                 free[first - before : last - before] = True
                 part = Part(problem, before, y[before:after].copy(), free, samples)
                 part.effort = effort
-                part.solve(round(_AROUND_AGAIN * self.rate), begin)
+                part.solve(round(_AROUND_AGAIN * self.rate), attempt > 0 and not anew)
                 y[first:last] = part.y[first - before : last - before]
                 if progress is not None and not attempt:
                     progress(end)
             q[solved] = np.clip(q[solved], self.model.lower, self.model.upper)
-            if margins is None:
-                margins = self.margins(q)
-            else:
-                margins = self._margins_again(q, margins, solved)
+            margins = self._margins_again(q, margins, solved)
             violating = self._violating(margins)
             low = margins.distance < self.floor
             asked[low] += 1.2 * (self.floor - margins.distance[low]) + 1e-4
             gaps = margins.between < self.floor_between
             between[gaps & (parts >= _MOST_PARTS)] += 1e-3
             parts[gaps] = np.minimum(2 * parts[gaps], _MOST_PARTS)
-            around, attempt, begin = _AROUND_AGAIN, attempt + 1, "again"
+            attempt += 1
+            around = _AROUND if attempt == _ANEW else _AROUND_AGAIN
         return y, violating, effort
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:
@@ -272,19 +291,28 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
+def _below(problem: Problem, y: np.ndarray) -> np.ndarray:
+    """(T,) frames with rows, other than of distances, that lack something."""
+    frames = np.arange(len(y))
+    at = Samples(frames, np.zeros(len(y)), np.full(len(y), -np.inf))
+    rows = problem.near_rows(at, y, -_LACKS)
+    below = np.zeros(len(y), dtype=bool)
+    below[rows.sample] = True
+    return below
+
+
 def _samples(
     asked: np.ndarray,
     between: np.ndarray,
     parts: np.ndarray,
     first: int,
     last: int,
-    after: int,
 ) -> Samples:
-    """At the frames first to last - 1, and between these and their neighbours before
-    `after`, counted from the part's first."""
-    before = max(0, first - 2)
+    """At the frames first to last - 1, and between these and their neighbours, counted
+    from the part's first."""
+    before, frames = max(0, first - 2), len(asked)
     at = np.arange(first, last)
-    ways = np.arange(max(first - 1, 0), min(last, after - 1))
+    ways = np.arange(max(first - 1, 0), min(last, frames - 1))
     times = parts[ways] - 1
     k = np.repeat(ways, times)
     number = np.arange(len(k)) - np.repeat(np.cumsum(times) - times, times) + 1

@@ -125,7 +125,6 @@ class Problem:
         posture_weight: (m,) w.
         about: (T, m) a.
         smoothness: (m,) s.
-        change_smoothness: (m,) s about what was found without rows of distances.
         lower, upper: (m,) limits; infinite where there is none.
         fastest: (m,) change from a frame to the next, at most; infinite likewise.
         near_rows: of S samples, counted from the motion's first frame, their y (S, m),
@@ -139,7 +138,6 @@ class Problem:
     posture_weight: np.ndarray
     about: np.ndarray
     smoothness: np.ndarray
-    change_smoothness: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
     fastest: np.ndarray
@@ -210,28 +208,21 @@ class Part:
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
-        self._smoothness = self.problem.smoothness
         self._stiffness = _second_differences(len(self.y))
 
-    def solve(self, near: int, begin: str = "all rows") -> None:
+    def solve_without_rows(self) -> None:
+        """Minimises without rows of distances."""
+        self.y = self._minimise(self._live(self.free), 0.0).y
+
+    def solve(self, near: int, again: bool = False) -> None:
         """Minimises, until what is asked for is kept or nothing more is gained.
 
         Args:
             near: frames so near to one that is not settled are live.
-            begin: "all rows"; "no rows" of distances until all else is at its minimum,
-                after which frames that keep them are left alone, and others change
-                smoothly; or "again" with the last penalty, from a motion that is
-                nearly there.
+            again: begin with the last penalty, from a motion that is nearly there.
         """
-        stages = _PENALTIES[-1:] if begin == "again" else _PENALTIES
+        stages = _PENALTIES[-1:] if again else _PENALTIES
         live = self._live(self.free)
-        if begin == "no rows":
-            self.y = self._minimise(live, 0.0).y
-            self._about, self._smoothness = self.y, self.problem.change_smoothness
-            lacking, _ = self._lacking(live, self._linearise(self.y, live, 1.0, 0.0))
-            if not lacking.any():
-                return
-            live = self._live(self.free & spread(lacking, near))
         least, stalls = np.inf, 0
         for update in range(len(stages) - 1 + _UPDATES):
             penalty = stages[min(update, len(stages) - 1)]
@@ -327,7 +318,7 @@ class Part:
     def _merit(self, at: _Linearised, live: _Live, penalty: float) -> float:
         problem, y = self.problem, at.y
         posture = problem.posture_weight * (y - self._posture)[live.frames]
-        bends = self._smoothness * np.diff(y - self._about, 2, axis=0)
+        bends = self.problem.smoothness * np.diff(y - self._about, 2, axis=0)
         weights, _, steps = self._standing(live, at.done.f)
         terms = (at.done.r[live.own], posture, bends, weights * steps)
         sums = [np.vdot(z, z) for z in terms]
@@ -404,7 +395,7 @@ class Part:
     def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
         """Of what is minimised, without constraints."""
         problem, some = self.problem, live.frames
-        weight, stiff = problem.posture_weight**2, self._smoothness**2
+        weight, stiff = problem.posture_weight**2, self.problem.smoothness**2
         r, J = at.done.r[live.own], at.done.J[live.own]
         transposed = J.swapaxes(1, 2)
         D = transposed @ J

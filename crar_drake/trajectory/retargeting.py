@@ -4,7 +4,7 @@
                      + |w_root (p_WR - target)|^2 + |w_turn turn of the root|^2
                      + |w_foot (soles' corners - targets)|^2 + |w_hand turn|^2
                      + |w_posture (q - rest)|^2 + |second differences|^2
-                     + |w_stand (steps of soles near the floor - targets)|^2
+                     + |w_stand (steps of heels and balls that stand)|^2
     such that   watched pairs, joint limits and speeds are kept, elbows and knees bend
                 as a person's, and nothing is below the floor.
 
@@ -45,8 +45,11 @@ _SOLE = 0.01
 # Directions in which a link's farthest point is one that can be the lowest.
 _OF_FEET, _OF_LINKS = 512, 64
 
-# A foot that is nearer to the floor may not slip [m].
-_LOW = 0.06
+# So high the ends of a foot are in the air; nearer to the floor they count more, since
+# they would slip else [m].
+_LOW = 0.08
+# Soles that stand are wanted so high, for nothing to be below the floor [m].
+_ABOVE = 4e-4
 # Beyond straight, or over-stretched, by so much at most [rad].
 _STRETCHED = 0.02
 
@@ -65,7 +68,6 @@ class RetargetingParameters:
         foot_height, planted_height: of the heights of the soles' corners, in the air
             and standing [1/m].
         standing: of the steps of what stands, from a frame to the next [1/m].
-        low: of the steps of what is near the floor: it would slip otherwise [1/m].
         hand: of how the hands are turned, by their axes [1].
         posture: of the rest posture [1/rad].
         smoothing: motions that come and go within this time cost more [s],
@@ -85,7 +87,6 @@ class RetargetingParameters:
     foot_height: float = 10.0  # [1/m]
     planted_height: float = 100.0  # [1/m]
     standing: float = 3e2  # [1/m]
-    low: float = 1e2  # [1/m]
     hand: float = 0.4
     posture: float = 0.03  # [1/rad]
     smoothing: float = 0.02  # [s]
@@ -199,7 +200,11 @@ class Retargeter:
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
         keeper = Keeper(self.model, rate, p.floor, p.floor_between)
         problem = self._problem(targets, keeper, y)
-        y, violating, effort = keeper.keep(problem, y, whole=True, progress=progress)
+        effort = Effort()
+        y = keeper.found_without_rows(problem, y, effort)
+        stiff = np.full(ROOT + n, (p.change_smoothing * rate) ** 2)
+        problem = replace(problem, about=y, smoothness=stiff)
+        y, violating, effort = keeper.keep(problem, y, effort, progress)
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
         return Retargeted(
             targets.root_positions + y[:, :3],
@@ -284,7 +289,6 @@ class Retargeter:
             posture_weight=weight,
             about=np.zeros_like(y),
             smoothness=np.full(ROOT + n, (p.smoothing * rate) ** 2),
-            change_smoothness=np.full(ROOT + n, (p.change_smoothing * rate) ** 2),
             lower=np.concatenate([-nowhere, self._lower]),
             upper=np.concatenate([nowhere, self._upper]),
             fastest=np.concatenate([nowhere, fastest]),
@@ -455,16 +459,15 @@ class PersonTasks:
         self._ends = np.stack([x for f in feet for x in (f.heel, f.ball)], axis=1)
         on = np.stack([x for f in feet for x in (f.on_heel, f.on_ball)], axis=1)
         heights = np.stack([f.heights for f in feet], axis=1)  # (T, 2, 4)
-        self._heights = heights.reshape(len(on), -1)
-        weights = np.where(on, p.planted, p.foot)
+        self._heights = heights.reshape(len(on), -1) + _ABOVE
+        near = np.where(on, 1.0, np.clip(1.0 - self._ends[..., 2] / _LOW, 0.0, 1.0))
+        weights = p.foot + near * (p.planted - p.foot)
         self._end_weights = np.repeat(weights, 2, axis=1)
-        weights = np.where(on, p.planted_height, p.foot_height)
+        weights = p.foot_height + near * (p.planted_height - p.foot_height)
         self._height_weights = np.repeat(weights, 2, axis=1)
 
         steps, stands = np.diff(self._ends[..., :2], axis=0), on[1:] & on[:-1]
-        lowest = heights.min(axis=2)
-        low = np.repeat(np.maximum(lowest[1:], lowest[:-1]) < _LOW, 2, axis=1)
-        weights = np.where(stands, p.standing, p.low * low)
+        weights = p.standing * stands
         self.steps = steps.reshape(len(steps), -1)
         self.step_weights = np.repeat(weights, 2, axis=1)
         self._hands = [

@@ -50,7 +50,6 @@ def problem(**changes) -> Problem:
         posture_weight=np.array([1.0, 2.0]),
         about=through,
         smoothness=np.array([0.5, 1.0]),
-        change_smoothness=np.array([0.5, 1.0]),
         lower=np.array([-np.inf, -1.0]),
         upper=np.array([np.inf, 0.7]),
         fastest=np.array([0.25, 0.2]),

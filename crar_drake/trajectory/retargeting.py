@@ -18,7 +18,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydrake.multibody.tree import BodyIndex
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError
@@ -157,8 +156,9 @@ class Retargeter:
         some = [Task(frame=frames["waist"])]
         self.model = ControlModel.FromDescription(fixed, some)
         plant = self.model.plant
-        bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]
-        self._links = [body.name() for body in bodies]
+        self._outlines = link_outlines(plant, self.model.scene_graph)
+        carrying = {find_frame(plant, frame).body().name() for frame in frames.values()}
+        self._links = sorted(carrying | set(self._outlines))
         tasks = [Task(frame=name, kind="pose") for name in self._links]
         self._poses = ControlModel.FromDescription(bare, tasks)
         self.rest = self.model.rest_positions()
@@ -168,7 +168,6 @@ class Retargeter:
         self._context = context
         X_WB = find_body(plant, description.base).EvalPoseInWorld(context)
         self._base = X_WB.translation(), X_WB.rotation().matrix()
-        self._outlines = link_outlines(plant, self.model.scene_graph)
         self.legs = {side: self._leg(side) for side in SIDES}
         self.soles = {side: self._corners(leg) for side, leg in self.legs.items()}
         self._set_floor_points()
@@ -371,13 +370,12 @@ class Retargeter:
         }
         self.floor_points = []
         for link, outline in self._outlines.items():
-            if link in self._links:
-                count = _OF_FEET if link in feet else _OF_LINKS
-                far = outline.points @ directions[:count].T + outline.radii[:, None]
-                some = np.unique(far.argmax(axis=0))
-                self.floor_points.append(
-                    (self._links.index(link), outline.points[some], outline.radii[some])
-                )
+            count = _OF_FEET if link in feet else _OF_LINKS
+            far = outline.points @ directions[:count].T + outline.radii[:, None]
+            some = np.unique(far.argmax(axis=0))
+            self.floor_points.append(
+                (self._links.index(link), outline.points[some], outline.radii[some])
+            )
 
     def _bent_as_a_person(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) limits of the joints, elbows and knees beyond straight on one side."""

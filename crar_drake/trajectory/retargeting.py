@@ -31,8 +31,9 @@ from crar_drake.robot_import.link_outlines import link_outlines, links_outward
 from crar_drake.trajectory.body_points import ROOT, Placed
 from crar_drake.trajectory.distance_rows import (
     NearRows,
+    join_rows,
 )
-from crar_drake.trajectory.keeping import Keeper
+from crar_drake.trajectory.keeping import Keeper, Meshes
 from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
@@ -172,6 +173,7 @@ class Retargeter:
         performer: Performer,
         rate: float,
         progress: Callable[[int], None] | None = None,
+        meshes: Meshes | None = None,
     ) -> Retargeted:
         """A performer's motion on the robot.
 
@@ -179,6 +181,7 @@ class Retargeter:
             performer: with legs.
             rate: frames per second [Hz].
             progress: is called with the number of frames that are done.
+            meshes: of the robot's links, which are parted where they touch.
 
         Raises:
             MotionError: the performer lacks something.
@@ -189,7 +192,7 @@ class Retargeter:
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
-        keeper = Keeper(self.model, rate, p.floor, p.floor_between)
+        keeper = Keeper(self.model, rate, p.floor, p.floor_between, meshes=meshes)
         problem = self._problem(targets, keeper, y)
         y, violating, effort = keeper.keep(problem, y, whole=True, progress=progress)
         turned = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
@@ -516,10 +519,7 @@ class NearRowsAndFloor:
 
     def __call__(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """See `optimiser.Problem`."""
-        both = self._keeper.near_rows(at, y, look), self._low(at, y, look)
-        rows = [np.concatenate(pair) for pair in zip(*both, strict=True)]
-        order = np.argsort(rows[0], kind="stable")
-        return NearRows(*(x[order] for x in rows))
+        return join_rows(self._keeper.near_rows(at, y, look), self._low(at, y, look))
 
     def _low(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """Of each link its lowest point, at frames alone."""

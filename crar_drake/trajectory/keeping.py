@@ -57,17 +57,27 @@ _ROUNDS = 4  # in which meshes are asked
 
 
 class Meshes(Protocol):
-    """The meshes of P pairs of links, as `references.mesh_rows` has them."""
+    """The meshes of P pairs of links, as `references.mesh_rows` has them.
+
+    Attributes:
+        num_pairs: P.
+    """
+
+    num_pairs: int
 
     def touching(self, q: np.ndarray) -> np.ndarray:
         """(P, T) which touch at the frames of a motion (T, n), or on the way from or to
         a neighbour, or are not shown to be clear."""
 
     def near_rows(
-        self, pairs: np.ndarray, at: Samples, q: np.ndarray, look: float
-    ) -> NearRows:
-        """Of some pairs (C,), whose numbers are from 0 to C - 1; else as of
-        `optimiser.Problem`, of joints (S, n)."""
+        self, where: np.ndarray
+    ) -> Callable[[Samples, np.ndarray, float], NearRows]:
+        """As of `optimiser.Problem`, of joints (S, n).
+
+        Args:
+            where: (P, T) at which frames, and on the way to the next, a pair is looked
+                at.
+        """
 
 
 @dataclass
@@ -263,17 +273,18 @@ class Keeper:
         """
         q, before, kept = self._joints(y), y.copy(), state.margins
         touching = self._meshes.touching(q)
-        at_first, pairs = touching.any(axis=0), np.zeros(len(touching), dtype=bool)
-        for _ in range(_ROUNDS):
-            where = touching.any(axis=0)
-            if not where.any():
+        at_first, where = touching.any(axis=0), np.zeros_like(touching)
+        for number in range(_ROUNDS):
+            some = touching.any(axis=0)
+            if not some.any():
                 break
-            pairs |= touching.any(axis=1)
-            again = np.minimum(2 * state.parts[where], _MOST_PARTS)
-            state.parts[where] = again
-            more = self._with_meshes(problem, np.flatnonzero(pairs))
-            was = y.copy()
-            self._solve(more, y, state, where, range(1, _FIRST_CHORDS))
+            for run in _runs(spread(some, round(_AROUND_AGAIN * self.rate))):
+                pairs = touching[:, slice(*run)].any(axis=1)
+                where[pairs, slice(*run)] = True
+            if number:
+                state.parts[some] = np.minimum(2 * state.parts[some], _MOST_PARTS)
+            more, was = self._with_meshes(problem, where), y.copy()
+            self._solve(more, y, state, some, range(1, _FIRST_CHORDS))
             for start, end in _runs(spread((y != was).any(axis=1), 1)):
                 # What a frame does is known with the ways from and to its neighbours.
                 first = max(start - 1, 0)
@@ -295,20 +306,20 @@ class Keeper:
         if undone.any():
             state.margins = self._margins_again(q, state.margins, undone)
 
-    def _with_meshes(self, problem: Problem, pairs: np.ndarray) -> Problem:
-        """Also with rows of pairs of meshes."""
+    def _with_meshes(self, problem: Problem, where: np.ndarray) -> Problem:
+        """Also with rows of meshes; where as of `Meshes`."""
+        of_meshes = self._meshes.near_rows(where)
 
         def near_rows(at: Samples, y: np.ndarray, look: float) -> NearRows:
-            rows = self._meshes.near_rows(pairs, at, self._joints(y), look)
+            rows = of_meshes(at, self._joints(y), look)
             gradient = np.zeros((len(rows.d), y.shape[1]))
             self._joints(gradient)[:] = rows.gradient
             number = problem.num_rows + rows.row
             rows = rows._replace(row=number, gradient=gradient)
             return join_rows(problem.near_rows(at, y, look), rows)
 
-        return replace(
-            problem, near_rows=near_rows, num_rows=problem.num_rows + len(pairs)
-        )
+        count = problem.num_rows + self._meshes.num_pairs
+        return replace(problem, near_rows=near_rows, num_rows=count)
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:
         """Leads the motion past what violates something on straight ways that are

@@ -164,6 +164,7 @@ def clean_motions(
     layout: str,
     options: dict,
     progress: Callable[[int, int], None] | None = None,
+    uncovered: Uncovered | None = None,
 ) -> list[CleanedClip]:
     """Cleans motions, and writes them and their certificate, or neither.
 
@@ -176,17 +177,20 @@ def clean_motions(
         layout: of the file to be written.
         options: what the certificate says of how they were read.
         progress: as of `clean_file`.
+        uncovered: of the robot, if it is known.
 
     Raises:
         ModelError, MotionError, WriteError: as `clean_file`.
     """
-    description, uncovered = robot.description, Uncovered(robot)
+    description, uncovered = robot.description, uncovered or Uncovered(robot)
     carrying = CarryingHands(robot)
     cleaners: dict[float, Cleaner] = {}
     written, seconds = [], []
     for motion in motions:
         if motion.rate not in cleaners:
-            cleaners[motion.rate] = Cleaner(description, motion.rate, parameters)
+            cleaners[motion.rate] = Cleaner(
+                description, motion.rate, parameters, uncovered.meshes
+            )
         cleaner = cleaners[motion.rate]
         columns = _columns(motion, cleaner)
         began = time.process_time()

@@ -25,6 +25,8 @@ from scipy.spatial.transform import Rotation
 from crar_drake.control.checks import check_numbers
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.references.ground_contact import FEET, HANDS
+from crar_drake.references.mesh_clearance import ClearanceOfMeshes
+from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.robot.description import RobotDescription
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -118,6 +120,7 @@ class Cleaner:
         description: RobotDescription,
         rate: float,
         parameters: CleaningParameters | None = None,
+        meshes: ClearanceOfMeshes | None = None,
     ) -> None:
         """
         Args:
@@ -125,6 +128,7 @@ class Cleaner:
                 joints that it prescribes stay in the rest posture.
             rate: frames per second [Hz].
             parameters: what is asked for.
+            meshes: of the robot's links, which are parted where they touch.
 
         Raises:
             ScenarioError: a parameter is out of range.
@@ -155,7 +159,14 @@ class Cleaner:
         other = [Task(frame=next(iter(known), "world"))]
         p = self.parameters
         model = ControlModel.FromDescription(description, kept or other)
-        self._keeper = Keeper(model, rate, p.floor, p.floor_between, p.velocity_scale)
+        self._keeper = Keeper(
+            model,
+            rate,
+            p.floor,
+            p.floor_between,
+            p.velocity_scale,
+            None if meshes is None else MeshRows(meshes, model.joint_names),
+        )
         self.model = model
         bare = replace(description, pairs=[])
         self._poses = ControlModel.FromDescription(bare, kept) if kept else None

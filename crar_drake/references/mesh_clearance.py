@@ -100,6 +100,7 @@ class ClearanceOfMeshes:
     """Finds what the meshes of a robot keep on its motions.
 
     Attributes:
+        robot: whose they are.
         meshes: the pairs, and what they are not.
     """
 
@@ -108,7 +109,7 @@ class ClearanceOfMeshes:
         Raises:
             ModelError: a mesh cannot be read, or a joint is of no known kind.
         """
-        self._robot, self.meshes = robot, MeshPairs(robot)
+        self.robot, self.meshes = robot, MeshPairs(robot)
         tree = self.meshes.joints
         frames = np.array([mesh.frame for mesh in self.meshes.meshes], dtype=int)
         moved_by = tree.moved_by[frames]
@@ -132,9 +133,9 @@ class ClearanceOfMeshes:
         bad = np.argwhere(~np.isfinite(q))
         if len(bad):
             frame, joint = bad[0]
-            name = self._robot.joint_names[joint]
+            name = self.robot.joint_names[joint]
             raise MotionError(f"frame {frame + 1}: joint {name!r} is {q[frame, joint]}")
-        q, parts, measured = self._robot.configurations(q), [], 0
+        q, parts, measured = self.robot.configurations(q), [], 0
         for start in range(0, max(1, len(q) - 1), _BLOCK):
             part = _Search(self, q[start : start + _BLOCK + 1]).clearance()
             # A frame in which one part ends and the next begins is in both.

@@ -250,6 +250,15 @@ class MeshPairs:
             gap = max(gap, of_triangles)
         return max(0.0, float(gap) - ROUNDING), parted
 
+    def nearest(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+        """The distance of two surfaces, 0 where they meet, and their nearest points
+        p_AP and p_AQ [m]. Args: as of `distance`."""
+        (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
+        triangles_b.setTransform(fcl.Transform(R, p))
+        near = fcl.DistanceResult()
+        d = fcl.distance(triangles_a, triangles_b, self._nearest, near)
+        return max(0.0, d), *near.nearest_points
+
     def one_inside(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> bool:
         """Whether a piece of one is inside the other, if no triangles intersect.
 

@@ -21,9 +21,11 @@ from crar_drake.references.clean_file import CleanedClip, clean_motions
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.layouts import layout_named, layouts_of
+from crar_drake.references.mesh_rows import MeshRows
 from crar_drake.references.motion_certificate import check_certificate_place
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
@@ -109,13 +111,16 @@ def retarget_file(
     performer = load_performer(motion, options)
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
+    uncovered = Uncovered(whole_body)
     retargeter = Retargeter(description, parameters)
+    meshes = uncovered.meshes
     frames = int(performer.duration * rate) + 1
     began = time.process_time()
     found = retargeter.retarget(
         performer,
         rate,
         None if progress is None else lambda k: progress(k, frames),
+        None if meshes is None else MeshRows(meshes, retargeter.model.joint_names),
     )
     seconds = time.process_time() - began
     quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
@@ -135,6 +140,7 @@ def retarget_file(
         reference=motion_file(motion, options),
         layout=layout,
         options={"retargeted": str(motion), "rate": rate},
+        uncovered=uncovered,
     )
     given = None if layout_named(layout).has_rate else rate
     written = read_motion(out, layout, given, robot=whole_body)

@@ -44,6 +44,7 @@ class Uncovered:
         pairs: more than one joint apart, neither watched by their capsules nor covered
             by their meshes.
         why_not: why no meshes are looked at; "" if they are.
+        meshes: that are; None if none are.
     """
 
     def __init__(self, robot: WholeBody) -> None:
@@ -54,13 +55,13 @@ class Uncovered:
         Raises:
             ModelError: a mesh cannot be read.
         """
-        self._robot, self._meshes = robot, None
+        self.meshes: ClearanceOfMeshes | None = None
         self.why_not = why_no_meshes(robot)
         if self.why_not:
             pairs = shaped_pairs(robot)
         else:
-            self._meshes = ClearanceOfMeshes(robot)
-            not_of = self._meshes.meshes.not_of
+            self.meshes = ClearanceOfMeshes(robot)
+            not_of = self.meshes.meshes.not_of
             pairs = not_of.as_built + not_of.beyond_root
         watched = {frozenset(pair) for pair in robot.description.pairs}
         self.pairs = [pair for pair in pairs if frozenset(pair) not in watched]
@@ -68,17 +69,17 @@ class Uncovered:
     @property
     def mesh_pairs(self) -> list[tuple[str, str]]:
         """Pairs of links that are covered by their meshes."""
-        return [] if self._meshes is None else self._meshes.meshes.pairs
+        return [] if self.meshes is None else self.meshes.meshes.pairs
 
     def as_listed(self) -> dict:
         """What is not covered, as a certificate lists it."""
         listed = {"pairs": self.pairs, "meshes": self.why_not or "covered"}
-        if self._meshes is not None:
-            listed |= asdict(self._meshes.meshes.not_of)
+        if self.meshes is not None:
+            listed |= asdict(self.meshes.meshes.not_of)
         return listed
 
     def look_at(self, motion: RobotMotion) -> MeshClearance | None:
         """What the meshes keep on a motion; None without any."""
-        if self._meshes is None:
+        if self.meshes is None:
             return None
-        return self._meshes.find(motion.joint_positions)
+        return self.meshes.find(motion.joint_positions)

@@ -53,6 +53,13 @@ def no_rows(unknowns: int) -> NearRows:
     return NearRows(nothing, nothing, np.zeros(0), np.zeros((0, unknowns)))
 
 
+def join_rows(*rows: NearRows) -> NearRows:
+    """Those of several kinds, whose numbers of rows are their own."""
+    joined = [np.concatenate(each) for each in zip(*rows, strict=True)]
+    order = np.argsort(joined[0], kind="stable")
+    return NearRows(*(x[order] for x in joined))
+
+
 @compiled
 def find_near_rows(
     q: np.ndarray, enough: np.ndarray, robot: Held

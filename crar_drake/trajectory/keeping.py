@@ -7,12 +7,17 @@ Nothing trusts the solver. Afterwards the margins of each frame and of each stra
 to the next are found (`margins`). Where they are too small, more is asked for, and a
 small window is solved again; where that does not help, from a clear straight way that
 leads past it. What stays violated is reported.
+
+Last, meshes are asked, of links that no capsules hold apart. Where they touch, rows of
+their own distances are added, and a small window is solved again. Where that parts
+nothing, the motion is left as it was.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -25,6 +30,7 @@ from crar_drake.trajectory.distance_rows import (
     NearRows,
     configurations,
     find_near_rows,
+    join_rows,
 )
 from crar_drake.trajectory.margins import Margins, find_margins
 from crar_drake.trajectory.optimiser import Effort, Part, Problem, Samples, spread
@@ -49,6 +55,50 @@ _ANEW = 2
 # Samples on the way to the next frame: one, three where a joint moves by more than this
 # [rad], and twice as many each time that the way is not certified.
 _FAST, _MOST_PARTS = 0.12, 16
+_ROUNDS = 4  # in which meshes are asked
+
+
+class Meshes(Protocol):
+    """The meshes of P pairs of links, as `references.mesh_rows` has them.
+
+    Attributes:
+        num_pairs: P.
+    """
+
+    num_pairs: int
+
+    def touching(self, q: np.ndarray) -> np.ndarray:
+        """(P, T) which touch at the frames of a motion (T, n), or on the way from or to
+        a neighbour, or are not shown to be clear."""
+
+    def near_rows(
+        self, where: np.ndarray
+    ) -> Callable[[Samples, np.ndarray, float], NearRows]:
+        """As of `optimiser.Problem`, of joints (S, n).
+
+        Args:
+            where: (P, T) at which frames, and on the way to the next, a pair is looked
+                at.
+        """
+
+
+@dataclass
+class _State:
+    """What a motion of T frames is asked for, and what it keeps.
+
+    Attributes:
+        at_frames, between: (T,) what is asked at frames, and on the way to the next
+            [m].
+        parts: (T,) into how many parts samples divide that way.
+        margins: what it keeps.
+        effort: that it took.
+    """
+
+    at_frames: np.ndarray
+    between: np.ndarray
+    parts: np.ndarray
+    margins: Margins
+    effort: Effort = field(default_factory=Effort)
 
 
 class Keeper:
@@ -70,10 +120,12 @@ class Keeper:
         floor: float,
         floor_between: float,
         velocity_scale: float = 1.0,
+        meshes: Meshes | None = None,
     ) -> None:
         """
         Args:
             model, rate, floor, floor_between, velocity_scale: see the attributes.
+            meshes: are parted as well.
 
         Raises:
             ModelError: watched shapes are others than capsules and spheres.
@@ -85,7 +137,7 @@ class Keeper:
             )
         self.model, self.rate, self.rest = model, rate, model.rest_positions()
         self.floor, self.floor_between = floor, floor_between
-        self.velocity_scale = velocity_scale
+        self.velocity_scale, self._meshes = velocity_scale, meshes
         plant = model.plant
         self._reaches = hold(
             find_reaches(
@@ -158,18 +210,52 @@ class Keeper:
             (T, m) the motion; (T,) frames that still violate something, at them or on
             the way to the next; the effort that it took.
         """
-        frames, first_joint = len(y), y.shape[1] - self.model.n
-        y, effort = y.copy(), effort or Effort()
-        q = y[:, first_joint:]  # a view
+        frames, y = len(y), y.copy()
+        q = self._joints(y)
         problem = _within(problem)
         margins = self.margins(q)
         violating = self._violating(margins) | _below(problem, y)
-        asked = np.full(frames, self.floor + _MORE_AT_FRAMES)
-        between = np.full(frames, self.floor_between + _MORE_BETWEEN)
         moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
-        parts = np.where(moves > _FAST, 4, 2)
-        around, attempt = _AROUND, 0
-        while violating.any() and attempt < _TRIES:
+        state = _State(
+            at_frames=np.full(frames, self.floor + _MORE_AT_FRAMES),
+            between=np.full(frames, self.floor_between + _MORE_BETWEEN),
+            parts=np.where(moves > _FAST, 4, 2),
+            margins=margins,
+            effort=effort or Effort(),
+        )
+        self._solve(problem, y, state, violating, range(_TRIES), progress)
+        if self._meshes is not None:
+            self._part_meshes(problem, y, state)
+        return y, self._violating(state.margins), state.effort
+
+    def _joints(self, y: np.ndarray) -> np.ndarray:
+        """(T, n) the controlled joints among the unknowns, a view."""
+        return y[:, y.shape[1] - self.model.n :]
+
+    def _solve(
+        self,
+        problem: Problem,
+        y: np.ndarray,
+        state: _State,
+        violating: np.ndarray,
+        tries: Sequence[int],
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Solves windows until nothing is violated, or there is no try left.
+
+        Args:
+            problem: of the motion.
+            y: (T, m), changed in place, as is the state.
+            state: of the motion.
+            violating: (T,) frames that windows are about first.
+            tries: the numbers of the tries.
+            progress: is called in the first try.
+        """
+        frames, q = len(y), self._joints(y)
+        for attempt in tries:
+            if not violating.any():
+                break
+            around = _AROUND if attempt in (0, _ANEW) else _AROUND_AGAIN
             solved = spread(violating, round(around * self.rate))
             anew = attempt == _ANEW
             if anew:
@@ -177,27 +263,83 @@ class Keeper:
             elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
-                samples = _samples(asked, between, parts, first, last)
+                samples = _samples(
+                    state.at_frames, state.between, state.parts, first, last
+                )
                 before, after = max(0, first - 2), min(frames, last + 2)
                 free = np.zeros(after - before, dtype=bool)
                 free[first - before : last - before] = True
                 part = Part(problem, before, y[before:after].copy(), free, samples)
-                part.effort = effort
+                part.effort = state.effort
                 part.solve(round(_AROUND_AGAIN * self.rate), attempt > 0 and not anew)
                 y[first:last] = part.y[first - before : last - before]
                 if progress is not None and not attempt:
                     progress(end)
             q[solved] = np.clip(q[solved], self.model.lower, self.model.upper)
-            margins = self._margins_again(q, margins, solved)
-            violating = self._violating(margins)
+            margins = self._margins_again(q, state.margins, solved)
+            state.margins, violating = margins, self._violating(margins)
             low = margins.distance < self.floor
-            asked[low] += 1.2 * (self.floor - margins.distance[low]) + 1e-4
+            lacks = self.floor - margins.distance[low]
+            state.at_frames[low] += 1.2 * lacks + 1e-4
             gaps = margins.between < self.floor_between
-            between[gaps & (parts >= _MOST_PARTS)] += 1e-3
-            parts[gaps] = np.minimum(2 * parts[gaps], _MOST_PARTS)
-            attempt += 1
-            around = _AROUND if attempt == _ANEW else _AROUND_AGAIN
-        return y, violating, effort
+            state.between[gaps & (state.parts >= _MOST_PARTS)] += 1e-3
+            state.parts[gaps] = np.minimum(2 * state.parts[gaps], _MOST_PARTS)
+
+    def _part_meshes(self, problem: Problem, y: np.ndarray, state: _State) -> None:
+        """Parts the meshes that touch on a motion.
+
+        Args:
+            problem, y, state: as of `_solve`.
+        """
+        q, before, kept = self._joints(y), y.copy(), state.margins
+        touching = self._meshes.touching(q)
+        at_first, where = touching.any(axis=0), np.zeros_like(touching)
+        for number in range(_ROUNDS):
+            some = touching.any(axis=0)
+            if not some.any():
+                break
+            for run in _runs(spread(some, round(_AROUND_AGAIN * self.rate))):
+                pairs = touching[:, slice(*run)].any(axis=1)
+                where[pairs, slice(*run)] = True
+            if number:
+                state.parts[some] = np.minimum(2 * state.parts[some], _MOST_PARTS)
+            more, was = self._with_meshes(problem, where), y.copy()
+            self._solve(more, y, state, some, (1, 1))
+            for start, end in _runs(spread((y != was).any(axis=1), 1)):
+                # What a frame does is known with the ways from and to its neighbours.
+                first = max(start - 1, 0)
+                found = self._meshes.touching(q[first : end + 1])
+                touching[:, start:end] = found[:, start - first : end - first]
+        changed = (y != before).any(axis=1)
+        was_worse, worse = (
+            touch.astype(int) + len(y) * self._violating(margins)
+            for touch, margins in (
+                (at_first, kept),
+                (touching.any(axis=0), state.margins),
+            )
+        )
+        for start, end in _runs(changed):
+            around = slice(max(start - 1, 0), end + 1)
+            if worse[around].sum() >= was_worse[around].sum():
+                y[start:end] = before[start:end]
+        undone = changed & (y == before).all(axis=1)
+        if undone.any():
+            state.margins = self._margins_again(q, state.margins, undone)
+
+    def _with_meshes(self, problem: Problem, where: np.ndarray) -> Problem:
+        """Also with rows of meshes; where as of `Meshes`."""
+        of_meshes = self._meshes.near_rows(where)
+
+        def near_rows(at: Samples, y: np.ndarray, look: float) -> NearRows:
+            rows = of_meshes(at, self._joints(y), look)
+            gradient = np.zeros((len(rows.d), y.shape[1]))
+            self._joints(gradient)[:] = rows.gradient
+            number = problem.num_rows + rows.row
+            rows = rows._replace(row=number, gradient=gradient)
+            return join_rows(problem.near_rows(at, y, look), rows)
+
+        count = problem.num_rows + self._meshes.num_pairs
+        return replace(problem, near_rows=near_rows, num_rows=count)
 
     def _lay_chords(self, y: np.ndarray, violating: np.ndarray) -> np.ndarray:
         """Leads the motion past what violates something on straight ways that are
@@ -212,7 +354,7 @@ class Keeper:
             (T,) the frames that were changed.
         """
         frames, changed = len(y), np.zeros(len(y), dtype=bool)
-        q = y[:, y.shape[1] - self.model.n :]
+        q = self._joints(y)
         for first, last in _runs(violating):
             for reach in range(1, frames):
                 a, b = max(first - reach, -1), min(last - 1 + reach, frames)
@@ -247,9 +389,11 @@ class Keeper:
         )
 
     def _margins_again(
-        self, q: np.ndarray, margins: Margins, changed: np.ndarray
+        self, q: np.ndarray, margins: Margins | None, changed: np.ndarray
     ) -> Margins:
         """The margins of a motion of which some frames have changed."""
+        if margins is None:
+            return self.margins(q)
         found = {name: x.copy() for name, x in vars(margins).items()}
         touched = np.flatnonzero(spread(changed, 1))
         for run in np.split(touched, np.flatnonzero(np.diff(touched) > 1) + 1):

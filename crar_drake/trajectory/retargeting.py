@@ -30,8 +30,9 @@ from crar_drake.robot_import.link_outlines import link_outlines, links_outward
 from crar_drake.trajectory.body_points import ROOT, Placed, skew
 from crar_drake.trajectory.distance_rows import (
     NearRows,
+    join_rows,
 )
-from crar_drake.trajectory.keeping import Keeper
+from crar_drake.trajectory.keeping import Keeper, Meshes
 from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem, Samples
 from crar_drake.trajectory.performer_targets import (
     LIMBS,
@@ -178,6 +179,7 @@ class Retargeter:
         performer: Performer,
         rate: float,
         progress: Callable[[int], None] | None = None,
+        meshes: Meshes | None = None,
     ) -> Retargeted:
         """A performer's motion on the robot.
 
@@ -185,6 +187,7 @@ class Retargeter:
             performer: with legs.
             rate: frames per second [Hz].
             progress: is called with the number of frames that are done.
+            meshes: of the robot's links, which are parted where they touch.
 
         Raises:
             MotionError: the performer lacks something.
@@ -197,7 +200,7 @@ class Retargeter:
         y = np.zeros((frames, ROOT + n))
         rest = self.rest[self.model.controlled_positions]
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
-        keeper = Keeper(self.model, rate, p.floor, p.floor_between)
+        keeper = Keeper(self.model, rate, p.floor, p.floor_between, meshes=meshes)
         problem = self._problem(targets, keeper, y)
         effort = Effort()
         y = keeper.found_without_rows(problem, y, effort)
@@ -536,10 +539,7 @@ class NearRowsAndFloor:
 
     def __call__(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """See `optimiser.Problem`."""
-        both = self._keeper.near_rows(at, y, look), self._low(at, y, look)
-        rows = [np.concatenate(pair) for pair in zip(*both, strict=True)]
-        order = np.argsort(rows[0], kind="stable")
-        return NearRows(*(x[order] for x in rows))
+        return join_rows(self._keeper.near_rows(at, y, look), self._low(at, y, look))
 
     def _low(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """Of each link its lowest point, at frames alone."""

@@ -5,17 +5,29 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
-from crar_drake.references.change import Change, find_change, find_frozen
+from crar_drake.references.adjusting import (
+    Frames,
+    check_feet,
+    set_on_ground,
+    trimmed,
+)
+from crar_drake.references.change import (
+    ANY_CHANGE,
+    AtMost,
+    Change,
+    find_change,
+    find_frozen,
+)
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
-from crar_drake.references.ground_contact import CarryingHands
-from crar_drake.references.layouts import LAYOUTS
+from crar_drake.references.ground_contact import CarryingHands, Outline
+from crar_drake.references.layouts import LAYOUTS, check_written
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import (
     CertifiedClip,
@@ -60,7 +72,9 @@ class CleanedClip(Change):
             to be clear; -1 as well.
         seconds: of a processor that cleaning took, without reading, writing and
             measuring [s].
+        raised: by how much it was set on the ground; 0 if that was not asked for [m].
         deepest: frame and pair of the deepest penetration, in words; "" without one.
+        exceeded: what changed by more than was allowed, in words; "" if nothing did.
     """
 
     clip: str
@@ -81,7 +95,9 @@ class CleanedClip(Change):
     meshes_penetrating: int
     meshes_unclear: int
     seconds: float
+    raised: float
     deepest: str
+    exceeded: str
 
     @property
     def times_real_time(self) -> float:
@@ -90,22 +106,11 @@ class CleanedClip(Change):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left, or a way between frames not shown to be clear."""
+        """Whether anything is left, a way between frames is not shown to be clear, or
+        it changed by more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
-        return bool(left or meshes) or not self.between >= 0.0
-
-
-# What is a number, those of the change last; and whether it is a whole one.
-_CHANGE = tuple(field.name for field in fields(Change))
-_WHOLE = {field.name: field.type == "int" for field in fields(CleanedClip)}
-_TEXTS = ("clip", "deepest")
-NUMBERS = (*(name for name in _WHOLE if name not in (*_TEXTS, *_CHANGE)), *_CHANGE)
-
-
-def number_from(name: str, text: str) -> float:
-    """What a table has of one of NUMBERS; ValueError if that is no such number."""
-    return int(text) if _WHOLE[name] else float(text)
+        return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 
 
 def clean_file(
@@ -116,6 +121,9 @@ def clean_file(
     *,
     layout: str | None = None,
     rate: float | None = None,
+    frames: Frames = (1, None),
+    ground: bool = False,
+    at_most: AtMost = ANY_CHANGE,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[CleanedClip]:
     """Cleans all motions of a file, and writes them and their certificate, or neither.
@@ -126,22 +134,34 @@ def clean_file(
         robot: name or folder of the robot.
         parameters: what changing the least means, and what is kept.
         layout, rate: of the file, where it does not say them (`read_motion`).
+        frames: those that are kept.
+        ground: whether motions are then set on the ground (`set_on_ground`).
+        at_most: how far they may change; one that changed by more is written as well.
         progress: is called with the frame that was reached, and of how many.
 
     Raises:
-        MotionError: the file cannot be read, or is of another robot.
-        ModelError: the robot is not there, or not one that can be cleaned for.
+        MotionError: the file cannot be read, is of another robot or of a layout that is
+            not written, or ends before the frames that are kept.
+        ModelError: the robot is not there, not one that can be cleaned for, or lacks
+            what `ground` or `at_most` asks for.
         WriteError: the file or its certificate cannot be written.
         CrarError: the certificate would take the place of another file's.
     """
     reference, out = Path(reference), Path(out)
+    check_written(reference, layout)
     check_file(out)
     check_certificate_place(out)
     if out.exists() and reference.exists() and os.path.samefile(reference, out):
         raise MotionError(f"{out}: is the reference itself; name another file")
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
+    at_most.check(whole_body)
+    outline = Outline(whole_body) if ground else None
+    if outline is not None:
+        check_feet(outline, description.name)
     motions = read_motions(reference, layout, rate, robot=whole_body)
+    check_written(reference, motions[0].layout)
+    motions = [trimmed(motion, frames) for motion in motions]
     return clean_motions(
         motions,
         out,
@@ -149,9 +169,19 @@ def clean_file(
         parameters or CleaningParameters(),
         reference=reference,
         layout=motions[0].layout,
-        options={"layout": layout, "rate": rate},
+        options=cleaning_options(layout, rate, frames, ground),
+        ground=outline,
+        at_most=at_most,
         progress=progress,
     )
+
+
+def cleaning_options(
+    layout: str | None, rate: float | None, frames: Frames, ground: bool
+) -> dict:
+    """What a certificate says of how motions were read and written (`clean_file`)."""
+    kept = list(frames)
+    return {"layout": layout, "rate": rate, "frames": kept, "ground": ground}
 
 
 def clean_motions(
@@ -163,6 +193,8 @@ def clean_motions(
     reference: Path,
     layout: str,
     options: dict,
+    ground: Outline | None = None,
+    at_most: AtMost = ANY_CHANGE,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[CleanedClip]:
     """Cleans motions, and writes them and their certificate, or neither.
@@ -175,7 +207,8 @@ def clean_motions(
         reference: the file that they are from.
         layout: of the file to be written.
         options: what the certificate says of how they were read.
-        progress: as of `clean_file`.
+        ground: of the robot, if motions are to be set on the ground.
+        at_most, progress: as of `clean_file`.
 
     Raises:
         ModelError, MotionError, WriteError: as `clean_file`.
@@ -183,7 +216,7 @@ def clean_motions(
     description, uncovered = robot.description, Uncovered(robot)
     carrying = CarryingHands(robot)
     cleaners: dict[float, Cleaner] = {}
-    written, seconds = [], []
+    written, seconds, raised = [], [], []
     for motion in motions:
         if motion.rate not in cleaners:
             cleaners[motion.rate] = Cleaner(description, motion.rate, parameters)
@@ -201,7 +234,11 @@ def clean_motions(
         seconds.append(time.process_time() - began)
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
-        written.append(replace(motion, joint_positions=joints))
+        kept, rise = replace(motion, joint_positions=joints), 0.0
+        if ground is not None:
+            kept, rise = set_on_ground(kept, ground)
+        written.append(kept)
+        raised.append(rise)
     to = LAYOUTS[layout]
     # Where the file says it, each motion may have another.
     rate_given = None if to.has_rate else written[0].rate
@@ -211,12 +248,16 @@ def clean_motions(
         # What is certified is what stands in the file, rounded as its layout does.
         again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
         clips, rows = [], []
-        for before, after, took in zip(motions, again, seconds, strict=True):
+        for before, after, took, rise in zip(
+            motions, again, seconds, raised, strict=True
+        ):
             cleaner = cleaners[after.rate]
             margins = [_margins(motion, cleaner) for motion in (before, after)]
             meshes = uncovered.look_at(after)
             clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
-            rows.append(_row(before, after, margins, meshes, took, cleaner, robot))
+            row = _row(before, after, margins, meshes, cleaner, robot)
+            row = replace(row, seconds=took, raised=rise)
+            rows.append(replace(row, exceeded=at_most.exceeded(row)))
         certificate = make_certificate(
             folder / out.name,
             reference,
@@ -259,7 +300,6 @@ def _row(
     after: RobotMotion,
     margins: list[Margins],
     meshes: MeshClearance | None,
-    seconds: float,
     cleaner: Cleaner,
     robot: WholeBody,
 ) -> CleanedClip:
@@ -287,8 +327,10 @@ def _row(
         frozen=_count(find_frozen(before, after)),
         meshes_penetrating=-1 if meshes is None else meshes.num_touching,
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
-        seconds=seconds,
+        seconds=0.0,
+        raised=0.0,
         deepest=_deepest(now, cleaner),
+        exceeded="",
     )
 
 

@@ -6,11 +6,9 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
-from pathlib import Path
 
 from crar_drake.errors import CrarError
 from crar_drake.fresh_processes import FreshProcesses
-from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import (
     ReferenceJudge,
@@ -18,8 +16,6 @@ from crar_drake.references.reference_judge import (
     Tolerances,
 )
 from crar_drake.robot.description import load_robot_description
-
-# What in a folder is taken for a motion.
 
 # To read a robot's meshes takes as long as to judge a short motion, so that a process
 # judges several files; not too many, for the last ones to end together.
@@ -60,13 +56,6 @@ class JudgeOptions:
     meshes: bool = True
     every: float | None = None
     tolerances: Tolerances = Tolerances()
-
-
-def motions_below(folder: Path) -> list[Path]:
-    """Files of a folder and of those in it that have the suffix of a motion."""
-    return sorted(
-        path for path in folder.rglob("*") if is_reference(path) and path.is_file()
-    )
 
 
 def judge_here(files: Sequence[str], options: JudgeOptions) -> list[JudgedFile]:

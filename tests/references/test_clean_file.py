@@ -11,9 +11,9 @@ from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError, WriteError
-from crar_drake.references import clean_folder as clean_folder_module
-from crar_drake.references.clean_file import clean_file
+from crar_drake.references.clean_file import CleanedClip, clean_file
 from crar_drake.references.clean_folder import clean_folder
+from crar_drake.references.folders import _read_table
 from crar_drake.references.motion_certificate import (
     certificate_path,
     check_certificate,
@@ -391,7 +391,7 @@ def test_a_damaged_table_costs_no_more_than_its_files(cleaned, tmp_path):
     cuts += [whole.replace(b"0.", b"x\xff\0"), whole + b"a" * 200_000]
     for damaged in cuts:
         table.write_bytes(damaged)
-        kept = clean_folder_module._read_table(table, references)
+        kept = _read_table(table, references, CleanedClip)
         assert set(kept) <= {references / "reach.csv"}
     table.write_bytes(whole[:-20])
     (file,) = clean_folder(references, out, str(folder), executor=Here())

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crar_drake.commands.folders import (
+    files_bar,
+    frames_bar,
+    progress_bar,
+    report_files,
+)
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
 from crar_drake.commands.output import OUT, counted, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
-    from crar_drake.references.folders import FileResult
-
-# Failed files that are reported one by one.
-_MOST_LINES = 10
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -187,10 +187,8 @@ def run(arguments: argparse.Namespace) -> int:
             out,
             arguments.robot,
             parameters,
-            layout=arguments.layout,
-            rate=arguments.frame_rate,
             progress=progress,
-            **_adjustments(arguments),
+            **_options(arguments),
         )
     for clip in clips:
         for line in clip_lines(clip):
@@ -203,17 +201,20 @@ def run(arguments: argparse.Namespace) -> int:
     return final_line(violations(clips))
 
 
-def _adjustments(arguments: argparse.Namespace) -> dict:
+def _options(arguments: argparse.Namespace) -> dict:
+    """See `FileOptions`."""
     from crar_drake.references.change import AtMost
 
     return {
+        "layout": arguments.layout,
+        "rate": arguments.frame_rate,
         "frames": arguments.frames,
         "ground": arguments.ground,
         "at_most": AtMost(**arguments.at_most),
     }
 
 
-def violations(clips: list[CleanedClip]) -> list[str]:
+def violations(clips: Sequence[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
     unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
     return [
@@ -254,7 +255,7 @@ def _write_page(
     except ModelError as error:
         meshes = False
         print(f"the page colours links by their capsules: {error}")
-    with _bar() as bar:
+    with progress_bar() as bar:
         bar.add_task("judging both for the page", total=None)
         compare_files(
             [arguments.reference, out],
@@ -339,25 +340,16 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
 
     folder: Path = arguments.reference
     out = arguments.out or OUT / "clean" / label(folder / "all").parent.name
-    try:
-        with _files_bar() as progress:
-            files = clean_folder(
-                folder,
-                out,
-                arguments.robot,
-                parameters,
-                layout=arguments.layout,
-                rate=arguments.frame_rate,
-                jobs=arguments.jobs,
-                progress=progress,
-                **_adjustments(arguments),
-            )
-    except KeyboardInterrupt:
-        print(
-            f"crar-drake: what is finished is in {out}; the same command continues",
-            file=sys.stderr,
+    with files_bar(out) as progress:
+        files = clean_folder(
+            folder,
+            out,
+            arguments.robot,
+            parameters,
+            jobs=arguments.jobs,
+            progress=progress,
+            **_options(arguments),
         )
-        raise
     clips = [clip for file in files for clip in file.clips]
     print(
         f"{len(clips)} motions: capsules penetrated in "
@@ -365,55 +357,10 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
-    left = [
-        (file.source, clip) for file in files for clip in file.clips if clip.violated
-    ]
-    for reference, clip in left[:_MOST_LINES]:
-        which = f"{reference} {clip.clip}".rstrip()
-        what = violations([replace(clip, exceeded="")])
-        if clip.exceeded:
-            what.append(f"changed: {clip.exceeded}")
-        print(f"violated: {which}: {'; '.join(what)}")
-    if len(left) > _MOST_LINES:
-        print(f"and {len(left) - _MOST_LINES} more, in the table")
-    failed = [file for file in files if file.error]
-    for file in failed[:_MOST_LINES]:
-        print(f"failed: {file.source}: {file.error}", file=sys.stderr)
-    if len(failed) > _MOST_LINES:
-        print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
-    print(out / CLEANED_TABLE)
-    return final_line([*violations(clips), *counted(len(failed), "file", "failed")])
+    return report_files(files, violations, _violations_of, [out / CLEANED_TABLE])
 
 
-@contextmanager
-def frames_bar() -> Iterator[Callable[[int, int], None]]:
-    """Yields a callback that draws how far a motion is, on stderr."""
-    with _bar() as bar:
-        task = bar.add_task("", total=None)
-        yield lambda frame, frames: bar.update(task, completed=frame, total=frames)
-
-
-@contextmanager
-def _files_bar() -> Iterator[Callable[[int, int, FileResult], None]]:
-    """Yields a callback that draws how many files are finished, on stderr."""
-    with _bar() as bar:
-        task = bar.add_task("", total=None)
-
-        def show(done: int, total: int, newest: FileResult) -> None:
-            what = f"{newest.source.name}{' failed' if newest.error else ''}"
-            bar.update(task, completed=done, total=total, description=what)
-
-        yield show
-
-
-def _bar():
-    from rich import progress
-    from rich.console import Console
-
-    return progress.Progress(
-        progress.BarColumn(bar_width=20),
-        progress.MofNCompleteColumn(),
-        progress.TextColumn("{task.description}", markup=False),
-        console=Console(stderr=True),
-        transient=True,
-    )
+def _violations_of(clip: CleanedClip) -> list[str]:
+    """What a motion violates; by how much it changed, if that is too much."""
+    changed = [f"changed: {clip.exceeded}"] if clip.exceeded else []
+    return [*violations([replace(clip, exceeded="")]), *changed]

@@ -7,14 +7,9 @@ from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from crar_drake.references.adjusting import Frames
-from crar_drake.references.change import ANY_CHANGE, AtMost
-from crar_drake.references.clean_file import (
-    CleanedClip,
-    clean_file,
-    cleaning_options,
-)
+from crar_drake.references.clean_file import CleanedClip, FileCleaner, FileOptions
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.folders import (
     CLEANED_TABLE,
@@ -32,14 +27,10 @@ def clean_folder(
     robot: str,
     parameters: CleaningParameters | None = None,
     *,
-    layout: str | None = None,
-    rate: float | None = None,
-    frames: Frames = (1, None),
-    ground: bool = False,
-    at_most: AtMost = ANY_CHANGE,
     jobs: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int, FileResult], None] | None = None,
+    **options: Any,
 ) -> list[FileResult]:
     """Cleans each file of a folder into the same place below `out`.
 
@@ -50,40 +41,33 @@ def clean_folder(
         folder: with references in it or below.
         out: another folder.
         robot: name or folder of the robot.
-        parameters, layout, rate, frames, ground, at_most: as of `clean_file`, of all
-            files.
+        parameters: what changing the least means, and what is kept.
         jobs, executor, progress: as of `work_through`.
+        options: of all files, see `FileOptions`.
 
     Raises:
         MotionError: no file of the layout is written.
         ModelError, CrarError: as `find_references` and `work_through`.
     """
-    if layout:
-        check_written(f"FILE{layout_named(layout).suffix}", layout)
+    given = FileOptions(**options)
+    if given.layout:
+        suffix = layout_named(given.layout).suffix
+        check_written(f"FILE{suffix}", given.layout)
     parameters = parameters or CleaningParameters()
     parameters.validate()
     references = find_references(folder)
 
     def gated(clip: CleanedClip) -> CleanedClip:
-        return replace(clip, exceeded=at_most.exceeded(clip))
+        return replace(clip, exceeded=given.at_most.exceeded(clip))
 
     work = FolderWork(
         table=CLEANED_TABLE,
         row=CleanedClip,
         places={path: out / path.relative_to(folder) for path in references},
-        do=partial(
-            clean_file,
-            robot=robot,
-            parameters=parameters,
-            layout=layout,
-            rate=rate,
-            frames=frames,
-            ground=ground,
-            at_most=at_most,
-        ),
+        begin=partial(FileCleaner, robot, parameters, given),
         robot=robot,
         parameters=asdict(parameters),
-        options=lambda _: cleaning_options(layout, rate, frames, ground),
+        options=lambda _: given.certified(),
         again=gated,
     )
     return work_through(

@@ -9,13 +9,15 @@ from __future__ import annotations
 import csv
 import io
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
-from contextlib import nullcontext
+from concurrent.futures import Executor
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
 from crar_drake.fresh_processes import FreshProcesses
@@ -31,6 +33,9 @@ from crar_drake.robot.description import load_robot_description
 CLEANED_TABLE, RETARGETED_TABLE = "cleaned.csv", "retargeted.csv"
 # How their heading begins.
 _FIRST_COLUMNS = ("file", "clip", "error")
+
+# A process that has worked for so long gives back what it has [s].
+_LONG = 30.0
 
 _CONVERSIONS = {"int": int, "float": float, "str": str}
 
@@ -58,7 +63,8 @@ class FolderWork:
         table: name of the table, a CSV.
         row: of it: a dataclass whose fields are numbers and texts, `clip` among them.
         places: each file to that which is to be written of it.
-        do: from a file and its place to its rows; it is sent to other processes.
+        begin: makes what a process does with each file: from the file and its place to
+            its rows. It is sent to other processes.
         robot: name or folder of the robot.
         parameters: what certificates have of them, if nothing is to be done again,
         options: and of a file's options.
@@ -68,7 +74,7 @@ class FolderWork:
     table: str
     row: type
     places: Mapping[Path, Path]
-    do: Callable[[Path, Path], Sequence[Any]]
+    begin: Callable[[], Callable[[Path, Path], Sequence[Any]]]
     robot: str
     parameters: dict
     options: Callable[[Path], dict]
@@ -127,7 +133,7 @@ def work_through(
         progress: is called with (finished, all, newest).
 
     Raises:
-        ModelError: there is no such robot.
+        ModelError: there is no such robot, or it cannot be used.
         CrarError: `out` is the folder itself or below it, or another process is writing
             to it. What is wrong with one file is reported of it, and is not fatal.
     """
@@ -149,33 +155,37 @@ def work_through(
         waiting = [path for path in work.places if path not in finished]
         own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
         with own as pool:
-            futures: dict[Future, Path] = {
-                pool.submit(_do_one, work.do, path, work.places[path]): path
-                for path in waiting
-            }
-            try:
-                for future in as_completed(futures):
-                    path = futures[future]
-                    try:
-                        result = future.result()
-                    except RuntimeError as error:  # its process died
-                        result = FileResult(path, error=str(error))
+            pairs = [(path, work.places[path]) for path in waiting]
+            batches = in_batches(pool, _do_some, pairs, work.begin, jobs=jobs)
+            with closing(batches):
+                for (path, _), result in batches:
+                    if isinstance(result, Exception):  # its process died
+                        result = FileResult(path, error=str(result))
                     finished[path] = result
                     _write_table(table, folder, work.row, finished)
                     if progress is not None:
                         progress(len(finished), len(work.places), result)
-            except BaseException:
-                for future in futures:
-                    future.cancel()
-                raise
         _write_table(table, folder, work.row, finished)
     return [finished[path] for path in work.places]
+
+
+def _do_some(
+    files: Sequence[tuple[Path, Path]],
+    begin: Callable[[], Callable[[Path, Path], Sequence[Any]]],
+) -> list[FileResult]:
+    """Files and their places, one after the other in a process of its own; the first
+    ones alone if they took long, for the table to have them soon."""
+    do, until, found = begin(), time.monotonic() + _LONG, []
+    for source, out in files:
+        found.append(_do_one(do, source, out))
+        if time.monotonic() > until:
+            break
+    return found
 
 
 def _do_one(
     do: Callable[[Path, Path], Sequence[Any]], source: Path, out: Path
 ) -> FileResult:
-    """A file, in a process of its own."""
     try:
         return FileResult(source, tuple(do(source, out)))
     except CrarError as error:

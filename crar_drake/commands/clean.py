@@ -357,7 +357,7 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
-    return report_files(files, violations, _violations_of, [out / CLEANED_TABLE])
+    return report_files(files, violations, _violations_of, out / CLEANED_TABLE)
 
 
 def _violations_of(clip: CleanedClip) -> list[str]:

@@ -67,7 +67,7 @@ def report_files(
     files: Sequence[FileResult],
     violated: Callable[[Sequence[Any]], list[str]],
     of_one: Callable[[Any], list[str]],
-    written: Sequence[Path],
+    table: Path,
 ) -> int:
     """Prints which motions violate something and which files failed, then what was
     written, and OK or VIOLATED.
@@ -76,11 +76,13 @@ def report_files(
         files: what became of them.
         violated: what motions violate, in a few words each,
         of_one: and one motion, in more of them.
-        written: table and page.
+        table: that was written, with its page beside it.
 
     Returns:
         The exit code: 1 if anything is violated or failed.
     """
+    from crar_drake.references.folders import page_of
+
     left = [(file, clip) for file in files for clip in file.clips if clip.violated]
     for file, clip in left[:_MOST_LINES]:
         which = f"{file.source} {clip.clip}".rstrip()
@@ -94,7 +96,7 @@ def report_files(
         print(f"failed: {where}{file.error}", file=sys.stderr)
     if len(failed) > _MOST_LINES:
         print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
-    for path in written:
-        print(path)
+    print(table)
+    print(page_of(table))
     clips = [clip for file in files for clip in file.clips]
     return final_line([*violated(clips), *counted(len(failed), "file", "failed")])

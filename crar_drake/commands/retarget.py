@@ -153,8 +153,7 @@ def _retarget_folder(arguments: argparse.Namespace, options) -> int:
             "the frames; planted feet slip by "
             f"{1e3 * max(row.slip for row in rows):.1f} mm"
         )
-    written = [out / RETARGETED_TABLE]
-    return report_files(files, _violations, _violations_of, written)
+    return report_files(files, _violations, _violations_of, out / RETARGETED_TABLE)
 
 
 def _violations(rows: Sequence[RetargetedRow]) -> list[str]:

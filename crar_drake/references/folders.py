@@ -22,6 +22,7 @@ from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.motion.robots_own import is_reference
+from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
 from crar_drake.references.motion_certificate import (
     certificate_path,
     file_hash,
@@ -36,6 +37,9 @@ _FIRST_COLUMNS = ("file", "clip", "error")
 
 # A process that has worked for so long gives back what it has [s].
 _LONG = 30.0
+
+# Names of files need not be text.
+_ANY_NAME = "surrogateescape"
 
 _CONVERSIONS = {"int": int, "float": float, "str": str}
 
@@ -65,6 +69,8 @@ class FolderWork:
         places: each file to that which is to be written of it.
         begin: makes what a process does with each file: from the file and its place to
             its rows. It is sent to other processes.
+        figures: of a row, for the page; the first one says which motion is the worst.
+        note: what else the page says of a row.
         robot: name or folder of the robot.
         parameters: what certificates have of them, if nothing is to be done again,
         options: and of a file's options.
@@ -75,6 +81,8 @@ class FolderWork:
     row: type
     places: Mapping[Path, Path]
     begin: Callable[[], Callable[[Path, Path], Sequence[Any]]]
+    figures: Sequence[Figure]
+    note: Callable[[Any], str]
     robot: str
     parameters: dict
     options: Callable[[Path], dict]
@@ -119,7 +127,8 @@ def work_through(
     executor: Executor | None = None,
     progress: Callable[[int, int, FileResult], None] | None = None,
 ) -> list[FileResult]:
-    """Does the work on each file of a folder, and writes the table into `out`.
+    """Does the work on each file of a folder, and writes the table into `out`, and in
+    the end a page beside it (`page_of`).
 
     A file whose certificate is there, of the same file, robot, parameters and options,
     is not done again.
@@ -166,7 +175,30 @@ def work_through(
                     if progress is not None:
                         progress(len(finished), len(work.places), result)
         _write_table(table, folder, work.row, finished)
+        _write_page(work, folder, page_of(table), finished)
     return [finished[path] for path in work.places]
+
+
+def page_of(table: Path) -> Path:
+    """Where the page of a table is."""
+    return table.with_suffix(".html")
+
+
+def _write_page(
+    work: FolderWork, folder: Path, page: Path, files: Mapping[Path, FileResult]
+) -> None:
+    write_folder_page(
+        page,
+        f"{folder.absolute().name}: {page.stem}",
+        f"Robot {work.robot}. A click on a heading sorts by it; crar-drake compare "
+        "makes a page of two motions.",
+        work.figures,
+        [
+            PageRow(path, work.places[path], clip, result.error or work.note(clip))
+            for path, result in files.items()
+            for clip in result.clips or [None]
+        ],
+    )
 
 
 def _do_some(
@@ -254,7 +286,7 @@ def _write_table(
         for clip in result.clips:
             writer.writerow([name, clip.clip, "", *(getattr(clip, n) for n in names)])
     with whole_file(table) as temporary:
-        temporary.write_text(stream.getvalue())
+        temporary.write_text(stream.getvalue(), "utf-8", _ANY_NAME)
 
 
 def _read_table(table: Path, folder: Path, row: type) -> dict[Path, FileResult]:
@@ -265,7 +297,7 @@ def _read_table(table: Path, folder: Path, row: type) -> dict[Path, FileResult]:
     if not os.path.isfile(table):
         return {}
     columns = _columns(row)
-    with open(table, newline="", encoding="utf-8", errors="replace") as stream:
+    with open(table, newline="", encoding="utf-8", errors=_ANY_NAME) as stream:
         reader = csv.DictReader(stream)
         if tuple(reader.fieldnames or ()) != (*_FIRST_COLUMNS, *columns):
             return {}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import partial
+from math import degrees
 from pathlib import Path
 
 from crar_drake.errors import CrarError
@@ -13,6 +14,8 @@ from crar_drake.motion.catalogue import MOTION_SUFFIXES
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.references.clean_file import CleanedClip
+from crar_drake.references.clean_folder import LEFT
+from crar_drake.references.folder_page import Figure
 from crar_drake.references.folders import (
     RETARGETED_TABLE,
     FileResult,
@@ -33,6 +36,18 @@ from crar_drake.references.retarget_file import (
 from crar_drake.trajectory.retargeting import RetargetingParameters
 
 LAYOUT = "xyzw-csv"  # that is written if none is named
+
+# What the page shows of a motion.
+FIGURES = (
+    Figure("limbs off, 95 % [deg]", lambda r: degrees(r.limbs_most), 1),
+    Figure("median [deg]", lambda r: degrees(r.limbs_median), 1),
+    Figure("of all limbs, 95 % [deg]", lambda r: degrees(r.farthest_most), 1),
+    Figure("left knee, median [deg]", lambda r: degrees(r.left_knee), 1),
+    Figure("right knee [deg]", lambda r: degrees(r.right_knee), 1),
+    Figure("feet slip [mm]", lambda r: 1e3 * r.slip, 1),
+    Figure("lowest point [mm]", lambda r: 1e3 * r.lowest, 1),
+    *LEFT,
+)
 
 
 @dataclass(frozen=True)
@@ -112,7 +127,7 @@ def retarget_folder(
 ) -> list[FileResult]:
     """Retargets each file of a folder into the same place below `out`.
 
-    `out`/retargeted.csv has a `RetargetedRow` for each.
+    `out`/retargeted.csv has a `RetargetedRow` for each, and retargeted.html shows them.
 
     Args:
         folder: with people's motions in it or below; of an AMC with its ASF beside it.
@@ -137,6 +152,8 @@ def retarget_folder(
             for path in find_people(folder)
         },
         begin=partial(_RowOfFile, robot, options, layout, rate, parameters),
+        figures=FIGURES,
+        note=lambda row: row.deepest or f"farthest off: {row.farthest}",
         robot=robot,
         parameters=asdict(CLEANING),
         options=lambda path: certified_options(path, options, layout, rate, parameters),

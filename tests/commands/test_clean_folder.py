@@ -68,6 +68,8 @@ def test_what_changed_by_more_is_named_and_nothing_is_cleaned_again(
     assert times == {path: path.stat().st_mtime_ns for path in times}
     with (out / "cleaned.csv").open(newline="") as stream:
         rows = {row["file"]: row for row in csv.DictReader(stream)}
+    page = (out / "cleaned.html").read_text()
+    assert page.index("a.csv") < page.index("b.csv") and ">violated<" in page
     assert rows["a.csv"]["exceeded"] in named and not rows["b.csv"]["exceeded"]
     assert main([*arguments, "--frames", "3:", "--jobs", "1"]) == 0
     assert len((out / "a.csv").read_text().splitlines()) == 22

@@ -4,6 +4,7 @@ import csv
 import shutil
 from concurrent.futures import Future
 
+import numpy as np
 import pytest
 from short_motions import short_amc
 from small_reference_robots import reaching, write_csv, write_robot
@@ -98,6 +99,9 @@ def test_each_file_has_its_row_or_why_it_failed(places, tmp_path):
     assert row.frames == int(rows["one.amc"]["frames"]) == alone.frames == 8
     assert float(rows["one.amc"]["limbs_most"]) == alone.limbs_most == row.limbs_most
     assert rows["one.amc"]["farthest"] == alone.farthest and not row.violated
+    page = (tmp_path / "out" / "retargeted.html").read_text()
+    assert page.index("damaged.bvh") < page.index("deep/two.csv")
+    assert f"<td>{np.degrees(alone.limbs_most):.1f}</td>" in page
     robot = ["--robot", str(robot)]
     assert main(["judge", str(tmp_path / "out"), *robot, "--certificate"]) == 0
 

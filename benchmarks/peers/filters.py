@@ -33,12 +33,11 @@ from benchmarks.peers.compare import (
 )
 from benchmarks.peers.peers import MARGIN, Peer, every
 from benchmarks.peers.problem import finite_or_none, write_robot
-from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.references.change import Change, find_change
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
+from crar_drake.references.folders import find_references
 from crar_drake.references.ground_contact import FEET
-from crar_drake.references.judged_files import motions_below
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import ReferenceJudge, ReferenceVerdict
 from crar_drake.references.robot_motion import RobotMotion
@@ -227,15 +226,13 @@ def read_references(path: Path, robot: WholeBody) -> dict[str, RobotMotion]:
     """The motions of a file or of a folder, by name, joints in the robot's order.
 
     Raises:
-        MotionError: there is none, or one cannot be read.
+        CrarError: there is none, or one cannot be read.
     """
-    files = motions_below(path) if path.is_dir() else [path]
+    files = find_references(path) if path.is_dir() else [path]
     found = {}
     for file in files:
         for motion in read_motions(file, robot=robot):
             found[f"{file.stem}{f' {motion.clip}' if motion.clip else ''}"] = motion
-    if not found:
-        raise MotionError(f"{path}: has no motions (.csv, .npz, .pkl)")
     return found
 
 

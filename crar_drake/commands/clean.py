@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crar_drake.commands.folders import (
+    files_bar,
+    frames_bar,
+    progress_bar,
+    report_files,
+)
 from crar_drake.commands.options import UsageError, add_command, add_jobs, positive
-from crar_drake.commands.output import CLEANED_TABLE, OUT, counted, final_line, label
+from crar_drake.commands.output import OUT, counted, final_line, label
 
 if TYPE_CHECKING:
     from crar_drake.references.clean_file import CleanedClip
-    from crar_drake.references.clean_folder import CleanedFile
-
-# Failed files that are reported one by one.
-_MOST_LINES = 10
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -75,12 +77,74 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="share of the robot's speed limits that may be used, at most 1 (default)",
     )
     parser.add_argument(
+        "--at-most",
+        type=changes,
+        default={},
+        metavar="LIMITS",
+        help="how far a motion may change, such as joints=15deg,feet=20mm (and hands); "
+        "one that changed by more is written, too, but violates this",
+    )
+    parser.add_argument(
+        "--frames",
+        type=frame_range,
+        default=(1, None),
+        metavar="A:B",
+        help="write these frames alone, counted from 1, A and B among them; A: is to "
+        "the end, :B from the beginning",
+    )
+    parser.add_argument(
+        "--ground",
+        action="store_true",
+        help="raise or lower each motion so that its feet's floor is at z = 0",
+    )
+    parser.add_argument(
         "--no-page",
         action="store_true",
         help="no page of before and after, which takes longer than cleaning does (of "
         "a folder's files there is none; crar-drake compare makes it)",
     )
     add_jobs(parser)
+
+
+# Unit of --at-most: metres or radians in it.
+_UNITS = {
+    "joints": {"deg": 0.017453292519943295, "rad": 1.0},
+    **{part: {"mm": 1e-3, "cm": 1e-2, "m": 1.0} for part in ("feet", "hands")},
+}
+
+
+def changes(text: str) -> dict[str, float]:
+    """Converts joints=15deg,feet=20mm: [rad], [m]."""
+    found: dict[str, float] = {}
+    for entry in text.split(","):
+        part, _, amount = entry.strip().partition("=")
+        given = re.fullmatch(r"([\d.eE+-]+) *([a-z]*)", amount)
+        if part not in _UNITS or part in found:
+            raise argparse.ArgumentTypeError(
+                f"{entry.strip()!r}: say once each how far joints, feet and hands may "
+                "change, such as joints=15deg,feet=20mm"
+            )
+        if given is None or given[2] not in _UNITS[part]:
+            units = list(_UNITS[part])
+            raise argparse.ArgumentTypeError(
+                f"{entry.strip()!r}: {part} need a number in {' or '.join(units)}, "
+                f"such as {part}=15{units[0]}"
+            )
+        found[part] = _UNITS[part][given[2]] * positive(given[1])
+    return found
+
+
+def frame_range(text: str) -> tuple[int, int | None]:
+    """Converts A:B, A: or :B, counted from 1."""
+    given = re.fullmatch(r"(\d*):(\d*)", text.strip())
+    first, last = (int(x) if x else None for x in given.groups()) if given else (0, 0)
+    first = 1 if first is None else first
+    if first < 1 or (last is not None and last < first):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} are no frames; write the first and the last one, counted from "
+            "1, such as 101:400, or 101: to the end"
+        )
+    return first, last
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -123,9 +187,8 @@ def run(arguments: argparse.Namespace) -> int:
             out,
             arguments.robot,
             parameters,
-            layout=arguments.layout,
-            rate=arguments.frame_rate,
             progress=progress,
+            **_options(arguments),
         )
     for clip in clips:
         for line in clip_lines(clip):
@@ -138,7 +201,20 @@ def run(arguments: argparse.Namespace) -> int:
     return final_line(violations(clips))
 
 
-def violations(clips: list[CleanedClip]) -> list[str]:
+def _options(arguments: argparse.Namespace) -> dict:
+    """See `FileOptions`."""
+    from crar_drake.references.change import AtMost
+
+    return {
+        "layout": arguments.layout,
+        "rate": arguments.frame_rate,
+        "frames": arguments.frames,
+        "ground": arguments.ground,
+        "at_most": AtMost(**arguments.at_most),
+    }
+
+
+def violations(clips: Sequence[CleanedClip]) -> list[str]:
     """What motions still violate, in a few words each."""
     unclear = sum(not c.between >= 0.0 or c.meshes_unclear > 0 for c in clips)
     return [
@@ -151,6 +227,11 @@ def violations(clips: list[CleanedClip]) -> list[str]:
             "with meshes that penetrate",
         ),
         *counted(unclear, "motion", "with a way between frames that is not clear"),
+        *counted(
+            sum(bool(c.exceeded) for c in clips),
+            "motion",
+            "changed by more than is allowed",
+        ),
     ]
 
 
@@ -174,7 +255,7 @@ def _write_page(
     except ModelError as error:
         meshes = False
         print(f"the page colours links by their capsules: {error}")
-    with _bar() as bar:
+    with progress_bar() as bar:
         bar.add_task("judging both for the page", total=None)
         compare_files(
             [arguments.reference, out],
@@ -184,6 +265,7 @@ def _write_page(
             layout=arguments.layout,
             rate=arguments.frame_rate,
             clip=shown,
+            frames=arguments.frames,
             meshes=meshes,
         )
 
@@ -205,6 +287,13 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         f"{clip.jerk_before:.0f} and {clip.jerk:.0f} rad/s^3 rms",
         f"{clip.seconds:.1f} s of a processor, {clip.times_real_time:.1f} x real time",
     ]
+    if clip.raised:
+        lines.append(
+            f"{'raised' if clip.raised > 0.0 else 'lowered'} by "
+            f"{1e3 * abs(clip.raised):.1f} mm, so that the feet's floor is at z = 0"
+        )
+    if clip.exceeded:
+        lines.append(f"changed by more than is allowed: {clip.exceeded}")
     if clip.deepest:
         lines.append(f"still penetrating, most at {clip.deepest}")
     if clip.near > clip.penetrating:
@@ -247,27 +336,20 @@ def _millimetres(rms: float, worst: float) -> str:
 
 def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
     from crar_drake.references.clean_folder import clean_folder
+    from crar_drake.references.folders import CLEANED_TABLE
 
     folder: Path = arguments.reference
     out = arguments.out or OUT / "clean" / label(folder / "all").parent.name
-    try:
-        with _files_bar() as progress:
-            files = clean_folder(
-                folder,
-                out,
-                arguments.robot,
-                parameters,
-                layout=arguments.layout,
-                rate=arguments.frame_rate,
-                jobs=arguments.jobs,
-                progress=progress,
-            )
-    except KeyboardInterrupt:
-        print(
-            f"crar-drake: what is finished is in {out}; the same command continues",
-            file=sys.stderr,
+    with files_bar(out) as progress:
+        files = clean_folder(
+            folder,
+            out,
+            arguments.robot,
+            parameters,
+            jobs=arguments.jobs,
+            progress=progress,
+            **_options(arguments),
         )
-        raise
     clips = [clip for file in files for clip in file.clips]
     print(
         f"{len(clips)} motions: capsules penetrated in "
@@ -275,52 +357,10 @@ def _clean_folder(arguments: argparse.Namespace, parameters) -> int:
         f"{sum(clip.penetrating > 0 for clip in clips)}; "
         f"{sum(clip.violated for clip in clips)} violate something"
     )
-    left = [
-        (file.reference, clip) for file in files for clip in file.clips if clip.violated
-    ]
-    for reference, clip in left[:_MOST_LINES]:
-        which = f"{reference} {clip.clip}".rstrip()
-        print(f"violated: {which}: {'; '.join(violations([clip]))}")
-    if len(left) > _MOST_LINES:
-        print(f"and {len(left) - _MOST_LINES} more, in the table")
-    failed = [file for file in files if file.error]
-    for file in failed[:_MOST_LINES]:
-        print(f"failed: {file.reference}: {file.error}", file=sys.stderr)
-    if len(failed) > _MOST_LINES:
-        print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
-    print(out / CLEANED_TABLE)
-    return final_line([*violations(clips), *counted(len(failed), "file", "failed")])
+    return report_files(files, violations, _violations_of, out / CLEANED_TABLE)
 
 
-@contextmanager
-def frames_bar() -> Iterator[Callable[[int, int], None]]:
-    """Yields a callback that draws how far a motion is, on stderr."""
-    with _bar() as bar:
-        task = bar.add_task("", total=None)
-        yield lambda frame, frames: bar.update(task, completed=frame, total=frames)
-
-
-@contextmanager
-def _files_bar() -> Iterator[Callable[[int, int, CleanedFile], None]]:
-    """Yields a callback that draws how many files are finished, on stderr."""
-    with _bar() as bar:
-        task = bar.add_task("", total=None)
-
-        def show(done: int, total: int, newest: CleanedFile) -> None:
-            what = f"{newest.reference.name}{' failed' if newest.error else ''}"
-            bar.update(task, completed=done, total=total, description=what)
-
-        yield show
-
-
-def _bar():
-    from rich import progress
-    from rich.console import Console
-
-    return progress.Progress(
-        progress.BarColumn(bar_width=20),
-        progress.MofNCompleteColumn(),
-        progress.TextColumn("{task.description}", markup=False),
-        console=Console(stderr=True),
-        transient=True,
-    )
+def _violations_of(clip: CleanedClip) -> list[str]:
+    """What a motion violates; by how much it changed, if that is too much."""
+    changed = [f"changed: {clip.exceeded}"] if clip.exceeded else []
+    return [*violations([replace(clip, exceeded="")]), *changed]

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from crar_drake.commands.output import CLEANED_TABLE, counted, final_line
+from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError, MotionError
 
 # Sentences of what refutes a certificate that are reported.
@@ -28,12 +28,11 @@ def judge_certificates(arguments: argparse.Namespace) -> int:
     Raises:
         CrarError: the only motion or its certificate cannot be read.
     """
-    from crar_drake.references.clean_folder import find_references
+    from crar_drake.references.folders import find_references
 
     motions: list[Path] = []
     for path in arguments.what:
-        found = find_references(path) if path.is_dir() else [path]
-        motions += [motion for motion in found if motion.name != CLEANED_TABLE]
+        motions += find_references(path) if path.is_dir() else [path]
     if len(motions) == 1:
         holds = _judge(motions[0], arguments.robot)
         return final_line([] if holds else ["the certificate does not hold"])

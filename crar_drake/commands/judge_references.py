@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import Parser, add_frame_rate, add_jobs, positive
-from crar_drake.commands.output import CLEANED_TABLE, counted, final_line
+from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -74,11 +74,11 @@ def run_references(arguments: argparse.Namespace) -> int:
         used, else 0.
     """
     from crar_drake.files import check_folder
+    from crar_drake.references.folders import find_references
     from crar_drake.references.judged_files import (
         JudgeOptions,
         judge_files,
         judge_here,
-        motions_below,
     )
     from crar_drake.references.reference_judge import Tolerances
     from crar_drake.references.verdict_report import verdict_lines
@@ -100,10 +100,8 @@ def run_references(arguments: argparse.Namespace) -> int:
         check_folder(arguments.out)
     files: list[str] = []
     for path in arguments.what:
-        found = motions_below(path) if path.is_dir() else [path]
-        if not found:
-            raise CrarError(f"{path}: no .csv, .npz or .pkl file is in this folder")
-        files += [str(file) for file in found if file.name != CLEANED_TABLE]
+        found = find_references(path) if path.is_dir() else [path]
+        files += map(str, found)
     files = list(dict.fromkeys(files))
     options = JudgeOptions(
         robot=arguments.robot,

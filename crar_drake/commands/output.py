@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 OUT = Path("out")
 
-# What `clean` made of a folder's files, beside them: no motion, though a .csv.
-CLEANED_TABLE = "cleaned.csv"
-
 
 def label(path: str | Path) -> Path:
     """A relative path without suffix that tells files of one name apart.

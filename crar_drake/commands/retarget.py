@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import clip_lines, frames_bar, violations
+from crar_drake.commands.clean import clip_lines, violations
+from crar_drake.commands.folders import files_bar, frames_bar, report_files
 from crar_drake.commands.options import (
     FILE_OPTIONS,
     MOTION_HELP,
+    UsageError,
     add_command,
     add_file_options,
     add_frame_rate,
+    add_jobs,
     add_skeleton,
     positive,
 )
-from crar_drake.commands.output import OUT, final_line, motion_label
+from crar_drake.commands.output import OUT, counted, final_line, label, motion_label
 
 if TYPE_CHECKING:
     from crar_drake.references.retarget_file import RetargetedClip
+    from crar_drake.references.retarget_folder import RetargetedRow
 
 _DEGREE = 57.29577951308232
-# Deeper than this below the floor is a violation, as `crar-drake judge` has it [m].
-_MOST_BELOW = 0.01
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -35,9 +38,14 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "Make a reference motion of a whole robot of a person's motion: root and all "
         "joints, without a simulation, clear of collisions, within limits, feet on the "
         "floor; with a certificate beside it. The last line is OK, or VIOLATED and "
-        "what, and the exit code 1.",
+        "what, and the exit code 1, as it is if a file failed. The same command "
+        "continues a folder that was stopped.",
     )
-    parser.add_argument("motion", metavar="MOTION", help=MOTION_HELP)
+    parser.add_argument(
+        "motion",
+        metavar="MOTION",
+        help=f"{MOTION_HELP}; or a folder with such in it or below",
+    )
     parser.add_argument(
         "--robot",
         required=True,
@@ -47,13 +55,15 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        metavar="FILE",
-        help="a .csv, .npz or .pkl to write (default: out/retarget/MOTION.csv)",
+        metavar="PATH",
+        help="a .csv, .npz or .pkl to write (default: out/retarget/MOTION.csv), or "
+        "folder for those of a folder",
     )
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
-        help="layout to write (default: xyzw-csv, mjlab-npz or gmr-pkl by the suffix)",
+        help="layout to write (default: xyzw-csv, mjlab-npz or gmr-pkl by the suffix; "
+        "of a folder xyzw-csv)",
     )
     parser.add_argument(
         "--rate",
@@ -65,6 +75,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
+    add_jobs(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,21 +85,29 @@ def run(arguments: argparse.Namespace) -> int:
         The exit code: 1 if something is violated.
     """
     from crar_drake.motion.options import MotionOptions
+    from crar_drake.robot.description import whole_body_name
+
+    given = {option: getattr(arguments, option) for option in FILE_OPTIONS}
+    options = MotionOptions(**{k: v for k, v in given.items() if v})
+    arguments.robot = whole_body_name(arguments.robot)
+    if Path(arguments.motion).is_dir():
+        return _retarget_folder(arguments, options)
+    if arguments.jobs is not None:
+        raise UsageError("--jobs is for folders")
     from crar_drake.references.motion_certificate import certificate_path
     from crar_drake.references.retarget_file import retarget_file
-    from crar_drake.robot.description import whole_body_name
+    from crar_drake.references.retarget_folder import row_of
 
     name = f"{motion_label(arguments.motion)}.csv"
     out = arguments.out or OUT / "retarget" / name
     if out.is_dir():
-        out = out / name
-    given = {option: getattr(arguments, option) for option in FILE_OPTIONS}
+        out = out / Path(name).name
     with frames_bar() as progress:
         clip = retarget_file(
             arguments.motion,
             out,
-            whole_body_name(arguments.robot),
-            options=MotionOptions(**{k: v for k, v in given.items() if v}),
+            arguments.robot,
+            options=options,
             layout=arguments.layout,
             rate=arguments.rate,
             progress=progress,
@@ -100,17 +119,60 @@ def run(arguments: argparse.Namespace) -> int:
             print(line)
     print(out)
     print(certificate_path(out))
-    below = []
-    if clip.lowest < -_MOST_BELOW:
-        below = [f"{-1e3 * clip.lowest:.0f} mm below the floor"]
-    return final_line([*violations([clip.cleaned]), *below])
+    return final_line(_violations_of(row_of(clip)))
+
+
+def _retarget_folder(arguments: argparse.Namespace, options) -> int:
+    from crar_drake.references.folders import RETARGETED_TABLE
+    from crar_drake.references.retarget_folder import retarget_folder
+
+    folder = Path(arguments.motion)
+    out = arguments.out or OUT / "retarget" / label(folder / "all").parent.name
+    with files_bar(out) as progress:
+        files = retarget_folder(
+            folder,
+            out,
+            arguments.robot,
+            options=options,
+            layout=arguments.layout,
+            rate=arguments.rate,
+            jobs=arguments.jobs,
+            progress=progress,
+        )
+    rows = [row for file in files for row in file.clips]
+    violated = sum(row.violated for row in rows)
+    print(
+        f"{len(rows)} motions, {sum(row.frames for row in rows)} frames: "
+        f"{violated} violate something"
+    )
+    if rows:
+        print(
+            "at most, of all: limbs are off in direction by "
+            f"{_DEGREE * max(row.limbs_median for row in rows):.1f} deg in the median "
+            f"and {_DEGREE * max(row.limbs_most for row in rows):.1f} deg in 95 % of "
+            "the frames; planted feet slip by "
+            f"{1e3 * max(row.slip for row in rows):.1f} mm"
+        )
+    return report_files(files, _violations, _violations_of, out / RETARGETED_TABLE)
+
+
+def _violations(rows: Sequence[RetargetedRow]) -> list[str]:
+    """What motions violate, in a few words each."""
+    return [
+        *violations(rows),
+        *counted(sum(row.below for row in rows), "motion", "below the floor"),
+    ]
+
+
+def _violations_of(row: RetargetedRow) -> list[str]:
+    """What a motion violates, with how deep it is."""
+    below = [f"{-1e3 * row.lowest:.0f} mm below the floor"] if row.below else []
+    return [*violations([row]), *below]
 
 
 def _lines(clip: RetargetedClip) -> list[str]:
     """How like the person the robot moves, in words."""
     cleaned = clip.cleaned
-    limbs = [angles for limb, angles in clip.limbs.items() if "-" in limb]
-    worst = max(clip.limbs, key=lambda limb: clip.limbs[limb][1])
     knees = ", ".join(
         f"{side} {_DEGREE * more:+.1f} deg ({_DEGREE * most:.1f} deg)"
         for side, (more, most) in clip.knees.items()
@@ -119,10 +181,10 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"{cleaned.frames} frames at {cleaned.rate:g} Hz, {clip.seconds:.1f} s of a "
         f"processor, {clip.times_real_time:.1f} x real time",
         "limbs are off in direction by at most "
-        f"{_DEGREE * max(median for median, _ in limbs):.1f} deg in the median and "
-        f"{_DEGREE * max(most for _, most in limbs):.1f} deg in 95 % of the frames "
-        f"(of all, {worst.replace('_', ' ')} is the farthest off: "
-        f"{_DEGREE * clip.limbs[worst][1]:.1f} deg)",
+        f"{_DEGREE * clip.limbs_median:.1f} deg in the median and "
+        f"{_DEGREE * clip.limbs_most:.1f} deg in 95 % of the frames "
+        f"(of all, {clip.farthest.replace('_', ' ')} is the farthest off: "
+        f"{_DEGREE * clip.limbs[clip.farthest][1]:.1f} deg)",
         f"knees bend more than the person's by (median, and 95 %): {knees}",
         f"planted feet slip by at most {1e3 * clip.slip:.1f} mm, the lowest point is "
         f"{1e3 * clip.lowest:+.1f} mm over the floor",

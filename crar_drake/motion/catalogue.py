@@ -131,17 +131,21 @@ def load_performer(
     return _PERFORMERS[type(held)](held, text, options)
 
 
-def motion_file(
+def motion_files(
     name: str | os.PathLike[str], options: MotionOptions | None = None
-) -> Path:
-    """The file of the motion of that name; arguments as of `load_performer`.
+) -> tuple[Path, ...]:
+    """The file of the motion of that name, and those that it is read with: skeleton,
+    names of joints. Arguments as of `load_performer`.
 
     Raises:
-        MotionError: there is no such motion.
+        MotionError: there is no such motion or skeleton.
     """
-    if _is_path(name):
-        return Path(name)
-    return resolve(name, (options and options.skeleton) or None).amc
+    options = options or MotionOptions()
+    if _is_path(name) and Path(name).suffix.lower() in _FORMATS:
+        besides = [options.skeleton, options.joints]
+        return tuple(Path(p).expanduser() for p in (name, *filter(None, besides)))
+    files = resolve(name, options.skeleton or None)
+    return files.amc, files.asf
 
 
 def refuse_robot_motion(path: str | os.PathLike[str]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crar_drake.errors import ModelError
 from crar_drake.references.ground_contact import FEET, HANDS
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.smoothness import joint_jerks
@@ -35,6 +36,50 @@ class Change:
     hands_worst: float
     jerk_before: float
     jerk: float
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """How far a motion may change.
+
+    Attributes:
+        joints: any joint at any frame [rad].
+        feet, hands: any foot's or hand's link [m].
+    """
+
+    joints: float = np.inf
+    feet: float = np.inf
+    hands: float = np.inf
+
+    def check(self, robot: WholeBody) -> None:
+        """Raises ModelError if the robot lacks what is asked about."""
+        for part, frames in (("feet", FEET), ("hands", HANDS)):
+            there = set(frames) & set(robot.description.task_frames)
+            if getattr(self, part) < np.inf and not there:
+                raise ModelError(
+                    f"robot {robot.description.name} has no task_frames "
+                    f"{' and '.join(frames)}, whose change is limited: add them to its "
+                    f"robot.yaml, or leave {part} away"
+                )
+
+    def exceeded(self, change: Change) -> str:
+        """What changed by more, in words; "" if nothing did."""
+        found = []
+        for part, scale, unit in (
+            ("joints", 180.0 / np.pi, "deg"),
+            ("feet", 1e3, "mm"),
+            ("hands", 1e3, "mm"),
+        ):
+            worst, most = getattr(change, f"{part}_worst"), getattr(self, part)
+            if worst > most:
+                found.append(
+                    f"{part} by {scale * worst:.1f} {unit} where {scale * most:g} "
+                    f"{unit} is allowed"
+                )
+        return ", ".join(found)
+
+
+ANY_CHANGE = AtMost()
 
 
 def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Change:

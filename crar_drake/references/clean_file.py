@@ -5,17 +5,30 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file, whole_set
-from crar_drake.references.change import Change, find_change, find_frozen
+from crar_drake.references.adjusting import (
+    Frames,
+    check_feet,
+    set_on_ground,
+    trimmed,
+)
+from crar_drake.references.change import (
+    ANY_CHANGE,
+    AtMost,
+    Change,
+    find_change,
+    find_frozen,
+)
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
-from crar_drake.references.ground_contact import CarryingHands
-from crar_drake.references.layouts import LAYOUTS
+from crar_drake.references.ground_contact import CarryingHands, Outline
+from crar_drake.references.layouts import LAYOUTS, check_written
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import (
     CertifiedClip,
@@ -60,7 +73,9 @@ class CleanedClip(Change):
             to be clear; -1 as well.
         seconds: of a processor that cleaning took, without reading, writing and
             measuring [s].
+        raised: by how much it was set on the ground; 0 if that was not asked for [m].
         deepest: frame and pair of the deepest penetration, in words; "" without one.
+        exceeded: what changed by more than was allowed, in words; "" if nothing did.
     """
 
     clip: str
@@ -81,7 +96,9 @@ class CleanedClip(Change):
     meshes_penetrating: int
     meshes_unclear: int
     seconds: float
+    raised: float
     deepest: str
+    exceeded: str
 
     @property
     def times_real_time(self) -> float:
@@ -90,22 +107,11 @@ class CleanedClip(Change):
 
     @property
     def violated(self) -> bool:
-        """Whether anything is left, or a way between frames not shown to be clear."""
+        """Whether anything is left, a way between frames is not shown to be clear, or
+        it changed by more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
-        return bool(left or meshes) or not self.between >= 0.0
-
-
-# What is a number, those of the change last; and whether it is a whole one.
-_CHANGE = tuple(field.name for field in fields(Change))
-_WHOLE = {field.name: field.type == "int" for field in fields(CleanedClip)}
-_TEXTS = ("clip", "deepest")
-NUMBERS = (*(name for name in _WHOLE if name not in (*_TEXTS, *_CHANGE)), *_CHANGE)
-
-
-def number_from(name: str, text: str) -> float:
-    """What a table has of one of NUMBERS; ValueError if that is no such number."""
-    return int(text) if _WHOLE[name] else float(text)
+        return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 
 
 def clean_file(
@@ -114,9 +120,8 @@ def clean_file(
     robot: str,
     parameters: CleaningParameters | None = None,
     *,
-    layout: str | None = None,
-    rate: float | None = None,
     progress: Callable[[int, int], None] | None = None,
+    **options: Any,
 ) -> list[CleanedClip]:
     """Cleans all motions of a file, and writes them and their certificate, or neither.
 
@@ -125,115 +130,222 @@ def clean_file(
         out: to be written, in the same layout.
         robot: name or folder of the robot.
         parameters: what changing the least means, and what is kept.
-        layout, rate: of the file, where it does not say them (`read_motion`).
         progress: is called with the frame that was reached, and of how many.
+        options: see `FileOptions`.
 
     Raises:
-        MotionError: the file cannot be read, or is of another robot.
-        ModelError: the robot is not there, or not one that can be cleaned for.
+        MotionError: the file cannot be read, is of another robot or of a layout that is
+            not written, or ends before the frames that are kept.
+        ModelError: the robot is not there, not one that can be cleaned for, or lacks
+            what an option asks for.
         WriteError: the file or its certificate cannot be written.
         CrarError: the certificate would take the place of another file's.
     """
-    reference, out = Path(reference), Path(out)
+    reference, out, given = Path(reference), Path(out), FileOptions(**options)
+    _check_places(reference, out, given)
+    return FileCleaner(robot, parameters, given)(reference, out, progress)
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """How files are read and written.
+
+    Attributes:
+        layout, rate: of files that do not say them (`read_motion`).
+        frames: those that are kept.
+        ground: whether motions are then set on the ground (`set_on_ground`).
+        at_most: how far they may change; one that changed by more is written as well.
+    """
+
+    layout: str | None = None
+    rate: float | None = None
+    frames: Frames = (1, None)
+    ground: bool = False
+    at_most: AtMost = ANY_CHANGE
+
+    def certified(self) -> dict:
+        """What a certificate has of them."""
+        kept = list(self.frames)
+        return {
+            "layout": self.layout,
+            "rate": self.rate,
+            "frames": kept,
+            "ground": self.ground,
+        }
+
+
+class FileCleaner:
+    """Cleans files of motions of one robot, one after the other."""
+
+    def __init__(
+        self,
+        robot: str,
+        parameters: CleaningParameters | None = None,
+        options: FileOptions | None = None,
+    ) -> None:
+        """
+        Args:
+            robot, parameters: as of `clean_file`.
+            options: of all files.
+
+        Raises:
+            ModelError: as `clean_file`.
+        """
+        self._options = options or FileOptions()
+        self._robot = WholeBody(load_robot_description(robot).without_ground())
+        self._options.at_most.check(self._robot)
+        self._outline = None
+        if self._options.ground:
+            self._outline = Outline(self._robot)
+            check_feet(self._outline, self._robot.description.name)
+        self._cleaner = MotionCleaner(self._robot, parameters or CleaningParameters())
+
+    def __call__(
+        self,
+        reference: Path,
+        out: Path,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> list[CleanedClip]:
+        """Cleans a file; see `clean_file`."""
+        options = self._options
+        _check_places(reference, out, options)
+        motions = read_motions(
+            reference, options.layout, options.rate, robot=self._robot
+        )
+        check_written(reference, motions[0].layout)
+        return self._cleaner.clean(
+            [trimmed(motion, options.frames) for motion in motions],
+            out,
+            reference=reference,
+            layout=motions[0].layout,
+            options=options.certified(),
+            ground=self._outline,
+            at_most=options.at_most,
+            progress=progress,
+        )
+
+
+def _check_places(reference: Path, out: Path, options: FileOptions) -> None:
+    check_written(reference, options.layout)
     check_file(out)
     check_certificate_place(out)
     if out.exists() and reference.exists() and os.path.samefile(reference, out):
         raise MotionError(f"{out}: is the reference itself; name another file")
-    description = load_robot_description(robot).without_ground()
-    whole_body = WholeBody(description)
-    motions = read_motions(reference, layout, rate, robot=whole_body)
-    return clean_motions(
-        motions,
-        out,
-        whole_body,
-        parameters or CleaningParameters(),
-        reference=reference,
-        layout=motions[0].layout,
-        options={"layout": layout, "rate": rate},
-        progress=progress,
-    )
 
 
-def clean_motions(
-    motions: Sequence[RobotMotion],
-    out: Path,
-    robot: WholeBody,
-    parameters: CleaningParameters,
-    *,
-    reference: Path,
-    layout: str,
-    options: dict,
-    progress: Callable[[int, int], None] | None = None,
-    uncovered: Uncovered | None = None,
-) -> list[CleanedClip]:
-    """Cleans motions, and writes them and their certificate, or neither.
+class MotionCleaner:
+    """Cleans motions of one robot, and writes them with their certificates.
 
-    Args:
-        motions: with their joints in the robot's order.
-        out: to be written.
-        robot: that moves.
-        parameters: what changing the least means, and what is kept.
-        reference: the file that they are from.
-        layout: of the file to be written.
-        options: what the certificate says of how they were read.
-        progress: as of `clean_file`.
-        uncovered: of the robot, if it is known.
-
-    Raises:
-        ModelError, MotionError, WriteError: as `clean_file`.
+    Attributes:
+        uncovered: what certificates do not cover, and the robot's meshes.
     """
-    description, uncovered = robot.description, uncovered or Uncovered(robot)
-    carrying = CarryingHands(robot)
-    cleaners: dict[float, Cleaner] = {}
-    written, seconds = [], []
-    for motion in motions:
-        if motion.rate not in cleaners:
-            cleaners[motion.rate] = Cleaner(
-                description, motion.rate, parameters, uncovered.meshes
+
+    def __init__(self, robot: WholeBody, parameters: CleaningParameters) -> None:
+        """
+        Args:
+            robot: that moves.
+            parameters: what changing the least means, and what is kept.
+
+        Raises:
+            ModelError: as `Cleaner`.
+        """
+        self._robot, self._parameters = robot, parameters
+        self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
+        self._cleaners: dict[float, Cleaner] = {}
+
+    def _of_rate(self, rate: float) -> Cleaner:
+        if rate not in self._cleaners:
+            description = self._robot.description
+            self._cleaners[rate] = Cleaner(
+                description, rate, self._parameters, self.uncovered.meshes
             )
-        cleaner = cleaners[motion.rate]
+        return self._cleaners[rate]
+
+    def clean(
+        self,
+        motions: Sequence[RobotMotion],
+        out: Path,
+        *,
+        reference: Path,
+        layout: str,
+        options: dict,
+        ground: Outline | None = None,
+        at_most: AtMost = ANY_CHANGE,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> list[CleanedClip]:
+        """Cleans motions, and writes them and their certificate, or neither.
+
+        Args:
+            motions: with their joints in the robot's order.
+            out: to be written.
+            reference: the file that they are from.
+            layout: of the file to be written.
+            options: what the certificate says of how they were read.
+            ground: of the robot, if motions are to be set on the ground.
+            at_most: how far they may change.
+            progress: as of `clean_file`.
+
+        Raises:
+            ModelError, MotionError, WriteError: as `clean_file`.
+        """
+        written, seconds, raised = [], [], []
+        for motion in motions:
+            kept, took = self._cleaned(motion, progress)
+            rise = 0.0
+            if ground is not None:
+                kept, rise = set_on_ground(kept, ground)
+            written.append(kept)
+            seconds.append(took)
+            raised.append(rise)
+        robot, to, place = self._robot, LAYOUTS[layout], certificate_path(out)
+        # Where the file says it, each motion may have another.
+        rate_given = None if to.has_rate else written[0].rate
+        with whole_set(out.parent, last=place.name) as folder:
+            write_motions(folder / out.name, written, to.name, robot)
+            # What is certified is what stands in the file, rounded as its layout does.
+            again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
+            clips, rows = [], []
+            for before, after, took, rise in zip(
+                motions, again, seconds, raised, strict=True
+            ):
+                cleaner = self._of_rate(after.rate)
+                margins = [_margins(motion, cleaner) for motion in (before, after)]
+                meshes = self.uncovered.look_at(after)
+                clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
+                row = _row(before, after, margins, meshes, cleaner, robot)
+                row = replace(row, seconds=took, raised=rise)
+                rows.append(replace(row, exceeded=at_most.exceeded(row)))
+            certificate = make_certificate(
+                folder / out.name,
+                reference,
+                robot.description,
+                clips,
+                self._parameters.floor,
+                self.uncovered,
+            )
+            certificate["parameters"] = asdict(self._parameters)
+            certificate["motion"] |= {"layout": to.name, "rate": rate_given}
+            certificate["options"] = options
+            write_certificate(folder / place.name, certificate)
+        return rows
+
+    def _cleaned(
+        self, motion: RobotMotion, progress: Callable[[int, int], None] | None
+    ) -> tuple[RobotMotion, float]:
+        """A motion cleaned, and how long a processor took [s]."""
+        cleaner = self._of_rate(motion.rate)
         columns = _columns(motion, cleaner)
         began = time.process_time()
         found = cleaner.clean(
             np.ascontiguousarray(motion.joint_positions[:, columns]),
             motion.root_rotations.as_matrix(),
-            carrying.shares(motion, cleaner.hands),
-            None
-            if progress is None
-            else lambda k, total=motion.num_frames: progress(k, total),
+            self._carrying.shares(motion, cleaner.hands),
+            None if progress is None else lambda k: progress(k, motion.num_frames),
         )
-        seconds.append(time.process_time() - began)
+        seconds = time.process_time() - began
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
-        written.append(replace(motion, joint_positions=joints))
-    to = LAYOUTS[layout]
-    # Where the file says it, each motion may have another.
-    rate_given = None if to.has_rate else written[0].rate
-    place = certificate_path(out)
-    with whole_set(out.parent, last=place.name) as folder:
-        write_motions(folder / out.name, written, to.name, robot)
-        # What is certified is what stands in the file, rounded as its layout does.
-        again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
-        clips, rows = [], []
-        for before, after, took in zip(motions, again, seconds, strict=True):
-            cleaner = cleaners[after.rate]
-            margins = [_margins(motion, cleaner) for motion in (before, after)]
-            meshes = uncovered.look_at(after)
-            clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
-            rows.append(_row(before, after, margins, meshes, took, cleaner, robot))
-        certificate = make_certificate(
-            folder / out.name,
-            reference,
-            description,
-            clips,
-            parameters.floor,
-            uncovered,
-        )
-        certificate["parameters"] = asdict(parameters)
-        certificate["motion"] |= {"layout": to.name, "rate": rate_given}
-        certificate["options"] = options
-        write_certificate(folder / place.name, certificate)
-    return rows
+        return replace(motion, joint_positions=joints), seconds
 
 
 def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
@@ -263,7 +375,6 @@ def _row(
     after: RobotMotion,
     margins: list[Margins],
     meshes: MeshClearance | None,
-    seconds: float,
     cleaner: Cleaner,
     robot: WholeBody,
 ) -> CleanedClip:
@@ -291,8 +402,10 @@ def _row(
         frozen=_count(find_frozen(before, after)),
         meshes_penetrating=-1 if meshes is None else meshes.num_touching,
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
-        seconds=seconds,
+        seconds=0.0,
+        raised=0.0,
         deepest=_deepest(now, cleaner),
+        exceeded="",
     )
 
 

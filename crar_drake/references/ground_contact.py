@@ -197,14 +197,12 @@ class CarryingHands:
         if not self._hands.feet:
             return shares
         floor = self._feet.ground_contact(motion).floor
-        width = 2 * round(_BEFORE_CARRYING * motion.rate) + 1
+        before = round(_BEFORE_CARRYING * motion.rate)
+        weights = np.full(2 * before + 1, 1.0 / (2 * before + 1))
         for hand in self._hands.ground_contact(motion, floor).feet:
             if hand.foot in hands:
-                shares[:, hands.index(hand.foot)] = np.convolve(
-                    spread(hand.planted, width // 2),
-                    np.full(width, 1.0 / width),
-                    "same",
-                )
+                share = np.convolve(spread(hand.planted, before), weights)
+                shares[:, hands.index(hand.foot)] = share[before:][: len(shares)]
         return shares
 
 

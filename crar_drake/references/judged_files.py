@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
-from pathlib import Path
 
+from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError
 from crar_drake.fresh_processes import FreshProcesses
-from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.reference_judge import (
     ReferenceJudge,
@@ -18,12 +15,6 @@ from crar_drake.references.reference_judge import (
     Tolerances,
 )
 from crar_drake.robot.description import load_robot_description
-
-# What in a folder is taken for a motion.
-
-# To read a robot's meshes takes as long as to judge a short motion, so that a process
-# judges several files; not too many, for the last ones to end together.
-_MOST_FILES = 8
 
 
 @dataclass(frozen=True)
@@ -62,13 +53,6 @@ class JudgeOptions:
     tolerances: Tolerances = Tolerances()
 
 
-def motions_below(folder: Path) -> list[Path]:
-    """Files of a folder and of those in it that have the suffix of a motion."""
-    return sorted(
-        path for path in folder.rglob("*") if is_reference(path) and path.is_file()
-    )
-
-
 def judge_here(files: Sequence[str], options: JudgeOptions) -> list[JudgedFile]:
     """Judges files one after the other.
 
@@ -103,28 +87,14 @@ def judge_files(
     # A robot that cannot be used is reported once, before any process starts.
     load_robot_description(options.robot)
     done: dict[str, JudgedFile] = {}
-    jobs = jobs or os.cpu_count() or 1
     with FreshProcesses(jobs) as pool:
-        size = min(_MOST_FILES, -(-len(files) // jobs))
-        batches = [list(files[i : i + size]) for i in range(0, len(files), size)]
-        while batches:
-            running = {pool.submit(judge_here, b, options): b for b in batches}
-            batches = []
-            for future in as_completed(running):
-                batch = running[future]
-                try:
-                    judged = future.result()
-                except CrarError:
-                    raise
-                except Exception as error:
-                    # The process died, or ran into a defect: which file was it?
-                    if len(batch) > 1:
-                        batches += [[file] for file in batch]
-                        continue
-                    judged = [JudgedFile(batch[0], (), f"{batch[0]}: {error}")]
-                done |= {entry.path: entry for entry in judged}
-                if progress is not None:
-                    progress(len(done))
+        for file, judged in in_batches(pool, judge_here, files, options, jobs=jobs):
+            # A process died, or ran into a defect.
+            if isinstance(judged, Exception):
+                judged = JudgedFile(file, (), f"{file}: {judged}")
+            done[file] = judged
+            if progress is not None:
+                progress(len(done))
     return [done[file] for file in files]
 
 

@@ -83,6 +83,23 @@ def layouts_of(path: str | os.PathLike[str]) -> list[str]:
     return [layout.name for layout in LAYOUTS.values() if layout.suffix == suffix]
 
 
+def check_written(path: str | os.PathLike[str], layout: str | None = None) -> None:
+    """Raises MotionError if no file of that layout, or if there is none with that
+    suffix, is written.
+
+    Args:
+        path: of the file.
+        layout: its name; by default any that the suffix can have.
+    """
+    names = [layout_named(layout).name] if layout else layouts_of(path)
+    if names and not any(LAYOUTS[name].written for name in names):
+        raise MotionError(
+            f"{path}: {names[0]} is read, but not written; make a file of another "
+            f"layout first: crar-drake convert {Path(path).name} "
+            f"{Path(path).stem}.npz --to mjlab-npz --robot ROBOT"
+        )
+
+
 def reordered(motion: RobotMotion, joint_names: Sequence[str]) -> RobotMotion:
     """The same motion with its joints in another order.
 

@@ -38,6 +38,7 @@ from crar_drake.version import __version__
 
 KIND = "crar-drake certificate of a reference motion"
 FORMAT = 4
+SUFFIX = ".certificate.json"
 
 # By so much less than what is claimed may be found: rounding [m].
 DISTANCE_TOLERANCE = 1e-6
@@ -65,7 +66,7 @@ class CertifiedClip:
 def certificate_path(motion: str | os.PathLike[str]) -> Path:
     """Where the certificate of a motion's file is: NAME.certificate.json beside it."""
     path = Path(motion)
-    return path.with_name(f"{path.stem}.certificate.json")
+    return path.with_name(path.stem + SUFFIX)
 
 
 def check_certificate_place(motion: Path) -> None:

@@ -13,7 +13,13 @@ from crar_drake.motion.robots_own import SUFFIXES
 from crar_drake.nearest import nearest
 from crar_drake.references import locomujoco_npz
 from crar_drake.references.csv_layouts import read_csv, write_csv
-from crar_drake.references.layouts import LAYOUTS, Layout, layout_named, reordered
+from crar_drake.references.layouts import (
+    LAYOUTS,
+    Layout,
+    check_written,
+    layout_named,
+    reordered,
+)
 from crar_drake.references.named_csv import write_named_csv
 from crar_drake.references.npy_layouts import read_npy, write_npy
 from crar_drake.references.npz_layouts import read_npz, write_npz
@@ -128,11 +134,7 @@ def write_motions(
 ) -> None:
     """Writes several motions into one file, if the layout can; see `write_motion`."""
     to = layout_named(layout)
-    if not to.written:
-        raise MotionError(
-            f"{path}: {layout} is read, but not written; `crar-drake convert` makes "
-            "another layout of such a file first"
-        )
+    check_written(path, layout)
     if not motions:
         raise MotionError(f"{path}: there is no motion to write")
     if len(motions) > 1 and not to.several:

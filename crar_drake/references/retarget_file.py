@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +13,18 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
 from crar_drake.files import check_file
-from crar_drake.motion.catalogue import load_performer, motion_file
+from crar_drake.motion.catalogue import load_performer, motion_files
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import SIDES
 from crar_drake.motion.quaternion_spline import sign_continuous
-from crar_drake.references.clean_file import CleanedClip, clean_motions
+from crar_drake.references.clean_file import CleanedClip, MotionCleaner
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.ground_contact import Outline
-from crar_drake.references.layouts import layout_named, layouts_of
+from crar_drake.references.layouts import check_written, layout_named, layouts_of
 from crar_drake.references.mesh_rows import MeshRows
-from crar_drake.references.motion_certificate import check_certificate_place
+from crar_drake.references.motion_certificate import check_certificate_place, file_hash
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.robot_motion import RobotMotion
-from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
@@ -38,6 +37,9 @@ from crar_drake.trajectory.retargeting import (
 # Of the layouts that a file can have, those that are taken if none is named.
 _LAYOUTS = {".csv": "xyzw-csv", ".npz": "mjlab-npz", ".pkl": "gmr-pkl"}
 RATE = 30.0  # [Hz] that most reference motions have
+CLEANING = CleaningParameters()  # of what was retargeted
+# Deeper than this below the floor is a violation, as `crar-drake judge` has it [m].
+MOST_BELOW = 0.01
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,21 @@ class RetargetedClip:
     slip: float
     lowest: float
     seconds: float
+
+    @property
+    def limbs_median(self) -> float:
+        """Of arms and legs, how far off the farthest limb is in the median [rad]."""
+        return max(median for limb, (median, _) in self.limbs.items() if "-" in limb)
+
+    @property
+    def limbs_most(self) -> float:
+        """The same in 95 % of the frames [rad]."""
+        return max(most for limb, (_, most) in self.limbs.items() if "-" in limb)
+
+    @property
+    def farthest(self) -> str:
+        """Of all limbs, the one that is the farthest off in 95 % of the frames."""
+        return max(self.limbs, key=lambda limb: self.limbs[limb][1])
 
     @property
     def times_real_time(self) -> float:
@@ -100,60 +117,133 @@ def retarget_file(
         WriteError, CrarError: as of `clean_file`.
     """
     out = Path(out)
-    check_file(out)
-    check_certificate_place(out)
+    layout = _layout_of(out, layout)
+    _check_place(out)
+    return FileRetargeter(
+        robot, options, layout=layout, rate=rate, parameters=parameters
+    )(motion, out, progress)
+
+
+class FileRetargeter:
+    """Retargets motions of people to one robot, one file after the other."""
+
+    def __init__(
+        self,
+        robot: str,
+        options: MotionOptions | None = None,
+        *,
+        layout: str,
+        rate: float = RATE,
+        parameters: RetargetingParameters | None = None,
+    ) -> None:
+        """
+        Args:
+            robot, options, layout, rate, parameters: as of `retarget_file`.
+
+        Raises:
+            ModelError: as `retarget_file`.
+        """
+        self._options, self._layout, self._rate = options, layout, rate
+        description = load_robot_description(robot).without_ground()
+        self._robot = WholeBody(description)
+        self._retargeter = Retargeter(description, parameters)
+        self._cleaner = MotionCleaner(self._robot, CLEANING)
+        self._outline = Outline(self._robot)
+
+    def __call__(
+        self,
+        motion: str | os.PathLike[str],
+        out: Path,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> RetargetedClip:
+        """Retargets a motion; see `retarget_file`."""
+        _check_place(out)
+        robot, retargeter, rate = self._robot, self._retargeter, self._rate
+        performer = load_performer(motion, self._options)
+        frames = int(performer.duration * rate) + 1
+        meshes = self._cleaner.uncovered.meshes
+        began = time.process_time()
+        found = retargeter.retarget(
+            performer,
+            rate,
+            None if progress is None else lambda k: progress(k, frames),
+            None if meshes is None else MeshRows(meshes, retargeter.model.joint_names),
+        )
+        seconds = time.process_time() - began
+        quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
+        names = retargeter.model.joint_names
+        made = RobotMotion(
+            joint_names=robot.joint_names,
+            root_positions=found.root_positions,
+            root_quaternions=sign_continuous(quaternions)[:, [3, 0, 1, 2]],
+            joint_positions=found.q[:, [names.index(x) for x in robot.joint_names]],
+            rate=rate,
+        )
+        (cleaned,) = self._cleaner.clean(
+            [made],
+            out,
+            reference=motion_files(motion, self._options)[0],
+            layout=self._layout,
+            options=certified_options(
+                motion, self._options, self._layout, rate, retargeter.parameters
+            ),
+        )
+        given = None if layout_named(self._layout).has_rate else rate
+        written = read_motion(out, self._layout, given, robot=robot)
+        ground = self._outline.ground_contact(written, floor=0.0)
+        limbs, knees = _likeness(retargeter, found, written)
+        return RetargetedClip(
+            cleaned,
+            limbs,
+            knees,
+            max((foot.worst for foot in ground.feet), default=0.0),
+            float(ground.lowest.min()),
+            seconds + cleaned.seconds,
+        )
+
+
+def certified_options(
+    motion: str | os.PathLike[str],
+    options: MotionOptions | None,
+    layout: str,
+    rate: float,
+    parameters: RetargetingParameters,
+) -> dict:
+    """What a certificate has of how a motion was read and retargeted.
+
+    Raises:
+        MotionError: as `motion_files`.
+    """
+    _, *besides = motion_files(motion, options)
+    return {
+        "retargeted": asdict(parameters),
+        "motion": asdict(options or MotionOptions()),
+        "read with": {path.name: file_hash(path) for path in besides},
+        "layout": layout,
+        "rate": rate,
+    }
+
+
+def _layout_of(out: Path, layout: str | None) -> str:
+    """The layout of a file that is to be written, if there is such a one.
+
+    Raises:
+        MotionError: there is none.
+    """
     layout = layout or _LAYOUTS.get(out.suffix.lower(), "")
-    if not layout or layout_named(layout).name not in layouts_of(out):
+    if layout:
+        check_written(out, layout)
+    if not layout or layout not in layouts_of(out):
         raise MotionError(
             f"{out}: a reference motion is a .csv, .npz or .pkl"
             + (f", and not of layout {layout}" if layout else "")
         )
-    performer = load_performer(motion, options)
-    description = load_robot_description(robot).without_ground()
-    whole_body = WholeBody(description)
-    uncovered = Uncovered(whole_body)
-    retargeter = Retargeter(description, parameters)
-    meshes = uncovered.meshes
-    frames = int(performer.duration * rate) + 1
-    began = time.process_time()
-    found = retargeter.retarget(
-        performer,
-        rate,
-        None if progress is None else lambda k: progress(k, frames),
-        None if meshes is None else MeshRows(meshes, retargeter.model.joint_names),
-    )
-    seconds = time.process_time() - began
-    quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
-    names = retargeter.model.joint_names
-    made = RobotMotion(
-        joint_names=whole_body.joint_names,
-        root_positions=found.root_positions,
-        root_quaternions=sign_continuous(quaternions)[:, [3, 0, 1, 2]],
-        joint_positions=found.q[:, [names.index(x) for x in whole_body.joint_names]],
-        rate=rate,
-    )
-    (cleaned,) = clean_motions(
-        [made],
-        out,
-        whole_body,
-        CleaningParameters(),
-        reference=motion_file(motion, options),
-        layout=layout,
-        options={"retargeted": str(motion), "rate": rate},
-        uncovered=uncovered,
-    )
-    given = None if layout_named(layout).has_rate else rate
-    written = read_motion(out, layout, given, robot=whole_body)
-    ground = Outline(whole_body).ground_contact(written, floor=0.0)
-    limbs, knees = _likeness(retargeter, found, written)
-    return RetargetedClip(
-        cleaned,
-        limbs,
-        knees,
-        max((foot.worst for foot in ground.feet), default=0.0),
-        float(ground.lowest.min()),
-        seconds + cleaned.seconds,
-    )
+    return layout
+
+
+def _check_place(out: Path) -> None:
+    check_file(out)
+    check_certificate_place(out)
 
 
 def _likeness(

@@ -18,6 +18,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import CrarError
 from crar_drake.motion.planted_feet import runs
+from crar_drake.references.adjusting import Frames, trimmed
 from crar_drake.references.change import rms
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.reference_judge import (
@@ -72,6 +73,7 @@ def compare_files(
     layout: str | None = None,
     rate: float | None = None,
     clip: str | None = None,
+    frames: Frames = (1, None),
     meshes: bool = True,
     overlay: bool = False,
 ) -> list[ReferenceVerdict]:
@@ -83,6 +85,7 @@ def compare_files(
         robot: its name or folder.
         layout, rate: of the files, where they do not say them (`read_motion`).
         clip: which motion of files that hold several.
+        frames: of the first file, that the others were made of.
         meshes: whether to judge by meshes, where the robot has any.
 
     Raises:
@@ -96,6 +99,7 @@ def compare_files(
     motions = [
         read_motion(file, layout, rate, clip=clip, robot=whole) for file in files
     ]
+    motions[0] = trimmed(motions[0], frames)
     name = Path(files[0]).name
     return compare_motions(
         motions,

@@ -1,12 +1,14 @@
 """What `clean` says of a folder, and `judge` of what it left there."""
 
+import csv
 from dataclasses import replace
 
 import pytest
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
-from crar_drake.references.clean_folder import CleanedFile, clean_folder
+from crar_drake.references.clean_folder import clean_folder
+from crar_drake.references.folders import FileResult, find_references
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,7 @@ def test_what_is_still_violated_is_told_with_its_file(folders, monkeypatch, caps
     robot, references, out = folders
     files = clean_folder(references, out, str(robot), jobs=1)
     (clip,) = files[1].clips
-    files[1] = CleanedFile(files[1].reference, (replace(clip, penetrating=3),))
+    files[1] = FileResult(files[1].source, (replace(clip, penetrating=3),))
     where = "crar_drake.references.clean_folder.clean_folder"
     monkeypatch.setattr(where, lambda *arguments, **options: files)
     arguments = ["clean", str(references), "--robot", str(robot), "--out", str(out)]
@@ -46,3 +48,40 @@ def test_what_is_still_violated_is_told_with_its_file(folders, monkeypatch, caps
     assert f"violated: {references / 'b.csv'}: 3 frames penetrate" in lines
     assert not any("a.csv" in line for line in lines)
     assert lines[-1] == "VIOLATED: 3 frames penetrate"
+
+
+def test_what_changed_by_more_is_named_and_nothing_is_cleaned_again(
+    folders, tmp_path, capsys
+):
+    robot, references, _ = map(str, folders)
+    out = tmp_path / "out"
+    arguments = ["clean", references, "--robot", robot, "--out", str(out)]
+    assert main([*arguments, "--jobs", "1"]) == 0
+    times = {path: path.stat().st_mtime_ns for path in out.glob("?.c*")}
+    assert len(times) == 4
+    capsys.readouterr()
+    assert main([*arguments, "--at-most", "joints=0.1deg"]) == 1
+    said = capsys.readouterr().out
+    assert "VIOLATED: 1 motion changed by more than is allowed" in said
+    (named,) = [line for line in said.splitlines() if line.startswith("violated:")]
+    assert "a.csv: changed: joints by " in named
+    assert times == {path: path.stat().st_mtime_ns for path in times}
+    with (out / "cleaned.csv").open(newline="") as stream:
+        rows = {row["file"]: row for row in csv.DictReader(stream)}
+    page = (out / "cleaned.html").read_text()
+    assert page.index("a.csv") < page.index("b.csv") and ">violated<" in page
+    assert rows["a.csv"]["exceeded"] in named and not rows["b.csv"]["exceeded"]
+    assert main([*arguments, "--frames", "3:", "--jobs", "1"]) == 0
+    assert len((out / "a.csv").read_text().splitlines()) == 22
+
+
+def test_a_table_is_no_motion_and_a_motion_of_its_name_is_one(tmp_path):
+    (tmp_path / "deep").mkdir()
+    write_csv(tmp_path / "a.csv", reaching(5, 30.0, 0.5))
+    for name in ("cleaned.csv", "retargeted.csv"):
+        (tmp_path / name).write_text("file,clip,error,frames\n")
+        write_csv(tmp_path / "deep" / name, reaching(5, 30.0, 0.5))
+    (tmp_path / "other.csv").write_text("file,clip,error,frames\n")  # who knows
+    found = [str(p.relative_to(tmp_path)) for p in find_references(tmp_path)]
+    deep = ["deep/cleaned.csv", "deep/retargeted.csv"]
+    assert found == ["a.csv", *deep, "other.csv"]

@@ -793,6 +793,7 @@ COMMANDS = {
     "list": [],
     "fetch": ["05_02"],
     "import-robot": ["g1"],
+    "retarget": ["dance", "--robot", "g1"],
     "judge": ["log.npz"],
     "clean": ["dance.csv", "--robot", "g1"],
     "convert": ["a.csv", "b.csv"],

@@ -11,9 +11,9 @@ from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, MotionError, WriteError
-from crar_drake.references import clean_folder as clean_folder_module
-from crar_drake.references.clean_file import clean_file
+from crar_drake.references.clean_file import CleanedClip, FileCleaner, clean_file
 from crar_drake.references.clean_folder import clean_folder
+from crar_drake.references.folders import _read_table
 from crar_drake.references.motion_certificate import (
     certificate_path,
     check_certificate,
@@ -330,16 +330,16 @@ def test_what_cannot_be_judged_is_told_by_its_name(cleaned, tmp_path, capsys):
 
 
 class Here:
-    """An executor that runs each call at once, and counts."""
+    """An executor that runs each call at once, and counts files."""
 
     calls = 0
 
-    def submit(self, fn, *args):
+    def submit(self, fn, files, *args):
         from concurrent.futures import Future
 
-        Here.calls += 1
+        Here.calls += len(files)
         future = Future()
-        future.set_result(fn(*args))
+        future.set_result(fn(files, *args))
         return future
 
 
@@ -391,7 +391,7 @@ def test_a_damaged_table_costs_no_more_than_its_files(cleaned, tmp_path):
     cuts += [whole.replace(b"0.", b"x\xff\0"), whole + b"a" * 200_000]
     for damaged in cuts:
         table.write_bytes(damaged)
-        kept = clean_folder_module._read_table(table, references)
+        kept = _read_table(table, references, CleanedClip)
         assert set(kept) <= {references / "reach.csv"}
     table.write_bytes(whole[:-20])
     (file,) = clean_folder(references, out, str(folder), executor=Here())
@@ -406,10 +406,10 @@ def test_any_error_is_of_its_file(cleaned, tmp_path, monkeypatch):
     for name in ("a.csv", "b.csv", "b.npz"):
         (references / name).write_text("")
 
-    def fail(reference, *arguments, **options):
+    def fail(self, reference, out):
         raise PermissionError(13, "Permission denied", str(reference))
 
-    monkeypatch.setattr("crar_drake.references.clean_folder.clean_file", fail)
+    monkeypatch.setattr(FileCleaner, "__call__", fail)
     files = clean_folder(references, tmp_path / "out", str(folder), executor=Here())
     assert ["PermissionError" in file.error for file in files] == [True, True, False]
     assert "b.npz: its certificate would be that of b.csv" in files[2].error

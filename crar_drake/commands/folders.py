@@ -1,0 +1,102 @@
+"""What commands say of a folder whose files they worked on."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from crar_drake.commands.output import counted, final_line
+
+if TYPE_CHECKING:
+    from crar_drake.references.folders import FileResult
+
+# Files that are reported one by one.
+_MOST_LINES = 10
+
+
+@contextmanager
+def files_bar(out: Path) -> Iterator[Callable[[int, int, FileResult], None]]:
+    """Yields a callback that draws how many files are finished, on stderr.
+
+    Args:
+        out: folder in which it says that finished files are, if it is interrupted.
+    """
+    with progress_bar() as bar:
+        task = bar.add_task("", total=None)
+
+        def show(done: int, total: int, newest: FileResult) -> None:
+            what = f"{newest.source.name}{' failed' if newest.error else ''}"
+            bar.update(task, completed=done, total=total, description=what)
+
+        try:
+            yield show
+        except KeyboardInterrupt:
+            print(
+                f"crar-drake: what is finished is in {out}; the same command continues",
+                file=sys.stderr,
+            )
+            raise
+
+
+@contextmanager
+def frames_bar() -> Iterator[Callable[[int, int], None]]:
+    """Yields a callback that draws how far a motion is, on stderr."""
+    with progress_bar() as bar:
+        task = bar.add_task("", total=None)
+        yield lambda frame, frames: bar.update(task, completed=frame, total=frames)
+
+
+def progress_bar():
+    """Rich's, on stderr."""
+    from rich import progress
+    from rich.console import Console
+
+    return progress.Progress(
+        progress.BarColumn(bar_width=20),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("{task.description}", markup=False),
+        console=Console(stderr=True),
+        transient=True,
+    )
+
+
+def report_files(
+    files: Sequence[FileResult],
+    violated: Callable[[Sequence[Any]], list[str]],
+    of_one: Callable[[Any], list[str]],
+    table: Path,
+) -> int:
+    """Prints which motions violate something and which files failed, then what was
+    written, and OK or VIOLATED.
+
+    Args:
+        files: what became of them.
+        violated: what motions violate, in a few words each,
+        of_one: and one motion, in more of them.
+        table: that was written, with its page beside it.
+
+    Returns:
+        The exit code: 1 if anything is violated or failed.
+    """
+    from crar_drake.references.folders import page_of
+
+    left = [(file, clip) for file in files for clip in file.clips if clip.violated]
+    for file, clip in left[:_MOST_LINES]:
+        which = f"{file.source} {clip.clip}".rstrip()
+        print(f"violated: {which}: {'; '.join(of_one(clip))}")
+    if len(left) > _MOST_LINES:
+        print(f"and {len(left) - _MOST_LINES} more, in the table")
+    failed = [file for file in files if file.error]
+    for file in failed[:_MOST_LINES]:
+        named = file.error.startswith(str(file.source))
+        where = "" if named else f"{file.source}: "
+        print(f"failed: {where}{file.error}", file=sys.stderr)
+    if len(failed) > _MOST_LINES:
+        print(f"and {len(failed) - _MOST_LINES} more failed", file=sys.stderr)
+    print(table)
+    print(page_of(table))
+    clips = [clip for file in files for clip in file.clips]
+    return final_line([*violated(clips), *counted(len(failed), "file", "failed")])

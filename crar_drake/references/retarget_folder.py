@@ -1,0 +1,191 @@
+"""Many files of people's motions, retargeted in parallel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from functools import partial
+from math import degrees
+from pathlib import Path
+
+from crar_drake.errors import CrarError
+from crar_drake.motion.catalogue import MOTION_SUFFIXES
+from crar_drake.motion.options import MotionOptions
+from crar_drake.motion.robots_own import holds_reference
+from crar_drake.references.clean_file import CleanedClip
+from crar_drake.references.clean_folder import LEFT
+from crar_drake.references.folder_page import Figure
+from crar_drake.references.folders import (
+    RETARGETED_TABLE,
+    FileResult,
+    FolderWork,
+    is_table,
+    work_through,
+)
+from crar_drake.references.layouts import check_written, layout_named
+from crar_drake.references.motion_certificate import SUFFIX
+from crar_drake.references.retarget_file import (
+    CLEANING,
+    MOST_BELOW,
+    RATE,
+    FileRetargeter,
+    RetargetedClip,
+    certified_options,
+)
+from crar_drake.trajectory.retargeting import RetargetingParameters
+
+LAYOUT = "xyzw-csv"  # that is written if none is named
+
+# What the page shows of a motion.
+FIGURES = (
+    Figure("limbs off, 95 % [deg]", lambda r: degrees(r.limbs_most), 1),
+    Figure("median [deg]", lambda r: degrees(r.limbs_median), 1),
+    Figure("of all limbs, 95 % [deg]", lambda r: degrees(r.farthest_most), 1),
+    Figure("left knee, median [deg]", lambda r: degrees(r.left_knee), 1),
+    Figure("right knee [deg]", lambda r: degrees(r.right_knee), 1),
+    Figure("feet slip [mm]", lambda r: 1e3 * r.slip, 1),
+    Figure("lowest point [mm]", lambda r: 1e3 * r.lowest, 1),
+    *LEFT,
+)
+
+
+@dataclass(frozen=True)
+class RetargetedRow(CleanedClip):
+    """What became of a person's motion, in one line; `seconds` are of all.
+
+    What it inherits is of the motion before and after cleaning, both the robot's.
+
+    Attributes:
+        limbs_median, limbs_most: of arms and legs, how far the farthest limb is off in
+            direction, in the median and in 95 % of the frames [rad].
+        farthest_most: of all limbs, in 95 % of the frames [rad].
+        farthest: that limb.
+        left_knee, right_knee: how much more it bends than the person's in the median
+            [rad].
+        slip: the longest way that a planted foot slips [m].
+        lowest: the lowest point of all links, over the floor [m].
+    """
+
+    limbs_median: float
+    limbs_most: float
+    farthest_most: float
+    left_knee: float
+    right_knee: float
+    slip: float
+    lowest: float
+    farthest: str
+
+    @property
+    def below(self) -> bool:
+        """Whether a link is below the floor."""
+        return self.lowest < -MOST_BELOW
+
+    @property
+    def violated(self) -> bool:
+        """Whether anything is, as of what was cleaned, or it is below the floor."""
+        return super().violated or self.below
+
+
+def find_people(folder: Path) -> list[Path]:
+    """Files in a folder and below that may be motions of people, in order of their
+    names; skeletons, motions of robots and certificates are none.
+
+    Raises:
+        CrarError: there is none.
+    """
+    found = sorted(
+        path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in MOTION_SUFFIXES
+        and path.is_file()
+        and not path.name.endswith(SUFFIX)
+        and not is_table(path)
+        and not holds_reference(path)
+    )
+    if not found:
+        suffixes = ", ".join(MOTION_SUFFIXES)
+        raise CrarError(
+            f"{folder}: no motions of people ({suffixes}) in it or below; of robots' "
+            "own there may be some, which crar-drake clean takes"
+        )
+    return found
+
+
+def retarget_folder(
+    folder: Path,
+    out: Path,
+    robot: str,
+    *,
+    options: MotionOptions | None = None,
+    layout: str | None = None,
+    rate: float = RATE,
+    parameters: RetargetingParameters | None = None,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, int, FileResult], None] | None = None,
+) -> list[FileResult]:
+    """Retargets each file of a folder into the same place below `out`.
+
+    `out`/retargeted.csv has a `RetargetedRow` for each, and retargeted.html shows them.
+
+    Args:
+        folder: with people's motions in it or below; of an AMC with its ASF beside it.
+        out: another folder.
+        robot, options, rate, parameters: as of `retarget_file`, of all files.
+        layout: of what is written; by default LAYOUT.
+        jobs, executor, progress: as of `work_through`.
+
+    Raises:
+        MotionError: there is no such layout, or it is not written.
+        ModelError, CrarError: as `find_people` and `work_through`.
+    """
+    layout = layout or LAYOUT
+    suffix = layout_named(layout).suffix
+    check_written(f"FILE{suffix}", layout)
+    parameters = parameters or RetargetingParameters()
+    work = FolderWork(
+        table=RETARGETED_TABLE,
+        row=RetargetedRow,
+        places={
+            path: (out / path.relative_to(folder)).with_suffix(suffix)
+            for path in find_people(folder)
+        },
+        begin=partial(_RowOfFile, robot, options, layout, rate, parameters),
+        figures=FIGURES,
+        note=lambda row: row.deepest or f"farthest off: {row.farthest}",
+        robot=robot,
+        parameters=asdict(CLEANING),
+        options=lambda path: certified_options(path, options, layout, rate, parameters),
+    )
+    return work_through(
+        work, folder, out, jobs=jobs, executor=executor, progress=progress
+    )
+
+
+class _RowOfFile:
+    """From a file and its place to its row."""
+
+    def __init__(self, robot, options, layout, rate, parameters) -> None:
+        self._retargeter = FileRetargeter(
+            robot, options, layout=layout, rate=rate, parameters=parameters
+        )
+
+    def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedRow]:
+        return [row_of(self._retargeter(motion, out))]
+
+
+def row_of(clip: RetargetedClip) -> RetargetedRow:
+    """What a table has of a motion."""
+    of_cleaning = asdict(clip.cleaned) | {"seconds": clip.seconds}
+    return RetargetedRow(
+        **of_cleaning,
+        limbs_median=clip.limbs_median,
+        limbs_most=clip.limbs_most,
+        farthest_most=clip.limbs[clip.farthest][1],
+        left_knee=clip.knees["left"][0],
+        right_knee=clip.knees["right"][0],
+        slip=clip.slip,
+        lowest=clip.lowest,
+        farthest=clip.farthest,
+    )

@@ -11,7 +11,7 @@ over its toes, or turns on its ball, has one that stays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,7 +133,7 @@ class Outline:
             outline = self._outlines[link]
             z = p_WB[:, i, 2:] + R_WB[:, i, 2] @ outline.points.T
             low[:, i] = (z - outline.radii).min(axis=1)
-        soles = self._soles(p_WB, R_WB)
+        soles = self._soles(links, p_WB, R_WB)
         if floor is None:
             floor = _lowest_floor(soles)
         return GroundContact(
@@ -152,24 +152,29 @@ class Outline:
         Args:
             motion: with its joints in the order of the robot.
         """
-        p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, self.links)
+        links = [b for b in self.links if any(b in of for of in self.feet.values())]
+        p_RB, R_RB = self._robot.poses_in_root(motion.joint_positions, links)
         R_WR = motion.root_rotations.as_matrix()
         p_WB = motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R_WR, p_RB)
-        return self._soles(p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB))
+        return self._soles(links, p_WB, np.einsum("tij,tljk->tlik", R_WR, R_RB))
 
-    def _soles(self, p_WB: np.ndarray, R_WB: np.ndarray) -> dict[str, np.ndarray]:
-        links = self.links
+    def _soles(
+        self, links: Sequence[str], p_WB: np.ndarray, R_WB: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """`soles` of links whose poses are (T, L)."""
         soles = {
-            foot: self._sole([links.index(b) for b in of if b in links], p_WB, R_WB)
+            foot: self._sole({b: links.index(b) for b in of if b in links}, p_WB, R_WB)
             for foot, of in self.feet.items()
         }
         return {foot: sole for foot, sole in soles.items() if sole.shape[1]}
 
-    def _sole(self, rows: list[int], p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
+    def _sole(
+        self, rows: Mapping[str, int], p_WB: np.ndarray, R_WB: np.ndarray
+    ) -> np.ndarray:
         """(T, V, 3) lowest points of the balls of some links, in the world."""
         points = [np.empty((len(p_WB), 0, 3))]
-        for i in rows:
-            outline = self._outlines[self.links[i]]
+        for link, i in rows.items():
+            outline = self._outlines[link]
             p = p_WB[:, i, None] + np.einsum("tij,vj->tvi", R_WB[:, i], outline.points)
             p[..., 2] -= outline.radii
             points.append(p)
@@ -196,13 +201,14 @@ class CarryingHands:
         shares = np.zeros((motion.num_frames, len(hands)))
         if not self._hands.feet:
             return shares
-        floor = self._feet.ground_contact(motion).floor
+        floor = _lowest_floor(self._feet.soles(motion))
         before = round(_BEFORE_CARRYING * motion.rate)
         weights = np.full(2 * before + 1, 1.0 / (2 * before + 1))
-        for hand in self._hands.ground_contact(motion, floor).feet:
-            if hand.foot in hands:
-                share = np.convolve(spread(hand.planted, before), weights)
-                shares[:, hands.index(hand.foot)] = share[before:][: len(shares)]
+        for hand, p_WS in self._hands.soles(motion).items():
+            if hand in hands:
+                planted = foot_slip(hand, p_WS, floor, motion.rate).planted
+                share = np.convolve(spread(planted, before), weights)
+                shares[:, hands.index(hand)] = share[before:][: len(shares)]
         return shares
 
 
@@ -263,13 +269,17 @@ def foot_slip(
     both = low[1:] & low[:-1]
     moves = np.diff(p_WS[..., :2], axis=0)
     slips = np.full(len(moves), np.inf)
-    some = both.any(axis=1)
+    # What is higher is not planted, however it moves.
+    step_height = np.maximum(height[1:], height[:-1])
+    near = step_height <= thresholds.height_off
+    some = near & both.any(axis=1)
     slips[some] = least_way(moves[some], both[some])  # (T - 1,)
     # A foot that stands on other points than before has rolled from one to the other;
     # the point that moves least tells.
-    ways = np.linalg.norm(moves[~some], axis=2)
-    slips[~some] = ways.min(axis=1, initial=np.inf)
-    stands = standing(np.maximum(height[1:], height[:-1]), slips * rate, thresholds)
+    other = near & ~some
+    ways = np.linalg.norm(moves[other], axis=2)
+    slips[other] = ways.min(axis=1, initial=np.inf)
+    stands = standing(step_height, slips * rate, thresholds)
     planted = np.zeros(len(z), dtype=bool)
     every, worst, place, top = [], 0.0, None, 0.0
     for start, end in runs(stands):  # steps start, ..., end - 1

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
+from small_biped import biped
 
-from crar_drake.references.ground_contact import foot_slip, least_way
+from crar_drake.references.ground_contact import CarryingHands, foot_slip, least_way
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import load_robot_description
 
 RATE = 50.0
 SOLE = np.array([[0.1, 0.05, 0], [0.1, -0.05, 0], [-0.1, 0.05, 0], [-0.1, -0.05, 0]])
@@ -103,3 +107,25 @@ def test_a_foot_that_turns_about_a_point_of_its_sole_does_not_slip():
     shifted = p + np.linspace(0.0, 0.02, 200)[:, None, None] * [1.0, 0.0, 0.0]
     # The point that rests moves on: by less than the foot, which can walk so.
     assert foot_slip("f", shifted, 0.0, RATE).total < 1e-3
+
+
+@pytest.mark.parametrize("frames", [3, 4, 30])
+def test_a_hand_on_the_ground_carries_in_short_motions_too(tmp_path, frames):
+    """A foot is called a hand; it stands, and carries by the share of the 5 frames
+    about each in which it does."""
+    folder = biped(tmp_path / "biped")
+    yaml = (folder / "robot.yaml").read_text()
+    yaml = yaml.replace("task_frames: {", "task_frames: {left_hand: left_shin, ")
+    (folder / "robot.yaml").write_text(yaml)
+    robot = WholeBody(load_robot_description(folder))
+    motion = RobotMotion(
+        joint_names=robot.joint_names,
+        root_positions=np.tile([0.0, 0.0, 0.9], (frames, 1)),
+        root_quaternions=np.tile([1.0, 0.0, 0.0, 0.0], (frames, 1)),
+        joint_positions=np.zeros((frames, 5)),
+        rate=20.0,
+    )
+    shares = CarryingHands(robot).shares(motion, ("right_hand", "left_hand"))
+    k = np.arange(frames)
+    there = np.minimum(k + 2, frames - 1) - np.maximum(k - 2, 0) + 1
+    np.testing.assert_allclose(shares, np.column_stack([0.0 * k, there / 5.0]))

@@ -241,7 +241,9 @@ def PrepareScenario(scenario: Scenario) -> Setup:
         time_step=scenario.plant_config.time_step,
     )
     motion = load_desired_motion(scenario, model)
-    start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
+    start = motion.start
+    if start is None:
+        start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
     return Setup(model, motion, start)
 
 

@@ -132,6 +132,7 @@ def load_motion_targets(
             if model.n_p
             else None,
             for_report,
+            whole.at(0.0)[0],
         )
     lengths = segment_lengths(model)
     retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
@@ -153,10 +154,7 @@ def _check_tasks(model: ControlModel) -> None:
     """Raises ScenarioError unless a motion gives what each task tracks."""
     for task, name in zip(model.tasks, model.layout.names, strict=True):
         if task.kind == "joint":
-            raise ScenarioError(
-                f"task {name}: a motion gives points of a person, no joint positions; "
-                "leave the joint out, or use keyframes"
-            )
+            continue
         if task.frame in HANDS:
             if task.frame not in model.description.task_frames:
                 raise ScenarioError(

@@ -21,8 +21,10 @@ HEAD = "head"
 
 
 def follows_legs(model: ControlModel) -> bool:
-    """Whether a task is a foot or a knee."""
-    return any(task.frame in (*FEET, *KNEES) for task in model.tasks)
+    """Whether a task is a foot, a knee or a joint."""
+    return any(
+        task.kind == "joint" or task.frame in (*FEET, *KNEES) for task in model.tasks
+    )
 
 
 class WholeBodyMotion:
@@ -78,8 +80,8 @@ class WholeBodyMotion:
         )
         if len(found.q) < 2:
             raise MotionError(
-                f"motion {performer.name}: {performer.duration:.3f} s are too short for "
-                f"two frames at {RATE:g} Hz"
+                f"motion {performer.name}: {performer.duration:.3f} s are too short: "
+                f"two frames at {RATE:g} Hz are needed"
             )
         time = np.arange(len(found.q)) / RATE
         names = [*model.velocity_names]

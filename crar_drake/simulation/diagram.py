@@ -40,6 +40,7 @@ from crar_drake.simulation.scenario import (
 from crar_drake.simulation.visualization import AddVisualization
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
+from crar_drake.targets.whole_body import follows_legs, with_joints
 
 
 def AddRobot(
@@ -240,6 +241,8 @@ def PrepareScenario(scenario: Scenario) -> Setup:
         distances=scenario.controller.distances,
         time_step=scenario.plant_config.time_step,
     )
+    if scenario.motion and follows_legs(model):
+        model = with_joints(model, scenario.controller.distances)
     motion = load_desired_motion(scenario, model)
     start = motion.start
     if start is None:

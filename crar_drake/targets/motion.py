@@ -91,7 +91,6 @@ def load_motion_targets(
     *,
     options: MotionOptions | None = None,
     cutoff: float = 6.0,
-    hold: float = 0.0,
 ) -> DesiredMotion:
     """Loads, filters and scales a motion to the robot's tasks.
 
@@ -103,8 +102,6 @@ def load_motion_targets(
             is scaled.
         options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
-        hold: for which the controller holds accelerations [s]: with feet, which must
-            land where they stand, those of joints and root are the means over it.
 
     Raises:
         MotionError: the motion cannot be found, read or scaled, or its skeleton
@@ -116,7 +113,7 @@ def load_motion_targets(
     # A run's report alone is left to be made of it, which needs none of these.
     for_report = replace(performer, orientations={}, hands={})
     if follows_legs(model):
-        whole = WholeBodyMotion(model, performer, cutoff, hold)
+        whole = WholeBodyMotion(model, performer, cutoff)
         return DesiredMotion(
             whole.duration,
             whole.tasks_at,

@@ -12,6 +12,7 @@ from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import joint_tasks
 from crar_drake.trajectory.retargeted_motion import RATE, retargeted_motion
 from crar_drake.trajectory.retargeting import RetargetingParameters
 
@@ -19,11 +20,36 @@ FEET = tuple(f"{side}_foot" for side in SIDES)
 KNEES = tuple(f"{side}_knee" for side in SIDES)
 HEAD = "head"
 
+# A joint counts so much beside points: it settles what they leave open [m/rad].
+_JOINT_WEIGHT = 0.1
+
 
 def follows_legs(model: ControlModel) -> bool:
     """Whether a task is a foot, a knee or a joint."""
     return any(
         task.kind == "joint" or task.frame in (*FEET, *KNEES) for task in model.tasks
+    )
+
+
+def with_joints(model: ControlModel, distances: str) -> ControlModel:
+    """The model with all its joints among the tasks.
+
+    Points leave open which of two ways an arm goes on from a singular pose: elbows come
+    out bent backwards, and shoulders at their limits.
+
+    Args:
+        model: the robot.
+        distances: as of `ControlModel`.
+    """
+    known = [task.joint for task in model.tasks]
+    joints = [x for x in model.joint_names[: model.num_joints] if x not in known]
+    return ControlModel(
+        model.diagram,
+        model.plant,
+        model.scene_graph,
+        model.description,
+        [*model.tasks, *joint_tasks(joints, _JOINT_WEIGHT)],
+        distances=distances,
     )
 
 
@@ -36,26 +62,18 @@ class WholeBodyMotion:
 
         x_d = x(q),    v_d = J v,    a_d = J v_dot + J_dot v.
 
-    Who holds accelerations for a period h lags half a period behind those of the
-    instant: where a foot lands, by millimetres. With v_dot = (v(t + h) - v(t)) / h
-    joints have their own velocities again at the end of each period. And a discrete
-    plant moves by the velocity that it has at the *end* of its step, so that velocities
-    that are the motion's at the ends take it half a step ahead; it gets those of half a
-    step before.
-
     Attributes:
         duration: until the last frame; then everything stands still [s].
     """
 
     def __init__(
-        self, model: ControlModel, performer: Performer, cutoff: float, hold: float
+        self, model: ControlModel, performer: Performer, cutoff: float
     ) -> None:
         """
         Args:
             model: the robot; its root floats.
             performer: with legs.
             cutoff: of the low-pass [Hz].
-            hold: the period h [s]; 0 for accelerations of the instant.
 
         Raises:
             MotionError: the performer lacks something.
@@ -97,12 +115,10 @@ class WholeBodyMotion:
         self._model, self._workspace = model, model.MakeWorkspace()
         self._q = model.rest_positions()
         self._in_q = [model.position_names.index(names[j]) for j in self._joints]
-        self._hold, self._late = hold, 0.5 * model.plant.time_step() * (hold > 0.0)
         self._known = np.nan, None
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q (nq,), v (nv,) and v_dot (nv,) to be asked for at `time` [s], in the
-        plant's order."""
+        """q (nq,), v (nv,) and v_dot (nv,) at `time` [s], in the plant's order."""
         if time != self._known[0]:
             self._known = time, self._at(time)
         return self._known[1]
@@ -133,23 +149,11 @@ class WholeBodyMotion:
         q, at = self._q.copy(), min(time, self.duration)
         positions = self._positions(at)
         q[self._in_q] = positions[self._joints]
-        R, _, alpha = self._turns(at)
+        R, omega, alpha = self._turns(at)
         root = self._model.root_positions
         q[root[:4]], q[root[4:]] = quaternion_from_rotation(R), positions[self._moving]
-        before = max(time - self._late, 0.0)
-        v = self._velocities(before)
-        if self._hold > 0.0:
-            return q, v, (self._velocities(before + self._hold) - v) / self._hold
-        v_dot = np.zeros_like(v)
-        if time <= self.duration:
-            v_dot = self._positions(time, 2)
-            v_dot[self._turning] = alpha
-        return q, v, v_dot
-
-    def _velocities(self, time: float) -> np.ndarray:
-        """(nv,) at `time` [s]; 0 after the end."""
         if time > self.duration:
-            return np.zeros(len(self._model.velocity_names))
-        v = self._positions(time, 1)
-        v[self._turning] = self._turns(time)[1]
-        return v
+            return q, np.zeros(len(positions)), np.zeros(len(positions))
+        v, v_dot = self._positions(at, 1), self._positions(at, 2)
+        v[self._turning], v_dot[self._turning] = omega, alpha
+        return q, v, v_dot

@@ -27,6 +27,7 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
+from crar_drake.trajectory.retargeted_motion import RATE, retargeted_motion
 from crar_drake.trajectory.retargeting import (
     Retargeted,
     Retargeter,
@@ -35,7 +36,6 @@ from crar_drake.trajectory.retargeting import (
 
 # Of the layouts that a file can have, those that are taken if none is named.
 _LAYOUTS = {".csv": "xyzw-csv", ".npz": "mjlab-npz", ".pkl": "gmr-pkl"}
-RATE = 30.0  # [Hz] that most reference motions have
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,13 @@ def retarget_file(
     performer = load_performer(motion, options)
     description = load_robot_description(robot).without_ground()
     whole_body = WholeBody(description)
-    retargeter = Retargeter(description, parameters)
     frames = int(performer.duration * rate) + 1
     began = time.process_time()
-    found = retargeter.retarget(
+    retargeter, found = retargeted_motion(
+        description,
         performer,
         rate,
+        parameters,
         None if progress is None else lambda k: progress(k, frames),
     )
     seconds = time.process_time() - began

@@ -24,7 +24,7 @@ from crar_drake.motion.hand_orientations import hand_orientations
 from crar_drake.motion.held_feet import hold_foot
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
-from crar_drake.motion.retarget_legs import (
+from crar_drake.motion.performer_legs import (
     floor_height,
     foot_turns,
     leg_length,

@@ -334,8 +334,6 @@ class Retargeter:
             hip=hip - self._base[0],
             thigh=float(thigh),
             shank=float(shank),
-            reach=float(thigh + shank),
-            foot=foot.CalcPoseInWorld(self._context).rotation().matrix(),
             points=points,
             heel=np.array([x0, middle, z]),
             ball=np.array([x1, middle, z]),

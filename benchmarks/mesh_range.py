@@ -14,6 +14,8 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
 
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.errors import CrarError
@@ -25,7 +27,6 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks
-from crar_drake.targets.ankle_limits import joints_between
 
 HEADER = (
     "links",
@@ -88,8 +89,7 @@ def mesh_range(
     frame = next(iter(description.task_frames))
     model = ControlModel.FromDescription(description, position_tasks([frame]))
     plant, judge = model.plant, MeshJudge(description)
-    ends = (find_body(plant, link) for link in (outer, inner))
-    joints = joints_between(model, *ends)[::-1]
+    joints = _joints_between(plant, *(find_body(plant, x) for x in (inner, outer)))
     places = [joint.position_start() for joint in joints]
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     values = [np.linspace(lower[k], upper[k], steps) for k in places]
@@ -102,6 +102,18 @@ def mesh_range(
     shape = [steps] * len(joints)
     names = [joint.name() for joint in joints]
     return rest, names, values, np.reshape(distances, shape)
+
+
+def _joints_between(plant: MultibodyPlant, inner: RigidBody, body: RigidBody) -> list:
+    """Joints with one position from one link out to another, which hangs on it."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    by_child = {joint.child_body().index(): joint for joint in joints}
+    chain = []
+    while body.index() != inner.index():
+        joint = by_child[body.index()]
+        chain.insert(0, joint)
+        body = joint.parent_body()
+    return [joint for joint in chain if joint.num_positions() == 1]
 
 
 if __name__ == "__main__":

@@ -45,7 +45,6 @@ _DWELL = 0.03  # [s] before and after a contact, in which the foot stays above i
 _LANDING = 0.07  # [s] in which a foot comes down before a contact, and leaves after
 _CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
 _SOFT = 0.005  # [m] width of that bound
-_FLAT = 0.002  # [m] above the floor, at most, that the ball of a flat foot is
 _TURNING = 0.25  # [rad] that a foot turns while it is flat, from which on it pivots
 
 
@@ -133,24 +132,6 @@ def hold_foot(
     contacts = find_contacts(positions, turns, np.array([heel, ball]), 0.0, rate)
     on_heel, on_ball = contacts.T
     turns = _levelled(turns, on_heel, on_ball, max(1, round(_BLEND * rate)))
-    return place_foot(positions, turns, contacts, ball, points, rate)
-
-
-def place_foot(
-    positions: np.ndarray,
-    turns: Rotation,
-    contacts: np.ndarray,
-    ball: np.ndarray,
-    points: np.ndarray,
-    rate: float,
-) -> FootMotion:
-    """As `hold_foot`, where contacts and turns are decided.
-
-    Args:
-        contacts: (T, 2) whether heel and ball are on the floor.
-        positions, turns, ball, points, rate: as there.
-    """
-    on_heel, on_ball = contacts.T
     matrices = turns.as_matrix()
     # How high the frame is when the foot's lowest point is at the floor.
     least = -np.min(matrices[:, 2] @ points.T, axis=1)
@@ -209,14 +190,13 @@ def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
     """(T, 2) horizontal shifts that keep what is on the floor in its place, in each
     contact as small as they can be in the mean [m]; 0 where a foot is not `kept`.
 
-    Flat, a foot turns about its ball. On its heel or its ball, or where its leg cannot
-    have it flat, it rolls over whatever is lowest of it.
+    Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
+    lowest of it.
     """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
     planted = contacts.any(axis=1)
-    off = matrices[:, 2] @ ball - np.min(matrices[:, 2] @ points.T, axis=1)
-    flat = contacts.all(axis=1) & (off < _FLAT)
+    flat = contacts.all(axis=1)
     for start, end in runs(kept):
         heights = matrices[start:end, 2] @ points.T
         lowest = np.argmin(heights[1:] + heights[:-1], axis=1)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import BPoly
-from scipy.ndimage import maximum_filter1d
 
 from crar_drake.motion.planted_feet import runs
 
@@ -28,24 +26,6 @@ def smooth_flags(flags: np.ndarray, margin: int) -> np.ndarray:
         weight_off *= smooth_step(away / (margin + 1.0))
     weight_off[at] = 0.0
     return 1.0 - weight_off
-
-
-def smooth_bound(least: np.ndarray, margin: int) -> np.ndarray:
-    """(T,) smooth values nowhere below `least`.
-
-    The largest value within `margin` samples, then a weighted mean over as many: each
-    mean is of values that are no less than the one in the middle.
-
-    Args:
-        least: (T,) what is needed.
-        margin: how long before and after it begins to act [samples].
-    """
-    if margin < 1:
-        return least.copy()
-    highest = maximum_filter1d(least, 2 * margin + 1, mode="nearest")
-    window = np.hanning(2 * margin + 3)[1:-1]
-    padded = np.pad(highest, margin, mode="edge")
-    return np.convolve(padded, window / window.sum(), mode="valid")
 
 
 def soft_positive(x: np.ndarray, width: float) -> np.ndarray:
@@ -90,28 +70,3 @@ def bridge(
             here = here + slope * t * (1.0 - smooth_step(-t / reach))
         filled[start:end] = here
     return filled
-
-
-def led_over(values: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-    """Values that go through gaps as they come in, and as they go on after: quintics,
-    without curvature at the edges; beyond the ends constant.
-
-    Args:
-        values: (T, k).
-        gaps: (T,) where they are not kept.
-    """
-    led, last = values.copy(), len(values) - 1
-    for start, end in runs(gaps):
-        before, after = start - 1, end
-        if start == 0 or end > last:
-            led[start:end] = values[min(after, last) if start == 0 else before]
-            continue
-        coming = values[before] - values[max(before - 1, 0)]
-        going = values[min(after + 1, last)] - values[after]
-        ends = [
-            [values[before], coming, 0.0 * coming],
-            [values[after], going, 0.0 * going],
-        ]
-        curve = BPoly.from_derivatives([before, after], ends)
-        led[start:end] = curve(np.arange(start, end))
-    return led

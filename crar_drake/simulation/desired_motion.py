@@ -27,7 +27,6 @@ def load_desired_motion(scenario: Scenario, model: ControlModel) -> DesiredMotio
         model,
         options=scenario.motion_options(),
         cutoff=scenario.cutoff,
-        hold=scenario.controller.period,
     )
 
 

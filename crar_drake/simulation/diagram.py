@@ -40,6 +40,7 @@ from crar_drake.simulation.scenario import (
 from crar_drake.simulation.visualization import AddVisualization
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
+from crar_drake.targets.whole_body import follows_legs, with_joints
 
 
 def AddRobot(
@@ -240,8 +241,12 @@ def PrepareScenario(scenario: Scenario) -> Setup:
         distances=scenario.controller.distances,
         time_step=scenario.plant_config.time_step,
     )
+    if scenario.motion and follows_legs(model):
+        model = with_joints(model, scenario.controller.distances)
     motion = load_desired_motion(scenario, model)
-    start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
+    start = motion.start
+    if start is None:
+        start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
     return Setup(model, motion, start)
 
 

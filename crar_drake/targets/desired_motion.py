@@ -23,6 +23,7 @@ class DesiredMotion:
         MakePrescribedSource: makes that of `desired_prescribed`; None without
             prescribed joints.
         performer: what the motion file holds; None with keyframes.
+        start: (nq,) the whole robot at time 0; None where the motion does not tell.
     """
 
     duration: float  # [s]
@@ -31,3 +32,4 @@ class DesiredMotion:
     MakeTaskSource: Callable[[], LeafSystem]
     MakePrescribedSource: Callable[[], LeafSystem] | None
     performer: Performer | None = None
+    start: np.ndarray | None = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -26,21 +25,14 @@ from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
 from crar_drake.targets.desired_motion import DesiredMotion
-from crar_drake.targets.held_legs import HeldLegs
 from crar_drake.targets.sources import PoseTrajectorySource, TimeFunctionSource
-from crar_drake.targets.ways import (
-    CarriedTrajectory,
-    HeldTrajectory,
-    PointTrajectory,
-)
+from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory, head_way
 from crar_drake.targets.whole_body import (
     FEET,
     HEAD,
     KNEES,
     WholeBodyMotion,
     follows_legs,
-    head_way,
-    retarget_whole_body,
 )
 
 _WAIST_AXES = ("waist.x", "waist.y", "waist.z")
@@ -99,19 +91,17 @@ def load_motion_targets(
     *,
     options: MotionOptions | None = None,
     cutoff: float = 6.0,
-    hold: float = 0.0,
 ) -> DesiredMotion:
     """Loads, filters and scales a motion to the robot's tasks.
 
     Args:
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
         model: the robot, with position tasks of JOINT_CENTRES, head and knees, and
-            tasks of HANDS and feet of any kind. With a foot or a knee, root and legs
-            move as `motion.retarget_legs` has them, else the waist's path is scaled.
+            tasks of HANDS and feet of any kind. With a foot or a knee, root and joints
+            of the whole robot are retargeted (`trajectory`), else the waist's path
+            is scaled.
         options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
-        hold: for which the controller holds accelerations [s]: with feet, which must
-            land where they stand, those of tasks and root are the means over it.
 
     Raises:
         MotionError: the motion cannot be found, read or scaled, or its skeleton
@@ -120,16 +110,32 @@ def load_motion_targets(
     """
     _check_tasks(model)
     performer = load_performer(motion, options)
-    lengths, whole = segment_lengths(model), None
+    # A run's report alone is left to be made of it, which needs none of these.
+    for_report = replace(performer, orientations={}, hands={})
     if follows_legs(model):
-        whole = retarget_whole_body(model, performer, lengths, cutoff)
-        retargeted = whole.upper
-    else:
-        retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
-        hold = 0.0
-    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, whole, cutoff, hold)
+        whole = WholeBodyMotion(model, performer, cutoff)
+        return DesiredMotion(
+            whole.duration,
+            whole.tasks_at,
+            lambda time: whole.at(time)[0][model.prescribed_positions],
+            lambda: TimeFunctionSource(
+                "desired_tasks", model.layout.size, whole.tasks_at
+            ),
+            (
+                lambda: TimeFunctionSource(
+                    "desired_prescribed", model.prescribed_size, whole.prescribed_at
+                )
+            )
+            if model.n_p
+            else None,
+            for_report,
+            whole.at(0.0)[0],
+        )
+    lengths = segment_lengths(model)
+    retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
+    tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
     prescribed_at, MakePrescribedSource = _prescribed(
-        model, performer, retargeted, whole, cutoff, hold
+        model, performer, retargeted, cutoff
     )
     return DesiredMotion(
         retargeted.duration,
@@ -137,8 +143,7 @@ def load_motion_targets(
         prescribed_at,
         MakeTaskSource,
         MakePrescribedSource,
-        # A run's report alone is left to be made of it, which needs none of these.
-        replace(performer, orientations={}, hands={}),
+        for_report,
     )
 
 
@@ -146,10 +151,7 @@ def _check_tasks(model: ControlModel) -> None:
     """Raises ScenarioError unless a motion gives what each task tracks."""
     for task, name in zip(model.tasks, model.layout.names, strict=True):
         if task.kind == "joint":
-            raise ScenarioError(
-                f"task {name}: a motion gives points of a person, no joint positions; "
-                "leave the joint out, or use keyframes"
-            )
+            continue
         if task.frame in HANDS:
             if task.frame not in model.description.task_frames:
                 raise ScenarioError(
@@ -181,16 +183,12 @@ def _tasks(
     model: ControlModel,
     performer: Performer,
     retargeted: RetargetedMotion,
-    whole: WholeBodyMotion | None,
     cutoff: float,
-    hold: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem]]:
     """`tasks_at` and `MakeTaskSource` of a `DesiredMotion`."""
     frames = [task.frame for task in model.tasks]
     if any(frame not in JOINT_CENTRES for frame in frames):
-        ways = _task_ways(model, performer, retargeted, whole, cutoff)
-        if hold > 0.0:
-            ways = _held(model, retargeted, whole, ways, hold)
+        ways = _task_ways(model, performer, retargeted, cutoff)
         return (
             PoseTrajectorySource(model.layout, ways).at,
             lambda: PoseTrajectorySource(model.layout, ways),
@@ -208,7 +206,6 @@ def _task_ways(
     model: ControlModel,
     performer: Performer,
     retargeted: RetargetedMotion,
-    whole: WholeBodyMotion | None,
     cutoff: float,
 ) -> dict[str, PointTrajectory | CarriedTrajectory]:
     """The way of each task, by its name."""
@@ -217,8 +214,6 @@ def _task_ways(
         quaternions = hand_orientations(performer).smooth(cutoff)
 
     def way(frame: str) -> PointTrajectory | CarriedTrajectory:
-        if whole is not None and frame in (*FEET, *KNEES):
-            return whole.way(frame)
         if frame == HEAD:
             length = _distance(model, "neck", HEAD)
             return head_way(performer, retargeted, length, cutoff)
@@ -238,39 +233,6 @@ def _task_ways(
     }
 
 
-def _held(
-    model: ControlModel,
-    retargeted: RetargetedMotion,
-    whole: WholeBodyMotion,
-    ways: dict[str, PointTrajectory | CarriedTrajectory],
-    hold: float,
-) -> dict[str, HeldTrajectory]:
-    """The paths as they are given to who holds accelerations for `hold` [s]."""
-    plant, frames = model.plant, model.description.task_frames
-    carried = {
-        name: find_frame(plant, frames[task.frame])
-        for name, task in zip(model.layout.names, model.tasks, strict=True)
-        if task.frame in (*FEET, *KNEES)
-    }
-    legs = HeldLegs(
-        model,
-        _root_way(model, whole.legs.root_turns, retargeted),
-        whole.joints,
-        PointTrajectory(spline(retargeted.time, whole.positions)),
-        carried,
-        hold,
-    )
-    return {
-        name: HeldTrajectory(
-            way,
-            hold,
-            plant.time_step(),
-            partial(legs.lack, name) if name in carried else None,
-        )
-        for name, way in ways.items()
-    }
-
-
 def _distance(model: ControlModel, a: str, b: str) -> float:
     """Between two task frames at zero joint angles [m]."""
     plant, frames = model.plant, model.description.task_frames
@@ -287,16 +249,14 @@ def _prescribed(
     model: ControlModel,
     performer: Performer,
     retargeted: RetargetedMotion,
-    whole: WholeBodyMotion | None,
     cutoff: float,
-    hold: float,
 ) -> tuple[Callable[[float], np.ndarray], Callable[[], LeafSystem] | None]:
     """`prescribed_at` and `MakePrescribedSource` of a `DesiredMotion`."""
     if not model.n_p:
         return lambda time: np.zeros(0), None
     if model.description.prescribed_root:
-        turns = hip_turns(performer, cutoff) if whole is None else whole.legs.root_turns
-        at = _prescribed_motion(model, turns, retargeted, hold)
+        turns = hip_turns(performer, cutoff)
+        at = _prescribed_motion(model, turns, retargeted)
         return (
             lambda time: at(time)[: len(model.prescribed_positions)],
             lambda: TimeFunctionSource("desired_prescribed", model.prescribed_size, at),
@@ -312,7 +272,6 @@ def _prescribed_motion(
     model: ControlModel,
     turns: np.ndarray,
     retargeted: RetargetedMotion,
-    hold: float,
 ) -> Callable[[float], np.ndarray]:
     """`desired_prescribed` of a robot whose root floats, and of whose pose at least a
     part is prescribed, as a function of time [s].
@@ -320,8 +279,6 @@ def _prescribed_motion(
     Other prescribed joints hold.
     """
     root = _root_way(model, turns, retargeted)
-    if hold > 0.0:
-        root = HeldTrajectory(root, hold, model.plant.time_step())
     given = model.description.prescribed_root
     others = model.n_p - 3 * len(given)
     held = model.rest_positions()[model.prescribed_positions[:others]]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from pydrake.trajectories import BsplineTrajectory
 
+from crar_drake.errors import MotionError
+from crar_drake.motion.conditioning import low_pass, spline
+from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
+from crar_drake.motion.retarget import RetargetedMotion
 
-# Takes a time [s]; returns (6,) velocity and (6,) acceleration, [angular; linear].
-Lack = Callable[[float], tuple[np.ndarray, np.ndarray]]
-
-_NOTHING = np.zeros(6)
+# Below this neck and head have no direction worth keeping [m].
+_SHORTEST_NECK = 1e-3
 
 
 class PointTrajectory:
@@ -67,50 +67,31 @@ class CarriedTrajectory:
         return p + arm, v + turning, a + np.cross(alpha, arm) + np.cross(omega, turning)
 
 
-class HeldTrajectory:
-    """A way for who holds accelerations, and for a plant that takes steps.
+def head_way(
+    performer: Performer, retargeted: RetargetedMotion, length: float, cutoff: float
+) -> PointTrajectory:
+    """The way of the head: from the neck as the performer's is.
 
-    Who holds accelerations lags half a period h behind those of the instant: where a
-    foot lands, by millimetres. With
+    Args:
+        performer: with a head.
+        retargeted: where the neck is.
+        length: from the robot's neck to its head [m].
+        cutoff: of the low-pass [Hz].
 
-        a = (v(t + h) - v(t)) / h
-
-    the velocity is the way's own again at the end of each period, of what is
-    accelerated evenly. Of what joints carry `lack` is what they need besides.
-
-    A discrete plant moves by the velocity that it has at the *end* of its step, so that
-    velocities that are the way's at the ends take it half a step ahead. It gets
-    those of half a step before.
+    Raises:
+        MotionError: the performer has no head, or it is where his neck is.
     """
-
-    def __init__(
-        self,
-        way: PointTrajectory | CarriedTrajectory,
-        hold: float,
-        step: float,
-        lack: Lack | None = None,
-    ) -> None:
-        """
-        Args:
-            way: with its velocities and accelerations as they are.
-            hold: the period h [s].
-            step: of the plant [s]; 0 if it is continuous.
-            lack: to be added to velocity and acceleration; by default nothing.
-        """
-        self.end = way.end
-        self._way, self._hold, self._late = way, hold, 0.5 * step
-        self._lack = lack or (lambda time: (_NOTHING, _NOTHING))
-
-    def orientation(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """R (3, 3), angular velocity (3,) and acceleration (3,) held from `time` on."""
-        return self._held(self._way.orientation, time, slice(0, 3))
-
-    def position(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """p (3,) [m], its velocity and its acceleration from `time` [s] on, in W."""
-        return self._held(self._way.position, time, slice(3, 6))
-
-    def _held(self, way, time: float, rows: slice):
-        before = time - self._late
-        v, then = way(before)[1], way(before + self._hold)[1]
-        dv, da = self._lack(time)
-        return way(time)[0], v + dv[rows], (then - v) / self._hold + da[rows]
+    if "head" not in performer.positions:
+        raise MotionError(f"motion {performer.name}: it has no head; leave that out")
+    p = performer.positions
+    way = low_pass(p["head"] - p["neck"], performer.frame_rate, cutoff)
+    norm = np.linalg.norm(way, axis=1, keepdims=True)
+    # Written so that a NaN fails, too.
+    if not norm.min() >= _SHORTEST_NECK:
+        raise MotionError(
+            f"motion {performer.name}: neck and head coincide in frame "
+            f"{int(norm.argmin()) + 1}, so that the neck has no direction"
+        )
+    return PointTrajectory(
+        spline(retargeted.time, retargeted.positions["neck"] + length * way / norm)
+    )

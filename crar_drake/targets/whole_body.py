@@ -1,154 +1,159 @@
-"""A performer's legs and head as ways of a robot's feet, knees and head."""
+"""A whole body's retargeted motion as what tasks and root are asked for, over time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from pydrake.multibody.tree import Joint
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import MotionError
-from crar_drake.motion.conditioning import low_pass, spline
-from crar_drake.motion.joint_centres import joint_centres
-from crar_drake.motion.leg_shape import LegShape
+from crar_drake.equations.tasks import quaternion_from_rotation
+from crar_drake.errors import MotionError, ScenarioError
+from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.performer import SIDES, Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
-from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
-from crar_drake.motion.retarget_legs import LegsMotion, retarget_legs
-from crar_drake.motion.smooth_steps import soft_positive
-from crar_drake.motion.travel import pinned_pelvis
 from crar_drake.robot.model import ControlModel
-from crar_drake.targets.ankle_limits import LegSolver
-from crar_drake.targets.leg_room import LegClearance
-from crar_drake.targets.leg_shapes import body_shapes
-from crar_drake.targets.ways import CarriedTrajectory, PointTrajectory
+from crar_drake.robot.task import joint_tasks
+from crar_drake.trajectory.retargeted_motion import RATE, retargeted_motion
+from crar_drake.trajectory.retargeting import RetargetingParameters
 
 FEET = tuple(f"{side}_foot" for side in SIDES)
 KNEES = tuple(f"{side}_knee" for side in SIDES)
 HEAD = "head"
 
-# Elbows and hands have a thickness: their points stay so high above the floor [m].
-_LEAST_HEIGHTS = {
-    f"{side}_{joint}": height
-    for side in SIDES
-    for joint, height in (("elbow", 0.05), ("wrist", 0.08))
-}
-_SOFT = 0.01  # width of that bound [m]
-
-# Below this neck and head have no direction worth keeping [m].
-_SHORTEST_NECK = 1e-3
+# A joint counts so much beside points: it settles what they leave open [m/rad].
+_JOINT_WEIGHT = 0.1
 
 
 def follows_legs(model: ControlModel) -> bool:
-    """Whether a task is a foot or a knee."""
-    return any(task.frame in (*FEET, *KNEES) for task in model.tasks)
+    """Whether a task is a foot, a knee or a joint."""
+    return any(
+        task.kind == "joint" or task.frame in (*FEET, *KNEES) for task in model.tasks
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class WholeBodyMotion:
-    """A motion for a whole robot.
+def with_joints(model: ControlModel, distances: str) -> ControlModel:
+    """The model with all its joints among the tasks.
 
-    Attributes:
-        upper: of what the waist carries.
-        legs: of root and legs.
-        shapes: of the robot's legs, by side.
-        joints: of the robot's legs.
-        positions: (T, n) that they have then [rad or m].
-    """
-
-    upper: RetargetedMotion
-    legs: LegsMotion
-    shapes: dict[str, LegShape]
-    joints: list[Joint]
-    positions: np.ndarray
-
-    def way(self, frame: str) -> CarriedTrajectory | PointTrajectory:
-        """The way of a foot or of a knee."""
-        side, _, part = frame.partition("_")
-        time = self.upper.time
-        if part == "knee":
-            return PointTrajectory(spline(time, self.legs.knees[side]))
-        foot = self.legs.feet[side]
-        turns = Rotation.from_quat(foot.turns)
-        R_WF = turns * Rotation.from_matrix(self.shapes[side].foot)
-        return CarriedTrajectory(
-            PointTrajectory(spline(time, foot.positions)),
-            QuaternionSpline(time, R_WF.as_quat()),
-            np.zeros(3),
-        )
-
-
-def retarget_whole_body(
-    model: ControlModel, performer: Performer, lengths: SegmentLengths, cutoff: float
-) -> WholeBodyMotion:
-    """A performer's whole body on a robot the root of which floats.
-
-    Root and legs as `motion.retarget_legs` has them; what is above the waist is
-    scaled as ever, and hangs on the waist where the root takes it.
+    Points leave open which of two ways an arm goes on from a singular pose: elbows come
+    out bent backwards, and shoulders at their limits.
 
     Args:
         model: the robot.
-        performer: with legs.
-        lengths: the robot's, above the waist.
-        cutoff: of the low-pass [Hz].
-
-    Raises:
-        MotionError: the performer lacks something.
-        ScenarioError: the robot does.
+        distances: as of `ControlModel`.
     """
-    if pinned := pinned_pelvis(performer):
-        raise MotionError(
-            f"motion {performer.name}: {pinned}; a whole body needs a motion that says "
-            "where the pelvis is in the room (experiments wrists and upper-body do not)"
-        )
-    shapes, trunk = body_shapes(model)
-    solvers = {
-        side: LegSolver(model, side, leg, performer.frame_rate)
-        for side, leg in shapes.items()
-    }
-
-    def attainable(side, root_positions, root_turns, foot):
-        return solvers[side].turns(root_positions, root_turns, foot)
-
-    room = LegClearance(model, solvers, performer.frame_rate).room
-    legs = retarget_legs(performer, shapes, cutoff, attainable, trunk, room)
-    arm = Rotation.from_quat(legs.root_turns).apply(trunk.waist)
-    waist = legs.root_positions + arm
-    upper = retarget(joint_centres(performer), lengths, cutoff=cutoff, waist=waist)
-    for name, height in _LEAST_HEIGHTS.items():
-        p = upper.positions[name]
-        p[:, 2] = height + soft_positive(p[:, 2] - height, _SOFT)
-    joints = [joint for solver in solvers.values() for joint in solver.joints]
-    positions = np.hstack([solver.positions for solver in solvers.values()])
-    return WholeBodyMotion(upper, legs, shapes, joints, positions)
-
-
-def head_way(
-    performer: Performer, retargeted: RetargetedMotion, length: float, cutoff: float
-) -> PointTrajectory:
-    """The way of the head: from the neck as the performer's is.
-
-    Args:
-        performer: with a head.
-        retargeted: where the neck is.
-        length: from the robot's neck to its head [m].
-        cutoff: of the low-pass [Hz].
-
-    Raises:
-        MotionError: the performer has no head, or it is where his neck is.
-    """
-    if "head" not in performer.positions:
-        raise MotionError(f"motion {performer.name}: it has no head; leave that out")
-    p = performer.positions
-    way = low_pass(p["head"] - p["neck"], performer.frame_rate, cutoff)
-    norm = np.linalg.norm(way, axis=1, keepdims=True)
-    # Written so that a NaN fails, too.
-    if not norm.min() >= _SHORTEST_NECK:
-        raise MotionError(
-            f"motion {performer.name}: neck and head coincide in frame "
-            f"{int(norm.argmin()) + 1}, so that the neck has no direction"
-        )
-    return PointTrajectory(
-        spline(retargeted.time, retargeted.positions["neck"] + length * way / norm)
+    known = [task.joint for task in model.tasks]
+    joints = [x for x in model.joint_names[: model.num_joints] if x not in known]
+    return ControlModel(
+        model.diagram,
+        model.plant,
+        model.scene_graph,
+        model.description,
+        [*model.tasks, *joint_tasks(joints, _JOINT_WEIGHT)],
+        distances=distances,
     )
+
+
+class WholeBodyMotion:
+    """A motion of root and joints, and of the tasks that they carry.
+
+    Joints and the root's position are on cubic splines through the frames, its
+    orientation on one through their quaternions: q(t), twice continuously
+    differentiable. Tasks follow by forward kinematics,
+
+        x_d = x(q),    v_d = J v,    a_d = J v_dot + J_dot v.
+
+    Attributes:
+        duration: until the last frame; then everything stands still [s].
+    """
+
+    def __init__(
+        self, model: ControlModel, performer: Performer, cutoff: float
+    ) -> None:
+        """
+        Args:
+            model: the robot; its root floats.
+            performer: with legs.
+            cutoff: of the low-pass [Hz].
+
+        Raises:
+            MotionError: the performer lacks something.
+            ModelError, ScenarioError: the robot does.
+        """
+        description = model.description
+        if description.root == "fixed":
+            raise ScenarioError(
+                f"robot {description.name}: its root is fixed, so that its feet cannot "
+                "follow a motion; say root: prescribed in its robot.yaml, or import it "
+                "with --whole-body"
+            )
+        frames = {task.frame for task in model.tasks}
+        if HEAD in frames and HEAD not in performer.positions:
+            raise MotionError(
+                f"motion {performer.name}: it has no head; leave that out"
+            )
+        if frames & set(HANDS):
+            hand_orientations(performer)  # says why, if there are none
+        retargeter, found = retargeted_motion(
+            description, performer, RATE, RetargetingParameters(cutoff=cutoff)
+        )
+        if len(found.q) < 2:
+            raise MotionError(
+                f"motion {performer.name}: {performer.duration:.3f} s are too short: "
+                f"two frames at {RATE:g} Hz are needed"
+            )
+        time = np.arange(len(found.q)) / RATE
+        names = [*model.velocity_names]
+        self._joints = [names.index(name) for name in retargeter.model.joint_names]
+        self._turning, self._moving = np.split(model.unactuated, 2)
+        positions = np.zeros((len(time), len(names)))
+        positions[:, self._joints] = found.q
+        positions[:, self._moving] = found.root_positions
+        self._positions = CubicSpline(time, positions)
+        quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
+        self._turns = QuaternionSpline(time, quaternions)
+        self.duration = float(time[-1])
+        self._model, self._workspace = model, model.MakeWorkspace()
+        self._q = model.rest_positions()
+        self._in_q = [model.position_names.index(names[j]) for j in self._joints]
+        self._known = np.nan, None
+
+    def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q (nq,), v (nv,) and v_dot (nv,) at `time` [s], in the plant's order."""
+        if time != self._known[0]:
+            self._known = time, self._at(time)
+        return self._known[1]
+
+    def tasks_at(self, time: float) -> np.ndarray:
+        """[x_d; v_d; a_d] (layout.size,) at `time` [s]."""
+        model = self._model
+        q, v, v_dot = self.at(time)
+        state = model.evaluate(self._workspace, q, v)
+        a = state.J @ v_dot[model.controlled] + state.J_p @ v_dot[model.prescribed]
+        a += state.Jdot_qdot
+        q_of_tasks = state.q[model.layout.rows.joints]
+        return model.layout.pack(state.R, state.p, state.v, a, q_of_tasks)
+
+    def prescribed_at(self, time: float) -> np.ndarray:
+        """`desired_prescribed` (prescribed_size,) at `time` [s]."""
+        model = self._model
+        q, v, v_dot = self.at(time)
+        return np.concatenate(
+            [
+                q[model.prescribed_positions],
+                v[model.prescribed],
+                v_dot[model.prescribed],
+            ]
+        )
+
+    def _at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        q, at = self._q.copy(), min(time, self.duration)
+        positions = self._positions(at)
+        q[self._in_q] = positions[self._joints]
+        R, omega, alpha = self._turns(at)
+        root = self._model.root_positions
+        q[root[:4]], q[root[4:]] = quaternion_from_rotation(R), positions[self._moving]
+        if time > self.duration:
+            return q, np.zeros(len(positions)), np.zeros(len(positions))
+        v, v_dot = self._positions(at, 1), self._positions(at, 2)
+        v[self._turning], v_dot[self._turning] = omega, alpha
+        return q, v, v_dot

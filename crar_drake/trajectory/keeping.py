@@ -111,6 +111,8 @@ class Keeper:
         floor: distance that watched pairs keep at each frame [m].
         floor_between: and on each straight way to the next frame [m].
         velocity_scale: share of the robot's velocity limits that may be used.
+        room: (num_rows,) by how much farther apart pairs of shapes are asked to be,
+            where they can; nothing is certified of it [m].
     """
 
     def __init__(
@@ -148,6 +150,7 @@ class Keeper:
                 plant.GetPositionUpperLimits(),
             )
         )
+        self.room = np.zeros(self.num_rows)
 
     @property
     def num_rows(self) -> int:
@@ -165,11 +168,15 @@ class Keeper:
         """See `optimiser.Problem`; of unknowns of which the joints come last."""
         asked, first_joint = at.asked, y.shape[1] - self.model.n
         whole = configurations(self.model, self.rest, y[:, first_joint:])
-        rows = NearRows(*find_near_rows(whole, asked + look, self.model.robot_ahead))
+        most = asked + look + self.room.max(initial=0.0)
+        rows = NearRows(*find_near_rows(whole, most, self.model.robot_ahead))
+        d = rows.d - asked[rows.sample] - self.room[rows.row]
+        rows = NearRows(*(x[d < look] for x in rows))
+        d = d[d < look]
         # The prescribed joints, which come last, stay where they are.
         gradient = np.zeros((len(rows.d), y.shape[1]))
         gradient[:, first_joint:] = rows.gradient[:, : self.model.n]
-        return rows._replace(d=rows.d - asked[rows.sample], gradient=gradient)
+        return rows._replace(d=d, gradient=gradient)
 
     def found_without_rows(
         self, problem: Problem, y: np.ndarray, effort: Effort

@@ -24,12 +24,13 @@ from crar_drake.motion.hand_orientations import hand_orientations
 from crar_drake.motion.held_feet import hold_foot
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
-from crar_drake.motion.retarget_legs import (
+from crar_drake.motion.performer_legs import (
     floor_height,
     foot_turns,
     leg_length,
     smooth_legs,
 )
+from crar_drake.motion.travel import pinned_pelvis
 from crar_drake.motion.turns import hip_turns
 
 # From which of the performer's joints to which limbs lead, and of the robot's frames.
@@ -115,9 +116,15 @@ def performer_targets(
         cutoff: of the zero-phase low-pass [Hz].
 
     Raises:
-        MotionError: the performer lacks joints of the legs, or does not tell how the
-            hips are turned, or the motion cannot be filtered.
+        MotionError: the performer lacks joints of the legs, does not tell how the hips
+            are turned, its points are relative to the pelvis, or the motion cannot be
+            filtered.
     """
+    if pinned := pinned_pelvis(performer):
+        raise MotionError(
+            f"motion {performer.name}: {pinned}; a whole body needs a motion that says "
+            "where the pelvis is in the room"
+        )
     own, p = performer.frame_rate, smooth_legs(performer, cutoff)
     R_W = Rotation.from_quat(hip_turns(performer, cutoff))
     scales = {side: legs[side].length / leg_length(performer, side) for side in SIDES}

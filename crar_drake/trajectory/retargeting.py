@@ -75,6 +75,8 @@ class RetargetingParameters:
         cutoff: of the low-pass of the performer [Hz].
         floor, floor_between: distances that watched pairs keep at each frame, and on
             the straight way to the next [m].
+        between_legs: by how much farther apart legs are asked to be [m]: where they
+            pass each other fast, nothing that looks ahead has to evade.
     """
 
     limb: float = 1.0
@@ -94,6 +96,7 @@ class RetargetingParameters:
     cutoff: float = 6.0  # [Hz]
     floor: float = 4e-3  # [m]
     floor_between: float = 0.5e-3  # [m]
+    between_legs: float = 0.02  # [m]
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,7 @@ class Retargeter:
         rest = self.rest[self.model.controlled_positions]
         y[:, ROOT:] = np.clip(rest, self._lower, self._upper)
         keeper = Keeper(self.model, rate, p.floor, p.floor_between, meshes=meshes)
+        keeper.room[self._between_legs()] = p.between_legs
         problem = self._problem(targets, keeper, y)
         effort = Effort()
         y = keeper.found_without_rows(problem, y, effort)
@@ -298,6 +302,22 @@ class Retargeter:
             num_rows=keeper.num_rows + len(self.floor_points),
         )
 
+    def _between_legs(self) -> np.ndarray:
+        """Which pairs of shapes are of both legs."""
+        plant, frames = self.model.plant, self.description.task_frames
+        left, right = (
+            set(links_outward(plant, find_frame(plant, frames[f"{side}_hip"])))
+            for side in SIDES
+        )
+        of_pairs = np.array(
+            [
+                (a in left and b in right) or (a in right and b in left)
+                for a, b in self.description.pairs
+            ],
+            dtype=bool,
+        )
+        return of_pairs[self.model.pairs.pair_of_shapes]
+
     def _place(self, name: str) -> np.ndarray:
         frame = find_frame(self.model.plant, self.description.task_frames[name])
         return frame.CalcPoseInWorld(self._context).translation()
@@ -328,8 +348,6 @@ class Retargeter:
             hip=hip - self._base[0],
             thigh=float(thigh),
             shank=float(shank),
-            reach=float(thigh + shank),
-            foot=foot.CalcPoseInWorld(self._context).rotation().matrix(),
             points=points,
             heel=np.array([x0, middle, z]),
             ball=np.array([x1, middle, z]),

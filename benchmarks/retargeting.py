@@ -1,0 +1,74 @@
+"""How like the person a robot moves in the motions that `crar-drake retarget` makes.
+
+python -m benchmarks.retargeting g1_whole_body dance cmu:05_02 some.bvh ...
+    [--page docs/measurements/retargeting.md]
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.page import Benchmark, Table, run
+from crar_drake.errors import MotionError
+from crar_drake.references.retarget_file import RetargetedClip, retarget_file
+from crar_drake.robot.description import whole_body_name
+
+_DEGREE = 57.29577951308232
+HEADER = [
+    "motion",
+    "length",
+    "farthest limb, median / 95 %",
+    "knees, left / right, median",
+    "slip, at most",
+    "lowest point",
+    "nearest, at frames / between",
+    "frames with meshes in penetration",
+    "joint and speed limits",
+    "× real time",
+]
+
+
+def row(motion: str, clip: RetargetedClip) -> list[str]:
+    """The figures of a motion."""
+    kept = clip.cleaned
+    beyond = kept.beyond_limit + kept.too_fast
+    knees = " / ".join(f"{_DEGREE * more:+.1f}°" for more, _ in clip.knees.values())
+    return [
+        motion,
+        f"{(kept.frames - 1) / kept.rate:.1f} s",
+        f"{_DEGREE * clip.limbs_median:.1f}° / {_DEGREE * clip.limbs_most:.1f}°",
+        knees,
+        f"{1e3 * clip.slip:.1f} mm",
+        f"{1e3 * clip.lowest:.1f} mm",
+        f"{1e3 * kept.nearest:.1f} / {1e3 * kept.between:.1f} mm",
+        f"{max(kept.meshes_penetrating, 0)} of {kept.frames}",
+        "kept" if not beyond else f"{beyond} frames beyond",
+        f"{clip.times_real_time:.1f}",
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Retargets, and prints the table."""
+    benchmark = Benchmark("benchmarks.retargeting", __doc__, "retargeting")
+    benchmark.parser.add_argument("robot", help="name or folder")
+    benchmark.parser.add_argument("motions", nargs="+")
+    arguments = benchmark.parse(argv, lambda given: given.robot)
+    robot, rows, failed = whole_body_name(arguments.robot), [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, motion in enumerate(arguments.motions):
+            out = Path(folder) / f"{number}.csv"
+            try:
+                clip = retarget_file(motion, out, robot)
+            except MotionError as error:
+                failed.append(str(error))
+                continue
+            rows.append(row(motion, clip))
+            print(" | ".join(rows[-1]), flush=True)
+    said = f"Not retargeted: {'; '.join(failed)}." if failed else ""
+    benchmark.report([Table(HEADER, rows)], said)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -6,13 +6,47 @@ points are 6 cm below the ankles, a waist, and arms of four joints.
 
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from crar_drake.robot.description import RobotDescription, load_robot_description
 
 THIGH, SHANK, ANKLE_HEIGHT = 0.35, 0.33, 0.06  # [m]
 HIP = (0.0, 0.09, -0.05)  # from the pelvis [m]
 HEEL, TOE, HALF_WIDTH = -0.06, 0.12, 0.03  # of the sole, from the ankle [m]
 HEIGHT = THIGH + SHANK + ANKLE_HEIGHT - HIP[2]  # of the pelvis, standing straight [m]
-_BALL = 0.01  # [m]
+_BALL = 0.01  # radius of the balls of a sole [m]
+
+
+def leg_points(side: str, q: dict[str, float]) -> dict[str, np.ndarray]:
+    """Points of a leg in the pelvis' frame [m], by hand: hip, knee, ankle, (3,) each,
+    and sole, (4, 3) the centres of its balls.
+
+    Args:
+        side: "left" or "right".
+        q: name of joint to position; 0 of those that are not there.
+    """
+    s = 1 if side == "left" else -1
+    at = [np.array([HIP[0], s * HIP[1], HIP[2]])]
+    R = Rotation.identity()
+    for name, axis, way in (
+        ("hip_pitch", "y", 0.0),
+        ("hip_roll", "x", 0.0),
+        ("thigh", "z", THIGH),
+        ("shank", "y", SHANK),
+        ("ankle", "y", 0.0),
+        ("foot", "x", 0.0),
+    ):
+        R = R * Rotation.from_euler(axis, q.get(f"{side}_{name}_j", 0.0))
+        if way:
+            at.append(at[-1] + R.apply([0.0, 0.0, -way]))
+    balls = [
+        [x, y, _BALL - ANKLE_HEIGHT]
+        for x in (HEEL, TOE)
+        for y in (-HALF_WIDTH, HALF_WIDTH)
+    ]
+    hip, knee, ankle = at
+    return {"hip": hip, "knee": knee, "ankle": ankle, "sole": ankle + R.apply(balls)}
 
 
 def _link(name: str, shapes: str = "", mass: float = 1.0) -> str:

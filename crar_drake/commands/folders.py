@@ -50,16 +50,18 @@ def frames_bar() -> Iterator[Callable[[int, int], None]]:
 
 
 def progress_bar():
-    """Rich's, on stderr."""
+    """Rich's, on stderr; none where nobody looks at it."""
     from rich import progress
     from rich.console import Console
 
+    console = Console(stderr=True)
     return progress.Progress(
         progress.BarColumn(bar_width=20),
         progress.MofNCompleteColumn(),
         progress.TextColumn("{task.description}", markup=False),
-        console=Console(stderr=True),
+        console=console,
         transient=True,
+        disable=not console.is_terminal,
     )
 
 

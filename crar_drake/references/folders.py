@@ -36,7 +36,7 @@ CLEANED_TABLE, RETARGETED_TABLE = "cleaned.csv", "retargeted.csv"
 _FIRST_COLUMNS = ("file", "clip", "error")
 
 # A process that has worked for so long gives back what it has [s].
-_LONG = 30.0
+_LONG = 60.0
 
 # Names of files need not be text.
 _ANY_NAME = "surrogateescape"

@@ -94,9 +94,9 @@ def check_written(path: str | os.PathLike[str], layout: str | None = None) -> No
     names = [layout_named(layout).name] if layout else layouts_of(path)
     if names and not any(LAYOUTS[name].written for name in names):
         raise MotionError(
-            f"{path}: {names[0]} is read, but not written; make a file of another "
-            f"layout first: crar-drake convert {Path(path).name} "
-            f"{Path(path).stem}.npz --to mjlab-npz --robot ROBOT"
+            f"{path}: {names[0]} is read, but not written; take another layout (of "
+            f"such a file crar-drake convert IN{Path(path).suffix} OUT.npz --to "
+            "mjlab-npz --robot ROBOT makes one)"
         )
 
 

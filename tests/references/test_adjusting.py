@@ -198,4 +198,4 @@ def test_a_layout_that_is_not_written_is_refused_before_any_work(tmp_path, capsy
         assert main(["clean", *arguments, "--robot", "no such robot"]) == 2
         told = capsys.readouterr().err
         assert "proto-motion is read, but not written" in told
-        assert ".npz --to mjlab-npz" in told
+        assert "convert IN.motion OUT.npz --to mjlab-npz" in told

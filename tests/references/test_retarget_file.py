@@ -1,0 +1,226 @@
+"""A person's motion in, a robot's with its certificate out: as the person moves, by the
+robot's own legs (`small_walker.leg_points`) and the person's points."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from short_motions import short_amc
+from small_biped import biped
+from small_reference_robots import reaching, write_csv, write_robot
+from small_walker import leg_points, walker
+
+from crar_drake.commands import main
+from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.conditioning import low_pass
+from crar_drake.references.clean_file import clean_file
+from crar_drake.references.motion_certificate import (
+    certificate_path,
+    check_certificate,
+    file_hash,
+    read_certificate,
+)
+from crar_drake.references.motion_files import read_motion
+from crar_drake.references.retarget_file import retarget_file
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import load_robot_description
+
+BALL, SIDES = 0.01, ("left", "right")
+ARM = ("shoulder", "elbow", "wrist")
+FRAMES, RATE = 121, 30.0
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The robot's folder, the person's file, the robot's, and what is said of it."""
+    robot = tmp_path_factory.mktemp("walker")
+    walker(robot, knee=0.06)
+    person = short_amc(tmp_path_factory.mktemp("person"), "some", FRAMES, "exercise")
+    out = tmp_path_factory.mktemp("out") / "some.csv"
+    return robot, person, out, retarget_file(person, out, str(robot), rate=RATE)
+
+
+@pytest.fixture(scope="module")
+def motion(made):
+    robot, _, out, _ = made
+    return read_motion(out, robot=WholeBody(load_robot_description(robot)))
+
+
+@pytest.fixture(scope="module")
+def legs(motion):
+    """Of each frame, side to the leg's points in the world."""
+    found = []
+    for p, R, q in zip(
+        motion.root_positions,
+        motion.root_rotations,
+        motion.joint_positions,
+        strict=True,
+    ):
+        joints = dict(zip(motion.joint_names, q, strict=True))
+        legs = {side: leg_points(side, joints) for side in SIDES}
+        found.append(
+            {
+                side: {name: p + R.apply(at) for name, at in leg.items()}
+                for side, leg in legs.items()
+            }
+        )
+    return {
+        side: {name: np.array([f[side][name] for f in found]) for name in leg}
+        for side, leg in found[0].items()
+    }
+
+
+@pytest.fixture(scope="module")
+def person(made):
+    """The person's points at the robot's frames, without what is faster than 6 Hz."""
+    performer = load_performer(made[1])
+    assert performer.frame_rate == 2 * RATE
+    return {
+        name: low_pass(points, performer.frame_rate, 6.0)[::2]
+        for name, points in performer.positions.items()
+    }
+
+
+def angles(a, b):
+    """(T,) between (T, 3) vectors [rad]."""
+    cosine = np.einsum("ti,ti->t", a, b)
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), cosine)
+
+
+def test_it_is_certified_and_judged(made, capsys):
+    robot, person, out, clip = made
+    certificate = read_certificate(certificate_path(out))
+    assert check_certificate(out, certificate, load_robot_description(robot)).holds
+    assert certificate["reference"] == {"file": "some.amc", "sha256": file_hash(person)}
+    skeleton = person.with_suffix(".asf")
+    assert certificate["options"]["read with"] == {"some.asf": file_hash(skeleton)}
+    assert not clip.cleaned.violated
+    for more in ([], ["--certificate"]):
+        assert main(["judge", str(out), "--robot", str(robot), *more]) == 0
+    assert capsys.readouterr().out.endswith("OK\n")
+
+
+def test_cleaning_it_changes_nothing(made, tmp_path):
+    robot, _, out, _ = made
+    (row,) = clean_file(out, tmp_path / "again.csv", str(robot))
+    assert row.changed == 0
+    assert (tmp_path / "again.csv").read_bytes() == out.read_bytes()
+
+
+def test_it_lasts_as_long_as_the_person_moves(made, motion):
+    frames = int((FRAMES - 1) / 60.0 * RATE) + 1
+    assert made[3].cleaned.frames == motion.num_frames == frames
+    assert motion.rate == RATE
+
+
+def test_legs_point_where_the_persons_do(made, legs, person):
+    _, _, _, clip = made
+    for side in SIDES:
+        for a, b in (("hip", "knee"), ("knee", "ankle")):
+            of_robot = legs[side][b] - legs[side][a]
+            of_person = person[f"{side}_{b}"] - person[f"{side}_{a}"]
+            off = angles(of_robot, of_person)
+            median, most = np.median(off), np.quantile(off, 0.95)
+            assert median < np.radians(10.0) and most < np.radians(20.0)
+            said = clip.limbs[f"{side}_{a}-{b}"]
+            np.testing.assert_allclose(said, (median, most), atol=2e-3)
+
+
+def test_knees_bend_as_the_persons_do(made, motion, person):
+    for side in SIDES:
+        thigh = person[f"{side}_knee"] - person[f"{side}_hip"]
+        shank = person[f"{side}_ankle"] - person[f"{side}_knee"]
+        k = motion.joint_names.index(f"{side}_shank_j")
+        more = motion.joint_positions[:, k] - angles(thigh, shank)
+        assert abs(np.median(more)) < np.radians(5.0)
+        assert made[3].knees[side][0] == pytest.approx(np.median(more), abs=2e-3)
+
+
+def test_elbows_and_knees_stay_on_their_side(motion):
+    for side in SIDES:
+        elbow, knee = (
+            motion.joint_positions[:, motion.joint_names.index(f"{side}_{x}_j")]
+            for x in ("fore_arm", "shank")
+        )
+        assert elbow.max() < 0.1 and knee.min() > -0.1
+        assert elbow.min() < -0.2
+
+
+def test_nothing_is_below_the_floor_and_what_stands_stays(made, legs):
+    """A foot stands where a ball of its sole is on the floor before and after a step;
+    of these the one that moves least."""
+    lowest, worst = np.inf, 0.0
+    for leg in legs.values():
+        z = leg["sole"][..., 2] - BALL
+        lowest = min(lowest, z.min())
+        on = (z[1:] < 5e-3) & (z[:-1] < 5e-3)
+        ways = np.linalg.norm(np.diff(leg["sole"][..., :2], axis=0), axis=2)
+        least = np.where(on, ways, np.inf).min(axis=1)
+        stands = np.isfinite(least)
+        assert stands.mean() > 0.5
+        worst = max(worst, least[stands].sum())
+    assert made[3].lowest == pytest.approx(lowest, abs=1e-6)
+    assert -1e-3 < lowest < 5e-3
+    assert made[3].slip <= worst + 1e-9 and worst < 5e-3
+
+
+@pytest.mark.parametrize("name, layout", [("a.npz", "mjlab-npz"), ("a.pkl", "gmr-pkl")])
+def test_the_layout_is_the_usual_one_of_the_suffix(tmp_path, made, name, layout):
+    robot, out = made[0], tmp_path / name
+    person = short_amc(tmp_path, "few", 13)
+    arguments = ["retarget", str(person), "--robot", str(robot), "--out", str(out)]
+    assert main([*arguments, "--rate", "20"]) == 0
+    whole = WholeBody(load_robot_description(robot))
+    read = read_motion(out, robot=whole)
+    assert (read.layout, read.rate, read.num_frames) == (layout, 20.0, 5)
+    place = json.loads(certificate_path(out).read_text())
+    assert place["motion"]["layout"] == layout
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        (["PERSON", "--layout", "nonsense"], "there is no layout 'nonsense'"),
+        (["PERSON", "--out", "a.txt"], "a.txt: a reference motion is a .csv, .npz or"),
+        (
+            ["PERSON", "--out", "a.csv", "--layout", "gmr-pkl"],
+            "a.csv: .* not of layout gmr-pkl",
+        ),
+        (
+            ["PERSON", "--out", "a.motion", "--layout", "proto-motion"],
+            "proto-motion is read, but not written",
+        ),
+        (["PERSON", "--rate", "0"], "'0' is not a positive number"),
+        (["PERSON", "--robot", "CHAIN"], "needs the task_frames left_elbow, "),
+        (["PERSON", "--robot", "BIPED"], "needs the task_frames left_elbow, "),
+        (["PERSON", "--robot", "nobody"], "no robot 'nobody'"),
+        (["ARMS", "--frame-rate", "30"], "arms.csv: no pelvis, left_hip"),
+        (["ROBOTS"], "robots.csv is a motion of a robot's own joints"),
+        (["none.bvh"], "none.bvh: there is no such motion file"),
+    ],
+)
+def test_bad_input_is_told(made, tmp_path, monkeypatch, capsys, arguments, told):
+    monkeypatch.chdir(tmp_path)
+    robot, person, _, _ = made
+    heads = [f"{s}_{x}_{a}" for s in SIDES for x in ARM for a in "xyz"]
+    rows = [",".join(heads), *[",".join(["0.5"] * len(heads))] * 20]
+    (tmp_path / "arms.csv").write_text("\n".join(rows))
+    write_csv(tmp_path / "robots.csv", reaching(5, 30.0, 0.5))
+    chain = tmp_path / "chain"
+    chain.mkdir()
+    names = {
+        "PERSON": person,
+        "ARMS": tmp_path / "arms.csv",
+        "ROBOTS": tmp_path / "robots.csv",
+        "CHAIN": write_robot(chain),
+        "BIPED": biped(tmp_path / "biped"),
+    }
+    arguments = [str(names.get(word, word)) for word in arguments]
+    if "--robot" not in arguments:
+        arguments += ["--robot", str(robot)]
+    assert main(["retarget", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("crar-drake: error:") and "Traceback" not in error
+    assert re.search(told, error), error
+    assert not list(tmp_path.glob("**/*.certificate.json"))

@@ -1,0 +1,210 @@
+"""What a person asks of a robot: residuals and rows against finite differences, and the
+side on which limbs bend."""
+
+import re
+
+import numpy as np
+import pytest
+from small_walker import HEIGHT, leg_points, walker
+
+from crar_drake.errors import ModelError
+from crar_drake.motion.catalogue import load_performer
+from crar_drake.robot.description import load_robot_description
+from crar_drake.trajectory.body_points import ROOT
+from crar_drake.trajectory.keeping import Keeper
+from crar_drake.trajectory.optimiser import Samples
+from crar_drake.trajectory.performer_targets import performer_targets
+from crar_drake.trajectory.retargeting import (
+    NearRowsAndFloor,
+    PersonTasks,
+    Retargeter,
+)
+
+STEP, RATE = 1e-6, 15.0
+
+
+def with_hands(folder):
+    """The walker, with its hands at its wrists."""
+    walker(folder, knee=0.06)
+    text = (folder / "robot.yaml").read_text()
+    hands = "left_hand: left_wrist, right_hand: right_wrist, "
+    text = text.replace("task_frames: {", f"task_frames: {{{hands}")
+    (folder / "robot.yaml").write_text(text)
+    return load_robot_description(folder)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    return Retargeter(with_hands(tmp_path_factory.mktemp("walker")))
+
+
+@pytest.fixture
+def targets(robot):
+    """New ones for each test, which changes them."""
+    performer = load_performer("boxing")
+    turned = robot._base[1]
+    return performer_targets(performer, robot.legs, turned, RATE, 6.0)
+
+
+def unknowns(robot, frames, seed=0):
+    rng = np.random.default_rng(seed)
+    y = 0.1 * rng.normal(size=(frames, ROOT + robot.model.n))
+    rest = robot.rest[robot.model.controlled_positions]
+    y[:, ROOT:] = np.clip(rest + y[:, ROOT:], robot.model.lower, robot.model.upper)
+    return y
+
+
+def slopes(of, y):
+    found = []
+    for k in range(y.shape[1]):
+        step = STEP * np.eye(y.shape[1])[k]
+        found.append((of(y + step) - of(y - step)) / (2.0 * STEP))
+    return np.stack(found, axis=-1)
+
+
+def test_jacobians_of_all_that_a_person_asks_for(robot, targets):
+    frames, y = np.array([3, 40, 41, 90]), unknowns(robot, 4)
+    # A hand's turn is a rotation vector, whose Jacobian is exact where it is none.
+    links = robot.frame_points(["left_hand", "right_hand"])[0]
+    turns = robot.placed(targets, frames, y).R[:, links]
+    for k, hand in enumerate(("left_hand", "right_hand")):
+        targets.hands[hand][frames] = turns[:, k]
+    tasks = PersonTasks(robot, targets)
+    found = tasks.at(frames, y)
+    assert found.r.shape == (4, 3 * 11 + 6 + 12 + 6)
+    np.testing.assert_allclose(
+        found.J, slopes(lambda y: tasks.at(frames, y).r, y), atol=3e-6
+    )
+    np.testing.assert_allclose(
+        found.G, slopes(lambda y: tasks.at(frames, y).f, y), atol=1e-7
+    )
+
+
+def test_nothing_is_asked_for_where_the_robot_does_it(robot, targets):
+    """Of soles that are where they are wanted, and of a root that is where it is."""
+    frames, y = np.array([10]), unknowns(robot, 1)
+    y[:, :ROOT] = 0.0
+    f = PersonTasks(robot, targets).at(frames, y).f.reshape(4, 3)
+    for k, side in enumerate(("left", "right")):
+        targets.feet[side].heel[10], targets.feet[side].ball[10] = f[2 * k : 2 * k + 2]
+    r = PersonTasks(robot, targets).at(frames, y).r[0]
+    limbs = 3 * len(targets.directions)
+    np.testing.assert_allclose(r[limbs : limbs + 6 + 12], 0.0, atol=1e-12)
+    assert np.abs(r[:limbs]).max() > 0.01
+
+
+def test_what_stands_is_to_stand(robot, targets):
+    """Steps of a heel or ball that stands at both ends are wanted to be none, and count
+    most; near the floor they are those of the person."""
+    tasks = PersonTasks(robot, targets)
+    foot = targets.feet["left"]
+    stands = foot.on_heel[1:] & foot.on_heel[:-1]
+    assert 0.3 < stands.mean()
+    heels = tasks.step_weights[:, :3], tasks.steps[:, :3]
+    weights, steps = (x[stands] for x in heels)
+    assert (weights == robot.parameters.standing).all() and not steps.any()
+    moving = ~stands & (foot.heel[1:, 2] < 0.05) & (foot.heel[:-1, 2] < 0.05)
+    assert moving.any()
+    weights, steps = (x[moving] for x in heels)
+    np.testing.assert_allclose(steps, np.diff(foot.heel, axis=0)[moving])
+
+
+def test_rows_of_the_floor_are_the_lowest_points_of_links(robot, targets):
+    keeper = Keeper(robot.model, RATE, 4e-3, 5e-4)
+    rows = NearRowsAndFloor(robot, targets, keeper)
+    frames, y = np.array([5, 60]), unknowns(robot, 2)
+    y[:, :ROOT] = 0.0
+    y[:, 2] = -0.02
+    at = Samples(frames, np.zeros(2), np.zeros(2))
+    found = rows(at, y, 0.05)
+    assert (np.diff(found.sample) >= 0).all()
+    of_floor = found.row >= keeper.num_rows
+    assert {0, 1} == set(found.sample[of_floor])
+    for k, frame in enumerate(frames):
+        q = dict(zip(robot.model.joint_names, y[k, ROOT:], strict=True))
+        R, p = targets.root_rotations[frame], targets.root_positions[frame] + y[k, :3]
+        here = of_floor & (found.sample == k)
+        lowest = [
+            (p + leg_points(side, q)["sole"] @ R.T)[:, 2].min() - 0.01
+            for side in ("left", "right")
+        ]
+        expected = sorted(z for z in lowest if z < 0.05)
+        np.testing.assert_allclose(sorted(found.d[here]), expected, atol=1e-9)
+    for k in range(y.shape[1]):
+        step = STEP * np.eye(y.shape[1])[k]
+        ahead, behind = (rows(at, y + s * step, 0.05).d for s in (1, -1))
+        change = (ahead - behind) / (2.0 * STEP)
+        np.testing.assert_allclose(found.gradient[:, k], change, atol=1e-6)
+    # Between frames nobody looks at the floor.
+    between = rows(Samples(frames, np.full(2, 0.5), np.zeros(2)), y, 0.05)
+    assert (between.row < keeper.num_rows).all()
+
+
+def limits(robot, joint):
+    k = list(robot.model.joint_names).index(joint)
+    return robot._lower[k], robot._upper[k]
+
+
+def test_elbows_and_knees_bend_on_a_persons_side(robot):
+    """A forearm that hangs goes ahead where its joint about y turns to the negative."""
+    for side in ("left", "right"):
+        lower, upper = limits(robot, f"{side}_fore_arm_j")
+        assert lower == -2.0 and 0.0 < upper < 0.1
+        lower, upper = limits(robot, f"{side}_shank_j")
+        assert -0.05 <= lower < 0.0 and upper == 2.5
+    others = [
+        k
+        for k, name in enumerate(robot.model.joint_names)
+        if not name.endswith(("fore_arm_j", "shank_j"))
+    ]
+    np.testing.assert_array_equal(robot._lower[others], robot.model.lower[others])
+    np.testing.assert_array_equal(robot._upper[others], robot.model.upper[others])
+
+
+def test_however_their_axes_point(tmp_path):
+    """Axes the other way around, and a forearm that is straight at another angle."""
+    walker(tmp_path)
+    text = (tmp_path / "walker.urdf").read_text()
+    for joint, lower, upper in (("fore_arm", -2, 2), ("shank", -2.5, 0.4)):
+        text, count = re.subn(
+            rf'(<joint name="\w+_{joint}_j" type.*?<axis xyz=")0 1 0'
+            r'("/><limit lower=")[^"]*(" upper=")[^"]*',
+            rf"\g<1>0 -1 0\g<2>{lower}\g<3>{upper}",
+            text,
+        )
+        assert count == 2
+    # Forearms begin bent: they are straight at +0.4, and end ahead beyond it.
+    text = re.sub(
+        r'(<child link="\w+_fore_arm"/><origin xyz="[^"]*")', r'\1 rpy="0 0.4 0"', text
+    )
+    (tmp_path / "walker.urdf").write_text(text)
+    rest = re.sub(
+        r"(_shank_j|_fore_arm_j): (-?)",
+        lambda m: f"{m[1]}: {'' if m[2] else '-'}",
+        (tmp_path / "robot.yaml").read_text(),
+    )
+    (tmp_path / "robot.yaml").write_text(rest)
+    robot = Retargeter(load_robot_description(tmp_path))
+    for side in ("left", "right"):
+        lower, upper = limits(robot, f"{side}_fore_arm_j")
+        assert 0.3 < lower < 0.45 and upper == 2.0
+        lower, upper = limits(robot, f"{side}_shank_j")
+        assert lower == -2.5 and 0.0 < upper < 0.1
+
+
+def test_a_leg_is_measured_as_it_is_built(robot):
+    for leg in robot.legs.values():
+        assert leg.thigh == pytest.approx(0.35) and leg.shank == pytest.approx(0.33)
+        assert leg.heel[0] == pytest.approx(-0.06, abs=0.01)
+        assert leg.ball[0] == pytest.approx(0.12, abs=0.01)
+        assert leg.heel[2] == leg.ball[2] == pytest.approx(-0.06, abs=0.01)
+    assert HEIGHT == pytest.approx(0.35 + 0.33 + 0.06 + 0.05)
+
+
+def test_a_robot_that_lacks_a_frame_is_told_which(tmp_path):
+    walker(tmp_path)
+    text = (tmp_path / "robot.yaml").read_text()
+    text = text.replace("left_knee: left_shank, ", "")
+    (tmp_path / "robot.yaml").write_text(text)
+    with pytest.raises(ModelError, match="needs the task_frames left_knee; add"):
+        Retargeter(load_robot_description(tmp_path))

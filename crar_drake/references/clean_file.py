@@ -58,8 +58,8 @@ class CleanedClip(Change):
             watches among them; -1 where there are none to be looked at.
         meshes_unclear: ways to the next frame on which meshes touch, or are not shown
             to be clear; -1 as well.
-        seconds: of a processor that cleaning took, without reading, writing and
-            measuring [s].
+        seconds: of a processor that cleaning took, asking and parting meshes with it,
+            without reading, writing and measuring [s].
         deepest: frame and pair of the deepest penetration, in words; "" without one.
     """
 
@@ -165,6 +165,7 @@ def clean_motions(
     options: dict,
     progress: Callable[[int, int], None] | None = None,
     uncovered: Uncovered | None = None,
+    part_meshes: bool = True,
 ) -> list[CleanedClip]:
     """Cleans motions, and writes them and their certificate, or neither.
 
@@ -178,18 +179,19 @@ def clean_motions(
         options: what the certificate says of how they were read.
         progress: as of `clean_file`.
         uncovered: of the robot, if it is known.
+        part_meshes: whether meshes that touch are parted; else that was tried before.
 
     Raises:
         ModelError, MotionError, WriteError: as `clean_file`.
     """
     description, uncovered = robot.description, uncovered or Uncovered(robot)
-    carrying = CarryingHands(robot)
+    carrying, meshes = CarryingHands(robot), uncovered.meshes if part_meshes else None
     cleaners: dict[float, Cleaner] = {}
     written, seconds = [], []
     for motion in motions:
         if motion.rate not in cleaners:
             cleaners[motion.rate] = Cleaner(
-                description, motion.rate, parameters, uncovered.meshes
+                description, motion.rate, parameters, meshes
             )
         cleaner = cleaners[motion.rate]
         columns = _columns(motion, cleaner)

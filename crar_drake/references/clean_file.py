@@ -71,8 +71,8 @@ class CleanedClip(Change):
             watches among them; -1 where there are none to be looked at.
         meshes_unclear: ways to the next frame on which meshes touch, or are not shown
             to be clear; -1 as well.
-        seconds: of a processor that cleaning took, without reading, writing and
-            measuring [s].
+        seconds: of a processor that cleaning took, asking and parting meshes with it,
+            without reading, writing and measuring [s].
         raised: by how much it was set on the ground; 0 if that was not asked for [m].
         deepest: frame and pair of the deepest penetration, in words; "" without one.
         exceeded: what changed by more than was allowed, in words; "" if nothing did.
@@ -240,24 +240,32 @@ class MotionCleaner:
         uncovered: what certificates do not cover, and the robot's meshes.
     """
 
-    def __init__(self, robot: WholeBody, parameters: CleaningParameters) -> None:
+    def __init__(
+        self,
+        robot: WholeBody,
+        parameters: CleaningParameters,
+        part_meshes: bool = True,
+    ) -> None:
         """
         Args:
             robot: that moves.
             parameters: what changing the least means, and what is kept.
+            part_meshes: whether meshes that touch are parted; else that was tried
+                before.
 
         Raises:
             ModelError: as `Cleaner`.
         """
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
+        self._meshes = self.uncovered.meshes if part_meshes else None
         self._cleaners: dict[float, Cleaner] = {}
 
     def _of_rate(self, rate: float) -> Cleaner:
         if rate not in self._cleaners:
             description = self._robot.description
             self._cleaners[rate] = Cleaner(
-                description, rate, self._parameters, self.uncovered.meshes
+                description, rate, self._parameters, self._meshes
             )
         return self._cleaners[rate]
 

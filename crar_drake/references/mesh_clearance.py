@@ -49,7 +49,7 @@ from crar_drake.errors import MotionError
 from crar_drake.references.mesh_pairs import CarriedMesh, MeshPairs, relative_poses
 from crar_drake.references.whole_body import WholeBody
 
-# A bound is sought until it is half the distance, or so much [m].
+# A bound is sought until it is half the distance, or so much, by default [m].
 _ENOUGH = 5e-3
 
 # Parts of a way on which two links come nearer by less are not halved [m].
@@ -117,12 +117,15 @@ class ClearanceOfMeshes:
         self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
         self._b_alone = moved_by[b] & ~moved_by[a]
 
-    def find(self, joint_positions: np.ndarray) -> MeshClearance:
+    def find(
+        self, joint_positions: np.ndarray, enough: float = _ENOUGH
+    ) -> MeshClearance:
         """What the pairs keep on a motion.
 
         Args:
             joint_positions: (T, n), in the order of the robot's `joint_names` [rad or
                 m].
+            enough: bounds are sought until they are half the distance, or so much [m].
 
         Raises:
             MotionError: there is no frame, or a position is no finite number.
@@ -137,7 +140,7 @@ class ClearanceOfMeshes:
             raise MotionError(f"frame {frame + 1}: joint {name!r} is {q[frame, joint]}")
         q, parts, measured = self.robot.configurations(q), [], 0
         for start in range(0, max(1, len(q) - 1), _BLOCK):
-            part = _Search(self, q[start : start + _BLOCK + 1]).clearance()
+            part = _Search(self, q[start : start + _BLOCK + 1], enough).clearance()
             # A frame in which one part ends and the next begins is in both.
             inner = slice(None, None if start + _BLOCK >= len(q) - 1 else -1)
             of_frames = part.at_frames[:, inner], part.touch_at[:, inner]
@@ -190,13 +193,14 @@ class ClearanceOfMeshes:
 class _Search:
     """Of one motion: what is known of the pairs' distances so far."""
 
-    def __init__(self, robot: ClearanceOfMeshes, q: np.ndarray) -> None:
+    def __init__(self, robot: ClearanceOfMeshes, q: np.ndarray, enough: float) -> None:
         """
         Args:
             robot: whose motion it is.
             q: (T, nq) positions of the plant.
+            enough: as of `ClearanceOfMeshes.find`.
         """
-        self._meshes, self._q = robot.meshes, q
+        self._meshes, self._q, self._enough = robot.meshes, q, enough
         self._rows, links = self._meshes.rows, self._meshes.meshes
         frames = np.array([mesh.frame for mesh in links], dtype=int)
         self._frames = frames[self._rows]  # (P, 2)
@@ -251,7 +255,7 @@ class _Search:
         self._low = np.maximum(low, _backward(np.maximum, low - L) + L)
         high = np.minimum.accumulate(high - L, axis=1) + L
         high = np.minimum(high, _backward(np.minimum, high + L) - L)
-        return np.minimum(_ENOUGH, 0.5 * high)
+        return np.minimum(self._enough, 0.5 * high)
 
     def _measure(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
         """(M) distances [m], and whether hulls are apart.
@@ -301,7 +305,7 @@ class _Search:
         while len(pair):
             nearer = width * self._steps[pair, way]
             bound = (first + last - nearer) / 2.0
-            enough = bound >= np.minimum(_ENOUGH, 0.5 * np.minimum(first, last))
+            enough = bound >= np.minimum(self._enough, 0.5 * np.minimum(first, last))
             done = enough | (nearer < _FINEST) | touch[pair, way]
             at = pair[done], way[done]
             np.minimum.at(bounds, at, np.maximum(bound[done], 0.0))

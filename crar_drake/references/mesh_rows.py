@@ -25,10 +25,13 @@ from crar_drake.references.mesh_pairs import MeshPairs, relative_poses
 from crar_drake.trajectory.distance_rows import NearRows, join_rows, no_rows
 from crar_drake.trajectory.optimiser import Samples
 
-# What is asked, and what is clear: a file's rounding moves no surface as far [m].
+# What is asked for each part of a way, and what is clear: a file's rounding moves no
+# surface as far [m].
 _ASKED, _CLEAR = 5e-4, 1e-5
 _LOOK = 5e-3  # what is farther than this and what is asked is left out [m]
-_SAME = 2e-4  # nearest points stay while no point of B moved farther in A [m]
+# Nearest points stay while no point of B moved farther in A [m], or than this share of
+# the distance.
+_SAME, _SAME_SHARE = 2e-4, 0.25
 # Surfaces that are nearer are taken as if they met, and moved as far out [m].
 _APART = 1e-4
 # A way out is sought so far, then twice as far and so on [m].
@@ -59,7 +62,7 @@ class MeshRows:
 
     def touching(self, q: np.ndarray) -> np.ndarray:
         """See `trajectory.keeping.Meshes`."""
-        found = self._clearance.find(q[:, self._columns()])
+        found = self._clearance.find(q[:, self._columns()], _CLEAR)
         touching = found.at_frames < _CLEAR
         ways = found.on_ways < _CLEAR
         touching[:, :-1] |= ways
@@ -67,18 +70,21 @@ class MeshRows:
         return touching
 
     def near_rows(
-        self, where: np.ndarray
+        self, where: np.ndarray, parts: int
     ) -> Callable[[Samples, np.ndarray, float], NearRows]:
         """See `trajectory.keeping.Meshes`."""
         columns, robot = self._columns(), self._robot
         of_joints = robot.velocities(np.eye(robot.n)).T
+        # Parts that are halved in vain are those of a way about an edge.
+        asked = parts * _ASKED
         pairs = np.flatnonzero(where.any(axis=1))
         near = [NearestPoints(self._meshes, *self._meshes.rows[k]) for k in pairs]
 
         def find(at: Samples, q: np.ndarray, look: float) -> NearRows:
             R, p = self._meshes.poses(robot.configurations(q[:, columns]))
             order = np.lexsort([at.share, at.frame])
-            enough = _ASKED + min(look, _LOOK)
+            order = order[at.share[order] * parts % 1.0 == 0.0]
+            enough = asked + min(look, _LOOK)
             rows = [no_rows(q.shape[1])]
             for pair, points in zip(pairs, near, strict=True):
                 some = order[where[pair, at.frame[order]]]
@@ -87,7 +93,7 @@ class MeshRows:
                 gradient = np.zeros((len(k), q.shape[1]))
                 gradient[:, columns] = of_plant @ of_joints
                 number = np.full(len(k), pair)
-                rows.append(NearRows(some[k], number, d - _ASKED, gradient))
+                rows.append(NearRows(some[k], number, d - asked, gradient))
             return join_rows(*rows)
 
         return find
@@ -175,7 +181,7 @@ class NearestPoints:
         for k, place in enumerate(places):
             if place in self._known:
                 d, moved = self._moved(self._known[place], R[k], p[k])
-                if moved < _SAME or d - moved > enough:
+                if moved < max(_SAME, _SAME_SHARE * d) or d - moved > enough:
                     continue
             d, P, Q = self._nearest(R[k], p[k])
             if d > _APART:

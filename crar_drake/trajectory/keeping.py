@@ -55,7 +55,7 @@ _ANEW = 2
 # Samples on the way to the next frame: one, three where a joint moves by more than this
 # [rad], and twice as many each time that the way is not certified.
 _FAST, _MOST_PARTS = 0.12, 16
-_ROUNDS = 4  # in which meshes are asked
+_ROUNDS = 5  # in which meshes are parted
 
 
 class Meshes(Protocol):
@@ -72,13 +72,15 @@ class Meshes(Protocol):
         a neighbour, or are not shown to be clear."""
 
     def near_rows(
-        self, where: np.ndarray
+        self, where: np.ndarray, parts: int
     ) -> Callable[[Samples, np.ndarray, float], NearRows]:
         """As of `optimiser.Problem`, of joints (S, n).
 
         Args:
             where: (P, T) at which frames, and on the way to the next, a pair is looked
-                at.
+                at,
+            parts: and of how many parts of that way at the ends alone; the more, the
+                farther they are to be apart.
         """
 
 
@@ -308,9 +310,10 @@ class Keeper:
             for run in _runs(spread(some, round(_AROUND_AGAIN * self.rate))):
                 pairs = touching[:, slice(*run)].any(axis=1)
                 where[pairs, slice(*run)] = True
-            if number:
-                state.parts[some] = np.minimum(2 * state.parts[some], _MOST_PARTS)
-            more, was = self._with_meshes(problem, where), y.copy()
+            # At first at frames alone: distances of meshes take their time.
+            parts = 2**number
+            state.parts[some] = np.maximum(state.parts[some], parts)
+            more, was = self._with_meshes(problem, where, parts), y.copy()
             self._solve(more, y, state, some, (1, 1))
             for start, end in _runs(spread((y != was).any(axis=1), 1)):
                 # What a frame does is known with the ways from and to its neighbours.
@@ -333,9 +336,9 @@ class Keeper:
         if undone.any():
             state.margins = self._margins_again(q, state.margins, undone)
 
-    def _with_meshes(self, problem: Problem, where: np.ndarray) -> Problem:
-        """Also with rows of meshes; where as of `Meshes`."""
-        of_meshes = self._meshes.near_rows(where)
+    def _with_meshes(self, problem: Problem, where: np.ndarray, parts: int) -> Problem:
+        """Also with rows of meshes; where and parts as of `Meshes`."""
+        of_meshes = self._meshes.near_rows(where, parts)
 
         def near_rows(at: Samples, y: np.ndarray, look: float) -> NearRows:
             rows = of_meshes(at, self._joints(y), look)

@@ -8,12 +8,15 @@ import trimesh
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
-from crar_drake.references.clean_file import clean_file
+from crar_drake.references.clean_file import clean_file, clean_motions
+from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.motion_certificate import (
     certificate_path,
     check_certificate,
     read_certificate,
 )
+from crar_drake.references.motion_files import read_motions
+from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
 
 
@@ -128,11 +131,25 @@ def test_what_it_says_besides_is_refuted(cleaned, refuted):
 
 
 def test_meshes_of_pairs_that_nobody_watches(tmp_path, capsys):
-    """The arm goes through the post, and only the meshes say so."""
+    """The arm goes through the post, and only the meshes say so; they are parted,
+    unless that is not asked for."""
     folder = with_meshes(tmp_path, "pairs: [[base_shape, l2]]\n")
     reference = write_csv(tmp_path / "reach.csv", reaching(24, 30.0, 1.0))
     out = tmp_path / "out" / "reach.csv"
     (row,) = clean_file(reference, out, str(folder))
+    assert not row.violated and row.meshes_penetrating == row.meshes_unclear == 0
+    assert main(["judge", str(out), "--certificate", "--robot", str(folder)]) == 0
+    robot = WholeBody(load_robot_description(folder))
+    (row,) = clean_motions(
+        read_motions(reference, robot=robot),
+        out,
+        robot,
+        CleaningParameters(),
+        reference=reference,
+        layout="wxyz-csv",
+        options={},
+        part_meshes=False,
+    )
     assert row.penetrating == 0 and row.between > 0.0 and row.violated
     assert 0 < row.meshes_penetrating < row.meshes_unclear < 24
     certificate = read_certificate(certificate_path(out))

@@ -44,14 +44,19 @@ def retargeted_motion(
         Whoever retargets to the robot, and the motion.
 
     Raises:
-        MotionError: the performer lacks something, or its points are relative to the
-            pelvis.
+        MotionError: the performer lacks something, its points are relative to the
+            pelvis, or it is too short.
         ModelError: the robot lacks something.
     """
     if pinned := pinned_pelvis(performer):
         raise MotionError(
             f"motion {performer.name}: {pinned}; a whole body needs a motion that says "
             "where the pelvis is in the room"
+        )
+    if performer.duration * rate < 1.0 - 1e-9:
+        raise MotionError(
+            f"motion {performer.name}: {performer.duration:.3f} s are too short: two "
+            f"frames at {rate:g} Hz are needed"
         )
     description = description.without_ground()
     parameters = parameters or RetargetingParameters()

@@ -151,7 +151,13 @@ def _check_tasks(model: ControlModel) -> None:
     """Raises ScenarioError unless a motion gives what each task tracks."""
     for task, name in zip(model.tasks, model.layout.names, strict=True):
         if task.kind == "joint":
-            continue
+            if follows_legs(model):
+                continue
+            raise ScenarioError(
+                f"task {name}: without a foot or a knee among the tasks a motion gives "
+                "points of a person, no joint positions; leave the joint out, or use "
+                "keyframes"
+            )
         if task.frame in HANDS:
             if task.frame not in model.description.task_frames:
                 raise ScenarioError(

@@ -25,10 +25,8 @@ _JOINT_WEIGHT = 0.1
 
 
 def follows_legs(model: ControlModel) -> bool:
-    """Whether a task is a foot, a knee or a joint."""
-    return any(
-        task.kind == "joint" or task.frame in (*FEET, *KNEES) for task in model.tasks
-    )
+    """Whether a task is a foot or a knee."""
+    return any(task.frame in (*FEET, *KNEES) for task in model.tasks)
 
 
 def with_joints(model: ControlModel, distances: str) -> ControlModel:
@@ -96,11 +94,6 @@ class WholeBodyMotion:
         retargeter, found = retargeted_motion(
             description, performer, RATE, RetargetingParameters(cutoff=cutoff)
         )
-        if len(found.q) < 2:
-            raise MotionError(
-                f"motion {performer.name}: {performer.duration:.3f} s are too short: "
-                f"two frames at {RATE:g} Hz are needed"
-            )
         time = np.arange(len(found.q)) / RATE
         names = [*model.velocity_names]
         self._joints = [names.index(name) for name in retargeter.model.joint_names]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from crar_drake.errors import MotionError
 from crar_drake.motion.performer import Performer
 from crar_drake.robot.description import RobotDescription
 from crar_drake.trajectory.retargeting import (
@@ -42,10 +43,15 @@ def retargeted_motion(
         Whoever retargets to the robot, and the motion.
 
     Raises:
-        MotionError: the performer lacks something, or its points are relative to the
-            pelvis.
+        MotionError: the performer lacks something, its points are relative to the
+            pelvis, or it is too short.
         ModelError: the robot lacks something.
     """
+    if performer.duration * rate < 1.0 - 1e-9:
+        raise MotionError(
+            f"motion {performer.name}: {performer.duration:.3f} s are too short: two "
+            f"frames at {rate:g} Hz are needed"
+        )
     description = description.without_ground()
     parameters = parameters or RetargetingParameters()
     key = repr(description), _fingerprint(performer), rate, parameters

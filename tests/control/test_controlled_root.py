@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
 from crar_drake.results.certificate import Moves
 from crar_drake.results.log import SimulationLog
@@ -263,13 +263,3 @@ def test_a_run_is_simulated_logged_and_judged(flying, tmp_path) -> None:
     assert np.linalg.norm(log.q[-1, 4:7] - log.q[0, 4:7]) > 0.3
     assert np.abs(log.task_error[-1]).max() < 0.02
     check_log(result, log, tmp_path)
-
-
-def test_feet_need_a_root_that_is_prescribed() -> None:
-    from crar_drake.targets.leg_shapes import SIDES, body_shapes
-
-    parts = ("hip", "knee", "foot")
-    frames = {f"{side}_{part}": "body" for side in SIDES for part in parts}
-    model = make_floater("controlled", task_frames=frames, tasks=[Task(frame="body")])
-    with pytest.raises(ScenarioError, match="root is controlled.*root: prescribed"):
-        body_shapes(model)

@@ -8,7 +8,6 @@ from crar_drake.motion.held_feet import (
     dwelling,
     find_contacts,
     hold_foot,
-    place_foot,
     twist,
 )
 from crar_drake.motion.planted_feet import (
@@ -17,7 +16,6 @@ from crar_drake.motion.planted_feet import (
     standing,
     without_short,
 )
-from crar_drake.references.ground_contact import foot_slip
 
 RATE = 120.0
 HEEL, BALL = np.array([-0.06, 0.0, -0.05]), np.array([0.12, 0.0, -0.05])
@@ -154,17 +152,3 @@ def test_a_foot_dwells_no_longer_than_a_quarter_of_a_gap():
     kept = dwelling(planted, RATE)
     assert np.flatnonzero(~kept).tolist() == [17, 18, 19, 20, *range(34, 40)]
     np.testing.assert_array_equal(dwelling(~np.ones(5, bool), RATE), False)
-
-
-@pytest.mark.parametrize("tilt", [(-0.16, 0.0), (0.05, -0.1)])
-def test_a_foot_that_cannot_be_flat_turns_on_what_is_lowest(tilt):
-    """Its leg has it turned by half a radian, tilted, while heel and ball are down."""
-    t = np.arange(120) / RATE
-    yaw = 0.25 * (1.0 - np.cos(np.pi * t))
-    away = np.outer(0.5 * (1.0 - np.cos(2.0 * np.pi * t)), tilt)
-    turns = Rotation.from_euler("ZYX", np.column_stack([yaw, away]))
-    positions = np.tile([0.0, 0.1, 0.05], (120, 1))
-    down = np.ones((120, 2), dtype=bool)
-    foot = place_foot(positions, turns, down, BALL, POINTS, RATE)
-    touching = ContactThresholds(1e-3, 2e-3, np.inf, np.inf)
-    assert foot_slip("foot", surface(foot), 0.0, RATE, touching).worst < 1.5e-3

@@ -1,12 +1,10 @@
-"""Weights, bounds and bridges: what they promise, for random samples."""
+"""Weights and bridges: what they promise, for random samples."""
 
 import numpy as np
 import pytest
 
 from crar_drake.motion.smooth_steps import (
     bridge,
-    led_over,
-    smooth_bound,
     smooth_flags,
     smooth_step,
     soft_positive,
@@ -35,22 +33,6 @@ def test_flags_are_one_where_set_and_zero_far_away(margin):
     assert not smooth_flags(np.zeros(7, dtype=bool), margin).any()
 
 
-@pytest.mark.parametrize("margin", [0, 1, 12])
-def test_a_bound_is_nowhere_below_and_smooth(margin):
-    rng = np.random.default_rng(3)
-    least = np.where(rng.random(300) < 0.05, rng.uniform(0.0, 1.0, 300), 0.0)
-    bound = smooth_bound(least, margin)
-    assert bound.shape == least.shape
-    assert (bound >= least - 1e-12).all() and (bound <= least.max() + 1e-12).all()
-    if margin:
-        window = np.hanning(2 * margin + 3)[1:-1]
-        largest = window.max() / window.sum() * np.ptp(least)
-        assert np.abs(np.diff(bound)).max() <= largest * 1.001
-    # Farther away than both windows nothing happens.
-    quiet = np.abs(np.arange(300)[:, None] - np.flatnonzero(least)).min(axis=1)
-    np.testing.assert_allclose(bound[quiet > 2 * margin], 0.0, atol=1e-12)
-
-
 def test_soft_positive_is_above_both_its_asymptotes():
     x = np.linspace(-1.0, 1.0, 401)
     y = soft_positive(x, 0.01)
@@ -72,19 +54,3 @@ def test_a_bridge_keeps_values_and_slopes():
     assert np.abs(np.diff(filled, 2, axis=0)).max() < 6.0 * largest / (0.15 * rate)
     np.testing.assert_allclose(filled[0], filled[3], atol=0.05)
     assert not bridge(values, np.zeros(300, dtype=bool), rate, 0.1).any()
-
-
-def test_gaps_are_led_over_as_one_comes_in_and_goes_on():
-    t = np.arange(40.0)
-    gaps = (t >= 10) & (t < 21)
-    # A quintic whose curvature is zero at samples 9 and 21 is found again.
-    s = (t - 9) / 12
-    way = np.column_stack([2.0 - 3.0 * t, smooth_step(s) + 0.5 * t])
-    np.testing.assert_allclose(
-        led_over(np.where(gaps[:, None], 9.0, way), gaps), way, atol=1e-10
-    )
-    ends = (t < 5) | (t >= 35)
-    led = led_over(way, ends)
-    assert (led[:5] == way[5]).all() and (led[35:] == way[34]).all()
-    np.testing.assert_array_equal(led[5:35], way[5:35])
-    np.testing.assert_array_equal(led_over(way, np.zeros(40, dtype=bool)), way)

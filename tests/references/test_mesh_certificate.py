@@ -8,7 +8,7 @@ import trimesh
 from small_reference_robots import reaching, write_csv, write_robot
 
 from crar_drake.commands import main
-from crar_drake.references.clean_file import clean_file, clean_motions
+from crar_drake.references.clean_file import MotionCleaner, clean_file
 from crar_drake.references.cleaning import CleaningParameters
 from crar_drake.references.motion_certificate import (
     certificate_path,
@@ -140,15 +140,10 @@ def test_meshes_of_pairs_that_nobody_watches(tmp_path, capsys):
     assert not row.violated and row.meshes_penetrating == row.meshes_unclear == 0
     assert main(["judge", str(out), "--certificate", "--robot", str(folder)]) == 0
     robot = WholeBody(load_robot_description(folder))
-    (row,) = clean_motions(
-        read_motions(reference, robot=robot),
-        out,
-        robot,
-        CleaningParameters(),
-        reference=reference,
-        layout="wxyz-csv",
-        options={},
-        part_meshes=False,
+    cleaner = MotionCleaner(robot, CleaningParameters(), part_meshes=False)
+    motions = read_motions(reference, robot=robot)
+    (row,) = cleaner.clean(
+        motions, out, reference=reference, layout="wxyz-csv", options={}
     )
     assert row.penetrating == 0 and row.between > 0.0 and row.violated
     assert 0 < row.meshes_penetrating < row.meshes_unclear < 24

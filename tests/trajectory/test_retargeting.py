@@ -43,7 +43,7 @@ def targets(robot):
     """New ones for each test, which changes them."""
     performer = load_performer("boxing")
     turned = robot._base[1]
-    return performer_targets(performer, robot.legs, turned, RATE, 6.0)
+    return performer_targets(performer, robot.legs, robot.soles, turned, RATE, 6.0)
 
 
 def unknowns(robot, frames, seed=0):
@@ -64,14 +64,9 @@ def slopes(of, y):
 
 def test_jacobians_of_all_that_a_person_asks_for(robot, targets):
     frames, y = np.array([3, 40, 41, 90]), unknowns(robot, 4)
-    # A hand's turn is a rotation vector, whose Jacobian is exact where it is none.
-    links = robot.frame_points(["left_hand", "right_hand"])[0]
-    turns = robot.placed(targets, frames, y).R[:, links]
-    for k, hand in enumerate(("left_hand", "right_hand")):
-        targets.hands[hand][frames] = turns[:, k]
     tasks = PersonTasks(robot, targets)
     found = tasks.at(frames, y)
-    assert found.r.shape == (4, 3 * 11 + 6 + 12 + 6)
+    assert found.r.shape == (4, 3 * 11 + 6 + 8 + 8 + 18)
     np.testing.assert_allclose(
         found.J, slopes(lambda y: tasks.at(frames, y).r, y), atol=3e-6
     )
@@ -84,29 +79,32 @@ def test_nothing_is_asked_for_where_the_robot_does_it(robot, targets):
     """Of soles that are where they are wanted, and of a root that is where it is."""
     frames, y = np.array([10]), unknowns(robot, 1)
     y[:, :ROOT] = 0.0
-    f = PersonTasks(robot, targets).at(frames, y).f.reshape(4, 3)
+    points, _ = robot.placed(targets, frames, y).points(*robot.sole_points())
     for k, side in enumerate(("left", "right")):
-        targets.feet[side].heel[10], targets.feet[side].ball[10] = f[2 * k : 2 * k + 2]
+        foot, corners = targets.feet[side], points[0, 4 + 4 * k : 8 + 4 * k]
+        foot.heel[10], foot.ball[10] = points[0, 2 * k : 2 * k + 2]
+        foot.heights[10] = corners[:, 2] - 4e-4  # they are wanted so much higher
     r = PersonTasks(robot, targets).at(frames, y).r[0]
     limbs = 3 * len(targets.directions)
-    np.testing.assert_allclose(r[limbs : limbs + 6 + 12], 0.0, atol=1e-12)
+    np.testing.assert_allclose(r[limbs : limbs + 6 + 16], 0.0, atol=1e-10)
     assert np.abs(r[:limbs]).max() > 0.01
 
 
 def test_what_stands_is_to_stand(robot, targets):
-    """Steps of a heel or ball that stands at both ends are wanted to be none, and count
-    most; near the floor they are those of the person."""
+    """Steps of a heel or ball that stands at both ends are the person's, and others do
+    not count; what stands counts more at its place than what is high in the air."""
     tasks = PersonTasks(robot, targets)
-    foot = targets.feet["left"]
+    foot, p = targets.feet["left"], robot.parameters
     stands = foot.on_heel[1:] & foot.on_heel[:-1]
-    assert 0.3 < stands.mean()
-    heels = tasks.step_weights[:, :3], tasks.steps[:, :3]
-    weights, steps = (x[stands] for x in heels)
-    assert (weights == robot.parameters.standing).all() and not steps.any()
-    moving = ~stands & (foot.heel[1:, 2] < 0.05) & (foot.heel[:-1, 2] < 0.05)
-    assert moving.any()
-    weights, steps = (x[moving] for x in heels)
-    np.testing.assert_allclose(steps, np.diff(foot.heel, axis=0)[moving])
+    assert 0.3 < stands.mean() < 1.0
+    weights, steps = tasks.step_weights[:, :2], tasks.steps[:, :2]
+    assert (weights[stands] == p.standing).all() and not weights[~stands].any()
+    np.testing.assert_allclose(steps, np.diff(foot.heel[:, :2], axis=0))
+    assert np.median(np.abs(steps[stands])) < 1e-3
+    of_place = tasks._end_weights[:, 0]
+    high = foot.heel[:, 2] > 0.08
+    assert (of_place[foot.on_heel] == p.planted).all() and high.any()
+    assert (of_place[high & ~foot.on_heel] == p.foot).all()
 
 
 def test_rows_of_the_floor_are_the_lowest_points_of_links(robot, targets):

@@ -223,7 +223,7 @@ class Keeper:
         q = self._joints(y)
         problem = _within(problem)
         margins = self.margins(q)
-        violating = self._violating(margins) | _below(problem, y)
+        violating = self._violating(margins) | _below(problem, y, self.floor)
         moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
         state = _State(
             at_frames=np.full(frames, self.floor + _MORE_AT_FRAMES),
@@ -445,10 +445,10 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _below(problem: Problem, y: np.ndarray) -> np.ndarray:
-    """(T,) frames with rows, other than of distances, that lack something."""
+def _below(problem: Problem, y: np.ndarray, floor: float) -> np.ndarray:
+    """(T,) frames with rows that lack something, distances below a floor with them."""
     frames = np.arange(len(y))
-    at = Samples(frames, np.zeros(len(y)), np.full(len(y), -np.inf))
+    at = Samples(frames, np.zeros(len(y)), np.full(len(y), floor))
     rows = problem.near_rows(at, y, -_LACKS)
     below = np.zeros(len(y), dtype=bool)
     below[rows.sample] = True

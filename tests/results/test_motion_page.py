@@ -244,6 +244,12 @@ def test_clean_leaves_a_page_beside_the_certificate(made, tmp_path, capsys):
     data = read_data(out.with_suffix(".html"))
     assert [run["label"] for run in data["runs"]] == ["before", "after"]
     assert shown_links(data, data["runs"][0]) == penetrating_links(joints_of(reference))
+    # Of the frames that are kept both show the same.
+    assert main([*command, "--frames", "3:12"]) == 0
+    data = read_data(out.with_suffix(".html"))
+    assert [run["frames"] for run in data["runs"]] == [10, 10]
+    part = joints_of(reference)[2:12]
+    assert shown_links(data, data["runs"][0]) == penetrating_links(part)
 
 
 def test_of_several_motions_that_is_shown_which_changed_most(made, tmp_path, capsys):

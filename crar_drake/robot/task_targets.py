@@ -54,7 +54,7 @@ def find_targets(
             if known:
                 what = (
                     f"robot {description.name} has neither a point nor a frame "
-                    f"{task.frame!r}{nearest(task.frame, known)}"
+                    f"{task.frame!r}{nearest(task.frame, [*known, *frame_names(plant)])}"
                 )
             raise ModelError(f"task {task.name or task.frame}: {what}") from error
         targets.append((frame, np.asarray(task.point, dtype=float)))

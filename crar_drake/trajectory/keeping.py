@@ -313,7 +313,8 @@ class Keeper:
             # At first at frames alone: distances of meshes take their time.
             parts = 2**number
             state.parts[some] = np.maximum(state.parts[some], parts)
-            more, was = self._with_meshes(problem, where, parts), y.copy()
+            was = y.copy()
+            more = replace(self._with_meshes(problem, where, parts), about=was)
             self._solve(more, y, state, some, (1, 1))
             for start, end in _runs(spread((y != was).any(axis=1), 1)):
                 # What a frame does is known with the ways from and to its neighbours.

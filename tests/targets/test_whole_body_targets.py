@@ -91,7 +91,7 @@ def test_tasks_and_root_are_where_drake_has_them_in_the_retargeted_frames(
 
 def test_tasks_have_their_derivatives(model, motion):
     layout, h = model.layout, 1e-5
-    for time in np.linspace(0.1, motion.duration - 0.1, 9):
+    for time in np.linspace(0.1037, motion.duration - 0.1, 9):
         before, here, after = (
             layout.unpack(motion.tasks_at(time + k * h)) for k in (-1, 0, 1)
         )
@@ -106,7 +106,7 @@ def test_tasks_have_their_derivatives(model, motion):
 
 def test_the_root_has_its_derivatives(motion):
     h = 1e-5
-    for time in np.linspace(0.1, motion.duration - 0.1, 9):
+    for time in np.linspace(0.1037, motion.duration - 0.1, 9):
         before, here, after = (motion.prescribed_at(time + k * h) for k in (-1, 0, 1))
         np.testing.assert_allclose(
             here[10:13], (after[4:7] - before[4:7]) / (2 * h), atol=1e-5
@@ -116,6 +116,28 @@ def test_the_root_has_its_derivatives(motion):
         np.testing.assert_allclose(here[7:10], omega, atol=1e-5)
         rate = (after[7:13] - before[7:13]) / (2 * h)
         np.testing.assert_allclose(here[13:], rate, atol=1e-2)
+
+
+def test_feet_that_stand_in_frames_stand_between_them(model, motion):
+    """Where three frames have a foot within a tenth of a millimetre."""
+    layout, stood = model.layout, 0
+    feet = [i for i, task in enumerate(model.tasks) if task.frame.endswith("_foot")]
+    places = [layout.linear_tasks.tolist().index(i) for i in feet]
+
+    def at(time):
+        return layout.unpack(motion.tasks_at(time)).p[places]
+
+    p = np.array([at(k / RATE) for k in range(90)])
+    moved = np.linalg.norm(np.diff(p, axis=0), axis=2)
+    for k, foot in zip(
+        *np.nonzero((moved[:-2] < 1e-4) & (moved[2:] < 1e-4)), strict=True
+    ):
+        if moved[k + 1, foot] < 1e-4:
+            middle = at((k + 1.5) / RATE)[foot]
+            mean = 0.5 * (p[k + 1, foot] + p[k + 2, foot])
+            assert np.linalg.norm(middle - mean) < 1e-4
+            stood += 1
+    assert stood > 20
 
 
 def test_after_its_end_it_stands_still(model, motion):

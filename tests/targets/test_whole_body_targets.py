@@ -91,7 +91,7 @@ def test_tasks_and_root_are_where_drake_has_them_in_the_retargeted_frames(
 
 def test_tasks_have_their_derivatives(model, motion):
     layout, h = model.layout, 1e-5
-    for time in np.linspace(0.1037, motion.duration - 0.1, 9):
+    for time in np.linspace(0.1037, motion.duration - 0.1071, 9):
         before, here, after = (
             layout.unpack(motion.tasks_at(time + k * h)) for k in (-1, 0, 1)
         )
@@ -106,7 +106,7 @@ def test_tasks_have_their_derivatives(model, motion):
 
 def test_the_root_has_its_derivatives(motion):
     h = 1e-5
-    for time in np.linspace(0.1037, motion.duration - 0.1, 9):
+    for time in np.linspace(0.1037, motion.duration - 0.1071, 9):
         before, here, after = (motion.prescribed_at(time + k * h) for k in (-1, 0, 1))
         np.testing.assert_allclose(
             here[10:13], (after[4:7] - before[4:7]) / (2 * h), atol=1e-5
@@ -119,7 +119,7 @@ def test_the_root_has_its_derivatives(motion):
 
 
 def test_feet_that_stand_in_frames_stand_between_them(model, motion):
-    """Where three frames have a foot within a tenth of a millimetre."""
+    """Where four frames have a foot within 0.3 mm of each other, one by one."""
     layout, stood = model.layout, 0
     feet = [i for i, task in enumerate(model.tasks) if task.frame.endswith("_foot")]
     places = [layout.linear_tasks.tolist().index(i) for i in feet]
@@ -130,9 +130,9 @@ def test_feet_that_stand_in_frames_stand_between_them(model, motion):
     p = np.array([at(k / RATE) for k in range(90)])
     moved = np.linalg.norm(np.diff(p, axis=0), axis=2)
     for k, foot in zip(
-        *np.nonzero((moved[:-2] < 1e-4) & (moved[2:] < 1e-4)), strict=True
+        *np.nonzero((moved[:-2] < 3e-4) & (moved[2:] < 3e-4)), strict=True
     ):
-        if moved[k + 1, foot] < 1e-4:
+        if moved[k + 1, foot] < 3e-4:
             middle = at((k + 1.5) / RATE)[foot]
             mean = 0.5 * (p[k + 1, foot] + p[k + 2, foot])
             assert np.linalg.norm(middle - mean) < 1e-4

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 
@@ -17,46 +17,27 @@ def sign_continuous(quaternions: np.ndarray) -> np.ndarray:
     return quaternions * np.append(1.0, signs)[:, None]
 
 
-def still_spline(times: np.ndarray, samples: np.ndarray) -> Akima1DInterpolator:
-    """Through samples (T, k), once continuously differentiable, constant where two
-    samples and their neighbours are the same: another spline would swing there.
-
-    Akima's piecewise cubic with modified weights, as SciPy has it.
-    """
-    return Akima1DInterpolator(times, samples, method="makima")
-
-
 class QuaternionSpline:
     """Orientations along a cubic spline through quaternions, normalised.
 
-    They are twice continuously differentiable, or once if `still`. From one sample to
-    the next the way is the shorter one.
+    They are twice continuously differentiable. From one sample to the next the way
+    is the shorter one.
 
     Attributes:
         start, end: the first and the last time [s].
     """
 
     def __init__(
-        self,
-        times: np.ndarray,
-        quaternions: np.ndarray,
-        bc_type: str = "not-a-knot",
-        still: bool = False,
+        self, times: np.ndarray, quaternions: np.ndarray, bc_type: str = "not-a-knot"
     ) -> None:
         """
         Args:
             times: (T,) increasing [s].
             quaternions: (T, 4), order x y z w, of either sign, none of them zero.
             bc_type: of the ends, as of SciPy's CubicSpline.
-            still: whether what does not turn from sample to sample does not in between,
-                see `still_spline`; `bc_type` says nothing then.
         """
         self.start, self.end = float(times[0]), float(times[-1])
-        quaternions = sign_continuous(quaternions)
-        if still:
-            self._spline = still_spline(times, quaternions)
-        else:
-            self._spline = CubicSpline(times, quaternions, bc_type=bc_type)
+        self._spline = CubicSpline(times, sign_continuous(quaternions), bc_type=bc_type)
 
     def __call__(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """R (3, 3), angular velocity (3,) [rad/s] and acceleration (3,) [rad/s^2].

@@ -10,7 +10,7 @@ from crar_drake.equations.tasks import quaternion_from_rotation
 from crar_drake.errors import MotionError, ScenarioError
 from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.performer import SIDES, Performer
-from crar_drake.motion.quaternion_spline import QuaternionSpline, still_spline
+from crar_drake.motion.quaternion_spline import QuaternionSpline
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import joint_tasks
 from crar_drake.trajectory.retargeted_motion import RATE, retargeted_motion
@@ -59,10 +59,6 @@ class WholeBodyMotion:
     differentiable. Tasks follow by forward kinematics,
 
         x_d = x(q),    v_d = J v,    a_d = J v_dot + J_dot v.
-
-    In between frames this moves a foot by millimetres that stands in all of them. So
-    feet are in the frames alone where joints have them, and in between on splines of
-    their own, which stand still there (`still_spline`).
 
     Attributes:
         duration: until the last frame; then everything stands still [s].
@@ -113,19 +109,6 @@ class WholeBodyMotion:
         self._q = model.rest_positions()
         self._in_q = [model.position_names.index(names[j]) for j in self._joints]
         self._known = np.nan, None
-        frames = [self._carried(t) for t in time]
-        R, p = (np.stack([each[k] for each in frames]) for k in range(2))
-        self._turns_of_feet, self._ways_of_feet = [], []
-        layout = model.layout
-        for i, task in enumerate(layout.angular_tasks):
-            if model.tasks[task].frame in FEET:
-                turns = Rotation.from_matrix(R[:, i]).as_quat()
-                way = QuaternionSpline(time, turns, still=True)
-                self._turns_of_feet.append((i, layout.angular_rows[i], way))
-        for i, task in enumerate(layout.linear_tasks):
-            if model.tasks[task].frame in FEET:
-                way = still_spline(time, p[:, i])
-                self._ways_of_feet.append((i, layout.linear_rows[i], way))
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q (nq,), v (nv,) and v_dot (nv,) at `time` [s], in the plant's order."""
@@ -135,13 +118,13 @@ class WholeBodyMotion:
 
     def tasks_at(self, time: float) -> np.ndarray:
         """[x_d; v_d; a_d] (layout.size,) at `time` [s]."""
-        R, p, v, a, q = self._carried(time)
-        for i, rows, turns in self._turns_of_feet:
-            R[i], v[rows], a[rows] = turns(time)
-        at, moves = min(time, self.duration), float(time <= self.duration)
-        for i, rows, way in self._ways_of_feet:
-            p[i], v[rows], a[rows] = way(at), moves * way(at, 1), moves * way(at, 2)
-        return self._model.layout.pack(R, p, v, a, q)
+        model = self._model
+        q, v, v_dot = self.at(time)
+        state = model.evaluate(self._workspace, q, v)
+        a = state.J @ v_dot[model.controlled] + state.J_p @ v_dot[model.prescribed]
+        a += state.Jdot_qdot
+        q_of_tasks = state.q[model.layout.rows.joints]
+        return model.layout.pack(state.R, state.p, state.v, a, q_of_tasks)
 
     def prescribed_at(self, time: float) -> np.ndarray:
         """`desired_prescribed` (prescribed_size,) at `time` [s]."""
@@ -154,15 +137,6 @@ class WholeBodyMotion:
                 v_dot[model.prescribed],
             ]
         )
-
-    def _carried(self, time: float) -> tuple[np.ndarray, ...]:
-        """Of the tasks by the joints: R, p, v, a, and q of those that are joints."""
-        model = self._model
-        q, v, v_dot = self.at(time)
-        state = model.evaluate(self._workspace, q, v)
-        a = state.J @ v_dot[model.controlled] + state.J_p @ v_dot[model.prescribed]
-        a += state.Jdot_qdot
-        return state.R, state.p, state.v, a, state.q[model.layout.rows.joints]
 
     def _at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         q, at = self._q.copy(), min(time, self.duration)

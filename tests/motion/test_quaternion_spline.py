@@ -49,21 +49,3 @@ def test_it_stands_still_outside(way):
         R, omega, alpha = way(t)
         np.testing.assert_array_equal(R, way(end)[0])
         assert not omega.any() and not alpha.any()
-
-
-def test_what_does_not_turn_from_sample_to_sample_does_not_in_between():
-    angles = np.concatenate([np.zeros(6), np.linspace(0.2, 1.0, 5), np.full(6, 1.0)])
-    turns = Rotation.from_euler("z", angles[:, None]).as_quat()
-    still = QuaternionSpline(np.arange(17.0), turns, still=True)
-    swings = QuaternionSpline(np.arange(17.0), turns)
-    off = []
-    for time in np.linspace(12.0, 16.0, 33):
-        R, omega, alpha = still(time)
-        np.testing.assert_allclose(R, Rotation.from_euler("z", 1.0).as_matrix())
-        np.testing.assert_allclose(np.concatenate([omega, alpha]), 0.0, atol=1e-12)
-        off.append(np.abs(swings(time)[1]).max())
-    assert max(off) > 1e-3
-    h = 1e-6  # and it is as fast as it turns
-    turned = still(7.3 + h)[0] @ still(7.3 - h)[0].T
-    omega = Rotation.from_matrix(turned).as_rotvec() / (2.0 * h)
-    np.testing.assert_allclose(still(7.3)[1], omega, atol=1e-7)

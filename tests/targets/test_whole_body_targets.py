@@ -118,28 +118,6 @@ def test_the_root_has_its_derivatives(motion):
         np.testing.assert_allclose(here[13:], rate, atol=1e-2)
 
 
-def test_feet_that_stand_in_frames_stand_between_them(model, motion):
-    """Where four frames have a foot within 0.3 mm of each other, one by one."""
-    layout, stood = model.layout, 0
-    feet = [i for i, task in enumerate(model.tasks) if task.frame.endswith("_foot")]
-    places = [layout.linear_tasks.tolist().index(i) for i in feet]
-
-    def at(time):
-        return layout.unpack(motion.tasks_at(time)).p[places]
-
-    p = np.array([at(k / RATE) for k in range(90)])
-    moved = np.linalg.norm(np.diff(p, axis=0), axis=2)
-    for k, foot in zip(
-        *np.nonzero((moved[:-2] < 3e-4) & (moved[2:] < 3e-4)), strict=True
-    ):
-        if moved[k + 1, foot] < 3e-4:
-            middle = at((k + 1.5) / RATE)[foot]
-            mean = 0.5 * (p[k + 1, foot] + p[k + 2, foot])
-            assert np.linalg.norm(middle - mean) < 1e-4
-            stood += 1
-    assert stood > 20
-
-
 def test_after_its_end_it_stands_still(model, motion):
     last, after = (
         model.layout.unpack(motion.tasks_at(motion.duration + t)) for t in (0.0, 1.0)

@@ -424,7 +424,7 @@ def find_root(
 
 def find_frame(plant: MultibodyPlant, name: str) -> Frame:
     """The frame (or link) of that name, plain or scoped; ModelError if none."""
-    return _find(plant, name, "frame", "GetFrameByName", _frame_names)
+    return _find(plant, name, "frame", "GetFrameByName", frame_names)
 
 
 def find_body(plant: MultibodyPlant, name: str) -> RigidBody:
@@ -459,7 +459,8 @@ def _find(plant, name, what, getter, names):
         ) from error
 
 
-def _frame_names(plant: MultibodyPlant) -> list[str]:
+def frame_names(plant: MultibodyPlant) -> list[str]:
+    """Of all models in the plant."""
     instances = _instances(plant)
     indices = [i for instance in instances for i in plant.GetFrameIndices(instance)]
     return [plant.get_frame(i).name() for i in indices]

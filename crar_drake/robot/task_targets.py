@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
-from crar_drake.robot.description import RobotDescription, find_frame
+from crar_drake.robot.description import RobotDescription, find_frame, frame_names
 from crar_drake.robot.task import Task
 
 
@@ -52,9 +52,10 @@ def find_targets(
                 raise
             what = str(error)
             if known:
+                close = nearest(task.frame, [*known, *frame_names(plant)])
                 what = (
                     f"robot {description.name} has neither a point nor a frame "
-                    f"{task.frame!r}{nearest(task.frame, [*known, *frame_names(plant)])}"
+                    f"{task.frame!r}{close}"
                 )
             raise ModelError(f"task {task.name or task.frame}: {what}") from error
         targets.append((frame, np.asarray(task.point, dtype=float)))

@@ -23,7 +23,7 @@ from benchmarks.peers.driver import (
     is_recorded,
     made_of,
 )
-from crar_drake.errors import MotionError
+from crar_drake.errors import CrarError
 from crar_drake.references.reference_judge import ReferenceJudge
 from crar_drake.robot.description import load_robot_description
 
@@ -93,7 +93,7 @@ def test_the_problem_is_of_this_robot(robot) -> None:
     assert case["q"].shape == (20, 3) and case["time"][-1] == pytest.approx(19 / RATE)
     empty = robot.folder / "none"
     empty.mkdir()
-    with pytest.raises(MotionError, match="no motions"):
+    with pytest.raises(CrarError, match="no robot motions"):
         filters.read_references(empty, robot.judge.robot)
 
 

@@ -162,7 +162,7 @@ def test_nothing_is_below_the_floor_and_what_stands_stays(made, legs):
         worst = max(worst, least[stands].sum())
     assert made[3].lowest == pytest.approx(lowest, abs=1e-6)
     assert -1e-3 < lowest < 5e-3
-    assert made[3].slip <= worst + 1e-9 and worst < 5e-3
+    assert worst < 2e-3 and made[3].slip < 2e-3
 
 
 @pytest.mark.parametrize("name, layout", [("a.npz", "mjlab-npz"), ("a.pkl", "gmr-pkl")])

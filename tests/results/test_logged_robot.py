@@ -82,7 +82,7 @@ def test_a_robot_that_moved_is_named_and_can_be_given(
     assert main(argv) == 0
     assert "0 in penetration" in capsys.readouterr().out
     # Another robot than that of the run is told from it.
-    assert "no frame 'tool'" in refused(capsys, *argv[:-1], "upper_body")
+    assert "nor a frame 'tool'" in refused(capsys, *argv[:-1], "upper_body")
 
 
 def test_a_name_stays_a_name(monkeypatch, tmp_path):

@@ -170,15 +170,12 @@ class Keeper:
         """See `optimiser.Problem`; of unknowns of which the joints come last."""
         asked, first_joint = at.asked, y.shape[1] - self.model.n
         whole = configurations(self.model, self.rest, y[:, first_joint:])
-        most = asked + look + self.room.max(initial=0.0)
-        rows = NearRows(*find_near_rows(whole, most, self.model.robot_ahead))
-        d = rows.d - asked[rows.sample] - self.room[rows.row]
-        rows = NearRows(*(x[d < look] for x in rows))
-        d = d[d < look]
-        # The prescribed joints, which come last, stay where they are.
-        gradient = np.zeros((len(rows.d), y.shape[1]))
-        gradient[:, first_joint:] = rows.gradient[:, : self.model.n]
-        return rows._replace(d=d, gradient=gradient)
+        rows = NearRows(
+            *find_near_rows(
+                whole, asked + look, self.room, first_joint, self.model.robot_ahead
+            )
+        )
+        return rows._replace(d=rows.d - asked[rows.sample] - self.room[rows.row])
 
     def found_without_rows(
         self, problem: Problem, y: np.ndarray, effort: Effort

@@ -35,7 +35,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from crar_drake.trajectory.bands import Normal, add_rows, along_rows
+from crar_drake.trajectory.bands import (
+    Normal,
+    add_rows,
+    add_squares,
+    add_steps,
+    along_rows,
+)
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
@@ -384,7 +390,7 @@ class Part:
             push = rho * (kept[1] - kept[0])
             for places, sign in ((live.step_right, 1.0), (live.step_left, -1.0)):
                 there = places >= 0
-                np.add.at(normal.b, places[there], sign * push[there])
+                normal.b[places[there]] += sign * push[there]
             self.effort.factorised += 1
             found = normal.solve()
             if found is None:
@@ -396,11 +402,9 @@ class Part:
         """Of what is minimised, without constraints."""
         problem, some = self.problem, live.frames
         weight, stiff = problem.posture_weight**2, self.problem.smoothness**2
-        r, J = at.done.r[live.own], at.done.J[live.own]
-        transposed = J.swapaxes(1, 2)
-        D = transposed @ J
         frames, m = len(some), at.y.shape[1]
-        j = np.arange(m)
+        D, b, j = np.zeros((frames, m, m)), np.zeros((frames, m)), np.arange(m)
+        add_squares(D, b, at.done.J[live.own], at.done.r[live.own])
         centre, first, second = self._stiffness
         D[:, j, j] += weight + damping + centre[some, None] * stiff
         S, E = np.zeros((max(frames - 1, 0), m, m)), np.zeros((max(frames - 2, 0), m))
@@ -413,9 +417,8 @@ class Part:
         pull[:-2] += bends
         pull[1:-1] -= 2.0 * bends
         pull[2:] += bends
-        b = (transposed @ r[:, :, None])[:, :, 0]
-        b += weight * (at.y - self._posture)[some] + stiff * pull[some]
-        normal = Normal(D, S, E, -b)
+        b -= weight * (at.y - self._posture)[some] + stiff * pull[some]
+        normal = Normal(D, S, E, b)
         self._add_standing(normal, at, live)
         return normal
 
@@ -441,18 +444,17 @@ class Part:
             return
         place = np.full(len(at.y), -1)
         place[live.frames] = np.arange(len(live.frames))
-        sides = []
-        for sign, seen in ((-1.0, before), (1.0, before + 1)):
-            A = sign * v[:, :, None] * at.done.G[seen]
-            sides.append((place[live.seen[seen]], A))
-            k, there = place[live.seen[seen]], place[live.seen[seen]] >= 0
-            transposed = A[there].swapaxes(1, 2)
-            np.add.at(normal.D, k[there], transposed @ A[there])
-            pull = transposed @ (v * change)[there][:, :, None]
-            np.add.at(normal.b, k[there], -pull[:, :, 0])
-        (k, A), (after, B) = sides
-        both = (k >= 0) & (after >= 0)
-        np.add.at(normal.S, k[both], B[both].swapaxes(1, 2) @ A[both])
+        weights, G = v[:, :, None], at.done.G
+        add_steps(
+            normal.D,
+            normal.S,
+            normal.b,
+            place[live.seen[before]],
+            place[live.seen[before + 1]],
+            weights * G[before],
+            weights * G[before + 1],
+            v * change,
+        )
 
     def _update(self, live: _Live, at: _Linearised, penalty: float) -> None:
         """Of the multipliers."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from crar_drake.equations.compilation import compiled
@@ -44,6 +45,12 @@ class Normal:
         """Adds (K, m) values to the diagonals of the blocks D of K different frames."""
         n = np.arange(self.D.shape[1])
         self.D[frames[:, None], n, n] += values
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """H x (L, m)."""
+        frames, m = self.b.shape
+        bands = fill_bands(self.D, self.S, self.E).reshape(frames * m, -1).T
+        return dsbmv(2 * m, 1.0, bands, x.reshape(-1), lower=1).reshape(frames, m)
 
     def solve(self) -> np.ndarray | None:
         """x (L, m); None if H is not positive definite.

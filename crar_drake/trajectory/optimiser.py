@@ -49,7 +49,8 @@ _PENALTIES = (1e2, 3e3, 1e5)
 _PENALTY_OF_JOINTS = 1e5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
-_ACTIVE_SETS = 3  # in one of them, at most
+_HALVINGS = 8
+_ACTIVE_SETS = 6  # in one of them, at most
 _UPDATES = 10  # of the multipliers under the last penalty, at most
 _LONGEST_STEP = 0.5  # of any unknown in a step [rad]
 _SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
@@ -211,6 +212,7 @@ class Part:
             self.problem.posture[some],
             self.problem.about[some],
         )
+        self._damping = _DAMPING
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
@@ -244,7 +246,7 @@ class Part:
                 live = self._live(self.free & spread(lacking, near))
 
     def _minimise(self, live: _Live, penalty: float) -> _Linearised:
-        damping, look = _DAMPING, _FARTHEST_LOOK
+        damping, look = self._damping, _FARTHEST_LOOK
         at = self._linearise(self.y, live, penalty, look)
         for _ in range(_STEPS):
             step = self._step(at, live, penalty, damping)
@@ -268,6 +270,7 @@ class Part:
             little = gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED
             if little and size < _LONGEST_STEP:
                 break
+        self._damping = min(damping, _MOST_DAMPING)
         return at
 
     def _live(self, mask: np.ndarray) -> _Live:
@@ -356,15 +359,22 @@ class Part:
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
         frames, m = base.b.shape
-        step, before = np.zeros((frames, m)), None
-        for _ in range(_ACTIVE_SETS):
+        every = np.arange(frames)
+        wanted, weights = (shift, limits, speeds), (penalty, rho, rho)
+
+        def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
             wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
             change = wide[live.step_right] - wide[live.step_left]
-            on = (
-                shift > along_rows(rows.gradient, left, right, t, step),
-                limits > np.stack([step, -step]),
-                speeds > np.stack([-change, change]),
+            return (
+                along_rows(rows.gradient, left, right, t, step),
+                np.stack([step, -step]),
+                np.stack([-change, change]),
             )
+
+        step, before = np.zeros((frames, m)), None
+        gone, slope = moved(step), -base.b
+        for _ in range(_ACTIVE_SETS):
+            on = tuple(c > a for c, a in zip(wanted, gone, strict=True))
             same = before is not None and all(map(np.array_equal, on, before))
             if same:
                 break
@@ -381,7 +391,6 @@ class Part:
                 penalty * on[0],
                 shift,
             )
-            every = np.arange(frames)
             normal.add_to_diagonal(every, rho * on[1].sum(axis=0))
             kept = np.where(on[1], limits, 0.0)  # those that are infinite are not on
             normal.b += rho * (kept[0] - kept[1])
@@ -395,7 +404,14 @@ class Part:
             found = normal.solve()
             if found is None:
                 return None
-            step = found
+            way = found - step
+            going, turned = moved(way), base.times(way)
+            straight = float(np.vdot(way, slope)), float(np.vdot(way, turned))
+            lacks = [c - a for c, a in zip(wanted, gone, strict=True)]
+            share = _least_along(straight, lacks, going, weights)
+            step = step + share * way
+            gone = tuple(a + share * x for a, x in zip(gone, going, strict=True))
+            slope = slope + share * turned
         return step
 
     def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
@@ -483,6 +499,30 @@ class Part:
         lacks = -np.minimum(d, 0.0).sum()
         lacks -= sum(_ARM * np.minimum(x, 0.0).sum() for x in (limits, speeds))
         return lacking, float(lacks)
+
+
+def _least_along(straight, lacks, going, weights) -> float:
+    """Where on a way, from 0 to 1, a + b u + sum_i rho_i / 2 max(0, c_i - g_i u)^2 is
+    the least.
+
+    Args:
+        straight: a, b: slope and curvature of what has no kinks.
+        lacks, going, weights: c, g and rho of several kinds of rows.
+    """
+
+    def slope(u: float) -> float:
+        found = straight[0] + u * straight[1]
+        for c, g, rho in zip(lacks, going, weights, strict=True):
+            found -= rho * np.vdot(g, np.maximum(0.0, c - u * g))
+        return found
+
+    low, high = 0.0, 1.0
+    if slope(high) <= 0.0:
+        return high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)
+    return high
 
 
 def spread(mask: np.ndarray, by: int) -> np.ndarray:

@@ -37,33 +37,46 @@ class Normal:
     E: np.ndarray
     b: np.ndarray
 
-    def copy(self) -> Normal:
-        """The same, whose D, S and b may be added to."""
-        return Normal(self.D.copy(), self.S.copy(), self.E, self.b.copy())
+    def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:
+        """Of some frames, in ascending order, the others held; to be added to.
+
+        Args:
+            some: (K,) which.
+            b: (K, m) of them.
+        """
+        by_one, by_two = np.diff(some) == 1, some[2:] - some[:-2] == 2
+        S, E = self.S[some[:-1][by_one]], self.E[some[:-2][by_two]]
+        m = b.shape[1]
+        part = Normal(
+            self.D[some],
+            np.zeros((max(len(some) - 1, 0), m, m)),
+            np.zeros((max(len(some) - 2, 0), m)),
+            b,
+        )
+        part.S[by_one], part.E[by_two] = S, E
+        return part
 
     def add_to_diagonal(self, frames: np.ndarray, values: np.ndarray) -> None:
         """Adds (K, m) values to the diagonals of the blocks D of K different frames."""
         n = np.arange(self.D.shape[1])
         self.D[frames[:, None], n, n] += values
 
-    def times(self, x: np.ndarray) -> np.ndarray:
-        """H x (L, m)."""
-        frames, m = self.b.shape
-        bands = fill_bands(self.D, self.S, self.E).reshape(frames * m, -1).T
-        return dsbmv(2 * m, 1.0, bands, x.reshape(-1), lower=1).reshape(frames, m)
+    def bands(self) -> np.ndarray:
+        """(2 m + 1, L m) as LAPACK has them: from the diagonal down."""
+        return fill_bands(self.D, self.S, self.E).reshape(self.b.size, -1).T
 
     def solve(self) -> np.ndarray | None:
-        """x (L, m); None if H is not positive definite.
-
-        LAPACK has the lower triangle by columns: from the diagonal 2 m places down.
-        """
-        frames, m = self.b.shape
-        bands = fill_bands(self.D, self.S, self.E).reshape(frames * m, -1).T
-        factor, failed = dpbtrf(bands, lower=1, overwrite_ab=1)
+        """x (L, m); None if H is not positive definite."""
+        factor, failed = dpbtrf(self.bands(), lower=1, overwrite_ab=1)
         if failed:
             return None
         x, _ = dpbtrs(factor, self.b.reshape(-1), lower=1)
-        return x.reshape(frames, m)
+        return x.reshape(self.b.shape)
+
+
+def times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """H x (L, m), with what `Normal.bands` says of H."""
+    return dsbmv(len(bands) - 1, 1.0, bands, x.reshape(-1), lower=1).reshape(x.shape)
 
 
 @compiled(loops=True)
@@ -229,10 +242,14 @@ def add_rows(
 
 
 def _along_rows_loops(g, left, right, share, x):
-    moved = np.zeros(len(g))
+    moved, moves = np.zeros(len(g)), np.zeros(len(x) + 1, dtype=np.bool_)
+    for k in range(len(x)):
+        moves[k] = x[k].any()
     for r in range(len(g)):
         k, after, t = left[r], right[r], share[r]
         total = 0.0
+        if not (moves[k] or moves[after]):
+            continue
         if k >= 0 and t < 1.0:
             for j in range(g.shape[1]):
                 total += (1.0 - t) * g[r, j] * x[k, j]

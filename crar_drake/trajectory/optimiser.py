@@ -41,6 +41,7 @@ from crar_drake.trajectory.bands import (
     add_squares,
     add_steps,
     along_rows,
+    times,
 )
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
@@ -51,6 +52,8 @@ _PENALTY_OF_JOINTS = 1e5
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
 _HALVINGS = 8
 _ACTIVE_SETS = 6  # in one of them, at most
+# Frames on either side of those whose rows change, for which a step is found anew.
+_BESIDE = 10
 _UPDATES = 10  # of the multipliers under the last penalty, at most
 _LONGEST_STEP = 0.5  # of any unknown in a step [rad]
 _SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
@@ -276,7 +279,7 @@ class Part:
     def _live(self, mask: np.ndarray) -> _Live:
         """Of the frames of a mask, whose gaps of one or two frames are closed: frames
         that are coupled are neighbours then."""
-        mask = spread(mask, 1) & self.free
+        mask = _closed(mask) & self.free
         frames = np.flatnonzero(mask)
         place = np.full(len(mask) + 1, -1)
         place[frames] = np.arange(len(frames))
@@ -359,8 +362,7 @@ class Part:
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
         frames, m = base.b.shape
-        every = np.arange(frames)
-        wanted, weights = (shift, limits, speeds), (penalty, rho, rho)
+        bands, weights = base.bands(), (penalty, rho, rho)
 
         def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
             wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
@@ -371,47 +373,62 @@ class Part:
                 np.stack([-change, change]),
             )
 
-        step, before = np.zeros((frames, m)), None
-        gone, slope = moved(step), -base.b
+        step, slope, lacks = np.zeros((frames, m)), -base.b, (shift, limits, speeds)
+        before, share = None, 0.0
         for _ in range(_ACTIVE_SETS):
-            on = tuple(c > a for c, a in zip(wanted, gone, strict=True))
-            same = before is not None and all(map(np.array_equal, on, before))
-            if same:
-                break
+            on = tuple(c > 0.0 for c in lacks)
+            turned = np.full(frames, share < 1.0)
+            if share == 1.0:
+                other = on[0] != before[0]
+                sides = [left[other], right[other]]
+                other = (on[2] != before[2]).any(axis=(0, 2))
+                sides += [live.step_left[other], live.step_right[other]]
+                for side in sides:
+                    turned[side[side >= 0]] = True
+                turned |= (on[1] != before[1]).any(axis=(0, 2))
+                if not turned.any():
+                    break
             before = on
-            normal = base.copy()
+            # Where other rows count than before, and about it, the step is other, too.
+            some = np.flatnonzero(_closed(spread(turned, _BESIDE)))
+            place = np.full(frames + 1, -1)
+            place[some] = np.arange(len(some))
+            normal = base.of_frames(some, -slope[some])
+            near = np.flatnonzero(on[0] & ((place[left] >= 0) | (place[right] >= 0)))
             add_rows(
                 normal.D,
                 normal.S,
                 normal.b,
-                left,
-                right,
-                t,
-                rows.gradient,
-                penalty * on[0],
-                shift,
+                place[left[near]],
+                place[right[near]],
+                t[near],
+                rows.gradient[near],
+                np.full(len(near), penalty),
+                lacks[0][near],
             )
-            normal.add_to_diagonal(every, rho * on[1].sum(axis=0))
-            kept = np.where(on[1], limits, 0.0)  # those that are infinite are not on
+            every = np.arange(len(some))
+            normal.add_to_diagonal(every, rho * on[1][:, some].sum(axis=0))
+            kept = np.maximum(0.0, lacks[1][:, some])
             normal.b += rho * (kept[0] - kept[1])
-            _add_speeds(normal, live, rho * on[2].sum(axis=0))
-            kept = np.where(on[2], speeds, 0.0)
+            ends = place[live.step_left], place[live.step_right]
+            _add_speeds(normal, *ends, rho * on[2].sum(axis=0))
+            kept = np.maximum(0.0, lacks[2])
             push = rho * (kept[1] - kept[0])
-            for places, sign in ((live.step_right, 1.0), (live.step_left, -1.0)):
+            for places, sign in zip(ends, (-1.0, 1.0), strict=True):
                 there = places >= 0
                 normal.b[places[there]] += sign * push[there]
             self.effort.factorised += 1
             found = normal.solve()
             if found is None:
                 return None
-            way = found - step
-            going, turned = moved(way), base.times(way)
-            straight = float(np.vdot(way, slope)), float(np.vdot(way, turned))
-            lacks = [c - a for c, a in zip(wanted, gone, strict=True)]
+            way = np.zeros((frames, m))
+            way[some] = found
+            going, pulled = moved(way), times(bands, way)
+            straight = float(np.vdot(way, slope)), float(np.vdot(way, pulled))
             share = _least_along(straight, lacks, going, weights)
             step = step + share * way
-            gone = tuple(a + share * x for a, x in zip(gone, going, strict=True))
-            slope = slope + share * turned
+            slope = slope + share * pulled
+            lacks = tuple(c - share * x for c, x in zip(lacks, going, strict=True))
         return step
 
     def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
@@ -532,6 +549,11 @@ def spread(mask: np.ndarray, by: int) -> np.ndarray:
     return np.convolve(mask, np.ones(2 * by + 1))[by:-by] > 0.5
 
 
+def _closed(mask: np.ndarray) -> np.ndarray:
+    """A mask (T,), and its gaps of one or two frames: what is coupled is together."""
+    return ~spread(~spread(mask, 1), 1)
+
+
 def _second_differences(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The bands of B'B, B the second differences: (P,), (P - 1,), (P - 2,)."""
     centre, first = np.zeros(frames), np.zeros(max(frames - 1, 0))
@@ -545,11 +567,14 @@ def _second_differences(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return centre, first, second
 
 
-def _add_speeds(normal: Normal, live: _Live, much: np.ndarray) -> None:
-    """Adds (K, m) `much` times the squared change in each step."""
+def _add_speeds(
+    normal: Normal, left: np.ndarray, right: np.ndarray, much: np.ndarray
+) -> None:
+    """Adds (K, m) `much` times the squared change in each step, from a frame to the
+    next (K,); -1 where that is held."""
     j = np.arange(much.shape[1])
-    for places in (live.step_left, live.step_right):
+    for places in (left, right):
         there = places >= 0
         normal.add_to_diagonal(places[there], much[there])
-    both = (live.step_left >= 0) & (live.step_right >= 0)
-    normal.S[live.step_left[both][:, None], j, j] -= much[both]
+    both = (left >= 0) & (right >= 0)
+    normal.S[left[both][:, None], j, j] -= much[both]

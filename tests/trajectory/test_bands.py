@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from crar_drake.trajectory.bands import Normal, add_rows, add_squares, add_steps
+from crar_drake.trajectory.bands import (
+    Normal,
+    add_rows,
+    add_squares,
+    add_steps,
+    times,
+)
 
 
 def dense(normal: Normal) -> np.ndarray:
@@ -118,3 +124,27 @@ def test_squares_of_steps_are_those_of_the_dense_matrix():
         np.testing.assert_allclose(dense(found) - was[0], rows.T @ rows, atol=1e-12)
         pull = (found.b - was[1]).ravel()
         np.testing.assert_allclose(pull, -rows.T @ r.ravel(), atol=1e-12)
+
+
+def test_bands_times_a_vector_and_some_frames_alone_are_of_the_dense_matrix():
+    normal, rng = some_normal(8, 3, 9), np.random.default_rng(9)
+    x, H = rng.normal(size=(8, 3)), dense(normal)
+    np.testing.assert_allclose(
+        times(normal.bands(), x).ravel(), H @ x.ravel(), rtol=1e-12, atol=1e-12
+    )
+    some = np.array([0, 1, 3, 5, 6, 7])
+    part = normal.of_frames(some, rng.normal(size=(6, 3)))
+    columns = (3 * some[:, None] + np.arange(3)).ravel()
+    expected = H[np.ix_(columns, columns)]
+    # Frames 1 and 3, and 3 and 5, are coupled past one that is held.
+    np.testing.assert_array_equal(dense(part)[:9, :6], _gaps(expected, some)[:9, :6])
+    np.testing.assert_array_equal(dense(part), _gaps(expected, some))
+
+
+def _gaps(H: np.ndarray, some: np.ndarray) -> np.ndarray:
+    H = H.copy()
+    for a in range(len(some)):
+        for b in range(len(some)):
+            if abs(some[a] - some[b]) == 2 and abs(a - b) == 1:
+                H[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = 0.0
+    return H

@@ -73,6 +73,8 @@ class LookaheadMode(Mode):
         reaches: holds the `Reaches` of the watched pairs, for other paths than braking
             ones.
         lower, upper: (n,) limits that commands keep [rad].
+        losses: (Np,) by how much the pairs of `robot` are nearer than they are, for
+            tracking errors [m].
         admission: its numbers.
         numbers: holds the `LookaheadNumbers`.
     """
@@ -178,11 +180,12 @@ class LookaheadMode(Mode):
             step=min(float(plant.time_step()), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
+        self.losses = np.zeros(len(model.pairs.closed_rows))
         if errors.any():
             check_slides(errors, reaches, model)
-            losses = distance_losses(errors, reaches)
-            check_rest_posture(self.robot, losses, self.admission.floor, model)
-            self.robot = thickened(self.robot, losses)
+            self.losses = distance_losses(errors, reaches)
+            check_rest_posture(self.robot, self.losses, self.admission.floor, model)
+            self.robot = thickened(self.robot, self.losses)
         self.reaches = hold(reaches)
         self.numbers = hold(
             LookaheadNumbers(

@@ -1,6 +1,7 @@
 """How little any filter could change a reference, frame by frame.
 
-    python -m benchmarks.least_change g1_whole dance.csv
+    python -m benchmarks.least_change g1_whole_body dance.csv leap.csv ...
+        [--every 10] [--page docs/measurements/cleaning.md]
 
 Each frame by itself, without a past, a speed limit or a way to the next: the
 configuration that differs the least from the reference among those whose watched pairs
@@ -16,22 +17,27 @@ before. That bounds the least change from above, and is no proof of how small it
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from benchmarks.page import Benchmark, Table, run
 from crar_drake.references.change import rms
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import HANDS
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.whole_body import WholeBody
-from crar_drake.robot.description import find_frame, load_robot_description
-from crar_drake.studies.tables import markdown_table
+from crar_drake.robot.description import (
+    RobotDescription,
+    find_frame,
+    load_robot_description,
+    whole_body_name,
+)
 from crar_drake.trajectory.distance_rows import configurations
 
 _STEPS = 25  # quadratic programs for a frame
@@ -246,36 +252,45 @@ def row(name: str, least: LeastChange, reference, frames, broken: float) -> list
     ]
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("robot", help="name or folder, imported as a whole body")
-    parser.add_argument("motion", help="a robot motion")
-    parser.add_argument(
-        "--every", type=int, default=1, help="look at each n-th frame alone (default 1)"
-    )
-    arguments = parser.parse_args(argv)
-    description = load_robot_description(arguments.robot).without_ground()
-    (motion,) = read_motions(arguments.motion, robot=WholeBody(description))
+def table(description: RobotDescription, path: Path, every: int) -> Table:
+    """What `clean` changes in a motion, and the least that can be."""
+    (motion,) = read_motions(path, robot=WholeBody(description))
     rows, cleaner = [], Cleaner(description, motion.rate)
     names = cleaner.model.joint_names
     columns = [motion.joint_names.index(name) for name in names]
     q = np.ascontiguousarray(motion.joint_positions[:, columns])
-    some = slice(None, None, arguments.every)
     measured = LeastChange(cleaner, MEASURES[0])
     ours = cleaner.clean(q).q
     hands = CleaningParameters(hands=True)
     by_hands = Cleaner(description, motion.rate, hands).clean(q).q
+    some = slice(None, None, every)
     for name, made in ((OURS, ours), (f"{OURS} --hands", by_hands)):
         rows.append(row(name, measured, q[some], made[some], 0.0))
-        print(rows[-1], flush=True)
     for measure in MEASURES:
         frames, broken = least_changes(cleaner, q[some], ours[some], measure)
         rows.append(
             row(f"least change of {measure}", measured, q[some], frames, broken)
         )
-        print(rows[-1], flush=True)
-    print(markdown_table(HEADER, rows))
+    for each in rows:
+        print(path.stem, *each, sep=" | ", flush=True)
+    return Table(HEADER, rows, path.stem)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Measures, and prints the tables."""
+    benchmark = Benchmark("benchmarks.least_change", __doc__, "cleaning")
+    benchmark.parser.add_argument("robot", help="name or folder")
+    benchmark.parser.add_argument("motions", nargs="+", type=Path)
+    benchmark.parser.add_argument(
+        "--every", type=int, default=1, help="look at each n-th frame alone (default 1)"
+    )
+    arguments = benchmark.parse(argv, lambda given: "least-change")
+    name = whole_body_name(arguments.robot)
+    description = load_robot_description(name).without_ground()
+    benchmark.report(
+        [table(description, motion, arguments.every) for motion in arguments.motions]
+    )
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -113,5 +113,5 @@ def test_sweep_on_a_cluster(tmp_path: Path) -> None:
 def test_every_example_has_a_test() -> None:
     tested = re.findall(r'(?:run_example\(|EXAMPLES /) ?"(\w+\.py)"', THIS.read_text())
     # tests/commands/test_serve.py, tests/motion/test_builtin_motions.py
-    elsewhere = {"teleoperate.py", "author_motions.py"}
+    elsewhere = {"teleoperate.py", "lagging_robot.py", "author_motions.py"}
     assert {path.name for path in EXAMPLES.glob("*.py")} == {*tested, *elsewhere}

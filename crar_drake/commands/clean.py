@@ -98,6 +98,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="raise or lower each motion so that its feet's floor is at z = 0",
     )
     parser.add_argument(
+        "--retime",
+        action="store_true",
+        help="slow a motion down where a joint is faster than its limit (default: it "
+        "stays in time, and the joint lags)",
+    )
+    parser.add_argument(
         "--no-page",
         action="store_true",
         help="no page of before and after, which takes longer than cleaning does (of "
@@ -210,6 +216,7 @@ def _options(arguments: argparse.Namespace) -> dict:
         "rate": arguments.frame_rate,
         "frames": arguments.frames,
         "ground": arguments.ground,
+        "retime": arguments.retime,
         "at_most": AtMost(**arguments.at_most),
     }
 
@@ -291,6 +298,11 @@ def clip_lines(clip: CleanedClip) -> list[str]:
         lines.append(
             f"{'raised' if clip.raised > 0.0 else 'lowered'} by "
             f"{1e3 * abs(clip.raised):.1f} mm, so that the feet's floor is at z = 0"
+        )
+    if clip.slowed:
+        lines.append(
+            f"slowed down: it takes {clip.slowed:.2f} s longer, so that no joint is "
+            "too fast"
         )
     if clip.exceeded:
         lines.append(f"changed by more than is allowed: {clip.exceeded}")

@@ -22,6 +22,7 @@ from crar_drake.errors import CrarError
 
 _SCENARIO = "dance_wrists"
 _PORT = 7670
+_MEASURED = "measured"
 _STDERR = 2  # the descriptor
 
 # As crar_drake.teleoperation.target_stream.Gate has them, which takes long to import; a
@@ -103,8 +104,23 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--start",
         type=Path,
         metavar="FILE",
-        help="where the robot begins, as JSON of joint to position [rad or m] "
-        "(default: in its rest posture)",
+        help="where the robot begins, as JSON of joint to position [rad or m]; "
+        f"{_MEASURED}: where it says it is (default: in its rest posture)",
+    )
+    parser.add_argument(
+        "--latency",
+        type=positive,
+        default=0.0,
+        metavar="S",
+        help="how old measured positions are when they come (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--tracking-error",
+        type=positive,
+        default=math.inf,
+        metavar="RAD",
+        help="brake where a joint of the robot is farther than this from what it was "
+        "told, or the robot is not heard for --timeout (default: never)",
     )
     parser.add_argument(
         "--duration", type=positive, metavar="S", help="end after S seconds"
@@ -117,9 +133,13 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.teleoperation.serving import make_server
     from crar_drake.teleoperation.target_stream import Gate
 
+    measured = arguments.start == Path(_MEASURED)
     server = make_server(
         arguments.scenario,
-        start=_read_start(arguments.start),
+        start=None if measured else _read_start(arguments.start),
+        start_measured=measured,
+        latency=arguments.latency,
+        tracking_error=arguments.tracking_error,
         robot=arguments.robot or "",
         experiment=arguments.experiment or "",
         rate=arguments.rate,
@@ -133,7 +153,8 @@ def run(arguments: argparse.Namespace) -> None:
     model = server.motion.model
     tasks = ", ".join(model.layout.names)
     print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
-    print(f"waits for targets of {tasks}; Ctrl-C ends it", flush=True)
+    before = "the robot to say where it is, then for " if measured else ""
+    print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)
     if arguments.lcm:
         print(f"LCM at {arguments.lcm}", flush=True)
     reported = NeverWaiting()

@@ -8,6 +8,7 @@ import numpy as np
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.references.ground_contact import FEET, Outline
+from crar_drake.references.resampling import has_rows
 from crar_drake.references.robot_motion import RobotMotion
 
 # A floor that is as near to z = 0 is there: what files round moves it by less [m].
@@ -43,7 +44,7 @@ def trimmed(motion: RobotMotion, frames: Frames) -> RobotMotion:
         root_quaternions=motion.root_quaternions[some],
         joint_positions=motion.joint_positions[some],
         extras={
-            key: value[some] if _has_rows(value, motion.num_frames) else value
+            key: value[some] if has_rows(value, motion.num_frames) else value
             for key, value in motion.extras.items()
         },
         computed={},
@@ -86,13 +87,7 @@ def check_feet(outline: Outline, robot: str) -> None:
         )
 
 
-def _has_rows(value: object, frames: int) -> bool:
-    """Whether it is an array of numbers with a row for each frame."""
-    array = isinstance(value, np.ndarray) and value.ndim > 0
-    return array and len(value) == frames and value.dtype.kind in "fiub"
-
-
 def _raised(value: object, up: np.ndarray, frames: int) -> object:
-    if not _has_rows(value, frames) or value.shape[-1] != 3:
+    if not has_rows(value, frames) or value.shape[-1] != 3:
         return value
     return (value + up).astype(value.dtype)

@@ -38,6 +38,7 @@ from crar_drake.references.motion_certificate import (
     write_certificate,
 )
 from crar_drake.references.motion_files import read_motions, write_motions
+from crar_drake.references.resampling import retimed
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.uncovered import Uncovered
 from crar_drake.references.whole_body import WholeBody
@@ -74,6 +75,7 @@ class CleanedClip(Change):
         seconds: of a processor that cleaning took, asking and parting meshes with it,
             without reading, writing and measuring [s].
         raised: by how much it was set on the ground; 0 if that was not asked for [m].
+        slowed: by how much longer it takes; 0 if that was not asked for [s].
         deepest: frame and pair of the deepest penetration, in words; "" without one.
         exceeded: what changed by more than was allowed, in words; "" if nothing did.
     """
@@ -97,6 +99,7 @@ class CleanedClip(Change):
     meshes_unclear: int
     seconds: float
     raised: float
+    slowed: float
     deepest: str
     exceeded: str
 
@@ -154,6 +157,8 @@ class FileOptions:
         layout, rate: of files that do not say them (`read_motion`).
         frames: those that are kept.
         ground: whether motions are then set on the ground (`set_on_ground`).
+        retime: whether motions are slowed down first where joints are too fast
+            (`retimed`).
         at_most: how far they may change; one that changed by more is written as well.
     """
 
@@ -161,6 +166,7 @@ class FileOptions:
     rate: float | None = None
     frames: Frames = (1, None)
     ground: bool = False
+    retime: bool = False
     at_most: AtMost = ANY_CHANGE
 
     def certified(self) -> dict:
@@ -171,6 +177,7 @@ class FileOptions:
             "rate": self.rate,
             "frames": kept,
             "ground": self.ground,
+            "retime": self.retime,
         }
 
 
@@ -220,6 +227,7 @@ class FileCleaner:
             layout=motions[0].layout,
             options=options.certified(),
             ground=self._outline,
+            retime=options.retime,
             at_most=options.at_most,
             progress=progress,
         )
@@ -278,6 +286,7 @@ class MotionCleaner:
         layout: str,
         options: dict,
         ground: Outline | None = None,
+        retime: bool = False,
         at_most: AtMost = ANY_CHANGE,
         progress: Callable[[int, int], None] | None = None,
     ) -> list[CleanedClip]:
@@ -290,6 +299,7 @@ class MotionCleaner:
             layout: of the file to be written.
             options: what the certificate says of how they were read.
             ground: of the robot, if motions are to be set on the ground.
+            retime: whether they are slowed down where joints are too fast.
             at_most: how far they may change.
             progress: as of `clean_file`.
 
@@ -297,6 +307,9 @@ class MotionCleaner:
             ModelError, MotionError, WriteError: as `clean_file`.
         """
         written, seconds, raised = [], [], []
+        durations = [motion.duration for motion in motions]
+        if retime:
+            motions = [retimed(motion, self._speeds(motion)) for motion in motions]
         for motion in motions:
             kept, took = self._cleaned(motion, progress)
             rise = 0.0
@@ -313,15 +326,16 @@ class MotionCleaner:
             # What is certified is what stands in the file, rounded as its layout does.
             again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
             clips, rows = [], []
-            for before, after, took, rise in zip(
-                motions, again, seconds, raised, strict=True
+            for before, after, took, rise, duration in zip(
+                motions, again, seconds, raised, durations, strict=True
             ):
                 cleaner = self._of_rate(after.rate)
                 margins = [_margins(motion, cleaner) for motion in (before, after)]
                 meshes = self.uncovered.look_at(after)
                 clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
                 row = _row(before, after, margins, meshes, cleaner, robot)
-                row = replace(row, seconds=took, raised=rise)
+                slowed = before.duration - duration
+                row = replace(row, seconds=took, raised=rise, slowed=slowed)
                 rows.append(replace(row, exceeded=at_most.exceeded(row)))
             certificate = make_certificate(
                 folder / out.name,
@@ -354,6 +368,17 @@ class MotionCleaner:
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
         return replace(motion, joint_positions=joints), seconds
+
+    def _speeds(self, motion: RobotMotion) -> Callable[[np.ndarray], np.ndarray]:
+        """The largest share of what speeds may be used, as `retimed` asks for it."""
+        cleaner = self._of_rate(motion.rate)
+        columns, fastest = _columns(motion, cleaner), cleaner.fastest
+
+        def speeds(q: np.ndarray) -> np.ndarray:
+            steps = np.abs(np.diff(q[:, columns], axis=0))
+            return (steps / fastest).max(axis=1)
+
+        return speeds
 
 
 def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:
@@ -412,6 +437,7 @@ def _row(
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
         seconds=0.0,
         raised=0.0,
+        slowed=0.0,
         deepest=_deepest(now, cleaner),
         exceeded="",
     )

@@ -172,6 +172,12 @@ class Cleaner:
         self._poses = ControlModel.FromDescription(bare, kept) if kept else None
         self._rest = self.model.rest_positions()
 
+    @property
+    def fastest(self) -> np.ndarray:
+        """(n,) how far each joint may go from a frame to the next [rad or m]."""
+        limits = self.model.velocity_limits[self.model.controlled]
+        return self.parameters.velocity_scale * limits / self.rate
+
     def margins(self, q: np.ndarray) -> Margins:
         """What a motion (T, n) of the controlled joints keeps.
 
@@ -201,7 +207,6 @@ class Cleaner:
     def _problem(self, reference, root_rotations, carries) -> Problem:
         p, model = self.parameters, self.model
         ones = np.ones(model.n)
-        fastest = model.velocity_limits[model.controlled]
         stiffness = p.joint_weight * (p.smoothing * self.rate) ** 2
         return Problem(
             tasks=self._tasks(reference, root_rotations, carries),
@@ -211,7 +216,7 @@ class Cleaner:
             smoothness=stiffness * ones,
             lower=model.lower,
             upper=model.upper,
-            fastest=p.velocity_scale * fastest / self.rate,
+            fastest=self.fastest,
             near_rows=self._keeper.near_rows,
             num_rows=self._keeper.num_rows,
         )

@@ -1,11 +1,13 @@
-"""A motion at another rate, along splines through its samples."""
+"""A motion at another rate, or more slowly, along splines through its samples."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
@@ -14,6 +16,12 @@ from crar_drake.references.robot_motion import RobotMotion
 
 # A last sample is taken if it is beyond the motion's end by rounding alone [frames].
 _ROUNDING = 1e-6
+
+# A motion slows down within this time where a joint would be too fast [s].
+_SLOWING = 0.2
+# Splines swing a little beyond the speeds of the samples: it is slowed to this share of
+# what is allowed, and again, so often.
+_SLOWED_TO, _TRIES = 0.998, 10
 
 
 def resampled(motion: RobotMotion, rate: float) -> tuple[RobotMotion, tuple[str, ...]]:
@@ -41,23 +49,79 @@ def resampled(motion: RobotMotion, rate: float) -> tuple[RobotMotion, tuple[str,
         raise MotionError(f"{motion.source}: one frame has no rate to change")
     count = int(np.floor(motion.duration * rate + _ROUNDING)) + 1
     times = np.minimum(np.arange(count) / rate, motion.duration)
-    turning = QuaternionSpline(motion.times, motion.root_rotations.as_quat())
-    R_WR = np.array([turning(time)[0] for time in times])
-    quaternions = Rotation.from_matrix(R_WR).as_quat()[:, [3, 0, 1, 2]]
     left_out = tuple(
         key
         for key, value in motion.extras.items()
-        if np.ndim(value) > 0 and len(value) == motion.num_frames
+        if has_rows(value, motion.num_frames)
     )
+    extras = {k: v for k, v in motion.extras.items() if k not in left_out}
+    return replace(_at(motion, times), rate=float(rate), extras=extras), left_out
+
+
+def retimed(
+    motion: RobotMotion, speeds: Callable[[np.ndarray], np.ndarray]
+) -> RobotMotion:
+    """The motion, slowed down where a joint would be too fast, and nowhere else faster.
+
+    The tempo changes gradually, over 0.2 s; what is sampled passes through the same
+    configurations, along splines as `resampled`. What the file has besides for each
+    frame is that of the nearest one. A motion that is not too fast is returned itself.
+
+    Args:
+        motion: of T frames.
+        speeds: of joint positions (T, n), the largest share of a speed limit on the way
+            to each next frame, (T - 1,).
+
+    Returns:
+        The motion at the same rate, with more frames; its last one stands at its end.
+    """
+    share = speeds(motion.joint_positions)
+    if share.max(initial=0.0) <= 1.0:
+        return motion
+    around, made = 2 * round(_SLOWING * motion.rate) + 1, motion
+    slower = np.maximum(share / _SLOWED_TO, 1.0)
+    for _ in range(_TRIES):
+        # A mean of what is the largest nearby is nowhere less than what is needed.
+        wide = maximum_filter1d(slower, around, mode="nearest")
+        tempo = uniform_filter1d(wide, around, mode="nearest")
+        frames = np.concatenate([[0.0], np.cumsum(tempo)])  # where the old ones come
+        count = int(np.ceil(frames[-1] - _ROUNDING))
+        way = PchipInterpolator(frames * (count / frames[-1]), np.arange(len(frames)))
+        at = np.clip(way(np.arange(count + 1)), 0.0, len(frames) - 1)
+        made = _at(motion, at / motion.rate)
+        share = speeds(made.joint_positions)
+        if share.max() <= 1.0:
+            break
+        old = np.minimum(at[:-1].astype(int), len(slower) - 1)
+        was = slower.copy()
+        for step in (old, np.minimum(old + 1, len(slower) - 1)):
+            np.maximum.at(slower, step, was[step] * share / _SLOWED_TO)
+    nearest = np.rint(at).astype(int)
+    extras = {
+        key: value[nearest] if has_rows(value, motion.num_frames) else value
+        for key, value in motion.extras.items()
+    }
+    return replace(made, extras=extras)
+
+
+def has_rows(value: object, frames: int) -> bool:
+    """Whether what a file has besides is an array of numbers, a row for each frame."""
+    array = isinstance(value, np.ndarray) and value.ndim > 0
+    return array and len(value) == frames and value.dtype.kind in "fiub"
+
+
+def _at(motion: RobotMotion, times: np.ndarray) -> RobotMotion:
+    """The motion at some times [s], without what follows from it."""
+    turning = QuaternionSpline(motion.times, motion.root_rotations.as_quat())
+    R_WR = np.array([turning(time)[0] for time in times])
+    quaternions = Rotation.from_matrix(R_WR).as_quat()[:, [3, 0, 1, 2]]
     return replace(
         motion,
         root_positions=CubicSpline(motion.times, motion.root_positions)(times),
         root_quaternions=_signed_as(quaternions, motion.root_quaternions[0]),
         joint_positions=CubicSpline(motion.times, motion.joint_positions)(times),
-        rate=float(rate),
-        extras={k: v for k, v in motion.extras.items() if k not in left_out},
         computed={},
-    ), left_out
+    )
 
 
 def _signed_as(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:

@@ -30,7 +30,6 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.trajectory.performer_targets import LIMBS, PerformerTargets
 from crar_drake.trajectory.retargeted_motion import RATE
 from crar_drake.trajectory.retargeting import (
-    Retargeted,
     Retargeter,
     RetargetingParameters,
 )
@@ -125,7 +124,11 @@ def retarget_file(
 
 
 class FileRetargeter:
-    """Retargets motions of people to one robot, one file after the other."""
+    """Retargets motions of people to one robot, one file after the other.
+
+    Attributes:
+        retargeter: of the robot.
+    """
 
     def __init__(
         self,
@@ -146,7 +149,7 @@ class FileRetargeter:
         self._options, self._layout, self._rate = options, layout, rate
         description = load_robot_description(robot).without_ground()
         self._robot = WholeBody(description)
-        self._retargeter = Retargeter(description, parameters)
+        self.retargeter = Retargeter(description, parameters)
         self._cleaner = MotionCleaner(self._robot, CLEANING, part_meshes=False)
         self._outline = Outline(self._robot)
 
@@ -158,7 +161,7 @@ class FileRetargeter:
     ) -> RetargetedClip:
         """Retargets a motion; see `retarget_file`."""
         _check_place(out)
-        robot, retargeter, rate = self._robot, self._retargeter, self._rate
+        robot, retargeter, rate = self._robot, self.retargeter, self._rate
         performer = load_performer(motion, self._options)
         frames = int(performer.duration * rate) + 1
         meshes = self._cleaner.uncovered.meshes
@@ -191,7 +194,7 @@ class FileRetargeter:
         given = None if layout_named(self._layout).has_rate else rate
         written = read_motion(out, self._layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
-        limbs, knees = _likeness(retargeter, found, written)
+        limbs, knees = likeness(retargeter, found.targets, written)
         return RetargetedClip(
             cleaned,
             limbs,
@@ -246,13 +249,18 @@ def _check_place(out: Path) -> None:
     check_certificate_place(out)
 
 
-def _likeness(
-    retargeter: Retargeter, found: Retargeted, written: RobotMotion
-) -> tuple[dict, dict]:
-    """`limbs` and `knees` of a `RetargetedClip`, of what was written."""
-    targets: PerformerTargets = found.targets
-    names = written.joint_names
-    q = written.joint_positions[
+def likeness(
+    retargeter: Retargeter, targets: PerformerTargets, motion: RobotMotion
+) -> tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]:
+    """How like the person a robot moves: `limbs` and `knees` of a `RetargetedClip`.
+
+    Args:
+        retargeter: of the robot.
+        targets: what the person asks of it, at the motion's frames.
+        motion: the robot's.
+    """
+    names = motion.joint_names
+    q = motion.joint_positions[
         :, [names.index(x) for x in retargeter.model.joint_names]
     ]
     ends = [LIMBS[limb][1] for limb in targets.directions]
@@ -260,7 +268,7 @@ def _likeness(
         zip(
             targets.directions,
             retargeter.ways(
-                written.root_positions, written.root_rotations.as_matrix(), q, ends
+                motion.root_positions, motion.root_rotations.as_matrix(), q, ends
             ),
             strict=True,
         )

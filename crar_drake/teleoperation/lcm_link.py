@@ -2,14 +2,17 @@
 
 Such a message has a time stamp [ms], names and numbers. Channel CRAR_TARGETS carries
 targets: a task's numbers are named `TASK.x`, `.y`, `.z` [m] and `.qw`, `.qx`, `.qy`,
-`.qz`, that of a task that is a joint `TASK` [rad or m]. Channel CRAR_COMMAND carries
-what goes back: `q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N], and
-`braking`, 1 or 0. A time stamp of 0 is none.
+`.qz`, that of a task that is a joint `TASK` [rad or m]. Channel CRAR_MEASURED carries
+where the robot is, `JOINT` [rad or m]. Channel CRAR_COMMAND carries what goes back:
+`q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N], and `braking`, 1 or 0. A time
+stamp of 0 is none.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Collection
+from functools import partial
 
 from drake import lcmt_drake_signal
 from pydrake.lcm import DrakeLcm
@@ -20,12 +23,14 @@ from crar_drake.teleoperation.messages import (
     LONGEST,
     PARTS,
     Command,
+    Measured,
     MessageError,
     TargetMessage,
+    make_measured,
     make_targets,
 )
 
-TARGETS, COMMAND = "CRAR_TARGETS", "CRAR_COMMAND"
+TARGETS, COMMAND, MEASURED = "CRAR_TARGETS", "CRAR_COMMAND", "CRAR_MEASURED"
 _PROBE = "CRAR_PROBE"
 _PATIENCE = 500  # [ms]
 _ENDINGS = {"orientation": ("qw", "qx", "qy", "qz"), "position": ("x", "y", "z")}
@@ -57,10 +62,11 @@ class LcmLink:
         self._check(url)
         self._layout, self._names = layout, names
         self._most, self._arrived = 0, []
-        self._lcm.Subscribe(TARGETS, self._receive)
+        for channel in (TARGETS, MEASURED):
+            self._lcm.Subscribe(channel, partial(self._receive, channel))
 
-    def poll(self, most: int) -> list[bytes]:
-        """What has arrived, as it is; it does not wait.
+    def poll(self, most: int) -> list[tuple[str, bytes]]:
+        """What has arrived, its channel and the bytes; it does not wait.
 
         Args:
             most: messages; LCM hands on what comes while it does, without end where a
@@ -103,14 +109,16 @@ class LcmLink:
                 f"--lcm {url}: LCM carries no messages there; LCM itself says why above"
             )
 
-    def _receive(self, data: bytes) -> None:
-        self._arrived.append(data)
+    def _receive(self, channel: str, data: bytes) -> None:
+        self._arrived.append((channel, data))
         if len(self._arrived) >= self._most:
             raise _EnoughError
 
 
-def decode(data: bytes, layout: TaskLayout) -> TargetMessage:
-    """Targets from the bytes of an lcmt_drake_signal.
+def decode(
+    channel: str, data: bytes, layout: TaskLayout, joints: Collection[str] = ()
+) -> TargetMessage | Measured:
+    """What the bytes of an lcmt_drake_signal say on a channel.
 
     Raises:
         MessageError: it is none, or as `messages.parse`.
@@ -124,6 +132,8 @@ def decode(data: bytes, layout: TaskLayout) -> TargetMessage:
     numbers = dict(zip(message.coord, message.val, strict=True))
     if len(numbers) < message.dim:
         raise MessageError("a name twice")
+    if channel == MEASURED:
+        return make_measured(numbers, joints)
     targets: dict[str, dict] = {}
     for name, kind in zip(layout.names, layout.kinds, strict=True):
         if kind == "joint":

@@ -11,7 +11,9 @@ A client sends targets, any of the tasks in one line:
 Positions are in the world frame W [m], orientations unit quaternions (w, x, y, z); of a
 task that is a joint the position is a number [rad or m]. `{"describe": true}` asks for
 the names and the order of what comes back, `{"drive": true}` to be the one whose
-targets are followed.
+targets are followed. The robot says where its joints are [rad or m]:
+
+    {"measured": {"left_elbow": -0.52, "left_shoulder_x": 0.1}}
 
 Numbers are all that is taken from a message: nothing in it is run, and no name in it is
 looked up but among those of the tasks.
@@ -21,7 +23,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,17 +73,31 @@ class Drive:
     """A client wants to be the one whose targets are followed, from now on."""
 
 
-def parse(line: bytes, layout: TaskLayout) -> TargetMessage | Describe | Drive:
+@dataclass(frozen=True)
+class Measured:
+    """Where the robot's joints are.
+
+    Attributes:
+        positions: joint to position [rad or m].
+    """
+
+    positions: Mapping[str, float]
+
+
+def parse(
+    line: bytes, layout: TaskLayout, joints: Collection[str] = ()
+) -> TargetMessage | Measured | Describe | Drive:
     """Reads one line.
 
     Args:
         line: as it came, without trust.
         layout: of the tasks.
+        joints: that can be measured.
 
     Raises:
         MessageError: it is too long, no JSON object, has a key that is not known, a
-            task that is not there, a wrong number of numbers, or one that is not
-            finite, too large, or no orientation.
+            task or joint that is not there, a wrong number of numbers, or one that is
+            not finite, too large, or no orientation.
     """
     if len(line) > LONGEST:
         raise MessageError(f"longer than {LONGEST} bytes")
@@ -95,6 +111,8 @@ def parse(line: bytes, layout: TaskLayout) -> TargetMessage | Describe | Drive:
         return Describe()
     if said == {"drive": True}:
         return Drive()
+    if set(said) == {"measured"}:
+        return make_measured(said["measured"], joints)
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):
         raise MessageError('give "targets", and "time" if you like')
@@ -124,6 +142,24 @@ def make_targets(
         task = layout.names.index(name)
         found[task] = _entries(target, layout.kinds[task])
     return TargetMessage(time, found)
+
+
+def make_measured(positions: object, joints: Collection[str]) -> Measured:
+    """Checks measured positions by name, from whatever message.
+
+    Args:
+        positions: joint to position [rad or m].
+        joints: that can be measured.
+
+    Raises:
+        MessageError: as `parse`.
+    """
+    if not isinstance(positions, dict) or not positions:
+        raise MessageError("measured has the positions of joints by name")
+    for name in positions:
+        if name not in joints:
+            raise MessageError(f"no joint {name[:40]!r}")
+    return Measured({name: _number(x, _FARTHEST) for name, x in positions.items()})
 
 
 def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:
@@ -201,6 +237,9 @@ class Command:
         distance: of the nearest watched pair [m]; infinite if none is watched.
         admitted: "nominal", "corrected", or "scaled", see docs/theory/theorem.md.
         driver: whose targets are followed, "host:port" or "LCM"; None: nobody's.
+        tracking_error: how far the robot was from what it was told when it was heard
+            last [rad or m]; NaN if it never was.
+        tracking_joint: of which joint; None of none.
     """
 
     time: float
@@ -212,11 +251,16 @@ class Command:
     distance: float
     admitted: str
     driver: str | None = None
+    tracking_error: float = math.nan
+    tracking_joint: str | None = None
 
     def to_line(self) -> bytes:
         """As JSON: numbers have as many digits as make sense for a robot."""
         # JSON has no infinity.
-        distance = round(self.distance, 6) if math.isfinite(self.distance) else None
+        distance, error = (
+            round(x, 6) if math.isfinite(x) else None
+            for x in (self.distance, self.tracking_error)
+        )
         said = {
             "time": round(self.time, 6),
             "of": self.of,
@@ -224,6 +268,8 @@ class Command:
             "admitted": self.admitted,
             "driver": self.driver,
             "distance": distance,
+            "tracking_error": error,
+            "tracking_joint": self.tracking_joint,
             "positions": self.positions.round(9).tolist(),
             "velocities": self.velocities.round(9).tolist(),
             "torques": self.torques.round(6).tolist(),

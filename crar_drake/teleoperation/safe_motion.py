@@ -60,13 +60,28 @@ class SafeMotion:
                 "network get lost, and then the robot is to brake"
             )
         self.model, self.law = model, ControlLaw(model, parameters)
-        self.q = _start_positions(model, start or {})
-        self.v = np.zeros(model.plant.num_velocities())
-        self._still = model.prescribed_at(self.q)
         self._workspace = model.MakeWorkspace()
+        self._stand(_start_positions(model, {}))
         self._warm_up()
         if start:
-            self._check_start(parameters)
+            self.begin(start)
+
+    def begin(self, start: Mapping[str, float]) -> None:
+        """Begins anew, at rest.
+
+        Args:
+            start: as of `__init__`.
+
+        Raises:
+            ScenarioError: the robot cannot start there.
+        """
+        self._stand(_start_positions(self.model, start))
+        self._check_start(self.law.parameters)
+
+    def _stand(self, q: np.ndarray) -> None:
+        self.q, self.v = q, np.zeros(self.model.plant.num_velocities())
+        self._still = self.model.prescribed_at(q)
+        self.law.reset()
 
     def where(self) -> np.ndarray:
         """(layout.size,) [x; 0; 0] of the tasks' points now."""

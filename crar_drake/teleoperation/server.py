@@ -27,6 +27,7 @@ from crar_drake.control.records import (
 )
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
+from crar_drake.teleoperation.followed_robot import FollowedRobot
 from crar_drake.teleoperation.latencies import Latencies
 from crar_drake.teleoperation.lcm_link import LcmLink, decode
 from crar_drake.teleoperation.messages import (
@@ -34,6 +35,7 @@ from crar_drake.teleoperation.messages import (
     Command,
     Describe,
     Drive,
+    Measured,
     MessageError,
     TargetMessage,
     as_targets,
@@ -75,6 +77,9 @@ class Statistics:
         overruns: steps that began more than a period late.
         stalls: steps that began so late that the robot goes on from rest.
         unsent: commands that the network did not take.
+        not_followed: steps that braked since the robot was too far from what it was
+            told, or was not heard.
+        largest_error: of the robot's joints from what they were told [rad or m].
         smallest_distance: of a watched pair [m].
         latency: from a target's arrival to the first command that knows it.
         step_time: of the control steps.
@@ -88,6 +93,8 @@ class Statistics:
     overruns: int = 0
     stalls: int = 0
     unsent: int = 0
+    not_followed: int = 0
+    largest_error: float = 0.0
     smallest_distance: float = np.inf
     latency: Latencies = field(default_factory=Latencies)
     step_time: Latencies = field(default_factory=Latencies)
@@ -121,6 +128,11 @@ class Statistics:
         ]
         if np.isfinite(self.smallest_distance):
             lines.append(f"smallest distance: {1e3 * self.smallest_distance:.1f} mm")
+        if self.largest_error:
+            lines.append(
+                f"the robot was off by {self.largest_error:.3g} rad or m at most; "
+                f"{self.not_followed} steps braked for that, or since it was not heard"
+            )
         if self.unsent:
             lines.append(f"{self.unsent} commands could not be sent")
         if self.last_error:
@@ -157,6 +169,7 @@ class TeleoperationServer:
         motion: the robot.
         stream: the targets.
         statistics: of all since it was made.
+        robot: what it says of itself.
         address: (host, port) that it listens at.
     """
 
@@ -168,6 +181,9 @@ class TeleoperationServer:
         port: int = 0,
         lcm_url: str = "",
         opened: socket.socket | None = None,
+        latency: float = 0.0,
+        tracking_error: float = math.inf,
+        start_measured: bool = False,
     ) -> None:
         """
         Args:
@@ -176,6 +192,12 @@ class TeleoperationServer:
             host, port: see `listen`.
             lcm_url: "" for no LCM.
             opened: of `listen`, instead of a new one; it is closed here then.
+            latency: of measured positions [s].
+            tracking_error: where a joint is farther than this from what it was told,
+                or the robot is not heard for the gate's timeout, the motion brakes
+                [rad or m]; infinite: never.
+            start_measured: whether `run` waits until the robot is heard, and begins
+                where it is.
 
         Raises:
             CrarError: nothing can listen there.
@@ -185,6 +207,8 @@ class TeleoperationServer:
         self.stream = TargetStream(model.layout, gate or Gate())
         self.statistics = Statistics(targets=self.stream.counts)
         self.period = motion.law.parameters.period
+        self.robot = FollowedRobot(model.position_names, latency, tracking_error)
+        self._start_measured = start_measured
         self._socket = opened or listen(host, port)
         self.address: Address = self._socket.getsockname()[:2]
         self._lcm = None
@@ -229,6 +253,9 @@ class TeleoperationServer:
 
         Returns:
             The statistics.
+
+        Raises:
+            ScenarioError: the robot cannot start where it says it is.
         """
         # What lives as long as the server need not be looked through again and again.
         gc.collect()
@@ -236,6 +263,16 @@ class TeleoperationServer:
         self._start = reported = time.monotonic()
         tick = self._start + self.period
         self._stopped = False
+        while self._start_measured and not self.robot.positions:
+            if self._stopped or asked() or (duration and tick - self._start > duration):
+                return self.statistics
+            self._wait(tick)
+            self._budget = _MOST_PER_PERIOD
+            tick += self.period
+        if self._start_measured:
+            self.motion.begin(self.robot.positions)
+            self._here = self.motion.where()
+            self._start_measured = False
         while True:
             over = duration is not None and tick - self._start >= duration
             self._ends = self._stopped or over or asked()
@@ -264,9 +301,11 @@ class TeleoperationServer:
         statistics = self.statistics
         began = time.monotonic()
         desired = self.stream.desired_at(now, self._here)
-        if self._ends:
+        follows = self.robot.follows(now, self.stream.gate.timeout)
+        if self._ends or not follows:
             desired[:] = np.nan  # to brake
         solution = self.motion.advance(desired)
+        self.robot.tell(now + self.period, self.motion.q)
         statistics.step_time.add(time.monotonic() - began)
         held = _ADMITTED.get(float(solution.admission[0]), "nominal")
         status = _STATUS.get(float(solution.status[0]), "tracking")
@@ -281,6 +320,8 @@ class TeleoperationServer:
             distance=float(distances.min()) if len(distances) else float("inf"),
             admitted=held,
             driver=self._named(now),
+            tracking_error=self.robot.error,
+            tracking_joint=self.robot.joint,
         )
         self._send(command, now)
         sent = time.monotonic()
@@ -289,6 +330,7 @@ class TeleoperationServer:
         self._arrived.clear()
         statistics.steps[status] += 1
         statistics.held_back += held != "nominal"
+        statistics.not_followed += not follows
         statistics.smallest_distance = min(
             statistics.smallest_distance, command.distance
         )
@@ -337,14 +379,18 @@ class TeleoperationServer:
         """The same of LCM, where what is not read waits in a queue of LCM's own."""
         if self._budget <= 0:
             return
-        for data in self._lcm.poll(self._budget):
+        for channel, data in self._lcm.poll(self._budget):
             self._budget -= 1
             now = time.monotonic()
             if self._too_many(now, until):
                 self.statistics.messages[FLOODING] += 1
                 continue
             try:
-                self._use(decode(data, self.stream.layout), now, "LCM")
+                message = decode(channel, data, self.stream.layout, self.robot.names)
+                if isinstance(message, Measured):
+                    self._hear(message, now)
+                else:
+                    self._use(message, now, "LCM")
             except MessageError as error:
                 self._note(error)
 
@@ -366,7 +412,7 @@ class TeleoperationServer:
 
     def _take_line(self, line: bytes, sender: Address, now: float) -> None:
         try:
-            message = parse(line, self.stream.layout)
+            message = parse(line, self.stream.layout, self.robot.names)
         except MessageError as error:
             self._note(error)
             return
@@ -380,8 +426,16 @@ class TeleoperationServer:
         self._clients[sender] = now
         if isinstance(message, Drive):
             self._driver, self._driven = sender, now
+        elif isinstance(message, Measured):
+            self._hear(message, now)
         else:
             self._use(message, now, sender)
+
+    def _hear(self, message: Measured, now: float) -> None:
+        self.robot.hear(message.positions, now)
+        self.statistics.messages["measured"] += 1
+        if self.robot.error > self.statistics.largest_error:
+            self.statistics.largest_error = self.robot.error
 
     def _named(self, now: float) -> str | None:
         """Who drives; None if nobody has for a while."""

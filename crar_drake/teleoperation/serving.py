@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -31,6 +32,9 @@ def make_server(
     host: str = "127.0.0.1",
     port: int = 0,
     lcm_url: str = "",
+    latency: float = 0.0,
+    tracking_error: float = math.inf,
+    start_measured: bool = False,
 ) -> TeleoperationServer:
     """Makes a server, ready to run.
 
@@ -43,7 +47,8 @@ def make_server(
         gate: what a target may be; it is also the governor's, unless the scenario has
             one of its own.
         start: see `SafeMotion`.
-        host, port, lcm_url: see `TeleoperationServer`.
+        host, port, lcm_url, latency, tracking_error, start_measured: see
+            `TeleoperationServer`.
 
     Raises:
         CrarError: something in the scenario or the robot is wrong, or nothing can
@@ -55,7 +60,15 @@ def make_server(
     except BaseException:
         opened.close()
         raise
-    return TeleoperationServer(motion, gate, lcm_url=lcm_url, opened=opened)
+    return TeleoperationServer(
+        motion,
+        gate,
+        lcm_url=lcm_url,
+        opened=opened,
+        latency=latency,
+        tracking_error=tracking_error,
+        start_measured=start_measured,
+    )
 
 
 def _make_motion(

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,45 @@ def test_a_recorded_motion_over_the_loopback_interface():
     assert "\n0 of " in client.stdout and "from target to answer: p50" in client.stdout
     messages = server.statistics.messages
     assert messages["taken"] > 30 and messages["malformed"] > 0
+
+
+@pytest.mark.slow
+def test_a_robot_that_lags_and_loses_messages_in_another_process():
+    """The robot and the client of examples/, a tenth of all messages lost."""
+    server = make_server(
+        rate=100.0, start_measured=True, latency=0.01, tracking_error=0.5
+    )
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    port = ["--port", str(server.address[1])]
+    try:
+        robot = subprocess.Popen(
+            [sys.executable, EXAMPLE.with_name("lagging_robot.py"), *port]
+            + ["--lag", "0.02", "--late", "0.01", "--loss", "0.1"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        while not server.robot.positions:
+            assert thread.is_alive() and robot.poll() is None
+            time.sleep(0.05)
+        client = subprocess.run(
+            [sys.executable, EXAMPLE, *port, "--duration", "3", "--rate", "40"],
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
+        server.stop()
+        said, _ = robot.communicate(timeout=900)
+    finally:
+        server.stop()
+        thread.join()
+        server.close()
+    assert client.returncode == 0 and robot.returncode == 0, client.stderr
+    assert re.search(r"\d+ commands: .*tracking", said), said
+    off = float(re.search(r"at most ([\d.]+) rad", said).group(1))
+    assert 0.0 < server.statistics.largest_error < 0.5 and off < 0.5
+    assert server.statistics.messages["measured"] > 100
+    assert "rad or m at most" in "\n".join(server.statistics.lines())
 
 
 def swinging(process) -> tuple[socket.socket, list[dict]]:

@@ -54,6 +54,30 @@ def test_only_these_frames_are_written_and_certified(reach, tmp_path):
     assert not (tmp_path / "no.csv").exists()
 
 
+def test_a_motion_that_is_too_fast_is_slowed_down(tmp_path, capsys):
+    """Through 0.2 s a joint would need 9.4 rad/s, of 6 that it has."""
+    write_robot(tmp_path)
+    joints = np.tile([0.0, -0.3, 0.1], (61, 1))
+    joints[:, 0] = -0.9 + 0.6 * np.clip((np.arange(61) - 27.0) / 6.0, 0.0, 1.0)
+    joints[28:33, 0] = -0.9 + 0.3 * (1 - np.cos(np.pi * np.arange(1, 6) / 6.0))
+    joints[:, 0] *= 2.0
+    fast = write_csv(tmp_path / "fast.csv", joints)
+    (lags,) = clean_file(fast, tmp_path / "lags.csv", str(tmp_path))
+    assert lags.too_fast_before > 0 and lags.joints_worst > 0.05 and not lags.slowed
+    out = tmp_path / "slowed.csv"
+    command = ["clean", str(fast), "--robot", str(tmp_path), "--out", str(out)]
+    assert main([*command, "--retime"]) == 0
+    assert "slowed down: it takes" in capsys.readouterr().out
+    slowed = table(out)[:, 7:]
+    assert len(slowed) > 61
+    assert np.abs(np.diff(slowed, axis=0)).max() * 30.0 <= 6.0
+    np.testing.assert_allclose(slowed[:, 1:], np.tile([-0.3, 0.1], (len(slowed), 1)))
+    np.testing.assert_allclose(slowed[[0, -1]], joints[[0, -1]], atol=1e-9)
+    certificate = read_certificate(certificate_path(out))
+    assert certificate["options"]["retime"]
+    assert check_certificate(out, certificate, load_robot_description(tmp_path)).holds
+
+
 def motion_with_object(frames=12):
     p, Q, q = moving_samples(frames)
     return RobotMotion(

@@ -10,7 +10,7 @@ from small_biped import DEPTH_FIRST, biped, moving_samples, whole_biped
 from crar_drake.commands import main
 from crar_drake.errors import MotionError
 from crar_drake.references.motion_files import read_motion, write_motion
-from crar_drake.references.resampling import resampled
+from crar_drake.references.resampling import resampled, retimed
 from crar_drake.references.robot_motion import RobotMotion
 
 
@@ -60,6 +60,45 @@ def test_rows_of_frames_are_left_out():
     given = course(30.0, extras={"mask": np.zeros(61), "names": ["x"]})
     made, left_out = resampled(given, 60.0)
     assert left_out == ("mask",) and list(made.extras) == ["names"]
+
+
+def test_a_motion_slows_down_where_a_joint_is_too_fast_and_nowhere_else():
+    """A joint swings at 1 rad/s but for a burst of 4 rad/s in the middle."""
+    t = np.arange(241) / 30.0
+    speed = 1.0 + 3.0 * np.exp(-(((t - 4.0) / 0.15) ** 2))
+    q = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1])) / 30.0])
+    given = RobotMotion(
+        ("a", "b"),
+        np.column_stack([q, 0.0 * q, 0.8 + 0.0 * q]),
+        np.tile([1.0, 0.0, 0.0, 0.0], (241, 1)),
+        np.column_stack([q, 0.5 * np.sin(q)]),
+        30.0,
+        extras={"contact": t < 4.0, "object": q[:, None], "names": ["x"]},
+    )
+
+    def speeds(joints):
+        return np.abs(np.diff(joints, axis=0)).max(axis=1) * 30.0 / 2.0
+
+    made = retimed(given, speeds)
+    new = made.joint_positions[:, 0]
+    rates = np.diff(new) * 30.0
+    assert rates.max() <= 2.0 and rates.max() > 1.8 and rates.min() > 0.0
+    # The same configurations, in the same order, from the first to the last.
+    np.testing.assert_allclose(made.joint_positions[:, 1], 0.5 * np.sin(new), atol=1e-3)
+    np.testing.assert_allclose(made.root_positions[:, 0], new, atol=1e-9)
+    np.testing.assert_allclose(new[[0, -1]], q[[0, -1]], atol=1e-9)
+    # A second away from the burst it keeps its tempo.
+    calm = new < q[90]
+    np.testing.assert_allclose(rates[: calm.sum() - 1], 1.0, atol=0.02)
+    # Slower by what the burst has beyond 2 rad/s at least, and by not much more.
+    least = np.sum(np.maximum(speed / 2.0 - 1.0, 0.0)) / 30.0
+    assert least < made.duration - given.duration < 5.0 * least
+    # What has a row for each frame is that of the nearest.
+    assert made.extras["names"] == ["x"]
+    assert np.abs(made.extras["object"][:, 0] - new).max() < 0.5 * 4.0 / 30.0
+    turns = np.flatnonzero(np.diff(made.extras["contact"].astype(int)))
+    assert len(turns) == 1 and abs(new[turns[0]] - q[119]) < 2.5 / 30.0
+    assert retimed(made, speeds) is made
 
 
 # --- the commands -----------------------------------------------------------------

@@ -6,7 +6,13 @@ from drake import lcmt_drake_signal
 from pydrake.lcm import DrakeLcm
 
 from crar_drake.equations.tasks import TaskLayout
-from crar_drake.teleoperation.lcm_link import COMMAND, TARGETS, LcmLink, decode
+from crar_drake.teleoperation.lcm_link import (
+    COMMAND,
+    MEASURED,
+    TARGETS,
+    LcmLink,
+    decode,
+)
 from crar_drake.teleoperation.messages import Command, MessageError
 
 LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
@@ -25,9 +31,9 @@ def signal(numbers: dict[str, float], timestamp: int = 1500) -> bytes:
 
 
 def test_targets():
-    message = decode(signal(NUMBERS), LAYOUT)
+    message = decode(TARGETS, signal(NUMBERS), LAYOUT)
     assert message.time == 1.5
-    assert decode(signal(NUMBERS, 0), LAYOUT).time is None
+    assert decode(TARGETS, signal(NUMBERS, 0), LAYOUT).time is None
     np.testing.assert_array_equal(message.targets[0], [0.1, 0.2, 0.3])
     np.testing.assert_array_equal(message.targets[1], [0, 0, 1, 0, 1, 2, 3])
 
@@ -48,7 +54,19 @@ def test_targets():
 )
 def test_what_is_refused(data, why):
     with pytest.raises(MessageError, match=why):
-        decode(data, LAYOUT)
+        decode(TARGETS, data, LAYOUT)
+
+
+def test_where_the_robot_is():
+    data = signal({"a": 0.25, "b": -1.5})
+    assert decode(MEASURED, data, LAYOUT, ("a", "b")).positions == {
+        "a": 0.25,
+        "b": -1.5,
+    }
+    with pytest.raises(MessageError, match="no joint 'b'"):
+        decode(MEASURED, data, LAYOUT, ("a",))
+    with pytest.raises(MessageError, match="measured"):
+        decode(MEASURED, signal({}), LAYOUT, ("a",))
 
 
 def test_both_ways():
@@ -61,7 +79,7 @@ def test_both_ways():
     lcm.Publish(TARGETS, b"nonsense")
     one = np.ones(1)
     link.publish(Command(2.5, None, "braking", one, 2 * one, 3 * one, 0.1, "nominal"))
-    assert link.poll(1) == [signal(NUMBERS)]
-    assert link.poll(5) == [b"nonsense"]
+    assert link.poll(1) == [(TARGETS, signal(NUMBERS))]
+    assert link.poll(5) == [(TARGETS, b"nonsense")]
     assert heard[0].timestamp == 2500 and heard[0].val == (1.0, 2.0, 3.0, 1.0)
     assert heard[0].coord == ["q.a", "v.a", "tau.a", "braking"]

@@ -125,6 +125,89 @@ def test_whatever_is_sent_nothing_is_violated(server, client, monkeypatch):
     assert server.statistics.last_error
 
 
+def test_a_robot_that_does_not_follow_is_braked_for(made, monkeypatch):
+    """Wrists swing; from the second 1 to 2 the robot stays where it was, from 3 on it
+    says nothing."""
+    now, motion = 0.0, made.motion
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    motion.begin({})
+    server = TeleoperationServer(motion, Gate(), latency=0.02, tracking_error=0.05)
+    joints = list(motion.model.joint_names)
+    at = motion.model.controlled_positions[: motion.model.n]
+    layout, home = motion.model.layout, motion.where()
+    p = layout.unpack(home).p[0]
+    states, said, statuses, stayed = [motion.q] * 3, [], [], None
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.connect(server.address)
+            assert server.tick(now).status == "braking", "it was not heard yet"
+            for k in range(400):
+                now = 0.01 * k
+                aim = p + [0.1 * np.sin(3.0 * now), 0.0, 0.05]
+                client.send(targets(now, left_wrist=aim))
+                if k == 100:
+                    stayed = states[0]
+                robot = stayed if 100 <= k < 200 else states[0]
+                measured = dict(zip(joints, robot[at].tolist(), strict=True))
+                if k < 300:
+                    client.send(json.dumps({"measured": measured}).encode())
+                server._receive()
+                command = server.tick(now)
+                # What is measured now is what was commanded for 20 ms ago.
+                states = [*states[1:], motion.q]
+                said.append(command.tracking_error)
+                statuses.append(command.status)
+    finally:
+        server.close()
+    assert set(statuses[80:100]) == {"tracking"} and max(said[10:100]) < 1e-9
+    # It moves on until it is 0.05 rad off, then brakes, and stays off.
+    first = statuses.index("braking", 100)
+    assert said[first] > 0.05 and max(said[100:first]) <= 0.05 + 1e-9
+    assert set(statuses[first:200]) == {"braking"}
+    assert statuses[280] == "tracking", "the robot was back"
+    silent = 300 + round(server.stream.gate.timeout / server.period)
+    assert statuses[silent - 2] == "tracking" and statuses[silent + 2] == "braking"
+    assert server.statistics.not_followed == statuses.count("braking") + 1
+    assert server.statistics.largest_error == max(said[1:])
+
+
+def test_it_begins_where_the_robot_says_it_is(made, monkeypatch):
+    motion = made.motion
+    motion.begin({})
+    server = TeleoperationServer(motion, Gate(), start_measured=True)
+    name = motion.model.joint_names[-1]
+    at = list(motion.model.position_names).index(name)
+    there = float(motion.q[at]) - 0.1
+    heard = []
+    monkeypatch.setattr(server, "_send", lambda command, now: heard.append(command))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.connect(server.address)
+            client.send(json.dumps({"measured": {name: there}}).encode())
+            while len(heard) < 2:
+                time.sleep(0.01)
+    finally:
+        server.stop()
+        thread.join()
+        server.close()
+    assert heard[0].positions[at] == pytest.approx(there, abs=1e-9)
+    motion.begin({})
+
+
+def test_a_robot_that_is_beyond_its_limits_cannot_begin_there(made):
+    motion = made.motion
+    server = TeleoperationServer(motion, Gate(), start_measured=True)
+    server.robot.hear({motion.model.joint_names[-1]: 50.0}, 0.0)
+    try:
+        with pytest.raises(ScenarioError, match="beyond its limits"):
+            server.run(1.0)
+    finally:
+        server.close()
+        motion.begin({})
+
+
 def test_a_flood_is_read_in_part_and_thrown_away(server, client):
     for k in range(200):
         client.send(targets(float(k), left_wrist=[0.2, 0.2, 0.9]))
@@ -157,7 +240,7 @@ def test_messages_that_take_long_to_read_do_not_hold_up_the_step(
     now = 0.0
     monkeypatch.setattr(module.time, "monotonic", lambda: now)
 
-    def slowly(line, layout):
+    def slowly(line, layout, joints):
         nonlocal now
         now += 4e-3
         raise MessageError("no JSON")

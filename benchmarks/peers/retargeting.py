@@ -1,0 +1,297 @@
+"""Whole bodies: `crar-drake retarget` beside mink, frame by frame.
+
+python -m benchmarks.peers.retargeting g1_whole_body dance cmu:05_02 some.bvh ...
+    [--page docs/measurements/retargeting.md]
+
+Both are asked for the same root, directions of limbs and feet, at 30 frames a second.
+For mink the directions become points: each limb as long as the robot's, from the root
+on. It runs without a bound of distances, as retargeters that solve frame by frame do,
+and with it. What comes out is judged alike.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.page import ROOT, Benchmark, Table, run
+from benchmarks.peers.compare import environment
+from benchmarks.peers.peers import ENVIRONMENTS, MARGIN
+from benchmarks.peers.robot_files import mjcf, simplified_urdf
+from crar_drake.errors import CrarError
+from crar_drake.motion.catalogue import load_performer
+from crar_drake.references.ground_contact import Outline
+from crar_drake.references.motion_files import read_motion
+from crar_drake.references.reference_judge import ReferenceJudge
+from crar_drake.references.retarget_file import FileRetargeter, likeness
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.robot.description import find_body, find_frame, whole_body_name
+from crar_drake.trajectory.performer_targets import (
+    LIMBS,
+    PerformerTargets,
+    performer_targets,
+)
+from crar_drake.trajectory.retargeted_motion import RATE
+
+_DEGREE = 57.29577951308232
+HEADER = [
+    "motion",
+    "by",
+    "farthest limb, median / 95 %",
+    "knees, median of either",
+    "slip, at most",
+    "lowest point",
+    "frames with meshes in penetration",
+    "frames with a joint too fast",
+    "jerk, rms",
+    "× real time",
+]
+SETTINGS = {
+    "steps": 10,
+    "enough": 1e-3,
+    "lm_damping": 0.1,
+    "root": 1.0,
+    "turn": 1.0,
+    "posture": 0.02,
+    "collision_gain": 0.85,
+    "collision_distance": MARGIN,
+    "detection_distance": 0.05,
+    "relaxation": 0.0,
+}
+_OWN = "crar-drake retarget"
+_WAYS = {"mink": False, "mink, distances bounded": True}
+_SOLE = 5.0  # cost of heels and balls, the other points' being 1
+
+
+class Comparison:
+    """One robot's retargeting by both."""
+
+    def __init__(self, robot: str, folder: Path, python: str) -> None:
+        """
+        Args:
+            robot: name or folder, imported as a whole body.
+            folder: to work in.
+            python: that has mink.
+        """
+        self._own = FileRetargeter(robot, layout="mjlab-npz", rate=RATE)
+        self._retargeter = self._own.retargeter
+        description, plant = self._retargeter.description, self._retargeter.model.plant
+        self._folder, self._python = folder, python
+        self._at_rest = plant.CreateDefaultContext()
+        plant.SetPositions(self._at_rest, self._retargeter.rest)
+        base = find_body(plant, description.base).EvalPoseInWorld(self._at_rest)
+        self._base = base.translation(), base.rotation().matrix()
+        self._judge = ReferenceJudge(description)
+        self._outline = Outline(self._judge.robot)
+        self._write_robot()
+
+    def rows(self, motion: str) -> list[list[str]]:
+        """The figures of a motion, ours first."""
+        retargeter, out = self._retargeter, self._folder / "own.npz"
+        clip = self._own(motion, out)
+        targets = performer_targets(
+            load_performer(motion),
+            retargeter.legs,
+            retargeter.soles,
+            self._base[1],
+            RATE,
+            retargeter.parameters.cutoff,
+        )
+        own = read_motion(out, robot=self._judge.robot)
+        rows = [self._row(motion, _OWN, targets, own, clip.times_real_time)]
+        self._write_case(targets)
+        for name, bounded in _WAYS.items():
+            made, seconds = self._by_mink(own, bounded)
+            rows.append(self._row(motion, name, targets, made, own.duration / seconds))
+        return rows
+
+    def _row(
+        self,
+        name: str,
+        by: str,
+        targets: PerformerTargets,
+        motion: RobotMotion,
+        times_real_time: float,
+    ) -> list[str]:
+        limbs, knees = likeness(self._retargeter, targets, motion)
+        limbs = {limb: off for limb, off in limbs.items() if "-" in limb}
+        verdict = self._judge.judge(motion)
+        ground = self._outline.ground_contact(motion, floor=0.0)
+        fast = {frame for beyond in verdict.speeds for frame in beyond.frames}
+        return [
+            name,
+            by,
+            f"{_DEGREE * max(m for m, _ in limbs.values()):.1f}° / "
+            f"{_DEGREE * max(m for _, m in limbs.values()):.1f}°",
+            " / ".join(f"{_DEGREE * more:+.1f}°" for more, _ in knees.values()),
+            f"{1e3 * max(foot.worst for foot in ground.feet):.0f} mm",
+            f"{1e3 * ground.lowest.min():.1f} mm",
+            f"{len(verdict.penetrating_frames)} of {motion.num_frames}",
+            f"{len(fast)}",
+            f"{verdict.rms_jerk:.0f} rad/s³",
+            f"{times_real_time:.1f}",
+        ]
+
+    def _write_robot(self) -> None:
+        """Writes the robot for mink, with a link at each of its points."""
+        retargeter = self._retargeter
+        description, model = retargeter.description, retargeter.model
+        frames = description.task_frames
+        named = sorted({end for _, ends in LIMBS.values() for end in ends})
+        named = [name for name in named if name in frames]
+        points = [frames[name] for name in named]
+        robot = simplified_urdf(
+            Path(description.folder) / description.model, {}, points
+        )
+        ends = []
+        for side, leg in retargeter.legs.items():
+            frame = find_frame(model.plant, frames[f"{side}_foot"])
+            link = frame.body()
+            X_WL = link.EvalPoseInWorld(self._at_rest)
+            for end in ("heel", "ball"):
+                name = f"{side}_{end}"
+                at = X_WL.inverse().multiply(
+                    self._place(f"{side}_foot") + getattr(leg, end)
+                )
+                ends.append(name)
+                ET.SubElement(robot, "link", {"name": name})
+                joint = ET.SubElement(robot, "joint", {"name": f"{name}_weld"})
+                joint.set("type", "fixed")
+                ET.SubElement(joint, "parent", {"link": link.name()})
+                ET.SubElement(joint, "child", {"link": name})
+                xyz = " ".join(f"{x:.9g}" for x in at)
+                ET.SubElement(joint, "origin", {"xyz": xyz})
+        links = [*points, *ends]
+        mujoco = ET.fromstring(mjcf(robot, links))
+        body = mujoco.find("worldbody/body")
+        body.insert(0, ET.Element("freejoint", {"name": "root"}))
+        ET.ElementTree(mujoco).write(self._folder / "robot_mujoco.xml")
+        names = [j.get("name") for j in mujoco.iter("joint")]
+        self._joints = names
+        order = [model.joint_names.index(name) for name in names]
+        at = model.controlled_positions[: model.n]
+        problem = {
+            "robot": description.name,
+            "base": body.get("name"),
+            "joints": names,
+            "lower": model.lower[order].tolist(),
+            "upper": model.upper[order].tolist(),
+            "velocity_limits": model.velocity_limits[model.controlled][order].tolist(),
+            "task_links": links,
+            "pairs": [list(pair) for pair in description.pairs],
+            "rest": model.rest_positions()[at][order].tolist(),
+        }
+        (self._folder / "problem.json").write_text(json.dumps(problem))
+        self._points = named
+
+    def _write_case(self, targets: PerformerTargets) -> None:
+        """Where the robot's points would be, had it the person's directions."""
+        rest = {name: self._place(name) for name in self._points}
+        turned = targets.root_rotations @ self._base[1].T
+        at: dict[str, np.ndarray] = {}
+
+        def from_root(name: str) -> np.ndarray:
+            offset = rest[name] - self._base[0]
+            return targets.root_positions + turned @ offset
+
+        def on(limb: str, start: np.ndarray) -> np.ndarray:
+            a, b = LIMBS[limb][1]
+            length = np.linalg.norm(rest[b] - rest[a])
+            return start + length * targets.directions[limb]
+
+        at["waist"] = from_root("waist")
+        at["neck"] = on("trunk", at["waist"])
+        # The shoulders are about the trunk as at rest: across it, and along.
+        trunk = rest["neck"] - rest["waist"]
+        up = trunk / np.linalg.norm(trunk)
+        for side, sign in (("left", 0.5), ("right", -0.5)):
+            across = -sign * np.linalg.norm(
+                rest["left_shoulder"] - rest["right_shoulder"]
+            )
+            along = (rest[f"{side}_shoulder"] - rest["neck"]) @ up
+            at[f"{side}_shoulder"] = (
+                at["neck"]
+                + across * targets.directions["shoulders"]
+                + along * targets.directions["trunk"]
+            )
+            at[f"{side}_hip"] = from_root(f"{side}_hip")
+            for limb in ("shoulder-elbow", "elbow-wrist", "hip-knee", "knee-ankle"):
+                a, b = LIMBS[f"{side}_{limb}"][1]
+                at[b] = on(f"{side}_{limb}", at[a])
+        if "head" in self._points:
+            at["head"] = on("head", at["neck"])
+        points = [at[name] for name in self._points]
+        ends = [x for f in targets.feet.values() for x in (f.heel, f.ball)]
+        costs = np.array([1.0] * len(points) + [_SOLE] * len(ends))
+        quaternions = Rotation.from_matrix(targets.root_rotations).as_quat()
+        np.savez(
+            self._folder / "case.npz",
+            points=np.stack([*points, *ends], axis=1),
+            costs=costs,
+            root_positions=targets.root_positions,
+            root_quaternions=quaternions[:, [3, 0, 1, 2]],
+        )
+
+    def _place(self, name: str) -> np.ndarray:
+        """(3,) where a task frame is as the robot stands [m]."""
+        plant = self._retargeter.model.plant
+        frame = find_frame(plant, self._retargeter.description.task_frames[name])
+        return frame.CalcPoseInWorld(self._at_rest).translation()
+
+    def _by_mink(self, like: RobotMotion, bounded: bool) -> tuple[RobotMotion, float]:
+        """The motion, and how long a processor took [s]."""
+        case = {
+            "case": "case.npz",
+            "settings": {**SETTINGS, "collisions": bounded},
+            "out": "made.npz",
+        }
+        command = [self._python, "-m", "benchmarks.peers.retarget_mink"]
+        finished = subprocess.run(
+            [*command, str(self._folder), json.dumps([case])],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+        )
+        if finished.returncode:
+            raise CrarError(f"mink failed:\n{finished.stderr[-2000:]}")
+        data = np.load(self._folder / "made.npz")
+        qpos = data["qpos"]
+        order = [7 + self._joints.index(name) for name in like.joint_names]
+        motion = RobotMotion(
+            joint_names=like.joint_names,
+            root_positions=qpos[:, :3],
+            root_quaternions=qpos[:, 3:7],
+            joint_positions=qpos[:, order],
+            rate=like.rate,
+        )
+        return motion, float(data["seconds"])
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Retargets by all, and prints the table."""
+    benchmark = Benchmark("benchmarks.peers.retargeting", __doc__, "retargeting")
+    benchmark.parser.add_argument("robot", help="name or folder")
+    benchmark.parser.add_argument("motions", nargs="+")
+    arguments = benchmark.parse(argv, lambda given: f"{given.robot} beside mink")
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        place = ROOT / "out" / "peers" / "environments"
+        python = environment(place, "mink", ENVIRONMENTS["mink"])
+        comparison = Comparison(whole_body_name(arguments.robot), folder, python)
+        for motion in arguments.motions:
+            for row in comparison.rows(motion):
+                rows.append(row)
+                print(" | ".join(row), flush=True)
+    benchmark.report([Table(HEADER, rows)])
+
+
+if __name__ == "__main__":
+    run(main)

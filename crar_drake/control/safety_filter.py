@@ -341,6 +341,7 @@ class SafetyFilter:
             kind,
             wish,
             rate,
+            memory.wish if kind == POSITION and memory.wish is not None else _NOTHING,
             memory.following,
             memory.known,
             self._law,
@@ -393,14 +394,8 @@ class SafetyFilter:
             return ACCELERATION, self._vector("a", a, np.zeros(n)), _NOTHING
         if q is None:
             return VELOCITY, self._vector("v", v, np.zeros(n)), _NOTHING
-        last = memory.wish
-        wish = self._vector("q", q, memory.q if last is None else last)
-        if v is not None:
-            return POSITION, wish, self._vector("v", v, np.zeros(n))
-        if last is None:
-            return POSITION, wish, np.zeros(n)
-        with np.errstate(over="ignore"):
-            rate = (wish - last) / self.period
+        wish = self._vector("q", q, memory.q if memory.wish is None else memory.wish)
+        rate = _NOTHING if v is None else self._vector("v", v, np.zeros(n))
         return POSITION, wish, rate
 
     def _vector(self, name: str, value: Joints, others: np.ndarray) -> np.ndarray:

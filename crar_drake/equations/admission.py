@@ -48,7 +48,7 @@ _HALVINGS = 7
 # to a sixteenth of the path, which is all that a row needs to point the right way.
 _SEARCHED = 4
 # A step is scaled to one of 2^this shares; each bisection checks all pairs anew.
-_BISECTIONS = 6
+BISECTIONS = 6
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.
 _ROUNDING = 1e-9
@@ -628,7 +628,7 @@ def scale_step(
     """
     clear, failed = 0.0, 1.0
     clearance = present.low.min() if len(present.low) else np.inf
-    for _ in range(_BISECTIONS):
+    for _ in range(BISECTIONS):
         share = 0.5 * (clear + failed)
         checked = check_step(q, v, share * s, present, r, reaches, gains)
         if checked.clear:

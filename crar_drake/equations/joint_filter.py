@@ -18,8 +18,13 @@ import numpy as np
 
 from crar_drake.equations.admission import (
     AS_NOMINAL,
+    BISECTIONS,
     CORRECTED,
+    SCALED,
+    AdmissionGains,
+    Bounds,
     examine_present,
+    gradients_at,
     path_bounds,
 )
 from crar_drake.equations.capsule_distances import nearest_of_pairs
@@ -34,9 +39,10 @@ from crar_drake.equations.kinematics import (
     row_distances,
 )
 from crar_drake.equations.lookahead_guard import (
+    CORRECTIONS,
+    LESS,
+    SPARE,
     LookaheadNumbers,
-    admit,
-    guard,
     step_bounds,
 )
 from crar_drake.equations.lookahead_rows import (
@@ -48,8 +54,9 @@ from crar_drake.equations.lookahead_rows import (
     pair_margins,
 )
 from crar_drake.equations.nearby import some_reaches, some_shapes
-from crar_drake.equations.path_balls import Balls, curvature, near_on_ways
-from crar_drake.equations.vectors import identity, largest, times
+from crar_drake.equations.one_sided import one_sided_nearest
+from crar_drake.equations.path_balls import Balls, curvature, near_on_way
+from crar_drake.equations.vectors import largest, put_at, times
 
 # What is wanted.
 POSITION, VELOCITY, ACCELERATION = 0, 1, 2
@@ -60,10 +67,6 @@ NOTHING, BY_PAIR, BY_LIMIT, BY_SPEED, CATCHING_UP = 0.0, 1.0, 2.0, 3.0, 4.0
 # Entries of what `filter_step` reports.
 HOW, SHARE, CLEARANCE, HELD, WHY, JOINT, PAIR = range(7)
 REPORTED = 7
-
-# The rows of a step are made again if it comes near others than it was made with; from
-# then on all count.
-_AGAIN = 3
 
 
 class FilterLaw(NamedTuple):
@@ -148,146 +151,171 @@ def beyond_bounds(
     return why, joint
 
 
-class Near(NamedTuple):
-    """Pairs of shapes that are near on some ways, and the equations on these alone."""
+class Placed(NamedTuple):
+    """The links in two configurations, where a way begins and ends."""
 
-    rows: np.ndarray  # (k,) which
-    on: np.ndarray  # (k, W) whether on each way
-    low: np.ndarray  # (W,) no distance of the others is smaller on it [m]
+    points: np.ndarray  # (2, P, 3) of `place_points`
+    centres: np.ndarray  # (2, B, 3) of the balls about the links [m]
+
+
+@compiled
+def place_ends(start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls) -> Placed:
+    """The links where a way begins and ends, (n,), (n,)."""
+    both = np.empty((2, len(start)))
+    for i in range(len(start)):
+        both[0, i], both[1, i] = start[i], end[i]
+    X = link_poses(both, r.tree.value, r.tree.value.every)
+    return Placed(
+        place_points(X, r.selection, r.first),
+        place_points(X, balls.centre, balls.first),
+    )
 
 
 @compiled
 def find_near(
-    q: np.ndarray,
-    ways: np.ndarray,
-    bends: np.ndarray,
-    enough: float,
-    r: Robot,
-    balls: Balls,
-) -> Near:
-    """`near_on_ways` of configurations.
+    start: np.ndarray, x: np.ndarray, enough: float, law: FilterLaw
+) -> tuple[np.ndarray, float]:
+    """`near_on_way` of the straight way from `start` (n,) by x (n,)."""
+    r, balls = law.robot.value, law.balls.value
+    placed = place_ends(start, start + x, r, balls)
+    bend = 0.125 * curvature(x, balls)
+    pairs = r.pairs.value
+    return near_on_way(placed.centres, placed.points, bend, enough, pairs, balls)
 
-    Args:
-        q: (K, n) configurations.
-        ways, bends, enough, balls: as there.
-        r: of the robot.
+
+class Level(NamedTuple):
+    """What pairs of shapes are to keep.
+
+    Attributes:
+        of: (Np,) the floor, or where a pair is below it on the present path, the
+            smallest distance there [m]; (0,) if that is none.
+        held: whether there is none.
     """
-    tree = r.tree.value
-    X = link_poses(q, tree, tree.every)
-    return Near(
-        *near_on_ways(
-            place_points(X, balls.centre, balls.first),
-            place_points(X, r.selection, r.first),
-            ways,
-            bends,
-            enough,
-            r.pairs.value,
-            balls,
-        )
-    )
+
+    of: np.ndarray
+    held: bool
 
 
 @compiled
-def step_near(
-    q: np.ndarray, v: np.ndarray, to: Desired, known: bool, r: Robot, law: FilterLaw
-) -> Near:
-    """The pairs that a step is to be examined for: on the next braking path, on the way
-    to it, and on the present path unless it is known to be clear.
+def present_level(q: np.ndarray, v: np.ndarray, law: FilterLaw) -> Level:
+    """The level of a state (n,), (n,) of which nothing is known: `examine_present`."""
+    mode, robot = law.mode.value, law.robot
+    gains, x = mode.admission, mode.admission.T * v
+    rows, _ = find_near(q, x, gains.floor, law)
+    if not len(rows):
+        return Level(np.zeros(0), True)
+    r, reaches = some_shapes(robot, rows).value, some_reaches(mode.reaches, rows)
+    both = np.empty((2, len(q)))
+    for i in range(len(q)):
+        both[0, i], both[1, i] = q[i], q[i] + x[i]
+    d = row_distances(Measured(both, v, np.zeros((0, 7))), r)
+    present = examine_present(q, v, np.zeros(len(q)), d, r, reaches, gains)
+    if present.held:
+        return Level(np.zeros(0), True)
+    level = np.full(law.balls.value.shapes[-1], gains.floor)
+    put_at(level, rows, present.level)
+    return Level(level, False)
 
-    Args:
-        q, v: (n,), (n,) state.
-        to: where the step leads.
-        known: whether the present path is clear.
-        r, law: of the robot.
+
+class Checked(NamedTuple):
+    """What is found of a step.
+
+    Attributes:
+        clear: whether every pair keeps its level.
+        clearance: no distance on the next braking path is smaller, if it is clear [m].
+        rows: (k,) the pairs of shapes that were examined.
+        level: (k,) what they are to keep [m].
+        bounds: of these, on the way and the next path as one.
     """
-    mode, balls = law.mode.value, law.balls.value
-    T, period = mode.admission.T, mode.admission.period
-    count = 3 if known else 4
-    at = np.empty((count, len(q)))
-    at[0], at[1], at[2] = q, to.q, to.q + T * to.v
-    ways = np.array([[1, 2], [0, 1], [0, 3]])[: count - 1]
-    bends = np.empty((count - 1, len(balls.radius)))
-    bends[0] = curvature(T * to.v, balls)
-    # The parabola and its chord, see `check_step`.
-    fastest = period * np.maximum(np.abs(v), np.abs(2.0 * to.v - v))
-    bends[1] = curvature(fastest, balls)
-    bends[1] += period * times(balls.reach, np.abs(to.v - v))
-    if not known:
-        at[3] = q + T * v
-        bends[2] = curvature(T * v, balls)
-    return find_near(at, ways, 0.125 * bends, mode.admission.floor, r, balls)
+
+    clear: bool
+    clearance: float
+    rows: np.ndarray
+    level: np.ndarray
+    bounds: Bounds
 
 
 @compiled
-def with_reaches(numbers: LookaheadNumbers, reaches: Held) -> LookaheadNumbers:
-    """The numbers of the mode for some pairs."""
-    return LookaheadNumbers(
-        numbers.tasks,
-        numbers.limits,
-        numbers.gains,
-        numbers.admission,
-        reaches,
-        numbers.members,
-        numbers.preview,
-    )
+def check_line(
+    q: np.ndarray, v_next: np.ndarray, level: Level, law: FilterLaw
+) -> Checked:
+    """Whether a step leads to a clear state on a clear way, as `check_step` asks it.
 
-
-@compiled
-def check_desired(
-    q: np.ndarray, v: np.ndarray, to: Desired, known: bool, law: FilterLaw
-) -> tuple[int, float, bool]:
-    """Whether a step that is wanted leads to a clear state on a clear way.
-
-    The same as `examine_present` and `check_step` ask, of the pairs that are near.
+    Since q' = q + period q_dot', the way to q' and the next braking path, from there by
+    T q_dot', are one straight line: from q by (period + T) q_dot'. Of a pair that is
+    not clear now only the next path is asked: it may be nearest where the way begins.
 
     Args:
-        q, v: (n,), (n,) state.
-        to: where the step leads.
-        known: whether the present path is clear.
+        q: (n,) the present position.
+        v_next: (n,) the velocity q_dot'.
+        level: that pairs are to keep.
         law: of the robot.
-
-    Returns:
-        A pair of shapes that is not clear, or -1; no distance on the next path is
-        smaller [m]; whether the present path is clear.
     """
     mode, robot = law.mode.value, law.robot
     gains, straight = mode.admission, np.zeros(len(q))
     T, period = gains.T, gains.period
-    near = step_near(q, v, to, known, robot.value, law)
-    clearance = near.low[0]
-    if not len(near.rows):
-        return -1, clearance, True
-    r, reaches = (
-        some_shapes(robot, near.rows).value,
-        some_reaches(mode.reaches, near.rows),
-    )
-    level, held = np.full(len(near.rows), gains.floor), True
-    if not known:
-        both = np.empty((2, len(q)))
-        both[0], both[1] = q, q + T * v
-        d = row_distances(Measured(both, v, np.zeros((0, 7))), r)
-        present = examine_present(q, v, to.s, d, r, reaches, gains)
-        level, held = present.level, present.held
-    path = path_bounds(
-        to.q, T * to.v, straight, level, near.on[:, 0].copy(), r, reaches
-    )
-    worst, smallest = -1, np.inf
-    for k in range(len(near.rows)):
-        clearance = min(clearance, path.low[k])
-        if path.at[k] >= 0.0 and path.d[k] - level[k] < smallest:
-            worst, smallest = near.rows[k], path.d[k] - level[k]
-    if worst >= 0:
-        return worst, clearance, held
-    # A pair that is not clear now may be nearest where the way begins.
-    on_way = near.on[:, 1] & (level >= gains.floor)
-    if on_way.any():
-        bend = 0.5 * period * (to.v - v)
-        way = path_bounds(q, period * to.v - bend, bend, level, on_way, r, reaches)
-        chord = path_bounds(q, to.q - q, straight, level, on_way, r, reaches)
-        for k in range(len(near.rows)):
-            if way.at[k] >= 0.0 or chord.at[k] >= 0.0:
-                return near.rows[k], clearance, held
-    return -1, clearance, held
+    x = (period + T) * v_next
+    rows, clearance = find_near(q, x, gains.floor, law)
+    count = len(rows)
+    r, reaches = some_shapes(robot, rows).value, some_reaches(mode.reaches, rows)
+    keep, asked = np.full(count, gains.floor), np.ones(count, dtype=np.bool_)
+    if not level.held:
+        keep = level.of[rows]
+        asked = keep >= gains.floor
+    bounds = path_bounds(q, x, straight, keep, asked, r, reaches)
+    if not level.held:
+        start = q + period * v_next
+        path = path_bounds(start, T * v_next, straight, keep, ~asked, r, reaches)
+        for k in range(count):
+            if not asked[k]:
+                bounds.low[k], bounds.d[k] = path.low[k], path.d[k]
+                if path.at[k] >= 0.0:
+                    bounds.at[k] = (period + T * path.at[k]) / (period + T)
+    clear = True
+    for k in range(count):
+        clear = clear and not bounds.at[k] >= 0.0
+        clearance = min(clearance, bounds.low[k])
+    return Checked(clear, clearance, rows, keep, bounds)
+
+
+@compiled
+def worst_of(checked: Checked) -> int:
+    """The pair of shapes that is farthest below its level where a step leads; -1 if
+    none is."""
+    worst, most = -1, -np.inf
+    for k in range(len(checked.rows)):
+        lacks = checked.level[k] - checked.bounds.d[k]
+        if checked.bounds.at[k] >= 0.0 and lacks > most:
+            worst, most = checked.rows[k], lacks
+    return worst
+
+
+@compiled
+def line_correction(
+    q: np.ndarray, s: np.ndarray, v_next: np.ndarray, checked: Checked, law: FilterLaw
+) -> Constraints:
+    """A row for each pair that a step is not clear of, as `correction` has it.
+
+    At the share u of the line of `check_line`, q_f = q + u (period + T) q_dot', and
+    dq_f/ds = u (period + T) period / T, since q_dot' = q_dot + (s - q_dot) period / T.
+
+    Args:
+        q: (n,) the present position.
+        s: (n,) the velocity of q_s that was checked.
+        v_next: (n,) what it leads to.
+        checked: of it.
+        law: of the robot.
+    """
+    mode, rows = law.mode.value, checked.rows
+    T, period = mode.admission.T, mode.admission.period
+    x = (period + T) * v_next
+    r, reaches = some_shapes(law.robot, rows).value, some_reaches(mode.reaches, rows)
+    failed, g = gradients_at(q, x, checked.bounds, r, reaches)
+    zero = np.zeros(len(failed))
+    missing = checked.level[failed] + SPARE - checked.bounds.d[failed]
+    missing /= checked.bounds.at[failed] * ((period + T) * period / T)
+    weight = np.full(len(failed), BOUNDING_WEIGHT)
+    return Constraints(zero, g, zero, weight, times(g, s) + missing)
 
 
 @compiled
@@ -338,106 +366,151 @@ def box_constraints(lowest: np.ndarray, highest: np.ndarray) -> Constraints:
 
 
 @compiled
-def changed_step(
+def guard_rows(
     q: np.ndarray, v: np.ndarray, s_0: np.ndarray, law: FilterLaw
-) -> tuple[Desired, np.ndarray, int]:
+) -> tuple[Constraints, np.ndarray]:
+    """The rows (L3), (L4) of the pairs that s_0 could bring to their bounds.
+
+    A row binds at h = d_min - g s / approach_rate, and |g s| is at most
+    sum_i rho_i |s_i| of both links.
+
+    Args:
+        q, v: (n,), (n,) state.
+        s_0: (n,) the nominal velocity.
+        law: of the robot.
+
+    Returns:
+        The rows; (C,) the pair of shapes of each.
+    """
+    numbers, balls, r = law.mode.value, law.balls.value, law.robot.value
+    gains, n = numbers.gains, len(q)
+    T = gains.T
+    placed = place_ends(q, q + T * v, r, balls)
+    S = joint_motion(placed.points[:, : 3 * n])
+    ahead = times(balls.reach, np.abs(s_0)) / gains.approach_rate
+    # Of both links together no more than the influence distance.
+    ahead = np.minimum(ahead, 0.5 * (gains.influence_distance - gains.distance_margin))
+    bend = 0.125 * curvature(T * v, balls) + ahead
+    margin = gains.distance_margin
+    rows, _ = near_on_way(
+        placed.centres, placed.points, bend, margin, r.pairs.value, balls
+    )
+    pairs = some_shapes(law.robot, rows).value.pairs.value
+    d, normal, p_WA = nearest_of_pairs(placed.points, np.zeros((0, 7)), pairs)
+    dd_dv = distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
+    h = pair_margins(d.reshape(2, -1), dd_dv, v, T)
+    constraints = pair_constraints(
+        h,
+        h,
+        dd_dv.reshape(len(h), n),
+        margin_curvature(dd_dv, v),
+        np.zeros(n),
+        gains,
+    )
+    near = np.flatnonzero(h < gains.influence_distance)
+    return constraints, np.concatenate((rows, rows))[near]
+
+
+@compiled
+def velocity_after(s: np.ndarray, v: np.ndarray, admission: AdmissionGains):
+    """q_dot' (n,) after a step of s (n,) from q_dot (n,)."""
+    return v + admission.period * ((s - v) / admission.T)
+
+
+@compiled
+def changed_step(
+    q: np.ndarray, v: np.ndarray, s_0: np.ndarray, level: Level, law: FilterLaw
+) -> tuple[np.ndarray, np.ndarray]:
     """(L7), (L8): the step that is taken where the wanted one is not clear.
+
+    As `lookahead_guard.admit` has it: of the guard, else corrected, else scaled
+    towards braking, or what the guard makes of less. The bounds (A2) are rows, too.
 
     Args:
         q, v: (n,), (n,) state.
         s_0: (n,) the nominal velocity of q_s.
+        level: that pairs are to keep.
         law: of the robot.
 
     Returns:
-        Where it leads; (4,) of `admit`; the pair of shapes that holds s back the most,
-        or -1.
+        (n,) the velocity q_dot' that it leads to; (4,) CORRECTED or SCALED, the share,
+        the clearance of the next path [m], and the pair of shapes that holds it back
+        the most, or -1.
     """
-    robot, numbers, balls = law.robot, law.mode.value, law.balls.value
-    r, admission, gains = robot.value, numbers.admission, numbers.gains
-    n, T, period = len(q), admission.T, admission.period
-    limits = numbers.limits.value
-    lowest, highest = step_bounds(q, v, n, limits, admission)
-    box, norm = box_constraints(lowest, highest), identity(n)
-    both = np.empty((2, n))
-    both[0], both[1] = q, q + T * v
-    X = link_poses(both, r.tree.value, r.tree.value.every)
-    points = place_points(X, r.selection, r.first)
-    S = joint_motion(points[:, : 3 * n])
-    bends = 0.125 * curvature(T * v, balls).reshape(1, -1)
-    near = near_on_ways(
-        place_points(X, balls.centre, balls.first),
-        points,
-        np.array([[0, 1]]),
-        bends,
-        gains.influence_distance,
-        r.pairs.value,
-        balls,
-    )
-    rows, nowhere = near[0], np.zeros(0)
-    to = Desired(q, v, v)
-    reported, tightest = np.zeros(4), -1
-    for again in range(_AGAIN + 1):
-        some, reaches = some_shapes(robot, rows), some_reaches(numbers.reaches, rows)
-        pairs = some.value.pairs.value
-        d, normal, p_WA = nearest_of_pairs(points, np.zeros((0, 7)), pairs)
-        dd_dv = distance_gradient_about_origin(normal, p_WA, S, pairs.moves)
-        d = d.reshape(2, -1)
-        h = pair_margins(d, dd_dv, v, T)
-        of_pairs = pair_constraints(
-            h,
-            h,
-            dd_dv.reshape(len(h), n),
-            margin_curvature(dd_dv, v),
-            np.zeros(n),
-            gains,
-        )
-        constraints = join_constraints(of_pairs, box)
-        s_1, _ = guard(s_0, constraints, norm)
-        s, _, reported = admit(
-            s_0,
-            nowhere,
-            s_1,
-            q,
-            v,
-            d,
-            constraints,
-            norm,
-            some.value,
-            with_reaches(numbers, reaches),
-        )
-        v_next = v + period * ((s - v) / T)
-        to = Desired(q + period * v_next, v_next, s)
-        tightest = _tightest(of_pairs, s, h, gains.influence_distance, rows)
-        if again == _AGAIN:
+    numbers = law.mode.value
+    admission = numbers.admission
+    lowest, highest = step_bounds(q, v, len(q), numbers.limits.value, admission)
+    of_pairs, shapes = guard_rows(q, v, s_0, law)
+    given = join_constraints(of_pairs, box_constraints(lowest, highest))
+    constraints, how, share, failed = given, CORRECTED, 1.0, -1
+    s = guarded(s_0, constraints, lowest, highest)
+    after = velocity_after(s, v, admission)
+    checked = check_line(q, after, level, law)
+    for _ in range(CORRECTIONS):
+        if checked.clear:
             break
-        # What it has come near to may be a pair that was not among these.
-        known = np.zeros(balls.shapes[-1], dtype=np.bool_)
-        for row in rows:
-            known[row] = True
-        missing = False
-        for row in step_near(q, v, to, True, r, law).rows:
-            missing = missing or not known[row]
-            known[row] = True
-        if not missing:
-            break
-        if again == _AGAIN - 1:
-            known[:] = True
-        rows = np.flatnonzero(known)
-    return to, reported, tightest
+        failed = worst_of(checked)
+        row = line_correction(q, s, after, checked, law)
+        constraints = join_constraints(constraints, row)
+        s = guarded(s_0, constraints, lowest, highest)
+        after = velocity_after(s, v, admission)
+        checked = check_line(q, after, level, law)
+    clearance = checked.clearance
+    if not checked.clear:
+        how, failed = SCALED, worst_of(checked)
+        share, clearance = scale_line(q, v, s, level, law)
+        after = velocity_after(share * s, v, admission)
+        if share < LESS[0]:
+            # What the guard asks for, a way out among it, would be scaled as well.
+            for less in LESS:
+                s = guarded(less * s_0, given, lowest, highest)
+                other = velocity_after(s, v, admission)
+                checked = check_line(q, other, level, law)
+                if checked.clear:
+                    share, clearance, after = less, checked.clearance, other
+                    break
+    tightest, most = failed, 0.0
+    if failed < 0:
+        lacks = of_pairs.retreat - of_pairs.drift - times(of_pairs.g, s)
+        for k in range(len(lacks)):
+            if lacks[k] > most:
+                tightest, most = shapes[k], lacks[k]
+    return after, np.array([how, share, clearance, float(tightest)])
 
 
 @compiled
-def _tightest(pairs, s, h, influence, rows):
-    """Of the rows of pairs that the guard had, the pair of shapes of the one that s
-    gives way to the most; -1 if there is none."""
-    lacks = pairs.retreat - pairs.drift - times(pairs.g, s)
-    among, worst, most = 0, -1, 0.0
-    for k in range(len(h)):
-        if h[k] < influence:
-            if lacks[among] > most:
-                worst, most = rows[k % len(rows)], lacks[among]
-            among += 1
-    return worst
+def guarded(
+    s_0: np.ndarray, constraints: Constraints, lowest: np.ndarray, highest: np.ndarray
+) -> np.ndarray:
+    """(L7) in the norm of the joints, within the bounds (A2); as `guard`."""
+    root = np.sqrt(constraints.weight)
+    s = one_sided_nearest(
+        s_0,
+        root[:, np.newaxis] * constraints.g,
+        root * (constraints.retreat - constraints.drift),
+    )
+    return np.minimum(np.maximum(s, lowest), highest)
+
+
+@compiled
+def scale_line(
+    q: np.ndarray, v: np.ndarray, s: np.ndarray, level: Level, law: FilterLaw
+) -> tuple[float, float]:
+    """As `scale_step`: the largest share of s that is found to be clear, and the
+    clearance that goes with it [m]; of braking, which is clear, the floor's."""
+    admission = law.mode.value.admission
+    clear, failed, clearance = 0.0, 1.0, admission.floor
+    if not level.held:
+        clearance = level.of.min()
+    for _ in range(BISECTIONS):
+        share = 0.5 * (clear + failed)
+        after = velocity_after(share * s, v, admission)
+        checked = check_line(q, after, level, law)
+        if checked.clear:
+            clear, clearance = share, checked.clearance
+        else:
+            failed = share
+    return clear, clearance
 
 
 @compiled
@@ -447,6 +520,7 @@ def filter_step(
     kind: int,
     wish: np.ndarray,
     rate: np.ndarray,
+    last: np.ndarray,
     following: bool,
     known: bool,
     law: Held,
@@ -456,7 +530,8 @@ def filter_step(
     Args:
         q, v: (n,), (n,) state: the command before.
         kind, wish: as of `desired_state`; finite.
-        rate: (n,) how fast a wanted position moves [rad/s], as far as known.
+        rate: (n,) how fast a wanted position moves [rad/s]; (0,) if nobody says so.
+        last: (n,) the position that was wanted a period ago; (0,) if none was.
         following: whether the command before was the wanted one. Else a wanted one is
             taken as it is only within the nominal speed limit, so that a robot which
             has been held back does not leap.
@@ -470,12 +545,8 @@ def filter_step(
     """
     of = law.value
     numbers = of.mode.value
-    T, period, limits = (
-        numbers.admission.T,
-        numbers.admission.period,
-        numbers.limits.value,
-    )
-    reported = np.zeros(REPORTED)
+    limits, admission = numbers.limits.value, numbers.admission
+    T, period = admission.T, admission.period
     to = desired_state(q, v, kind, wish, T, period)
     why, joint = beyond_bounds(
         q, v, to.q, to.v, limits.lower, limits.upper, limits.fastest, T, period
@@ -483,25 +554,25 @@ def filter_step(
     if joint < 0 and not following:
         if largest(to.s) > numbers.gains.nominal_speed_limit:
             why, joint = CATCHING_UP, np.argmax(np.abs(to.s))
-    pair = -1
-    taken = False
-    if joint < 0:
-        pair, clearance, held = check_desired(q, v, to, known, of)
-        taken = pair < 0
-        if taken:
-            reported[HOW], reported[SHARE] = AS_NOMINAL, 1.0
-            reported[CLEARANCE], reported[HELD] = clearance, 1.0 if held else 0.0
+    level = Level(np.zeros(0), True) if known else present_level(q, v, of)
+    pair, how, share, clearance = -1, AS_NOMINAL, 1.0, np.inf
+    q_next, v_next = to.q, to.v
+    taken = joint < 0
+    if taken:
+        checked = check_line(q, to.v, level, of)
+        clearance, taken = checked.clearance, checked.clear
+        pair = worst_of(checked)
     if not taken:
+        if not len(rate):
+            rate = (wish - last) / period if len(last) else np.zeros(len(q))
         s_0 = nominal_of_wish(q, v, kind, wish, rate, numbers)
-        to, admission, tightest = changed_step(q, v, s_0, of)
-        reported[HOW] = max(admission[0], CORRECTED)
-        reported[SHARE], reported[CLEARANCE] = admission[1], admission[2]
-        reported[HELD] = admission[3]
-        if pair >= 0:
+        v_next, found = changed_step(q, v, s_0, level, of)
+        q_next = q + period * v_next
+        how, share, clearance = found[0], found[1], found[2]
+        if pair < 0:
+            pair = int(found[3])
+        if pair >= 0 and (why == NOTHING or why == CATCHING_UP):
             why = BY_PAIR
-        elif tightest >= 0 and why == CATCHING_UP:
-            pair, why = tightest, BY_PAIR
-        elif tightest >= 0:
-            pair = tightest
-    reported[WHY], reported[JOINT], reported[PAIR] = why, joint, pair
-    return np.concatenate((reported, to.q, to.v, (to.v - v) / period))
+    held = 1.0 if level.held else 0.0
+    reported = np.array([how, share, clearance, held, why, float(joint), float(pair)])
+    return np.concatenate((reported, q_next, v_next, (v_next - v) / period))

@@ -52,98 +52,77 @@ def curvature(x: np.ndarray, balls: Balls) -> np.ndarray:
 
 
 @compiled(loops=True)
-def apart(start: np.ndarray, end: np.ndarray, a: int, b: int, at: np.ndarray) -> float:
-    """How far two points that move on chords come at least to each other [m].
-
-    Args:
-        start, end: (P, 3) points where the chords begin and end [m].
-        a, b: which two; of each at[0] is added to half of at[1], if that is not
-            negative: the middle of an axis that begins there.
-        at: (2,) vectors of the axes, or -1.
-    """
-    dot, way, here = 0.0, 0.0, 0.0
-    for c in range(3):
-        r, s = start[a, c] - start[b, c], end[a, c] - end[b, c]
-        if at[0] >= 0:
-            r += 0.5 * (start[at[0], c] - start[at[1], c])
-            s += 0.5 * (end[at[0], c] - end[at[1], c])
-        u = s - r
-        dot += r * u
-        way += u * u
-        here += r * r
-    if dot >= 0.0 or way == 0.0:
-        return np.sqrt(here)
-    t = min(-dot / way, 1.0)
-    return np.sqrt(max(here + t * (2.0 * dot + t * way), 0.0))
-
-
-@compiled(loops=True)
-def near_on_ways(
+def near_on_way(
     centres: np.ndarray,
     points: np.ndarray,
-    ways: np.ndarray,
-    bends: np.ndarray,
+    bend: np.ndarray,
     enough: float,
     pairs: ShapePairs,
     balls: Balls,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pairs of shapes that are not shown to keep a distance on each of some ways.
+) -> tuple[np.ndarray, float]:
+    """The pairs of shapes that are not shown to keep a distance on a way.
 
     Args:
-        centres: (K, B, 3) of the links' balls in K configurations [m].
-        points: (K, P, 3) the shapes' axes in them, as `ShapePairs` wants them [m].
-        ways: (W, 2) the configurations where each way begins and ends.
-        bends: (W, B) how far each link may be off the chord on it [m].
+        centres: (2, B, 3) of the links' balls where the way begins and ends [m].
+        points: (2, P, 3) the shapes' axes there, as `ShapePairs` wants them [m].
+        bend: (B,) how far each link may be off its chord [m].
         enough: the distance [m].
         pairs: of the shapes, the first configuration's in its first half.
         balls: of the robot.
 
     Returns:
-        (k,) which pairs of shapes; (k, W) whether on this way; (W,) no distance of the
-        others is smaller on it [m].
+        (k,) which pairs of shapes; no distance of the others is smaller [m].
     """
-    W, total = len(ways), balls.shapes[-1]
-    rows = np.empty(total, dtype=np.int64)
-    near = np.zeros((total, W), dtype=np.bool_)
-    low = np.full(W, np.inf)
-    none, axes = np.full(2, -1), np.empty(2, dtype=np.int64)
-    open_ = np.empty(W, dtype=np.bool_)
-    count = 0
+    rows, count, low = np.empty(balls.shapes[-1], dtype=np.int64), 0, np.inf
+    size, start, end = balls.radius + bend, points[0], points[1]
+    # Of a signed place Numba asks each time whether it counts from the end.
+    zero, one, two = np.uintp(0), np.uintp(1), np.uintp(2)
     for pair in range(len(balls.a)):
-        a, b = balls.a[pair], balls.b[pair]
-        any_open = balls.always[pair]
-        for way in range(W):
-            open_[way] = True
-            if balls.always[pair]:
-                continue
-            start, end = centres[ways[way, 0]], centres[ways[way, 1]]
-            off = balls.radius[a] + balls.radius[b] + bends[way, a] + bends[way, b]
-            bound = apart(start, end, a, b, none) - off
+        a, b = np.uintp(balls.a[pair]), np.uintp(balls.b[pair])
+        if not balls.always[pair]:
+            x = centres[zero, a, zero] - centres[zero, b, zero]
+            y = centres[zero, a, one] - centres[zero, b, one]
+            z = centres[zero, a, two] - centres[zero, b, two]
+            u = centres[one, a, zero] - centres[one, b, zero] - x
+            v = centres[one, a, one] - centres[one, b, one] - y
+            w = centres[one, a, two] - centres[one, b, two] - z
+            apart, off = _least(x, y, z, u, v, w), size[a] + size[b]
             # A bound that is none (NaN) shows nothing.
-            if bound >= enough:
-                open_[way] = False
-                low[way] = min(low[way], bound)
-            else:
-                any_open = True
-        if not any_open:
-            continue
+            if apart - off >= enough:
+                low = min(low, apart - off)
+                continue
         for row in range(balls.shapes[pair], balls.shapes[pair + 1]):
-            axes[0], axes[1] = pairs.vector_a[row], pairs.vector_b[row]
-            found = False
-            for way in range(W):
-                near[count, way] = False
-                if not open_[way]:
+            if not balls.always[pair]:
+                i, j = np.uintp(pairs.start_a[row]), np.uintp(pairs.start_b[row])
+                k, m = np.uintp(pairs.vector_a[row]), np.uintp(pairs.vector_b[row])
+                x = start[i, zero] - start[j, zero]
+                y = start[i, one] - start[j, one]
+                z = start[i, two] - start[j, two]
+                x += 0.5 * (start[k, zero] - start[m, zero])
+                y += 0.5 * (start[k, one] - start[m, one])
+                z += 0.5 * (start[k, two] - start[m, two])
+                u = end[i, zero] - end[j, zero] - x
+                v = end[i, one] - end[j, one] - y
+                w = end[i, two] - end[j, two] - z
+                u += 0.5 * (end[k, zero] - end[m, zero])
+                v += 0.5 * (end[k, one] - end[m, one])
+                w += 0.5 * (end[k, two] - end[m, two])
+                apart = _least(x, y, z, u, v, w)
+                off = pairs.sizes.balls[row] + bend[a] + bend[b]
+                if apart - off >= enough:
+                    low = min(low, apart - off)
                     continue
-                if not balls.always[pair]:
-                    start, end = points[ways[way, 0]], points[ways[way, 1]]
-                    off = pairs.sizes.balls[row] + bends[way, a] + bends[way, b]
-                    of_a, of_b = pairs.start_a[row], pairs.start_b[row]
-                    bound = apart(start, end, of_a, of_b, axes) - off
-                    if bound >= enough:
-                        low[way] = min(low[way], bound)
-                        continue
-                near[count, way] = found = True
-            if found:
-                rows[count] = row
-                count += 1
-    return rows[:count], near[:count], low
+            rows[count] = row
+            count += 1
+    return rows[:count], low
+
+
+@compiled(loops=True)
+def _least(x, y, z, u, v, w):
+    """The smallest length of (x, y, z) + t (u, v, w), 0 <= t <= 1."""
+    here, towards = x * x + y * y + z * z, x * u + y * v + z * w
+    if towards < 0.0:
+        way = u * u + v * v + w * w
+        t = min(-towards / way, 1.0)
+        here = max(here + t * (2.0 * towards + t * way), 0.0)
+    return np.sqrt(here)

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
         TargetGovernor,
     )
     from crar_drake.control.records import Solution
+    from crar_drake.control.safety_filter import (
+        FilterCommand,
+        FilterReport,
+        SafetyFilter,
+    )
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -42,11 +47,14 @@ _MODULES = {
     "CrarError": "errors",
     "CrarParameters": "control.parameters",
     "EXPERIMENTS": "robot.task",
+    "FilterCommand": "control.safety_filter",
+    "FilterReport": "control.safety_filter",
     "LookaheadParameters": "control.parameters",
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
     "RobotDescription": "robot.description",
+    "SafetyFilter": "control.safety_filter",
     "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
@@ -69,11 +77,14 @@ __all__ = [
     "CrarError",
     "CrarParameters",
     "EXPERIMENTS",
+    "FilterCommand",
+    "FilterReport",
     "LookaheadParameters",
     "MakeCrarDiagram",
     "ModelError",
     "MotionError",
     "RobotDescription",
+    "SafetyFilter",
     "Scenario",
     "ScenarioError",
     "SimulationLog",

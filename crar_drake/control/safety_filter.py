@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crar_drake.control.checks import check_numbers
 from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes.lookahead import LookaheadMode
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
@@ -70,6 +69,10 @@ MOTOR, NO_NUMBER, NO_SENSE = "motor", "no number", "no sense"
 _APPROACH = 200.0
 # Pairs farther apart hold nothing back, unless it is given [m].
 _INFLUENCE = 0.1
+# T of the control law, unless it is given [s].
+_HORIZON = CrarParameters().braking_horizon
+# Gains of the control law that a filter has no use for.
+_NO_FEEDBACK = {"K": 1.0, "Kp": 1.0, "Gv": 1.0}
 
 _NOTHING = np.zeros(0)
 
@@ -77,8 +80,14 @@ _NOTHING = np.zeros(0)
 def filter_parameters(period: float) -> LookaheadParameters:
     """What a filter of a period [s] is made with unless something else is given."""
     return LookaheadParameters(
-        influence_distance=_INFLUENCE, approach_rate=min(_APPROACH, 1.0 / period)
+        horizon=_HORIZON,
+        influence_distance=_INFLUENCE,
+        approach_rate=_approach_rate(period),
     )
+
+
+def _approach_rate(period: float) -> float:
+    return min(_APPROACH, 1.0 / period) if period > 0.0 else _APPROACH
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,26 +227,30 @@ class SafetyFilter:
             ScenarioError: a number is out of range; or there is a preview, which
                 plans for tasks.
         """
+        ahead = lookahead or filter_parameters(period)
+        if ahead.horizon is None:
+            ahead = replace(ahead, horizon=_HORIZON)
+        if ahead.approach_rate is None:
+            ahead = replace(ahead, approach_rate=_approach_rate(period))
         gains = CrarParameters(
             period=period,
-            lookahead=lookahead or LookaheadParameters(),
+            lookahead=ahead,
             respect_effort_limits=effort_limits,
             velocity_scale=velocity_scale,
             velocity_limits=dict(velocity_limits or {}),
+            **_NO_FEEDBACK,
         )
-        check_numbers("filter", gains, set(), {"velocity_scale"})
-        if lookahead is None:
-            gains.lookahead = filter_parameters(period)
-        gains.validate()
-        LookaheadMode.check(gains)
-        if gains.lookahead.preview is not None:
+        try:
+            gains.validate()
+            LookaheadMode.check(gains)
+        except ScenarioError as error:
+            # Of which the filter has a part.
+            raise ScenarioError(str(error).replace("controller.", "filter.")) from None
+        if ahead.preview is not None:
             raise ScenarioError(
                 "filter.lookahead.preview: a filter of joints has no tasks to plan "
                 "for; leave it out"
             )
-        if gains.lookahead.approach_rate is None:
-            approach = min(_APPROACH, 1.0 / period)
-            gains.lookahead = replace(gains.lookahead, approach_rate=approach)
         self.parameters = gains
         self.model = model = _joint_model(robot)
         self.period = float(period)
@@ -305,7 +318,7 @@ class SafetyFilter:
                 wanted; or the filter is to start from a NaN.
         """
         if measured is not None and not self._started:
-            self.reset(*measured)
+            self.reset(*self._measured(measured))
         self._started = True
         self._memory = self.solve(self._memory, q, v, a, measured)
         return self._memory.command
@@ -408,13 +421,18 @@ class SafetyFilter:
                         f"{name}: the robot has no joint {joint!r} that moves"
                         f"{nearest(str(joint), self.joint_names)}"
                     )
-                vector[self._at[joint]] = number
+                try:
+                    vector[self._at[joint]] = float(number)
+                except (TypeError, ValueError):
+                    raise InputError(
+                        f"{name}: {number!r} of joint {joint!r} is no number"
+                    ) from None
             return vector
         # Copied, since what may not be written to is compiled for anew.
         try:
             vector = np.array(value, dtype=float, order="C")
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name} is not a vector of numbers: {error}") from None
+        except (TypeError, ValueError):
+            raise InputError(f"{name} is not a vector of numbers") from None
         if vector.shape != (self._n,):
             raise InputError(
                 f"{name} has shape {vector.shape}; it must be ({self._n},), in the "
@@ -428,16 +446,21 @@ class SafetyFilter:
             joints = ", ".join(self.joint_names[i] for i in bad[:8])
             raise InputError(f"{name} has a NaN or infinite value, of {joints}")
 
+    def _measured(self, measured: tuple[Joints, Joints]) -> list[np.ndarray]:
+        """(n,) positions and (n,) velocities; raises InputError."""
+        if len(measured) != 2:
+            raise InputError("measured: give (q, v), positions and velocities")
+        names = ("measured q", "measured v")
+        others = self.model.rest_positions(), np.zeros(self._n)
+        return list(map(self._vector, names, measured, others))
+
     def _tracking(
         self, memory: FilterMemory, measured: tuple[Joints, Joints] | None
     ) -> tuple[float, str | None]:
         """The largest difference of what is measured from the command before."""
         if measured is None:
             return np.nan, None
-        q, _ = (
-            self._vector(f"measured {name}", value, memory.q)
-            for name, value in zip("qv", measured, strict=True)
-        )
+        q = self._measured(measured)[0]
         error = np.abs(q - memory.q)
         worst = int(np.argmax(error))  # the first NaN, if there is one
         return float(error[worst]), self.joint_names[worst]

@@ -161,6 +161,7 @@ class FilterMemory:
         q, v: (n,), (n,) the command.
         wish: (n,) the position that was wanted, None if none was.
         following: whether the command was the wanted one.
+        pushed: whether a pair of links held it back.
         known: whether its braking path is known to be clear.
         command: all of it; None before the first step.
     """
@@ -169,6 +170,7 @@ class FilterMemory:
     v: np.ndarray
     wish: np.ndarray | None = None
     following: bool = False
+    pushed: bool = False
     known: bool = False
     command: FilterCommand | None = None
 
@@ -356,6 +358,7 @@ class SafetyFilter:
             rate,
             memory.wish if kind == POSITION and memory.wish is not None else _NOTHING,
             memory.following,
+            memory.pushed,
             memory.known,
             self._law,
         )
@@ -389,6 +392,7 @@ class SafetyFilter:
             v_next,
             wish if kind == POSITION else None,
             how == AS_NOMINAL,
+            pair >= 0,
             held,
             FilterCommand(self.joint_names, q_next, v_next, vdot, report),
         )
@@ -475,7 +479,7 @@ class SafetyFilter:
         held = memory.known
         report = FilterReport(BRAKING, 0.0, why, None, None, np.nan, held, error, worst)
         command = FilterCommand(self.joint_names, q, v, vdot, report)
-        return FilterMemory(q, v, None, False, held, command)
+        return FilterMemory(q, v, None, False, False, held, command)
 
     def _within_efforts(
         self, memory: FilterMemory, vdot: np.ndarray

@@ -522,6 +522,7 @@ def filter_step(
     rate: np.ndarray,
     last: np.ndarray,
     following: bool,
+    pushed: bool,
     known: bool,
     law: Held,
 ) -> np.ndarray:
@@ -535,6 +536,7 @@ def filter_step(
         following: whether the command before was the wanted one. Else a wanted one is
             taken as it is only within the nominal speed limit, so that a robot which
             has been held back does not leap.
+        pushed: whether a pair held back the command before, and probably does so now.
         known: whether the present path is known to be clear.
         law: holds `FilterLaw`.
 
@@ -566,13 +568,22 @@ def filter_step(
         if not len(rate):
             rate = (wish - last) / period if len(last) else np.zeros(len(q))
         s_0 = nominal_of_wish(q, v, kind, wish, rate, numbers)
-        v_next, found = changed_step(q, v, s_0, level, of)
+        how = CORRECTED
+        if pair < 0 and not pushed:
+            # Limits and speeds alone may be what is in the way.
+            lowest, highest = step_bounds(q, v, len(q), limits, admission)
+            s = np.minimum(np.maximum(s_0, lowest), highest)
+            v_next = velocity_after(s, v, admission)
+            checked = check_line(q, v_next, level, of)
+            clearance, taken = checked.clearance, checked.clear
+        if not taken:
+            v_next, found = changed_step(q, v, s_0, level, of)
+            how, share, clearance = found[0], found[1], found[2]
+            if pair < 0:
+                pair = int(found[3])
+            if pair >= 0 and (why == NOTHING or why == CATCHING_UP):
+                why = BY_PAIR
         q_next = q + period * v_next
-        how, share, clearance = found[0], found[1], found[2]
-        if pair < 0:
-            pair = int(found[3])
-        if pair >= 0 and (why == NOTHING or why == CATCHING_UP):
-            why = BY_PAIR
     held = 1.0 if level.held else 0.0
     reported = np.array([how, share, clearance, held, why, float(joint), float(pair)])
     return np.concatenate((reported, q_next, v_next, (v_next - v) / period))

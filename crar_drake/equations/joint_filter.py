@@ -20,6 +20,7 @@ from crar_drake.equations.admission import (
     AS_NOMINAL,
     BISECTIONS,
     CORRECTED,
+    ROUNDING,
     SCALED,
     AdmissionGains,
     Bounds,
@@ -255,13 +256,15 @@ def check_line(
     gains, straight = mode.admission, np.zeros(len(q))
     T, period = gains.T, gains.period
     x = (period + T) * v_next
-    rows, clearance = find_near(q, x, gains.floor, law)
+    # What is below the floor by rounding alone is clear, and may leave it.
+    floor = gains.floor - ROUNDING
+    rows, clearance = find_near(q, x, floor, law)
     count = len(rows)
     r, reaches = some_shapes(robot, rows).value, some_reaches(mode.reaches, rows)
-    keep, asked = np.full(count, gains.floor), np.ones(count, dtype=np.bool_)
+    keep, asked = np.full(count, floor), np.ones(count, dtype=np.bool_)
     if not level.held:
-        keep = level.of[rows]
-        asked = keep >= gains.floor
+        keep = np.minimum(level.of[rows], floor)
+        asked = keep >= floor
     bounds = path_bounds(q, x, straight, keep, asked, r, reaches)
     if not level.held:
         start = q + period * v_next

@@ -64,9 +64,9 @@ _WHY = {
 }
 MOTOR, NO_NUMBER, NO_SENSE = "motor", "no number", "no sense"
 
-# How fast margins of pairs may be used up, unless it is given [1/s]; but one over the
-# period at most. A command is changed only where it would not be clear, so late.
-_APPROACH = 200.0
+# How fast margins of pairs may be used up, unless it is given [1/s]; but half of one in
+# a period at most. A command is changed only where it would not be clear, so late.
+_APPROACH = 100.0
 # Pairs farther apart hold nothing back, unless it is given [m].
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
@@ -87,7 +87,7 @@ def filter_parameters(period: float) -> LookaheadParameters:
 
 
 def _approach_rate(period: float) -> float:
-    return min(_APPROACH, 1.0 / period) if period > 0.0 else _APPROACH
+    return min(_APPROACH, 0.5 / period) if period > 0.0 else _APPROACH
 
 
 @dataclass(frozen=True, slots=True)

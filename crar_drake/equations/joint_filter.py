@@ -28,7 +28,7 @@ from crar_drake.equations.admission import (
     gradients_at,
     path_bounds,
 )
-from crar_drake.equations.capsule_distances import nearest_of_pairs
+from crar_drake.equations.capsule_distances import nearest_of_pairs, nearest_points
 from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import (
@@ -172,18 +172,6 @@ def place_ends(start: np.ndarray, end: np.ndarray, r: Robot, balls: Balls) -> Pl
     )
 
 
-@compiled
-def find_near(
-    start: np.ndarray, x: np.ndarray, enough: float, law: FilterLaw
-) -> tuple[np.ndarray, float]:
-    """`near_on_way` of the straight way from `start` (n,) by x (n,)."""
-    r, balls = law.robot.value, law.balls.value
-    placed = place_ends(start, start + x, r, balls)
-    bend = 0.125 * curvature(x, balls)
-    pairs = r.pairs.value
-    return near_on_way(placed.centres, placed.points, bend, enough, pairs, balls)
-
-
 class Level(NamedTuple):
     """What pairs of shapes are to keep.
 
@@ -202,7 +190,12 @@ def present_level(q: np.ndarray, v: np.ndarray, law: FilterLaw) -> Level:
     """The level of a state (n,), (n,) of which nothing is known: `examine_present`."""
     mode, robot = law.mode.value, law.robot
     gains, x = mode.admission, mode.admission.T * v
-    rows, _ = find_near(q, x, gains.floor, law)
+    balls, every = law.balls.value, robot.value.pairs.value
+    placed = place_ends(q, q + x, robot.value, balls)
+    bend = 0.125 * curvature(x, balls)
+    rows, _ = near_on_way(
+        placed.centres, placed.points, bend, gains.floor, every, balls
+    )
     if not len(rows):
         return Level(np.zeros(0), True)
     r, reaches = some_shapes(robot, rows).value, some_reaches(mode.reaches, rows)
@@ -238,7 +231,7 @@ class Checked(NamedTuple):
 
 @compiled
 def check_line(
-    q: np.ndarray, v_next: np.ndarray, level: Level, law: FilterLaw
+    q: np.ndarray, v_next: np.ndarray, level: Level, quick: bool, law: FilterLaw
 ) -> Checked:
     """Whether a step leads to a clear state on a clear way, as `check_step` asks it.
 
@@ -250,16 +243,30 @@ def check_line(
         q: (n,) the present position.
         v_next: (n,) the velocity q_dot'.
         level: that pairs are to keep.
+        quick: whether a pair that is too near at the end of the line is enough to know;
+            else the worst place of each is sought.
         law: of the robot.
     """
-    mode, robot = law.mode.value, law.robot
+    mode, robot, balls = law.mode.value, law.robot, law.balls.value
     gains, straight = mode.admission, np.zeros(len(q))
     T, period = gains.T, gains.period
     x = (period + T) * v_next
     # What is below the floor by rounding alone is clear, and may leave it.
     floor = gains.floor - ROUNDING
-    rows, clearance = find_near(q, x, floor, law)
+    every = robot.value.pairs.value
+    placed = place_ends(q, q + x, robot.value, balls)
+    bend = 0.125 * curvature(x, balls)
+    rows, clearance = near_on_way(
+        placed.centres, placed.points, bend, floor, every, balls
+    )
     count = len(rows)
+    if quick and level.held:
+        d, _, _, _ = nearest_points(placed.points[1], every, rows)
+        for k in range(count):
+            if d[k] < floor:
+                at, keep = np.full(1, 1.0), np.full(1, floor)
+                failed = Bounds(d[k : k + 1], at, d[k : k + 1])
+                return Checked(False, d[k], rows[k : k + 1], keep, failed)
     r, reaches = some_shapes(robot, rows).value, some_reaches(mode.reaches, rows)
     keep, asked = np.full(count, floor), np.ones(count, dtype=np.bool_)
     if not level.held:
@@ -448,7 +455,7 @@ def changed_step(
     constraints, how, share, failed = given, CORRECTED, 1.0, -1
     s = guarded(s_0, constraints, lowest, highest)
     after = velocity_after(s, v, admission)
-    checked = check_line(q, after, level, law)
+    checked = check_line(q, after, level, False, law)
     for _ in range(CORRECTIONS):
         if checked.clear:
             break
@@ -457,7 +464,7 @@ def changed_step(
         constraints = join_constraints(constraints, row)
         s = guarded(s_0, constraints, lowest, highest)
         after = velocity_after(s, v, admission)
-        checked = check_line(q, after, level, law)
+        checked = check_line(q, after, level, False, law)
     clearance = checked.clearance
     if not checked.clear:
         how, failed = SCALED, worst_of(checked)
@@ -468,7 +475,7 @@ def changed_step(
             for less in LESS:
                 s = guarded(less * s_0, given, lowest, highest)
                 other = velocity_after(s, v, admission)
-                checked = check_line(q, other, level, law)
+                checked = check_line(q, other, level, True, law)
                 if checked.clear:
                     share, clearance, after = less, checked.clearance, other
                     break
@@ -508,7 +515,7 @@ def scale_line(
     for _ in range(BISECTIONS):
         share = 0.5 * (clear + failed)
         after = velocity_after(share * s, v, admission)
-        checked = check_line(q, after, level, law)
+        checked = check_line(q, after, level, True, law)
         if checked.clear:
             clear, clearance = share, checked.clearance
         else:
@@ -564,7 +571,7 @@ def filter_step(
     q_next, v_next = to.q, to.v
     taken = joint < 0
     if taken:
-        checked = check_line(q, to.v, level, of)
+        checked = check_line(q, to.v, level, not following, of)
         clearance, taken = checked.clearance, checked.clear
         pair = worst_of(checked)
     if not taken:
@@ -577,7 +584,7 @@ def filter_step(
             lowest, highest = step_bounds(q, v, len(q), limits, admission)
             s = np.minimum(np.maximum(s_0, lowest), highest)
             v_next = velocity_after(s, v, admission)
-            checked = check_line(q, v_next, level, of)
+            checked = check_line(q, v_next, level, True, of)
             clearance, taken = checked.clearance, checked.clear
         if not taken:
             v_next, found = changed_step(q, v, s_0, level, of)

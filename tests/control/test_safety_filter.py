@@ -8,6 +8,8 @@ from small_robots import chain_urdf, make_model
 
 from crar_drake import ControlModel, CrarError, LookaheadParameters, SafetyFilter
 from crar_drake.control.records import InputError
+from crar_drake.equations.joint_filter import place_ends
+from crar_drake.equations.path_balls import curvature, near_on_way
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.description import load_robot_description
@@ -429,18 +431,21 @@ def test_efforts_stay_within_the_motors_by_drakes_own_dynamics():
 
 def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
     """By the referee's distances at samples of the way."""
-    from crar_drake.equations.joint_filter import find_near
-
     filter = SafetyFilter("upper_body")
     model = filter.model
     referee = Referee(model.plant, model.scene_graph, model.description.pairs)
-    law, rng = filter._law.value, np.random.default_rng(5)
+    robot, balls = filter._law.value.robot.value, filter._law.value.balls.value
+    rng = np.random.default_rng(5)
     lower, upper = np.maximum(model.lower, -3.0), np.minimum(model.upper, 3.0)
     left_out = 0
     for _ in range(60):
         q = rng.uniform(lower, upper)
         x = rng.normal(size=len(q)) * rng.choice([0.02, 0.2, 1.0])
-        rows, low = find_near(q, x, 0.03, law)
+        placed = place_ends(q, q + x, robot, balls)
+        bend = 0.125 * curvature(x, balls)
+        rows, low = near_on_way(
+            placed.centres, placed.points, bend, 0.03, robot.pairs.value, balls
+        )
         near = set(model.pairs.pair_of_shapes[model.pairs.closed_rows[rows]].tolist())
         others = [k for k in range(len(model.pairs)) if k not in near]
         left_out += len(others)

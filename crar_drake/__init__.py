@@ -16,7 +16,13 @@ if TYPE_CHECKING:
         LookaheadParameters,
         TargetGovernor,
     )
-    from crar_drake.control.records import Solution
+    from crar_drake.control.records import InputError, Solution
+    from crar_drake.control.safety_filter import (
+        FilterCommand,
+        FilterReport,
+        SafetyFilter,
+    )
+    from crar_drake.control.safety_filter_system import SafetyFilterSystem
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -42,11 +48,16 @@ _MODULES = {
     "CrarError": "errors",
     "CrarParameters": "control.parameters",
     "EXPERIMENTS": "robot.task",
+    "FilterCommand": "control.safety_filter",
+    "FilterReport": "control.safety_filter",
+    "InputError": "control.records",
     "LookaheadParameters": "control.parameters",
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
     "RobotDescription": "robot.description",
+    "SafetyFilter": "control.safety_filter",
+    "SafetyFilterSystem": "control.safety_filter_system",
     "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
@@ -69,11 +80,16 @@ __all__ = [
     "CrarError",
     "CrarParameters",
     "EXPERIMENTS",
+    "FilterCommand",
+    "FilterReport",
+    "InputError",
     "LookaheadParameters",
     "MakeCrarDiagram",
     "ModelError",
     "MotionError",
     "RobotDescription",
+    "SafetyFilter",
+    "SafetyFilterSystem",
     "Scenario",
     "ScenarioError",
     "SimulationLog",

@@ -106,6 +106,7 @@ def run_log(arguments: argparse.Namespace) -> int:
 
     from crar_drake.judging.referee import Referee
     from crar_drake.results.certificate import has_certificate, judge_certificate
+    from crar_drake.results.clipped_torque import clipped_line
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
     from crar_drake.robot.model import ControlModel
@@ -163,6 +164,8 @@ def run_log(arguments: argparse.Namespace) -> int:
             f"{named}{f' and {more} more' if more > 0 else ''}, whose shapes are not "
             "all capsules and spheres"
         )
+    if clipped := clipped_line(log):
+        print(f"assumption broken: {clipped}")
     violated = [
         *counted(capsules.num_penetrating, "sample", "penetrate{s}"),
         *counted(capsules.num_beyond_limit, "sample", "beyond a joint limit"),

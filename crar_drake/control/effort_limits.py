@@ -37,7 +37,7 @@ _CALM = 0.5
 _GROWTH, _TRIES, _MOST_FREE = 1.2, 8, 0.3
 
 # What `nearest_accelerations` and rounding leave beyond a limit is no excess [1].
-_NO_EXCESS = 1e-4
+NO_EXCESS = 1e-4
 
 # The next braking torque is aimed to need 80 % of a limit at most, and to be possible
 # is judged by the accelerations alone: so much counts as possible [1].
@@ -196,7 +196,7 @@ class EffortLimits:
             lowered = np.maximum(lowered, _MOST_FREE * self.limits)
             limits = np.where(excess > 0.0, lowered, limits)
             again = self._within(workspace, measured, nominal, limits)
-            if again.torque_limit[1] > _NO_EXCESS:
+            if again.torque_limit[1] > NO_EXCESS:
                 break
             found = again
         return found
@@ -252,7 +252,7 @@ class EffortLimits:
         """Whether the next step's braking is within the limits; else how long it takes,
         the more of it the better; how much is left of the nominal accelerations."""
         share, excess = found.torque_limit.tolist()
-        if excess > _NO_EXCESS:
+        if excess > NO_EXCESS:
             return False, 0.0, -excess
         T = braking.horizon
         tau = next_braking_torque(
@@ -293,7 +293,7 @@ class EffortLimits:
         for joints in self._giving_way:
             near = self._nearest(braking, workspace, measured, nominal, limits, joints)
             found = self._admitted(braking, workspace, measured, nominal, limits, near)
-            if found.torque_limit[1] <= _NO_EXCESS:
+            if found.torque_limit[1] <= NO_EXCESS:
                 break
         if excess == 0.0 and share > found.torque_limit[0]:
             scaled = self._admitted(

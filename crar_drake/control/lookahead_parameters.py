@@ -1,7 +1,8 @@
 """Parameters of the constraint mode "lookahead"."""
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.equations.lookahead_rows import NOMINAL_SPEED_LIMIT
@@ -79,6 +80,12 @@ class LookaheadParameters:
             followed.
         farthest_pull: of the preview, the error from which on a task pulls no more than
             from there [m or rad].
+        tracking_error: E, how far each joint of a robot that follows commanded
+            positions may be from its command [rad or m]: pairs and limits are kept so
+            much farther that the robot keeps them, see `control.tracking_error`; by
+            default 0, and
+        tracking_errors: joint to its own instead. With an error all distances that the
+            mode reports are those that are left for the robot.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -105,12 +112,20 @@ class LookaheadParameters:
     null_space_damping: float = 0.02  # [m]
     smoothness: float = 5.7e-5  # [m s^2]
     farthest_pull: float = 0.002  # [m or rad]
+    tracking_error: float | None = None  # [rad or m]
+    tracking_errors: dict[str, float] = field(default_factory=dict)  # [rad or m]
 
     def validate(self) -> None:
         """Raises ScenarioError, naming the field and what it may be."""
         check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
         check_choice("controller.lookahead", self, "guard_norm", GUARD_NORMS)
-        check_numbers("controller.lookahead", self, may_be_zero=set())
+        check_numbers("controller.lookahead", self, may_be_zero={"tracking_error"})
+        for joint, error in self.tracking_errors.items():
+            if not 0.0 <= error < math.inf:
+                raise ScenarioError(
+                    f"controller.lookahead.tracking_errors.{joint}: {error} must be "
+                    "finite, and not negative"
+                )
         if self.rho > LARGEST_RHO:
             raise ScenarioError(
                 f"controller.lookahead.rho: {self.rho:g} must be at most "

@@ -44,6 +44,7 @@ def remarks(
     limb_directions: Mapping[str, LimbDirection],
     lowest: tuple[float, str, float] | None = None,
     implausible: Sequence[float] = (),
+    clipped: str = "",
 ) -> list[str]:
     """A line for each thing that is bad about a run; most often none.
 
@@ -54,9 +55,11 @@ def remarks(
         lowest: height over the floor [m], link and time [s] of what was lowest; None
             of a robot that does not stand on a floor.
         implausible: times of samples with a measured state that no robot has [s].
+        clipped: `clipped_torque.clipped_line`.
     """
     return [
         *_of_implausible_states(implausible),
+        *([clipped] if clipped else []),
         *_of_torque(joints),
         *_of_limited_torque(torque_limited),
         *_of_joints_at_limits(joints),

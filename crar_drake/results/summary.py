@@ -15,6 +15,7 @@ from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
+from crar_drake.results.clipped_torque import clipped_line, clipped_samples
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
@@ -111,7 +112,7 @@ class Summary:
         torque_limited_samples: samples where the effort limits allowed less than what
             was nominal; 0 unless they are respected.
         torque_clipped_samples: those among them where not even braking was within
-            the limits, so that torques were clipped.
+            the limits, so that torques were clipped, by more than rounding.
         braking_samples: samples without targets, which count in no error.
         implausible_samples: samples with a measured state that no robot has, see
             `control.plausible`; the robot braked, and they count in no error.
@@ -318,7 +319,7 @@ def summarize(
         resting_margin=_smallest(log.resting_margins[:, 1]),
         **_admission(log, scenario.controller.period),
         torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
-        torque_clipped_samples=int(np.count_nonzero(log.torque_limit[:, 1] > 0.0)),
+        torque_clipped_samples=int(np.count_nonzero(clipped_samples(log))),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),
         frame_rate=motion.frame_rate if motion else None,
@@ -337,7 +338,14 @@ def summarize(
     )
     limited = summary.torque_limited_samples / summary.samples
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]
-    found = remarks(joints, limited, summary.limb_directions, lowest, implausible)
+    found = remarks(
+        joints,
+        limited,
+        summary.limb_directions,
+        lowest,
+        implausible,
+        clipped_line(log),
+    )
     return replace(summary, remarks=found)
 
 

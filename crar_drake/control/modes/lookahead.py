@@ -14,6 +14,14 @@ from crar_drake.control.modes.mode import Mode
 from crar_drake.control.modes.paper import refuse_adaptive_gain
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import Memory, Solution
+from crar_drake.control.tracking_error import (
+    check_rest_posture,
+    check_slides,
+    distance_losses,
+    joint_errors,
+    narrowed_limits,
+    thickened,
+)
 from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.handover import hand_over
@@ -64,6 +72,9 @@ class LookaheadMode(Mode):
             configurations.
         reaches: holds the `Reaches` of the watched pairs, for other paths than braking
             ones.
+        lower, upper: (n,) limits that commands keep [rad].
+        losses: (Np,) by how much the pairs of `robot` are nearer than they are, for
+            tracking errors [m].
         admission: its numbers.
         numbers: holds the `LookaheadNumbers`.
     """
@@ -117,7 +128,9 @@ class LookaheadMode(Mode):
         )
         self._model = model
         fastest = parameters.speed_limits(model)[model.controlled]
-        limits = find_limits(model.lower, model.upper, fastest)
+        errors = joint_errors(ahead, model)
+        self.lower, self.upper = narrowed_limits(errors, model)
+        limits = find_limits(self.lower, self.upper, fastest)
         self.robot = model.robot_ahead
         num_rows = len(self.robot.value.pairs.value.members) + len(limits.joints)
         self._still = np.zeros(model.n + model.n_p)
@@ -179,6 +192,12 @@ class LookaheadMode(Mode):
             step=min(float(step), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
+        self.losses = np.zeros(len(model.pairs.closed_rows))
+        if errors.any():
+            check_slides(errors, reaches, model)
+            self.losses = distance_losses(errors, reaches)
+            check_rest_posture(self.robot, self.losses, self.admission.floor, model)
+            self.robot = thickened(self.robot, self.losses)
         self.reaches = hold(reaches)
         self.numbers = hold(
             LookaheadNumbers(
@@ -273,7 +292,7 @@ class LookaheadMode(Mode):
         model = self._model
         q, v = measured.q[0], measured.v[model.controlled]
         ends = q[model.controlled_positions] + self.horizon * v
-        inside = (ends >= model.lower) & (ends <= model.upper)
+        inside = (ends >= self.lower) & (ends <= self.upper)
         return bool(inside.all() and reported["admission"][3] == 1.0)
 
     def admit_again(

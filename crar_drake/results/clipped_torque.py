@@ -1,0 +1,48 @@
+"""Whether motors were too weak for what was commanded, by which the proof is lost.
+
+The theorem of `docs/theory/theorem.md` assumes that the plant does what is commanded.
+Where not even braking is within the effort limits, torques are clipped, and it does
+not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.control.effort_limits import NO_EXCESS
+from crar_drake.results.log import SimulationLog
+
+# Motors that the line names.
+_MOST = 2
+
+# A torque of this share of its limit is at it [1].
+_AT_LIMIT = 0.999
+
+
+def clipped_samples(log: SimulationLog) -> np.ndarray:
+    """(T,) bool, whether a torque was clipped by more than rounding."""
+    return log.torque_limit[:, 1] > NO_EXCESS
+
+
+def clipped_line(log: SimulationLog) -> str:
+    """Says in how many samples of a log torques were clipped, since when, and of which
+    motors; "" if none was."""
+    clipped = clipped_samples(log)
+    if not clipped.any():
+        return ""
+    at_limit = np.abs(log.actuation[clipped]) >= _AT_LIMIT * log.effort_limits
+    often = at_limit.sum(axis=0)
+    motors = [
+        f"{log.actuator_names[i]} ({log.effort_limits[i]:g})"
+        for i in np.argsort(-often, kind="stable")
+        if often[i]
+    ]
+    more = f" and {len(motors) - _MOST} more" if len(motors) > _MOST else ""
+    of = f" of {', '.join(motors[:_MOST])}{more}" if motors else ""
+    return (
+        f"torques were clipped in {np.count_nonzero(clipped)} samples, the first at "
+        f"{log.time[clipped][0]:.3f} s: not even braking was within the effort limits"
+        f"{of}. The robot did not do there what was commanded, and from then on "
+        "nothing is proved of it; are these the limits of the real motors, and has it "
+        "springs that the model has not?"
+    )

@@ -262,7 +262,9 @@ class SafetyFilter:
         nothing = TaskGains(0.0, 0.0, 0.0, 0.0, _NOTHING)
         mode = LookaheadMode(model, gains, nothing, self.period)
         self._T = float(mode.horizon)
-        self._law = hold(FilterLaw(mode.robot, mode.numbers, hold(find_balls(model))))
+        self._law = hold(
+            FilterLaw(mode.robot, mode.numbers, hold(find_balls(model, mode.losses)))
+        )
         rows = model.pairs.closed_rows
         self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
         self._examines_all = not model.pairs.not_examined

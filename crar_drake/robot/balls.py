@@ -9,7 +9,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
 
 
-def find_balls(model: ControlModel) -> Balls:
+def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
     """The balls about the watched links of a model, and how far joints can move them.
 
     Where a slide between a joint and a link makes the joint's reach longer, or a shape
@@ -17,6 +17,8 @@ def find_balls(model: ControlModel) -> Balls:
 
     Args:
         model: of a robot that does not float.
+        losses: (Np,) by how much nearer pairs of shapes count than they are, in the
+            order of `pairs.closed_rows` [m]; by default not at all.
     """
     joints, pairs, order = model.joints, model.pairs, model.order
     placed, radius, reach, unbounded = [], [], [], []
@@ -39,13 +41,19 @@ def find_balls(model: ControlModel) -> Balls:
     centre, first = joints.select(placed)
     unbounded = np.array(unbounded, dtype=bool)
     of_shapes = pairs.pair_of_shapes[pairs.closed_rows]
+    radius = np.array(radius, dtype=float)
+    if losses is not None:
+        nearer = np.zeros(len(radius))
+        for of in (pairs.body_a, pairs.body_b):
+            np.maximum.at(nearer, of[of_shapes], 0.5 * losses)
+        radius += nearer
     own = joints.frame_of_velocity[order]
     above = joints.moved_by[own][:, order].astype(float)
     np.fill_diagonal(above, 0.0)
     return Balls(
         centre,
         first,
-        np.array(radius, dtype=float),
+        radius,
         np.array(reach, dtype=float).reshape(-1, len(order)),
         np.ascontiguousarray(above),
         pairs.body_a,

@@ -1,5 +1,7 @@
 """The filter of joint commands: what is safe comes back as it was, the rest safe."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from floating_robots import make_floater, write_floater
@@ -8,6 +10,7 @@ from small_robots import chain_urdf, make_model
 
 from crar_drake import ControlModel, CrarError, LookaheadParameters, SafetyFilter
 from crar_drake.control.records import InputError
+from crar_drake.control.safety_filter import filter_parameters
 from crar_drake.equations.joint_filter import place_ends
 from crar_drake.equations.path_balls import curvature, near_on_way
 from crar_drake.errors import ModelError, ScenarioError
@@ -454,3 +457,33 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
             ways = (q + u * x for u in np.linspace(0.0, 1.0, 41))
             assert min(referee.distances(at)[others].min() for at in ways) >= low - 1e-9
     assert 60 * len(model.pairs) // 10 < left_out < 60 * len(model.pairs)
+
+
+# --- a robot that follows within a bound ------------------------------------------
+
+
+@pytest.mark.parametrize("error", [0.0, 0.004])
+def test_a_robot_that_errs_by_the_stated_bound_keeps_the_floor(error):
+    """It errs in every joint by the same, against the gradient of the nearest pair; a
+    filter that is not told of it lets it come nearer."""
+    ahead = replace(filter_parameters(PERIOD), tracking_error=error or None)
+    filter = SafetyFilter("upper_body", PERIOD, ahead)
+    model, rng, worst = filter.model, np.random.default_rng(4), np.inf
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    lower, upper, n = model.lower, model.upper, len(filter.joint_names)
+    for step in range(400):
+        while step % 50 == 0:
+            aim = rng.uniform(np.maximum(lower, -1.5), np.minimum(upper, 1.5))
+            if referee.distances(aim).min() < -0.02:  # it cannot be had
+                break
+        q = filter(aim).q
+        assert (q >= lower + error - 1e-9).all() and (q <= upper - error + 1e-9).all()
+        if (distance := referee.distances(q).min()) < 0.05:
+            moved = q + 1e-6 * np.eye(n)
+            slopes = [referee.distances(x).min() - distance for x in moved]
+            off = q - 0.004 * np.sign(slopes)
+            worst = min(worst, referee.distances(off).min())
+    if error:
+        assert FLOOR - 1e-6 <= worst < 0.05
+    else:
+        assert worst < FLOOR

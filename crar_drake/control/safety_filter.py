@@ -45,7 +45,7 @@ from crar_drake.equations.references import TaskGains
 from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.nearest import nearest
-from crar_drake.robot.balls import find_balls
+from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -262,7 +262,8 @@ class SafetyFilter:
         nothing = TaskGains(0.0, 0.0, 0.0, 0.0, _NOTHING)
         mode = LookaheadMode(model, gains, nothing, self.period)
         self._T = float(mode.horizon)
-        self._law = hold(FilterLaw(mode.robot, mode.numbers, hold(find_balls(model))))
+        robot = robot_in_closed_form(model)
+        self._law = hold(FilterLaw(robot, mode.numbers, hold(find_balls(model))))
         rows = model.pairs.closed_rows
         self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
         self._examines_all = not model.pairs.not_examined
@@ -370,8 +371,7 @@ class SafetyFilter:
         if self._efforts.finite:
             limited, motor = self._within_efforts(memory, vdot)
             if motor is not None:
-                vdot, (how, share, clearance, held) = limited
-                found[SHARE], found[CLEARANCE], found[HELD] = share, clearance, held
+                vdot, (how, found[SHARE], found[CLEARANCE], _) = limited
                 v_next = memory.v + self.period * vdot
                 q_next = memory.q + self.period * v_next
                 why, joint, how = MOTOR, motor, max(how, CORRECTED)

@@ -4,9 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.capsule_distances import ShapePairs
+from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.path_balls import Balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
+
+
+def robot_in_closed_form(model: ControlModel) -> Held:
+    """A model's `robot_ahead` without the shapes that have no closed form."""
+    robot, closed = model.robot_ahead, model.pairs.closed_rows
+    r = robot.value
+    pairs = r.pairs.value
+    if len(closed) == len(pairs.moves):
+        return robot
+    every = np.arange(2 * len(closed))
+    some = ShapePairs(
+        pairs.start_a,
+        pairs.start_b,
+        pairs.vector_a,
+        pairs.vector_b,
+        pairs.sizes,
+        every,
+        every,
+        every.reshape(-1, 1),
+        np.ascontiguousarray(pairs.moves[closed]),
+    )
+    return hold(r._replace(pairs=hold(some)))
 
 
 def find_balls(model: ControlModel) -> Balls:

@@ -285,6 +285,17 @@ def test_a_start_that_is_not_clear_gets_no_worse_and_comes_free():
     np.testing.assert_allclose(command.q, away, atol=1e-6)
 
 
+def test_a_command_that_its_user_changes_changes_nothing_else(arm):
+    arm.reset()
+    wanted = smooth(arm, 50, 0.3)
+    for q in wanted[1:]:
+        given = q.copy()
+        command = arm(given)
+        np.testing.assert_array_equal(command.q, q)
+        for mine in (command.q, command.v, command.a, given):
+            mine[:] = 7.0
+
+
 def test_steps_leave_nothing_behind_but_their_memory(arm):
     memory = arm.start()
     wanted = smooth(arm, 50, 2.0)

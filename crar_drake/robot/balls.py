@@ -4,9 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.capsule_distances import ShapePairs
+from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.path_balls import Balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
+
+
+def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
+    """A robot without the shapes that have no closed form.
+
+    Args:
+        model: of it.
+        robot: holds its `Robot` in two configurations, as `robot_ahead`.
+    """
+    closed, r = model.pairs.closed_rows, robot.value
+    pairs = r.pairs.value
+    if len(closed) == len(pairs.moves):
+        return robot
+    every = np.arange(2 * len(closed))
+    some = ShapePairs(
+        pairs.start_a,
+        pairs.start_b,
+        pairs.vector_a,
+        pairs.vector_b,
+        pairs.sizes,
+        every,
+        every,
+        every.reshape(-1, 1),
+        np.ascontiguousarray(pairs.moves[closed]),
+    )
+    return hold(r._replace(pairs=hold(some)))
 
 
 def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:

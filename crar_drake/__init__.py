@@ -16,7 +16,14 @@ if TYPE_CHECKING:
         LookaheadParameters,
         TargetGovernor,
     )
-    from crar_drake.control.records import Solution
+    from crar_drake.control.records import InputError, Solution
+    from crar_drake.control.safety_filter import (
+        FilterCommand,
+        FilterReport,
+        SafetyFilter,
+        filter_parameters,
+    )
+    from crar_drake.control.safety_filter_system import SafetyFilterSystem
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
@@ -42,11 +49,16 @@ _MODULES = {
     "CrarError": "errors",
     "CrarParameters": "control.parameters",
     "EXPERIMENTS": "robot.task",
+    "FilterCommand": "control.safety_filter",
+    "FilterReport": "control.safety_filter",
+    "InputError": "control.records",
     "LookaheadParameters": "control.parameters",
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
     "RobotDescription": "robot.description",
+    "SafetyFilter": "control.safety_filter",
+    "SafetyFilterSystem": "control.safety_filter_system",
     "Scenario": "simulation.scenario",
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
@@ -54,6 +66,7 @@ _MODULES = {
     "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
+    "filter_parameters": "control.safety_filter",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",
     "position_tasks": "robot.task",
@@ -69,11 +82,16 @@ __all__ = [
     "CrarError",
     "CrarParameters",
     "EXPERIMENTS",
+    "FilterCommand",
+    "FilterReport",
+    "InputError",
     "LookaheadParameters",
     "MakeCrarDiagram",
     "ModelError",
     "MotionError",
     "RobotDescription",
+    "SafetyFilter",
+    "SafetyFilterSystem",
     "Scenario",
     "ScenarioError",
     "SimulationLog",
@@ -81,6 +99,7 @@ __all__ = [
     "TargetGovernor",
     "Task",
     "TaskLayout",
+    "filter_parameters",
     "load_robot_description",
     "load_scenario",
     "position_tasks",

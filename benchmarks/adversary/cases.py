@@ -10,10 +10,11 @@ from pathlib import Path
 
 import crar_drake
 from benchmarks.adversary.attacks import ATTACKS
+from benchmarks.adversary.policies import POLICIES
 from benchmarks.adversary.random_robots import KINDS
 from benchmarks.adversary.robots import ROBOTS
 
-PLANTS = ("exact", "torque")
+PLANTS = ("exact", "torque", "filter")
 EXACT_ONLY = ("posture", "switched")
 PERIODS = (0.001, 0.005, 0.01, 0.02)  # [s]
 
@@ -25,8 +26,9 @@ class Case:
     Attributes:
         robot, attack: names.
         period: control period [s].
-        plant: "exact", whose next state is the law's `position_command`, or "torque",
-            the simulated robot in the whole diagram.
+        plant: "exact", whose next state is the law's `position_command`; "torque",
+            the simulated robot in the whole diagram; or "filter", whose next state is
+            the command of a filter of joint commands, attacked by policies.
         constraints: of the law.
         steps: control steps, at least.
         seed: of all dice.
@@ -149,7 +151,7 @@ def law_digest() -> str:
 
 def make_cases(
     robots: Sequence[str] = ROBOTS,
-    attacks: Sequence[str] = tuple(ATTACKS),
+    attacks: Sequence[str] | None = None,
     periods: Sequence[float] = PERIODS,
     plants: Sequence[str] = ("exact",),
     **settings,
@@ -158,16 +160,27 @@ def make_cases(
 
     Only robots with prescribed joints have moving obstacles, and the whole diagram
     has no source of nominal postures, keeps its law, and simulates robots of files.
+
+    Args:
+        robots, attacks, periods, plants: by name; attacks by default all of the plant,
+            and of those named the ones that it has.
+        settings: of all cases.
     """
     return [
         Case(robot, attack, period, plant, **settings)
         for plant in plants
         for robot in robots
         for period in periods
-        for attack in attacks
+        for attack in attacks_on(plant)
+        if attacks is None or attack in attacks
         if not (attack == "moving" and robot == "obstacle_arm")
         and not (plant == "torque" and (attack in EXACT_ONLY or robot in KINDS))
     ]
+
+
+def attacks_on(plant: str) -> tuple[str, ...]:
+    """The names of the attacks on one of PLANTS."""
+    return tuple(POLICIES if plant == "filter" else ATTACKS)
 
 
 def read_results(path: Path, law: str) -> dict[Case, Result]:

@@ -190,18 +190,20 @@ def markdown(results: Sequence[Result]) -> str:
 
 def verdict_line(results: Sequence[Result]) -> str:
     """One line that says it all."""
-    exact = [r for r in results if r.case.plant == "exact" and not r.error]
+    exact = [r for r in results if r.case.plant != "torque" and not r.error]
     steps = sum(r.steps for r in exact)
     if not exact:
         return "nothing was run with the exact model"
+    filtered = all(r.case.plant == "filter" for r in exact)
+    what = "the filter" if filtered else "exact model"
     bad = [r for r in exact if r.unsafe]
     if not bad:
-        return f"exact model: no violation in {steps:,} control steps"
+        return f"{what}: no violation in {steps:,} control steps"
     violated = sum(r.violated for r in bad)
     fast = sum(r.too_fast for r in bad)
     diverged = sum(r.diverged for r in bad)
     return (
-        f"exact model: {len(bad)} of {len(exact)} cases violate a constraint in "
+        f"{what}: {len(bad)} of {len(exact)} cases violate a constraint in "
         f"{steps:,} control steps: {violated} episodes with a contact or beyond a "
         f"limit, {diverged} diverged, {fast:,} states beyond a speed limit"
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.random_robots import KINDS, draw_robot
+from crar_drake.control.safety_filter import SafetyFilter
 from crar_drake.errors import CrarError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import RobotDescription, load_robot_description
@@ -50,12 +51,14 @@ class Subject:
         description: of it.
         judge: of its states, on a plant of its own.
         models: by the name of a task set; filled when first asked for.
+        filters: by the period, with judges of all joints; likewise.
     """
 
     name: str
     description: RobotDescription
     judge: Judge
     models: dict[str, ControlModel] = field(default_factory=dict)
+    filters: dict[float, tuple[SafetyFilter, Judge]] = field(default_factory=dict)
 
     def task_set(self, episode: int) -> str:
         """The task sets take turns; a robot that was drawn has one."""
@@ -69,6 +72,14 @@ class Subject:
                 self.description, TASKS[self.name][task_set]
             )
         return self.models[task_set]
+
+    def filter(self, period: float) -> tuple[SafetyFilter, Judge]:
+        """The filter of the robot's joints, and a judge that counts all of them."""
+        if period not in self.filters:
+            model = self.model(self.task_set(0))
+            judged = model.plant, model.scene_graph, self.description.pairs
+            self.filters[period] = SafetyFilter(model, period), Judge(*judged)
+        return self.filters[period]
 
 
 _SUBJECTS: dict[str, Subject] = {}

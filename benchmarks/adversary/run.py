@@ -12,6 +12,7 @@ from benchmarks.adversary.attacks import Episode, make_episode
 from benchmarks.adversary.cases import Case, Result, law_digest
 from benchmarks.adversary.drive import Drive, drive_exact, drive_torque
 from benchmarks.adversary.judge import Verdict
+from benchmarks.adversary.policies import drive_filter
 from benchmarks.adversary.robots import Subject, load_subject
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.errors import ScenarioError
@@ -51,11 +52,10 @@ def _attack(case: Case, result: Result) -> None:
         task_set = subject.task_set(lineage[0])
         total += num_steps
         try:
-            episode, done = play(case, subject, task_set, lineage, num_steps)
+            done, verdict = play_and_judge(case, subject, task_set, lineage, num_steps)
         except ScenarioError:
             result.refused += 1
             continue
-        verdict = judge_episode(subject, episode, done, lineage)
         nearest = min(verdict.clearance, verdict.path_clearance)
         nasty = sorted([*nasty, (nearest, lineage)], key=lambda x: x[0])[:KEPT]
         _add(result, verdict, done)
@@ -74,6 +74,26 @@ def _attack(case: Case, result: Result) -> None:
                 "overspeed": verdict.overspeed,
                 "diverged": done.diverged,
             }
+
+
+def play_and_judge(
+    case: Case, subject: Subject, task_set: str, lineage: list[int], num_steps: int
+) -> tuple[Drive, Verdict]:
+    """An episode, and what the independent judge says of it.
+
+    Raises:
+        ScenarioError: the law refuses its parameters.
+    """
+    if case.plant != "filter":
+        episode, done = play(case, subject, task_set, lineage, num_steps)
+        return done, judge_episode(subject, episode, done, lineage)
+    filter, judge = subject.filter(case.period)
+    done = drive_filter(filter, judge, case.attack, num_steps, lineage[0])
+    law = filter.parameters
+    floor = law.lookahead.distance_margin - law.lookahead.admission_slack
+    rng = np.random.default_rng([lineage[0], 2])
+    verdict = judge.judge(done.q, done.v, law.braking_horizon, rng, floor=floor)
+    return done, verdict
 
 
 def episode_steps(case: Case) -> int:

@@ -65,6 +65,12 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
     )
     parser.add_argument(
+        "--joints",
+        action="store_true",
+        help="targets are positions of joints, of a policy or a planner, instead of "
+        "places of hands; the scenario's robot alone counts then",
+    )
+    parser.add_argument(
         "--rate",
         type=positive,
         default=200.0,
@@ -142,6 +148,7 @@ def run(arguments: argparse.Namespace) -> None:
         tracking_error=arguments.tracking_error,
         robot=arguments.robot or "",
         experiment=arguments.experiment or "",
+        joints=arguments.joints,
         rate=arguments.rate,
         gate=Gate(**{name: getattr(arguments, name) for name in GATE}),
         host=arguments.host,
@@ -151,7 +158,7 @@ def run(arguments: argparse.Namespace) -> None:
     host, port = server.address
     host = f"[{host}]" if ":" in host else host
     model = server.motion.model
-    tasks = ", ".join(model.layout.names)
+    tasks = ", ".join(server.motion.layout.names)
     print(f"{model.description.name}: UDP at {host}:{port}", flush=True)
     before = "the robot to say where it is, then for " if measured else ""
     print(f"waits for {before}targets of {tasks}; Ctrl-C ends it", flush=True)

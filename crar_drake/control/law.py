@@ -39,6 +39,7 @@ from crar_drake.equations.references import (
     error_from_targets,
 )
 from crar_drake.equations.vectors import is_finite
+from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -71,8 +72,11 @@ class ControlLaw:
     ) -> None:
         """
         Raises:
+            ModelError: the model has no task.
             ScenarioError: a parameter is out of range, or names no joint of the robot.
         """
+        if not model.tasks:
+            raise ModelError("give the control model at least one task")
         self.model = model
         self.parameters = parameters or CrarParameters()
         validate(self.parameters)

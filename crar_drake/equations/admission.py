@@ -48,10 +48,10 @@ _HALVINGS = 7
 # to a sixteenth of the path, which is all that a row needs to point the right way.
 _SEARCHED = 4
 # A step is scaled to one of 2^this shares; each bisection checks all pairs anew.
-_BISECTIONS = 6
+BISECTIONS = 6
 # A distance below the floor by less than this is at the floor [m]: rounding, of doubles
 # and robots' sizes, comes nowhere near it.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 class Reaches(NamedTuple):
@@ -512,7 +512,7 @@ def examine_present(
     level = np.full(len(low), gains.floor)
     needed = gains.floor + travel(step_reach(s, gains) * s, beyond)
     # A distance that is none (NaN) is below whatever is needed.
-    found = path_bounds(q, x, straight, level - _ROUNDING, ~(low >= needed), r, here)
+    found = path_bounds(q, x, straight, level - ROUNDING, ~(low >= needed), r, here)
     held = True
     for pair in range(len(low)):
         if found.low[pair] < np.inf:
@@ -596,7 +596,7 @@ def check_step(
         e = 0.5 * period * (period + gains.step) / T
         on_way = present.low - travel(e * s, reaches)
         # A pair that is not clear now may be nearest where the way begins.
-        asked = ~(on_way >= level) & (level >= gains.floor - _ROUNDING)
+        asked = ~(on_way >= level) & (level >= gains.floor - ROUNDING)
         if asked.any():
             bend = (0.5 * period * period / T) * (s - v)
             along = period * v + (0.5 * period * gains.step / T) * (s - v)
@@ -628,7 +628,7 @@ def scale_step(
     """
     clear, failed = 0.0, 1.0
     clearance = present.low.min() if len(present.low) else np.inf
-    for _ in range(_BISECTIONS):
+    for _ in range(BISECTIONS):
         share = 0.5 * (clear + failed)
         checked = check_step(q, v, share * s, present, r, reaches, gains)
         if checked.clear:

@@ -47,13 +47,13 @@ from crar_drake.equations.vectors import (
 
 # A step is corrected so often before it is scaled. Each costs a guard; of the steps of
 # the recordings these leave at most 0.02 % to be scaled (docs/measurements/sweep.md).
-_CORRECTIONS = 4
+CORRECTIONS = 4
 # A correction aims so far above the level that a pair must keep [m], since a row is
 # linear and the distance is not; it is a part of the 1 mm between floor and margin.
-_SPARE = 3e-4
+SPARE = 3e-4
 # Shares of the nominal step for which the guard is asked anew, where not even the first
 # of them would be left: the far end of a long step says little about its beginning.
-_LESS = (0.25, 0.0625, 0.015625, 0.0)
+LESS = (0.25, 0.0625, 0.015625, 0.0)
 
 
 class LookaheadNumbers(NamedTuple):
@@ -237,7 +237,7 @@ def correction(
     failed, g = gradients_at(checked.start, checked.x, checked.bounds, r, reaches)
     k = 0.5 * period * (period + admission.step) / admission.T
     k = k + checked.bounds.at[failed] * period
-    missing = (present.level[failed] + _SPARE - checked.bounds.d[failed]) / k
+    missing = (present.level[failed] + SPARE - checked.bounds.d[failed]) / k
     count = len(failed)
     hardest = row_weights(
         np.full(count, gains.distance_margin),
@@ -335,7 +335,7 @@ def admit(
     clearance = checked.clearance
     if not checked.clear:
         how = CORRECTED
-        for _ in range(_CORRECTIONS):
+        for _ in range(CORRECTIONS):
             if not (checked.bounds.at >= 0.0).any():
                 break  # the way there is not clear: nothing to be corrected
             constraints = join_constraints(
@@ -354,9 +354,9 @@ def admit(
             how = SCALED
             share, clearance = scale_step(q, v, s, present, r, reaches, admission)
             scaled = share * s
-            if share < _LESS[0]:
+            if share < LESS[0]:
                 # What the guard asks for, a way out among it, would be scaled as well.
-                for less in _LESS:
+                for less in LESS:
                     s_1, _ = guard(less * s_0, given, norm)
                     s_1 = np.minimum(np.maximum(s_1, lowest), highest)
                     s = np.concatenate((s_1, less * s_p))

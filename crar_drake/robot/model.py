@@ -107,7 +107,7 @@ class ControlModel:
             plant: finalized.
             scene_graph: where the plant's geometry is registered.
             description: the names in the plant.
-            tasks: what is tracked; at least one.
+            tasks: what is tracked; none for a filter of joints.
             distances: "closed_form" or "scene_graph", see `WatchedPairs`.
 
         Raises:
@@ -500,8 +500,6 @@ class ControlModel:
         self._is_damped = bool(self._implicit_damping.any())
 
     def _set_tasks(self, tasks: Sequence[Task]) -> None:
-        if not tasks:
-            raise ModelError("give at least one task")
         self.tasks = tuple(tasks)
         self.task_targets, self.layout = find_targets(
             self.plant,

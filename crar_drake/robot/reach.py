@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from pydrake.multibody.tree import RigidBody
 
 from crar_drake.equations.admission import Reaches
 from crar_drake.errors import ModelError
@@ -35,53 +38,15 @@ def find_reaches(
         ModelError: a joint that floats is carried by another one.
     """
     tree = joints.tree
-    steps = tree.fixed[:, 3, :3]  # where a frame's origin is in its parent
-    per_slide = np.linalg.norm(tree.slide[:, 3, :3], axis=1)  # [m] for a unit of q
+    per_slide = _lengths_of_slides(joints)
     extents = np.maximum(np.abs(lower), np.abs(upper))[tree.position]
     extents[~np.isfinite(extents)] = 0.0
-    floats = {frame for frame, _ in tree.free}
     places = np.argsort(order)  # of velocities in `order`
     sliding = np.flatnonzero(per_slide > 0.0)
-
-    def reaches_of(body, ends) -> tuple[np.ndarray, np.ndarray]:
-        """(nv,) by `order`, with all slides at zero, 0 for joints that do not move the
-        body; and (frames, nv) what a unit of each slide between adds."""
-        frame, X_FB = joints.place(body)
-        reach = np.zeros(len(order))
-        by_slide = np.zeros((len(per_slide), len(order)))
-        points = [X_FB.multiply(end) for end in ends]
-        rest, offset = 0.0, points  # the chain beyond, and where in `frame` it begins
-        slides = np.zeros(len(per_slide))  # and what is between
-        while frame:
-            for velocity in joints.velocities[frame]:
-                turn, slide = joints.turns[velocity], joints.slides[velocity]
-                place = places[velocity]
-                reach[place] = np.linalg.norm(slide)
-                if not turn.any():
-                    continue
-                by_slide[:, place] = slides
-                if len(joints.velocities[frame]) > 1:
-                    # The axis of a free joint's turn is any through its origin.
-                    reach[place] = max(map(np.linalg.norm, offset)) + rest
-                else:
-                    arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
-                    reach[place] += arm + rest
-            rest += max(np.linalg.norm(point) for point in offset)
-            slides[frame] = per_slide[frame]
-            offset = [steps[frame]]
-            if frame in floats and tree.parent[frame]:
-                raise ModelError(
-                    f"link {body.name()!r} is carried by a joint that floats on "
-                    "another joint: nothing bounds how far it is taken; let it float "
-                    "on the world"
-                )
-            frame = tree.parent[frame]
-        return reach, by_slide
-
     found, body_of = [], []
     for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
         for axis in axes:
-            found.append(reaches_of(body, (axis.p_B0, axis.p_B1)))
+            found.append(chain_reaches(joints, order, body, (axis.p_B0, axis.p_B1)))
             body_of.append(joints.place(body)[0])
     at_zero = np.array([reach for reach, _ in found]).reshape(-1, len(order))
     by_slide = np.array([by for _, by in found]).reshape(-1, len(per_slide), len(order))
@@ -117,3 +82,66 @@ def find_reaches(
         np.ascontiguousarray(a_by),
         np.ascontiguousarray(b_by),
     )
+
+
+def chain_reaches(
+    joints: JointTree,
+    order: np.ndarray,
+    body: RigidBody,
+    ends: Sequence[np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far joints can move points of a body, with all slides at zero.
+
+    Args:
+        joints, order: as of `find_reaches`.
+        body: of the plant.
+        ends: (3,) points in its frame [m]; the farthest counts.
+
+    Returns:
+        (nv,) by `order` [m/rad, 1], 0 for joints that do not move the body; and
+        (frames, nv) what a unit of each slide between a joint and the points adds.
+
+    Raises:
+        ModelError: a joint that floats is carried by another one.
+    """
+    tree = joints.tree
+    steps = tree.fixed[:, 3, :3]  # where a frame's origin is in its parent
+    per_slide = _lengths_of_slides(joints)
+    floats = {frame for frame, _ in tree.free}
+    places = np.argsort(order)
+    frame, X_FB = joints.place(body)
+    reach = np.zeros(len(order))
+    by_slide = np.zeros((len(per_slide), len(order)))
+    points = [X_FB.multiply(end) for end in ends]
+    rest, offset = 0.0, points  # the chain beyond, and where in `frame` it begins
+    slides = np.zeros(len(per_slide))  # and what is between
+    while frame:
+        for velocity in joints.velocities[frame]:
+            turn, slide = joints.turns[velocity], joints.slides[velocity]
+            place = places[velocity]
+            reach[place] = np.linalg.norm(slide)
+            if not turn.any():
+                continue
+            by_slide[:, place] = slides
+            if len(joints.velocities[frame]) > 1:
+                # The axis of a free joint's turn is any through its origin.
+                reach[place] = max(map(np.linalg.norm, offset)) + rest
+            else:
+                arm = max(np.linalg.norm(np.cross(turn, point)) for point in offset)
+                reach[place] += arm + rest
+        rest += max(np.linalg.norm(point) for point in offset)
+        slides[frame] = per_slide[frame]
+        offset = [steps[frame]]
+        if frame in floats and tree.parent[frame]:
+            raise ModelError(
+                f"link {body.name()!r} is carried by a joint that floats on "
+                "another joint: nothing bounds how far it is taken; let it float "
+                "on the world"
+            )
+        frame = tree.parent[frame]
+    return reach, by_slide
+
+
+def _lengths_of_slides(joints: JointTree) -> np.ndarray:
+    """(frames,) how far each frame slides for a unit of q [m]."""
+    return np.linalg.norm(joints.tree.slide[:, 3, :3], axis=1)

@@ -240,6 +240,8 @@ class Command:
         tracking_error: how far the robot was from what it was told when it was heard
             last [rad or m]; NaN if it never was.
         tracking_joint: of which joint; None of none.
+        why: what held the command back, in words; None where nothing did, or nobody
+            says.
     """
 
     time: float
@@ -253,6 +255,7 @@ class Command:
     driver: str | None = None
     tracking_error: float = math.nan
     tracking_joint: str | None = None
+    why: str | None = None
 
     def to_line(self) -> bytes:
         """As JSON: numbers have as many digits as make sense for a robot."""
@@ -266,6 +269,7 @@ class Command:
             "of": self.of,
             "status": self.status,
             "admitted": self.admitted,
+            "why": self.why,
             "driver": self.driver,
             "distance": distance,
             "tracking_error": error,

@@ -3,19 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
-from crar_drake.control.records import Solution
+from crar_drake.control.records import (
+    STATUS_BLENDING,
+    STATUS_BRAKING,
+    STATUS_IMPLAUSIBLE,
+    Solution,
+)
+from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import ScenarioError
 from crar_drake.nearest import nearest
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.robot.model import ControlModel
 
 # Slower than this in all joints the robot is at rest [rad/s or m/s].
-_AT_REST = 1e-3
+AT_REST = 1e-3
+
+_STATUS = dict.fromkeys((STATUS_BRAKING, STATUS_IMPLAUSIBLE), "braking")
+_STATUS[STATUS_BLENDING] = "blending"
+_ADMITTED = {CORRECTED: "corrected", SCALED: "scaled"}
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What one step of a motion was like.
+
+    Attributes:
+        status: "tracking", "blending" or "braking".
+        admitted: "nominal", "corrected", or "scaled", see docs/theory/theorem.md.
+        distance: of the nearest watched pair; of a filter of joints, no distance on
+            the braking path is smaller; infinite or NaN without any [m].
+        torques: (nu,) of the step, at the state that it began in [Nm or N].
+        why: what held it back, in words; None where nothing did, or nobody says.
+    """
+
+    status: str
+    admitted: str
+    distance: float
+    torques: np.ndarray
+    why: str | None = None
 
 
 class SafeMotion:
@@ -27,6 +58,8 @@ class SafeMotion:
 
     Attributes:
         model, law: of the robot.
+        layout: of the tasks.
+        period: [s].
         q, v: (nq,), (nv,) the state.
         at_rest: whether no joint moves.
     """
@@ -60,8 +93,9 @@ class SafeMotion:
                 "network get lost, and then the robot is to brake"
             )
         self.model, self.law = model, ControlLaw(model, parameters)
+        self.layout, self.period = model.layout, parameters.period
         self._workspace = model.MakeWorkspace()
-        self._stand(_start_positions(model, {}))
+        self._stand(start_positions(model, {}))
         self._warm_up()
         if start:
             self.begin(start)
@@ -75,7 +109,7 @@ class SafeMotion:
         Raises:
             ScenarioError: the robot cannot start there.
         """
-        self._stand(_start_positions(self.model, start))
+        self._stand(start_positions(self.model, start))
         self._check_start(self.law.parameters)
 
     def _stand(self, q: np.ndarray) -> None:
@@ -89,13 +123,24 @@ class SafeMotion:
 
     @property
     def at_rest(self) -> bool:
-        return bool(np.abs(self.v).max(initial=0.0) < _AT_REST)
+        return bool(np.abs(self.v).max(initial=0.0) < AT_REST)
 
     def stop_here(self) -> None:
         """The robot is where it is, at rest: nobody has commanded it to move for
         long."""
         self.v = np.zeros_like(self.v)
         self.law.reset()
+
+    def move(self, tasks: np.ndarray) -> Moved:
+        """`advance`, and what it was like."""
+        solution = self.advance(tasks)
+        distances = solution.signed_distances
+        return Moved(
+            _STATUS.get(float(solution.status[0]), "tracking"),
+            _ADMITTED.get(float(solution.admission[0]), "nominal"),
+            float(distances.min()) if len(distances) else float("inf"),
+            solution.actuation,
+        )
 
     def advance(self, tasks: np.ndarray) -> Solution:
         """One control step; the state is then that of its `position_command`.
@@ -136,8 +181,12 @@ class SafeMotion:
         self.law.reset()
 
 
-def _start_positions(model: ControlModel, start: Mapping[str, float]) -> np.ndarray:
-    """(nq,) the rest posture, but for the joints of `start`."""
+def start_positions(model: ControlModel, start: Mapping[str, float]) -> np.ndarray:
+    """(nq,) the rest posture, but for the joints of `start`.
+
+    Raises:
+        ScenarioError: a joint is not known, or beyond its limits.
+    """
     q, names = model.rest_positions(), list(model.position_names)
     for joint, position in start.items():
         if names.count(joint) != 1:

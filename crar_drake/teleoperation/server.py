@@ -20,13 +20,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crar_drake.addresses import cannot_listen, check_address, family_of
-from crar_drake.control.records import (
-    STATUS_BLENDING,
-    STATUS_BRAKING,
-    STATUS_IMPLAUSIBLE,
-)
-from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import CrarError
+from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.followed_robot import FollowedRobot
 from crar_drake.teleoperation.latencies import Latencies
 from crar_drake.teleoperation.lcm_link import LcmLink, decode
@@ -52,10 +47,6 @@ _CLIENT_TIMEOUT = 5.0  # [s] of silence
 # A robot that got no command for so long is taken to have stopped [s].
 _STALL = 0.1
 _LCM_POLL = 1e-3  # [s] LCM has no socket to wait for
-
-_STATUS = dict.fromkeys((STATUS_BRAKING, STATUS_IMPLAUSIBLE), "braking")
-_STATUS[STATUS_BLENDING] = "blending"
-_ADMITTED = {CORRECTED: "corrected", SCALED: "scaled"}
 
 MALFORMED, OVERSIZED, FLOODING = "malformed", "oversized", "flooding"
 NOT_DRIVING = "not driving"
@@ -175,7 +166,7 @@ class TeleoperationServer:
 
     def __init__(
         self,
-        motion: SafeMotion,
+        motion: SafeMotion | FilteredMotion,
         gate: Gate | None = None,
         host: str = "127.0.0.1",
         port: int = 0,
@@ -204,9 +195,9 @@ class TeleoperationServer:
         """
         self.motion = motion
         model = motion.model
-        self.stream = TargetStream(model.layout, gate or Gate())
+        self.stream = TargetStream(motion.layout, gate or Gate())
         self.statistics = Statistics(targets=self.stream.counts)
-        self.period = motion.law.parameters.period
+        self.period = motion.period
         self.robot = FollowedRobot(model.position_names, latency, tracking_error)
         self._start_measured = start_measured
         self._socket = opened or listen(host, port)
@@ -214,7 +205,7 @@ class TeleoperationServer:
         self._lcm = None
         if lcm_url:
             try:
-                self._lcm = LcmLink(lcm_url, model.layout, self._names())
+                self._lcm = LcmLink(lcm_url, motion.layout, self._names())
             except CrarError:
                 self.close()
                 raise
@@ -304,21 +295,19 @@ class TeleoperationServer:
         follows = self.robot.follows(now, self.stream.gate.timeout)
         if self._ends or not follows:
             desired[:] = np.nan  # to brake
-        solution = self.motion.advance(desired)
+        moved = self.motion.move(desired)
         self.robot.tell(now + self.period, self.motion.q)
         statistics.step_time.add(time.monotonic() - began)
-        held = _ADMITTED.get(float(solution.admission[0]), "nominal")
-        status = _STATUS.get(float(solution.status[0]), "tracking")
-        distances = solution.signed_distances
         command = Command(
             time=now - self._start,
             of=self._of,
-            status=status,
+            status=moved.status,
             positions=self.motion.q,
             velocities=self.motion.v,
-            torques=solution.actuation,
-            distance=float(distances.min()) if len(distances) else float("inf"),
-            admitted=held,
+            torques=moved.torques,
+            distance=moved.distance,
+            admitted=moved.admitted,
+            why=moved.why,
             driver=self._named(now),
             tracking_error=self.robot.error,
             tracking_joint=self.robot.joint,
@@ -328,10 +317,10 @@ class TeleoperationServer:
         for arrived in self._arrived:
             statistics.latency.add(sent - arrived)
         self._arrived.clear()
-        statistics.steps[status] += 1
-        statistics.held_back += held != "nominal"
+        statistics.steps[moved.status] += 1
+        statistics.held_back += moved.admitted != "nominal"
         statistics.not_followed += not follows
-        statistics.smallest_distance = min(
+        statistics.smallest_distance = np.fmin(
             statistics.smallest_distance, command.distance
         )
         self._here = self.motion.where()
@@ -480,12 +469,12 @@ class TeleoperationServer:
 
     def _description(self) -> bytes:
         """Names and order, and where the robot's points are, as JSON."""
-        model = self.motion.model
+        model, layout = self.motion.model, self.motion.layout
         said = {
             "robot": model.description.name,
             "period": self.period,
-            "tasks": dict(zip(model.layout.names, model.layout.kinds, strict=True)),
-            "targets": as_targets(self._here, model.layout),
+            "tasks": dict(zip(layout.names, layout.kinds, strict=True)),
+            "targets": as_targets(self._here, layout),
             "positions": list(model.position_names),
             "velocities": list(model.velocity_names),
             "torques": self._actuators(),

@@ -6,12 +6,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from crar_drake.control import modes
 from crar_drake.control.parameters import TargetGovernor
+from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.scenario import check_experiment, load_scenario
+from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer, listen
 from crar_drake.teleoperation.target_stream import Gate
@@ -26,6 +30,7 @@ def make_server(
     *,
     robot: str = "",
     experiment: str = "",
+    joints: bool = False,
     rate: float = 200.0,
     gate: Gate | None = None,
     start: Mapping[str, float] | None = None,
@@ -43,6 +48,8 @@ def make_server(
             are, these are those that hold by proof.
         robot: instead of its robot.
         experiment: instead of its tasks.
+        joints: whether targets are positions of joints, which `SafetyFilter` makes
+            safe; of the scenario the robot and `lookahead.tracking_error` count then.
         rate: commands per second [Hz].
         gate: what a target may be; it is also the governor's, unless the scenario has
             one of its own.
@@ -56,7 +63,11 @@ def make_server(
     """
     opened = listen(host, port)  # what takes no time to find out comes first
     try:
-        motion = _make_motion(scenario, robot, experiment, rate, gate or Gate(), start)
+        gate = gate or Gate()
+        if joints:
+            motion = _make_filtered(scenario, robot, experiment, rate, gate, start)
+        else:
+            motion = _make_motion(scenario, robot, experiment, rate, gate, start)
     except BaseException:
         opened.close()
         raise
@@ -68,6 +79,38 @@ def make_server(
         latency=latency,
         tracking_error=tracking_error,
         start_measured=start_measured,
+    )
+
+
+def _make_filtered(
+    scenario: str,
+    robot: str,
+    experiment: str,
+    rate: float,
+    gate: Gate,
+    start: Mapping[str, float] | None,
+) -> FilteredMotion:
+    if experiment:
+        raise ScenarioError(
+            f"--experiment {experiment}: of --joints the joints are all targets"
+        )
+    loaded = load_scenario(scenario)
+    description = load_robot_description(robot or loaded.robot)
+    stated = loaded.controller.lookahead
+    ahead = replace(
+        filter_parameters(1.0 / rate),
+        tracking_error=stated.tracking_error,
+        tracking_errors=stated.tracking_errors,
+    )
+    try:
+        made = SafetyFilter(description, 1.0 / rate, ahead)
+    except ScenarioError as error:
+        raise ScenarioError(f"--rate {rate:g}: {error}") from error
+    # A target that jumps is gone to no faster than one may move.
+    fastest = np.minimum(made.model.velocity_limits, gate.joint_speed)
+    limits = dict(zip(made.joint_names, fastest.tolist(), strict=True))
+    return FilteredMotion(
+        SafetyFilter(made.model, 1.0 / rate, ahead, velocity_limits=limits), start
     )
 
 

@@ -20,7 +20,7 @@ from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.lookahead import lookahead_or_scaled
 from crar_drake.equations.resolved_acceleration import error_dynamics_residual
 from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
-from crar_drake.errors import ScenarioError
+from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -753,6 +753,11 @@ def test_step_refuses_bad_arguments(on_rail, change, words):
     for word in words:
         assert word in str(caught.value)
     law.step(**good)
+
+
+def test_a_law_without_tasks_is_refused():
+    with pytest.raises(ModelError, match="at least one task"):
+        ControlLaw(make_model(chain_urdf("zz"), []))
 
 
 def test_zero_quaternion_is_refused():

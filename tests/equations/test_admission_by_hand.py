@@ -33,7 +33,7 @@ from crar_drake.equations.admission import (
 )
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.free_joints import PLAIN
-from crar_drake.equations.lookahead_guard import _SPARE, admit, correction
+from crar_drake.equations.lookahead_guard import SPARE, admit, correction
 from crar_drake.equations.lookahead_rows import (
     Constraints,
     LookaheadGains,
@@ -353,7 +353,7 @@ def test_a_correction_leads_to_the_level_and_some(ball, step, n, seed) -> None:
     g = found.g[0]
     missing = found.retreat[0] - found.drift[0] - g @ s[:n]
     by_row = slope[:n] @ (missing * g / (g @ g))
-    assert by_row == pytest.approx(gains.floor + _SPARE - there(s), rel=1e-5)
+    assert by_row == pytest.approx(gains.floor + SPARE - there(s), rel=1e-5)
     # It weighs as a pair that is in collision.
     harder = GAINS.rho, GAINS.alpha, GAINS.beta
     weight = row_weights(np.full(1, -1.0), GAINS.distance_margin, *harder)
@@ -411,7 +411,7 @@ def test_a_step_towards_a_post_is_corrected_to_the_floor_and_some(ball, n) -> No
     found, told = admitted(ball, q, still, s, n, gains)
     assert told.tolist() == [CORRECTED, 1.0, told[2], 1.0] and found[1] == 0.0
     left = 0.02 - BOTH + reach * found[0]
-    assert gains.floor <= left <= gains.floor + 2.0 * _SPARE
+    assert gains.floor <= left <= gains.floor + 2.0 * SPARE
     assert gains.floor <= told[2] <= left + 1e-12
     # As wished if that is clear, and told with what it keeps.
     found, told = admitted(ball, q, still, 0.5 * s, n, gains)

@@ -486,7 +486,6 @@ def test_refused_descriptions(robot, description, words):
 @pytest.mark.parametrize(
     "tasks, words",
     [
-        ([], ["at least one task"]),
         ([Task(frame="tipp")], ["tipp", "did you mean 'tip'"]),
         ([Task(frame="hnd")], ["hnd", "did you mean 'hand'"]),
         ([Task(frame="tip"), Task(frame="tip", kind="pose")], ["two tasks", "tip"]),

@@ -97,9 +97,20 @@ class LookaheadMode(Mode):
     )
 
     def __init__(
-        self, model: ControlModel, parameters: CrarParameters, gains: TaskGains
+        self,
+        model: ControlModel,
+        parameters: CrarParameters,
+        gains: TaskGains,
+        step: float | None = None,
     ) -> None:
+        """
+        Args:
+            model, parameters, gains: as of `Mode`.
+            step: of what does as commanded [s]; by default that of the model's plant.
+        """
         ahead = parameters.lookahead
+        if step is None:
+            step = model.plant.time_step()
         self.horizon = parameters.braking_horizon
         self.brakes_without_targets = ahead.lost_target == "brake"
         longest = parameters.longest_braking_horizon
@@ -111,6 +122,7 @@ class LookaheadMode(Mode):
                     lookahead=replace(ahead, horizon=T, longest_horizon=T),
                 ),
                 gains,
+                step,
             )
             for T in longer_horizons(self.horizon, longest)
         )
@@ -177,7 +189,7 @@ class LookaheadMode(Mode):
         self.admission = AdmissionGains(
             T=float(self.horizon),
             period=float(parameters.period),
-            step=min(float(plant.time_step()), float(parameters.period)),
+            step=min(float(step), float(parameters.period)),
             floor=float(ahead.distance_margin - ahead.admission_slack),
         )
         self.losses = np.zeros(len(model.pairs.closed_rows))

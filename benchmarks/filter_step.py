@@ -1,0 +1,145 @@
+"""How long does a step of the filter of joint commands take?
+
+    python -m benchmarks.filter_step [ROBOT] [--page docs/measurements/filter-step.md]
+
+A policy of sines wants 3,000 commands; the robot is a G1 of 29 joints unless it is
+named (`crar-drake import-robot g1_whole_body`). Every step is timed as often as
+`--repeats` says. Its best time is that of the step by itself: what other programs take
+of the processor and its caches is in the others.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.page import Benchmark, Table, run
+from crar_drake.control.safety_filter import FilterCommand, SafetyFilter
+from crar_drake.equations.compilation import arithmetic
+
+STEPS = 3000
+MEDIAN, P99_OVER_MEDIAN = 100e-6, 2.0  # to be reached [s], [1]
+# Each policy: by how much joints swing [rad or m] at 0.2 to 1 Hz, and noise on that.
+POLICIES = {
+    "safe": (0.06, 0.0),
+    "safe, with noise": (0.05, 2e-4),
+    "reaches into itself at times": (0.15, 0.0),
+    "reaches into itself": (0.3, 0.0),
+    "wild": (1.0, 0.02),
+}
+HEADER = (
+    "policy",
+    "period",
+    "nominal / corrected / scaled",
+    "step: median",
+    "p99",
+    "p99 over median",
+    "nominal steps: median",
+    "corrected steps: median",
+    "as it came: median",
+    "p99 ",
+)
+
+
+class Timed(NamedTuple):
+    """A policy's steps: (R, K) processor times [s], and the (K,) commands."""
+
+    times: np.ndarray
+    commands: list[FilterCommand]
+
+
+def wanted_by(filter: SafetyFilter, policy: str) -> np.ndarray:
+    """(K, n) positions, within the joint limits; the first is the rest posture."""
+    model, (size, noise) = filter.model, POLICIES[policy]
+    rng = np.random.default_rng(1)
+    n, t = model.n, filter.period * np.arange(STEPS)[:, np.newaxis]
+    amplitude = size * rng.uniform(0.3, 1.0, n)
+    omega = 2.0 * np.pi * rng.uniform(0.2, 1.0, n)
+    phase = rng.uniform(0.0, 2.0 * np.pi, n)
+    # Begins at rest.
+    share = np.minimum(t / 0.5, 1.0) ** 2 * (3.0 - 2.0 * np.minimum(t / 0.5, 1.0))
+    swing = share * amplitude * (np.sin(omega * t + phase) - np.sin(phase))
+    swing += share * noise * rng.normal(size=swing.shape)
+    gap = np.minimum(0.05, 0.25 * (model.upper - model.lower))
+    return np.clip(model.rest_positions() + swing, model.lower + gap, model.upper - gap)
+
+
+def time_policy(filter: SafetyFilter, policy: str, repeats: int) -> Timed:
+    """Times each step of a policy as often as is asked for."""
+    wanted = wanted_by(filter, policy)
+    times, commands = np.empty((repeats, len(wanted))), []
+    for repeat in range(repeats):
+        filter.reset()
+        commands = []
+        for k, q in enumerate(wanted):
+            start = time.thread_time()
+            command = filter(q)
+            times[repeat, k] = time.thread_time() - start
+            commands.append(command)
+    return Timed(times, commands)
+
+
+def row(policy: str, period: float, timed: Timed) -> tuple[list[str], float, float]:
+    """A row of the table; median and 99th percentile of the steps by themselves."""
+    how = np.array([command.report.how for command in timed.commands])
+    # The first step looks at all pairs, of a state of which nothing is known.
+    best, how, times = timed.times.min(axis=0)[1:], how[1:], timed.times[:, 1:]
+    median, p99 = np.percentile(best, [50, 99])
+
+    def of(kind: str) -> str:
+        return micro(np.median(best[how == kind])) if (how == kind).any() else "–"
+
+    kinds = ("nominal", "corrected", "scaled")
+    cells = [
+        policy,
+        f"{1e3 * period:g} ms",
+        " / ".join(f"{(how == kind).sum():,}" for kind in kinds),
+        micro(median),
+        micro(p99),
+        f"{p99 / median:.2f}",
+        *map(of, kinds[:2]),
+        *map(micro, np.percentile(times, [50, 99])),
+    ]
+    return cells, float(median), float(p99)
+
+
+def micro(seconds: float) -> str:
+    return f"{1e6 * seconds:.0f} µs"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Times all policies at two periods, and prints or writes the table."""
+    benchmark = Benchmark("benchmarks.filter_step", __doc__, "filter-step")
+    parser = benchmark.parser
+    parser.add_argument("robot", nargs="?", default="g1_whole_body")
+    parser.add_argument("--repeats", type=int, default=5, help="of each step")
+    options = benchmark.parse(argv, lambda options: "steps")
+    rows, reached = [], []
+    for period in (0.005, 0.02):
+        filter = SafetyFilter(options.robot, period)
+        filter.compile()
+        for policy in POLICIES:
+            print(f"{policy}, {1e3 * period:g} ms", file=sys.stderr)
+            timed = time_policy(filter, policy, options.repeats)
+            cells, median, p99 = row(policy, period, timed)
+            rows.append(cells)
+            if policy.startswith("safe"):
+                reached.append((median, p99 / median))
+    pairs = filter.model.pairs
+    worst = np.max(reached, axis=0)
+    found = (
+        f"{filter.model.n} joints, {len(pairs):,} watched pairs of "
+        f"{len(pairs.pair_of_shapes):,} pairs of shapes; {arithmetic()}. Wanted of the "
+        f"safe policies: a median of {micro(MEDIAN)} at most, and a 99th percentile of "
+        f"{P99_OVER_MEDIAN:g} times that; measured {micro(worst[0])} and "
+        f"{worst[1]:.2f} times."
+    )
+    benchmark.report([Table(HEADER, rows)], found)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,536 @@
+"""A safety filter in joint space: any controller in front of it, no tasks.
+
+What a policy, a planner or an inverse kinematics wants of the joints goes in, what the
+robot may be told comes out: the wanted command itself wherever that is safe, to the
+last bit. `equations.joint_filter` has the step, `docs/theory/theorem.md` the proof,
+`docs/guides/safety-filter.md` the use. `SafetyFilterSystem` is the same for diagrams.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crar_drake.control.effort_limits import EffortLimits
+from crar_drake.control.modes.lookahead import LookaheadMode
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.records import InputError, Solution
+from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
+from crar_drake.equations.compilation import hold
+from crar_drake.equations.joint_filter import (
+    ACCELERATION,
+    BY_LIMIT,
+    BY_PAIR,
+    BY_SPEED,
+    CATCHING_UP,
+    CLEARANCE,
+    HELD,
+    HOW,
+    JOINT,
+    NOTHING,
+    PAIR,
+    POSITION,
+    REPORTED,
+    SHARE,
+    VELOCITY,
+    WHY,
+    FilterLaw,
+    filter_step,
+)
+from crar_drake.equations.references import TaskGains
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.nearest import nearest
+from crar_drake.robot.balls import find_balls, robot_in_closed_form
+from crar_drake.robot.description import RobotDescription, load_robot_description
+from crar_drake.robot.model import ControlModel
+
+# What a user may give for the joints: (n,) in the order of `joint_names`, or by name.
+Joints = ArrayLike | Mapping[str, float]
+
+NOMINAL = "nominal"
+BRAKING = "braking"
+_HOW = {AS_NOMINAL: NOMINAL, CORRECTED: "corrected", SCALED: "scaled"}
+_WHY = {
+    NOTHING: "",
+    BY_PAIR: "pair",
+    BY_LIMIT: "joint limit",
+    BY_SPEED: "joint speed",
+    CATCHING_UP: "catching up",
+}
+MOTOR, NO_NUMBER, NO_SENSE = "motor", "no number", "no sense"
+
+# How fast margins of pairs may be used up, unless it is given [1/s]; but half of one in
+# a period at most. A command is changed only where it would not be clear, so late.
+_APPROACH = 100.0
+# Pairs farther apart hold nothing back, unless it is given [m].
+_INFLUENCE = 0.1
+# T of the control law, unless it is given [s].
+_HORIZON = CrarParameters().braking_horizon
+# Gains of the control law that a filter has no use for.
+_NO_FEEDBACK = {"K": 1.0, "Kp": 1.0, "Gv": 1.0}
+
+_NOTHING = np.zeros(0)
+
+
+def filter_parameters(period: float) -> LookaheadParameters:
+    """What a filter of a period [s] is made with unless something else is given."""
+    return LookaheadParameters(
+        horizon=_HORIZON,
+        influence_distance=_INFLUENCE,
+        approach_rate=_approach_rate(period),
+    )
+
+
+def _approach_rate(period: float) -> float:
+    return min(_APPROACH, 0.5 / period) if period > 0.0 else _APPROACH
+
+
+@dataclass(frozen=True, slots=True)
+class FilterReport:
+    """What became of a wanted command, and why.
+
+    Attributes:
+        how: "nominal": the command is the wanted one, to the last bit; "corrected":
+            the nearest that is safe; "scaled": a share of that, towards braking;
+            "braking": nothing usable was wanted.
+        share: of the corrected step that was taken, 1 unless scaled; 0 braking [1].
+        why: what the wanted command ran into: "pair" (of links), "joint limit",
+            "joint speed", "motor"; "catching up", where the command was held back
+            before and returns to the wanted one; "no number", a NaN or infinity; "no
+            sense", numbers so large that they overflow; "".
+        pair: the two links that come too near, or hold the command back; or None.
+        joint: the joint that `why` is about, or that binds besides; or None.
+        clearance: no watched distance is smaller on the braking path from the command
+            [m]; a bound from below. NaN where a watched pair is not examined (a box,
+            say), and while it brakes.
+        clear: whether the path that the step started with is known to be clear.
+        tracking_error: the largest |measured - command before| of a joint [rad or m],
+            NaN where nothing is measured; and
+        tracking_joint: of which joint, or None.
+    """
+
+    how: str
+    share: float
+    why: str
+    pair: tuple[str, str] | None
+    joint: str | None
+    clearance: float
+    clear: bool
+    tracking_error: float
+    tracking_joint: str | None
+
+    @property
+    def braking(self) -> bool:
+        """Whether the robot brakes: nothing usable was wanted, or nothing is left."""
+        return self.how == BRAKING or self.share == 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FilterCommand:
+    """Where the robot is to be at the end of the period.
+
+    Attributes:
+        names: (n,) the joints, in the order of `SafetyFilter.joint_names`.
+        q: (n,) positions [rad or m].
+        v: (n,) velocities, (q - the command before) / period [rad/s or m/s].
+        a: (n,) accelerations, held for the period [rad/s^2 or m/s^2].
+        report: what became of the wanted command.
+    """
+
+    names: tuple[str, ...]
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    report: FilterReport
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Joint to position [rad or m]."""
+        return dict(zip(self.names, self.q.tolist(), strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class FilterMemory:
+    """What one step leaves to the next; never changed in place.
+
+    Attributes:
+        q, v: (n,), (n,) the command.
+        wish: (n,) the position that was wanted, None if none was.
+        following: whether the command was the wanted one.
+        pushed: whether a pair of links held it back.
+        known: whether its braking path is known to be clear.
+        command: all of it; None before the first step.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    wish: np.ndarray | None = None
+    following: bool = False
+    pushed: bool = False
+    known: bool = False
+    command: FilterCommand | None = None
+
+    def __deepcopy__(self, memo: dict) -> FilterMemory:
+        return self  # Drake copies states often; nothing here is ever changed.
+
+
+class SafetyFilter:
+    """Turns wanted joint commands into safe ones.
+
+        filter = SafetyFilter("upper_body", period=0.02)
+        command = filter(q_desired)      # or filter(v=...), filter(a=...)
+        command.q, command.v, command.a, command.report
+
+    Call it once a period. It runs on its own command: the state of a step is the
+    command before, so that the theorem holds for the commands as it stands, whatever
+    the robot does. It begins in the robot's rest posture, or where `reset` or the first
+    `measured` says.
+
+    The joints are all of the robot's that move, those that its description calls
+    prescribed among them. A base that floats counts as fixed, since no joint moves it:
+    links are kept off one another, and nothing off the ground.
+
+    Attributes:
+        model: kinematics and distances, without tasks.
+        joint_names: (n,) the joints, in the plant's order: that of all vectors.
+        period: [s].
+        parameters: of the law.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | RobotDescription | ControlModel,
+        period: float = 0.02,
+        lookahead: LookaheadParameters | None = None,
+        *,
+        effort_limits: bool = False,
+        velocity_scale: float = 1.0,
+        velocity_limits: Mapping[str, float] | None = None,
+    ) -> None:
+        """
+        Args:
+            robot: the name of a shipped or imported robot, the path of a robot.yaml or
+                of its folder, a description, or a control model, whose plant and
+                shapes then count (a post beside the robot, say).
+            period: between two calls [s].
+            lookahead: margins and horizon; by default `filter_parameters(period)`.
+            effort_limits: whether the torque of a command, by the model, stays within
+                the motors' limits, and that of braking after it.
+            velocity_scale: share of the joints' speed limits that may be used.
+            velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
+                robot's.
+
+        Raises:
+            ModelError: there is no such robot, or it cannot be controlled.
+            ScenarioError: a number is out of range; or there is a preview, which
+                plans for tasks.
+        """
+        ahead = lookahead or filter_parameters(period)
+        if ahead.horizon is None:
+            ahead = replace(ahead, horizon=_HORIZON)
+        if ahead.approach_rate is None:
+            ahead = replace(ahead, approach_rate=_approach_rate(period))
+        gains = CrarParameters(
+            period=period,
+            lookahead=ahead,
+            respect_effort_limits=effort_limits,
+            velocity_scale=velocity_scale,
+            velocity_limits=dict(velocity_limits or {}),
+            **_NO_FEEDBACK,
+        )
+        try:
+            gains.validate()
+            LookaheadMode.check(gains)
+        except ScenarioError as error:
+            # Of which the filter has a part.
+            raise ScenarioError(str(error).replace("controller.", "filter.")) from None
+        if ahead.preview is not None:
+            raise ScenarioError(
+                "filter.lookahead.preview: a filter of joints has no tasks to plan "
+                "for; leave it out"
+            )
+        self.parameters = gains
+        self.model = model = _joint_model(robot)
+        self.period = float(period)
+        self.joint_names = tuple(model.joint_names)
+        self._n = model.n
+        self._at = {name: i for i, name in enumerate(self.joint_names)}
+        nothing = TaskGains(0.0, 0.0, 0.0, 0.0, _NOTHING)
+        mode = LookaheadMode(model, gains, nothing, self.period)
+        self._T = float(mode.horizon)
+        robot = robot_in_closed_form(model, mode.robot)
+        balls = hold(find_balls(model, mode.losses))
+        self._law = hold(FilterLaw(robot, mode.numbers, balls))
+        rows = model.pairs.closed_rows
+        self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
+        self._examines_all = not model.pairs.not_examined
+        self._efforts = EffortLimits(model, mode, gains)
+        self.reset()
+
+    def reset(self, q: Joints | None = None, v: Joints | None = None) -> None:
+        """Begins anew.
+
+        Args:
+            q: (n,) where the robot is [rad or m], or by name, the others at rest; by
+                default the rest posture.
+            v: (n,) how fast it moves [rad/s or m/s], or by name; by default not at all.
+
+        Raises:
+            InputError: a size is wrong, a joint unknown or a number none.
+        """
+        self._memory = self.start(q, v)
+        self._started = q is not None
+        self._workspace = self.model.MakeWorkspace()
+
+    def start(self, q: Joints | None = None, v: Joints | None = None) -> FilterMemory:
+        """The memory to begin with; as of `reset`."""
+        still, rest = np.zeros(self._n), self.model.rest_positions()
+        q = rest if q is None else self._vector("q", q, rest)
+        v = still if v is None else self._vector("v", v, still)
+        for name, value in (("q", q), ("v", v)):
+            self._refuse_no_number(f"the start's {name}", value)
+        return FilterMemory(q, v)
+
+    def __call__(
+        self,
+        q: Joints | None = None,
+        v: Joints | None = None,
+        a: Joints | None = None,
+        *,
+        measured: tuple[Joints, Joints] | None = None,
+    ) -> FilterCommand:
+        """The command for the end of this period. Give `q`, `v`, `a`, or `q` and `v`.
+
+        Each is (n,) in the order of `joint_names`, or by name; of joints that are not
+        named the position stays the one wanted last, velocity and acceleration are 0.
+        A NaN or infinity among them makes the robot brake.
+
+        Args:
+            q: wanted positions at the end of the period [rad or m].
+            v: wanted velocities [rad/s or m/s]; beside q only where the wanted
+                motion is going, which helps where it cannot be had as it is.
+            a: wanted accelerations [rad/s^2 or m/s^2].
+            measured: positions and velocities of the robot now. At the first call the
+                filter starts there; later they are compared with the command before.
+
+        Raises:
+            InputError: a size is wrong, a joint unknown, or nothing or too much is
+                wanted; or the filter is to start from a NaN.
+        """
+        if measured is not None and not self._started:
+            self.reset(*self._measured(measured))
+        self._started = True
+        self._memory = self.solve(self._memory, q, v, a, measured)
+        return self._memory.command
+
+    def compile(self) -> None:
+        """Compiles what has yet to be, by a step that leaves nothing behind."""
+        self.solve(self.start(), self.model.rest_positions())
+
+    def solve(
+        self,
+        memory: FilterMemory,
+        q: Joints | None = None,
+        v: Joints | None = None,
+        a: Joints | None = None,
+        measured: tuple[Joints, Joints] | None = None,
+    ) -> FilterMemory:
+        """One step without side effects, for a loop that keeps the memory itself.
+
+        Args:
+            memory: of the step before; `start()` before the first.
+            q, v, a, measured: as of a call; nothing starts from `measured` here.
+
+        Returns:
+            What the next step is to be given, with the `command`.
+        """
+        error, worst = self._tracking(memory, measured)
+        kind, wish, rate = self._wanted(memory, q, v, a)
+        if not (np.isfinite(wish).all() and np.isfinite(rate).all()):
+            return self._brake(memory, NO_NUMBER, error, worst)
+        # Of numbers beyond all sense without Numba.
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = filter_step(
+                memory.q,
+                memory.v,
+                kind,
+                wish,
+                rate,
+                _NOTHING if memory.wish is None else memory.wish,
+                memory.following,
+                memory.pushed,
+                memory.known,
+                self._law,
+            )
+        if not np.isfinite(found[REPORTED:]).all():
+            return self._brake(memory, NO_SENSE, error, worst)
+        how, why = found[HOW], _WHY[found[WHY]]
+        joint, pair = int(found[JOINT]), int(found[PAIR])
+        q_next, v_next, vdot = found[REPORTED:].reshape(3, -1)
+        if self._efforts.finite:
+            limited, motor = self._within_efforts(memory, vdot)
+            if motor is not None:
+                vdot, (how, found[SHARE], found[CLEARANCE], _) = limited
+                v_next = memory.v + self.period * vdot
+                q_next = memory.q + self.period * v_next
+                why, joint, how = MOTOR, motor, max(how, CORRECTED)
+        held = bool(found[HELD])
+        report = FilterReport(
+            _HOW[how],
+            float(found[SHARE]),
+            why,
+            self._pairs[pair] if pair >= 0 else None,
+            self.joint_names[joint] if joint >= 0 else None,
+            float(found[CLEARANCE]) if self._examines_all else np.nan,
+            held,
+            error,
+            worst,
+        )
+        # The command is the user's, who may change it.
+        return FilterMemory(
+            q_next.copy(),
+            v_next.copy(),
+            wish if kind == POSITION else None,
+            how == AS_NOMINAL,
+            pair >= 0,
+            held,
+            FilterCommand(self.joint_names, q_next, v_next, vdot, report),
+        )
+
+    def _wanted(self, memory: FilterMemory, q, v, a) -> tuple[int, np.ndarray, ...]:
+        """The kind of what is wanted, it, and how fast a wanted position moves."""
+        n = self._n
+        if (q is None and v is None and a is None) or (
+            a is not None and (q is not None or v is not None)
+        ):
+            raise InputError(
+                "give wanted positions q (with velocities v, or without), velocities "
+                "v, or accelerations a"
+            )
+        if a is not None:
+            return ACCELERATION, self._vector("a", a, np.zeros(n)), _NOTHING
+        if q is None:
+            return VELOCITY, self._vector("v", v, np.zeros(n)), _NOTHING
+        wish = self._vector("q", q, memory.q if memory.wish is None else memory.wish)
+        rate = _NOTHING if v is None else self._vector("v", v, np.zeros(n))
+        return POSITION, wish, rate
+
+    def _vector(self, name: str, value: Joints, others: np.ndarray) -> np.ndarray:
+        """(n,) of a vector or of what is given by name; raises InputError."""
+        if isinstance(value, Mapping):
+            vector = others.copy()
+            for joint, number in value.items():
+                if joint not in self._at:
+                    raise InputError(
+                        f"{name}: the robot has no joint {joint!r} that moves"
+                        f"{nearest(str(joint), self.joint_names)}"
+                    )
+                try:
+                    vector[self._at[joint]] = float(number)
+                except (TypeError, ValueError):
+                    raise InputError(
+                        f"{name}: {number!r} of joint {joint!r} is no number"
+                    ) from None
+            return vector
+        # Copied, since what may not be written to is compiled for anew.
+        try:
+            vector = np.array(value, dtype=float, order="C")
+        except (TypeError, ValueError):
+            raise InputError(f"{name} is not a vector of numbers") from None
+        if vector.shape != (self._n,):
+            raise InputError(
+                f"{name} has shape {vector.shape}; it must be ({self._n},), in the "
+                "order of joint_names"
+            )
+        return vector
+
+    def _refuse_no_number(self, name: str, value: np.ndarray) -> None:
+        bad = np.flatnonzero(~np.isfinite(value))
+        if len(bad):
+            joints = ", ".join(self.joint_names[i] for i in bad[:8])
+            raise InputError(f"{name} has a NaN or infinite value, of {joints}")
+
+    def _measured(self, measured: tuple[Joints, Joints]) -> list[np.ndarray]:
+        """(n,) positions and (n,) velocities; raises InputError."""
+        if len(measured) != 2:
+            raise InputError("measured: give (q, v), positions and velocities")
+        names = ("measured q", "measured v")
+        others = self.model.rest_positions(), np.zeros(self._n)
+        return list(map(self._vector, names, measured, others))
+
+    def _tracking(
+        self, memory: FilterMemory, measured: tuple[Joints, Joints] | None
+    ) -> tuple[float, str | None]:
+        """The largest difference of what is measured from the command before."""
+        if measured is None:
+            return np.nan, None
+        q = self._measured(measured)[0]
+        error = np.abs(q - memory.q)
+        worst = int(np.argmax(error))  # the first NaN, if there is one
+        return float(error[worst]), self.joint_names[worst]
+
+    def _brake(
+        self, memory: FilterMemory, why: str, error: float, worst: str | None
+    ) -> FilterMemory:
+        """q_ddot = -q_dot / T: a part of the present braking path."""
+        vdot = -memory.v / self._T
+        v = memory.v + self.period * vdot
+        q = memory.q + self.period * v
+        held = memory.known
+        report = FilterReport(BRAKING, 0.0, why, None, None, np.nan, held, error, worst)
+        command = FilterCommand(self.joint_names, q, v, vdot, report)
+        return FilterMemory(q.copy(), v.copy(), None, False, False, held, command)
+
+    def _within_efforts(
+        self, memory: FilterMemory, vdot: np.ndarray
+    ) -> tuple[tuple[np.ndarray, Sequence[float]] | None, int | None]:
+        """What the motors allow of accelerations, and how that was admitted; and the
+        joint whose motor binds. None and None where they allow all."""
+        model, workspace = self.model, self._workspace
+        measured = model.measure(workspace, memory.q, memory.v)
+        wanted = model.inverse_dynamics(workspace, vdot)
+        solution = Solution(vdot, _NOTHING, _NOTHING, _NOTHING, _NOTHING)
+        self._efforts.limit(workspace, measured, solution)
+        if np.array_equal(solution.acceleration, vdot):
+            return None, None
+        motor = int(np.argmax(np.abs(wanted) / self._efforts.limits))
+        joint = self._joint_of_motor(motor)
+        return (solution.acceleration, solution.admission), joint
+
+    def _joint_of_motor(self, entry: int) -> int:
+        plant = self.model.plant
+        for index in plant.GetJointActuatorIndices():
+            actuator = plant.get_joint_actuator(index)
+            start = actuator.input_start()
+            if start <= entry < start + actuator.num_inputs():
+                return actuator.joint().velocity_start() + entry - start
+        raise AssertionError(f"no actuator has input {entry}")
+
+
+def _joint_model(
+    robot: str | os.PathLike[str] | RobotDescription | ControlModel,
+) -> ControlModel:
+    """A model whose joints are all controlled, without tasks."""
+    if isinstance(robot, ControlModel):
+        if robot.num_free:
+            raise ModelError(
+                f"robot {robot.description.name}: the base of this model floats, and "
+                "no joint moves it; give the filter the robot's name or description, "
+                "of which it welds the base"
+            )
+        if not robot.n_p and not robot.tasks:
+            return robot
+        description = replace(robot.description, prescribed_joints={})
+        parts = robot.diagram, robot.plant, robot.scene_graph
+        return ControlModel(*parts, description, [])
+    description = robot
+    if not isinstance(robot, RobotDescription):
+        description = load_robot_description(robot)
+    if description.root != "fixed":
+        description = replace(description.without_ground(), root="fixed")
+    description = replace(description, prescribed_joints={})
+    return ControlModel.FromDescription(description, [])

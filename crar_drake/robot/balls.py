@@ -1,0 +1,91 @@
+"""The balls about the watched shapes of a robot's links."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.capsule_distances import ShapePairs
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.path_balls import Balls
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.reach import chain_reaches
+
+
+def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
+    """A robot without the shapes that have no closed form.
+
+    Args:
+        model: of it.
+        robot: holds its `Robot` in two configurations, as `robot_ahead`.
+    """
+    closed, r = model.pairs.closed_rows, robot.value
+    pairs = r.pairs.value
+    if len(closed) == len(pairs.moves):
+        return robot
+    every = np.arange(2 * len(closed))
+    some = ShapePairs(
+        pairs.start_a,
+        pairs.start_b,
+        pairs.vector_a,
+        pairs.vector_b,
+        pairs.sizes,
+        every,
+        every,
+        every.reshape(-1, 1),
+        np.ascontiguousarray(pairs.moves[closed]),
+    )
+    return hold(r._replace(pairs=hold(some)))
+
+
+def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
+    """The balls about the watched links of a model, and how far joints can move them.
+
+    Where a slide between a joint and a link makes the joint's reach longer, or a shape
+    is a half space, no ball counts: such pairs are near always.
+
+    Args:
+        model: of a robot that does not float.
+        losses: (Np,) by how much nearer pairs of shapes count than they are, in the
+            order of `pairs.closed_rows` [m]; by default not at all.
+    """
+    joints, pairs, order = model.joints, model.pairs, model.order
+    placed, radius, reach, unbounded = [], [], [], []
+    for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
+        ends = np.array([end for axis in axes for end in (axis.p_B0, axis.p_B1)])
+        ends = ends.reshape(-1, 3)
+        radii = np.repeat([axis.radius for axis in axes], 2)
+        centre = np.zeros(3)
+        if len(ends):
+            centre = 0.5 * (
+                (ends - radii[:, None]).min(0) + (ends + radii[:, None]).max(0)
+            )
+        frame, X_FB = joints.place(body)
+        placed.append((frame, np.append(X_FB.multiply(centre), 1.0)))
+        distances = np.linalg.norm(ends - centre, axis=1) + radii
+        radius.append(distances.max(initial=0.0))
+        found, by_slide = chain_reaches(joints, order, body, [centre, *ends])
+        reach.append(found)
+        unbounded.append(bool(by_slide.any()) or any(axis.flat for axis in axes))
+    centre, first = joints.select(placed)
+    unbounded = np.array(unbounded, dtype=bool)
+    of_shapes = pairs.pair_of_shapes[pairs.closed_rows]
+    radius = np.array(radius, dtype=float)
+    if losses is not None:
+        nearer = np.zeros(len(radius))
+        for of in (pairs.body_a, pairs.body_b):
+            np.maximum.at(nearer, of[of_shapes], 0.5 * losses)
+        radius += nearer
+    own = joints.frame_of_velocity[order]
+    above = joints.moved_by[own][:, order].astype(float)
+    np.fill_diagonal(above, 0.0)
+    return Balls(
+        centre,
+        first,
+        radius,
+        np.array(reach, dtype=float).reshape(-1, len(order)),
+        np.ascontiguousarray(above),
+        pairs.body_a,
+        pairs.body_b,
+        np.searchsorted(of_shapes, np.arange(len(pairs) + 1)),
+        unbounded[pairs.body_a] | unbounded[pairs.body_b],
+    )

@@ -1,0 +1,112 @@
+"""The robot that `crar-drake serve --joints` moves, by what the safety filter says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from crar_drake.control.safety_filter import SafetyFilter
+from crar_drake.equations.tasks import TaskLayout
+from crar_drake.errors import ScenarioError
+from crar_drake.teleoperation.safe_motion import AT_REST, Moved, start_positions
+
+
+class FilteredMotion:
+    """A safety filter of joint commands in a loop with its own command.
+
+    Targets are positions of joints, each a task of its name.
+
+    Attributes:
+        filter: of the robot.
+        model: of it.
+        layout: of the tasks.
+        period: [s].
+        q, v: (n,) the state.
+    """
+
+    def __init__(
+        self, safety_filter: SafetyFilter, start: Mapping[str, float] | None = None
+    ) -> None:
+        """
+        Args:
+            safety_filter: of the robot.
+            start: as of `SafeMotion`.
+
+        Raises:
+            ScenarioError: as `begin`.
+        """
+        self.filter, self.model = safety_filter, safety_filter.model
+        self.period = safety_filter.period
+        names = safety_filter.joint_names
+        self.layout = TaskLayout(names, ("joint",) * len(names))
+        self._workspace = self.model.MakeWorkspace()
+        safety_filter.compile()
+        self._memory = safety_filter.start()
+        if start:
+            self.begin(start)
+
+    @property
+    def q(self) -> np.ndarray:
+        return self._memory.q
+
+    @property
+    def v(self) -> np.ndarray:
+        return self._memory.v
+
+    @property
+    def at_rest(self) -> bool:
+        return bool(np.abs(self.v).max(initial=0.0) < AT_REST)
+
+    def begin(self, start: Mapping[str, float]) -> None:
+        """Begins anew, at rest.
+
+        Args:
+            start: joint to where it is [rad or m]; the others are as at rest.
+
+        Raises:
+            ScenarioError: the robot cannot start there: a joint is not known or beyond
+                its limits, or its links are nearer than the floor.
+        """
+        memory = self.filter.start(start_positions(self.model, start))
+        report = self.filter.solve(memory, memory.q).command.report
+        if not report.clear:
+            links = " - ".join(report.pair) if report.pair else "links"
+            raise ScenarioError(f"start: {links} are nearer there than the floor")
+        self._memory = memory
+
+    def stop_here(self) -> None:
+        """The robot is where it is, at rest: nobody has commanded it to move for
+        long."""
+        self._memory = self.filter.start(self.q)
+
+    def where(self) -> np.ndarray:
+        """(layout.size,) [x; 0; 0] of the joints now."""
+        return np.concatenate([self.q, np.zeros(2 * len(self.q))])
+
+    def move(self, tasks: np.ndarray) -> Moved:
+        """One step of the filter.
+
+        Args:
+            tasks: (layout.size,) targets; NaN where there are none.
+        """
+        n, (q, v) = len(self.q), (self.q, self.v)
+        wanted, rate = tasks[:n], tasks[n : 2 * n]
+        wanted = wanted + self.period * rate  # at the end of the period
+        self._memory = self.filter.solve(self._memory, wanted, rate)
+        command = self._memory.command
+        report = command.report
+        self.model.measure(self._workspace, q, v)
+        return Moved(
+            status="braking" if report.how == "braking" else "tracking",
+            admitted="nominal" if report.how == "braking" else report.how,
+            distance=report.clearance,
+            torques=self.model.inverse_dynamics(self._workspace, command.a),
+            why=_in_words(report),
+        )
+
+
+def _in_words(report) -> str | None:
+    """What holds a command back."""
+    of = " - ".join(report.pair) if report.why == "pair" else report.joint
+    return f"{report.why}: {of}" if of else report.why or None

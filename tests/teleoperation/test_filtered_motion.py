@@ -1,0 +1,117 @@
+"""Joint commands through the server, judged by code of its own."""
+
+import json
+import socket
+
+import numpy as np
+import pytest
+
+from crar_drake.errors import ScenarioError
+from crar_drake.judging.referee import Referee
+from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.server import TeleoperationServer
+from crar_drake.teleoperation.serving import make_server
+from crar_drake.teleoperation.target_stream import Gate
+
+
+class Loop:
+    """A server whose clock is at `now`, and a client of it."""
+
+    def __init__(self, server, client):
+        self.server, self.client, self.now = server, client, 0.0
+        self.motion = server.motion
+        self.names = server.motion.filter.joint_names
+
+    def tick(self, joints, measured=None):
+        """Says where joints are to be and where they are, and takes a step."""
+        named = {name: {"position": float(x)} for name, x in joints.items()}
+        self.client.send(json.dumps({"targets": named}).encode())
+        q = self.motion.q if measured is None else measured
+        said = {"measured": dict(zip(self.names, q.tolist(), strict=True))}
+        self.client.send(json.dumps(said).encode())
+        self.server._receive()
+        command = self.server.tick(self.now)
+        self.now += self.server.period
+        return command
+
+
+@pytest.fixture(scope="module")
+def made():
+    server = make_server(joints=True, rate=100.0)
+    yield server.motion
+    server.close()
+
+
+@pytest.fixture
+def loop(made, monkeypatch):
+    made.begin({})
+    server = TeleoperationServer(made, Gate(), tracking_error=0.2)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.connect(server.address)
+        client.settimeout(5.0)
+        loop = Loop(server, client)
+        monkeypatch.setattr(module.time, "monotonic", lambda: loop.now)
+        yield loop
+    server.close()
+
+
+def test_whatever_joints_are_asked_nothing_is_violated(loop):
+    rng, names, q, v, whys = np.random.default_rng(2), loop.names, [], [], set()
+    for k in range(400):
+        if k % 40 == 0:
+            aim = dict(zip(names, rng.uniform(-2.0, 2.0, len(names)), strict=True))
+        command = loop.tick(aim)
+        whys.add((command.why or "").partition(":")[0])
+        q.append(command.positions)
+        v.append(command.velocities)
+    model, fastest = loop.motion.model, loop.server.stream.gate.joint_speed
+    judged = Referee(
+        model.plant,
+        model.scene_graph,
+        model.description.pairs,
+        velocity_limits=np.minimum(model.velocity_limits, fastest),
+    )
+    found = judged.violations(np.array(q), np.array(v))
+    assert found.num_violated == 0 and found.num_beyond_speed == 0
+    assert found.smallest_distance < 0.02, "it came near"
+    assert np.ptp(q, axis=0).min() > 0.1, "every joint moved"
+    assert {"joint limit", "joint speed"} <= whys
+
+
+def test_what_is_safe_is_commanded_as_it_is(loop):
+    """An elbow that swings slowly, heard 100 times a second; the others stay."""
+    home, elbow = loop.motion.q.copy(), loop.names.index("left_elbow")
+    targets = home[elbow] - 0.2 * np.sin(np.arange(200) * 0.01) ** 2
+    for k, x in enumerate(targets):
+        command = loop.tick({"left_elbow": x})
+        others = np.delete(command.positions - home, elbow)
+        np.testing.assert_array_equal(others, 0.0)
+        # At the tick the target has moved on, by its speed, to the period's end.
+        wanted = x + (x - targets[k - 1] if k else 0.0)
+        assert command.positions[elbow] == pytest.approx(wanted, abs=1e-12)
+        assert command.admitted == "nominal" and command.why is None
+        answer = json.loads(loop.client.recv(65536))
+        assert answer["why"] is None and answer["status"] == "tracking"
+
+
+def test_it_brakes_where_the_robot_does_not_follow(loop):
+    home, elbow = loop.motion.q.copy(), loop.names.index("left_elbow")
+    statuses = [
+        loop.tick({"left_elbow": home[elbow] - 0.8}, measured=home).status
+        for _ in range(100)
+    ]
+    assert statuses[0] == "tracking" and statuses[-1] == "braking"
+    moved = abs(loop.motion.q[elbow] - home[elbow])
+    # Off by as much as is allowed, and what it takes to brake from 3 rad/s.
+    assert 0.2 < moved < 0.2 + 3.0 * 0.1 and loop.motion.at_rest
+
+
+def test_what_cannot_be_begun(made):
+    with pytest.raises(ScenarioError, match="nearer there than the floor"):
+        made.begin(
+            {"left_shoulder_pitch": 0.0, "left_elbow": -2.0, "left_shoulder_yaw": -1.2}
+        )
+    with pytest.raises(ScenarioError, match="beyond its limits"):
+        made.begin({"left_elbow": 3.0})
+    with pytest.raises(ScenarioError, match="joints are all targets"):
+        make_server(joints=True, experiment="wrists")

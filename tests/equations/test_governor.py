@@ -33,7 +33,7 @@ def follow(
     desired: Callable[[float], np.ndarray],
     before: np.ndarray,
     duration: float,
-    bounds: Bounds = BOUNDS,
+    bounds: TargetBounds = BOUNDS,
     h: float = H,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The governed targets and those given, (N, size) each."""

@@ -250,7 +250,9 @@ def run_at(
                 * rng.uniform(0.0, 1.0)
                 / np.linalg.norm(off, axis=1, keepdims=True)
             )
-            given = Obstacles(centres + off, sizes + noise, speeds, names)
+            given = Obstacles(
+                centres + off, sizes + noise, speeds, names, noisy=noise > 0.0
+            )
             if how == "at times" and k:
                 lost = int(rng.integers(1, 30)) if rng.random() < 0.1 else lost - 1
             command = filter(**wants(k, q, v), obstacles=None if lost > 0 else given)

@@ -42,6 +42,7 @@ class Obstacles:
         radii: (N,) [m].
         speeds: (N,) no point of them is faster, until they are measured again [m/s].
         names: (N,) of each; None where nobody says which is which.
+        noisy: whether each is in its sphere, but where that is comes with noise.
     """
 
     def __init__(
@@ -50,13 +51,19 @@ class Obstacles:
         radii: ArrayLike,
         speeds: ArrayLike,
         names: tuple[str, ...] | None = None,
+        noisy: bool = False,
     ) -> None:
         """
         Args:
             centres: (N, 3) in the world [m].
             radii, speeds: (N,), or one for all [m], [m/s].
-            names: (N,) of each, each once. A measurement that is noisy is then taken
-                for a sphere that was there before, and not for another one.
+            names: (N,) of each, each once; those of a call before that have the same
+                names are the same.
+            noisy: whether a sphere is the one measured, with a radius larger by what
+                that may be wrong. Of a named one that the state is not clear of, what
+                is left of the call before is then kept instead if the two meet: noise
+                alone makes nothing unsafe. A late call that keeps it is one, too: leave
+                it out where periods are not kept.
 
         Raises:
             InputError: a size is wrong, or a number is none, or negative.
@@ -91,12 +98,10 @@ class Obstacles:
             names = tuple(map(str, names))
             if len(names) != n or len(set(names)) != n:
                 raise InputError(f"obstacles: give {n} different names, or none")
-        self.centres, self.radii, self.speeds, self.names = (
-            centres,
-            radii,
-            speeds,
-            names,
-        )
+        elif noisy:
+            raise InputError("obstacles: noisy ones need names")
+        self.centres, self.radii, self.speeds = centres, radii, speeds
+        self.names, self.noisy = names, noisy
 
     def __len__(self) -> int:
         return len(self.radii)
@@ -201,8 +206,8 @@ class ObstacleFilter:
     ) -> Regions | None:
         """Where obstacles are taken to be, at a state (n,), (n,).
 
-        What is measured, but of a named one where it was taken to be, if the state is
-        clear of that alone and the two meet: as after noise.
+        What is measured; but of a noisy one where it was taken to be, if the state is
+        clear of that alone and the two meet.
 
         Args:
             before: what the step before left.
@@ -236,11 +241,11 @@ class ObstacleFilter:
         if len(some) and given.names is not None:
             meet = apart <= given.radii[some] + old.radii[was] + _ROUNDING
             keep = ~known[some] & as_fast & meet & before.clear[was]
-            if keep.any():
+            if given.noisy and keep.any():
                 centres, radii = given.centres.copy(), given.radii.copy()
                 centres[some[keep]] = old.centres[was[keep]]
                 radii[some[keep]] = old.radii[was[keep]]
-                taken = Obstacles(centres, radii, given.speeds, given.names)
+                taken = Obstacles(centres, radii, given.speeds, given.names, True)
                 known[some[keep]] = True
             too_fast = tuple(given.names[i] for i in some[~meet])
         return Regions(taken, known, too_fast)

@@ -258,7 +258,7 @@ def links_near(
 
 @compiled
 def path_curvature(line: Line, reach: np.ndarray, links: Links) -> np.ndarray:
-    """(A3) in the world: the largest acceleration of the links on a line, (L,) [m]."""
+    """The largest acceleration of the links on a line, (A3) in the world; (L,) [m]."""
     speed = np.abs(line.x)
     return times(reach, speed * (speed + 2.0 * times(links.above, speed)))
 

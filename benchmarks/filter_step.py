@@ -2,10 +2,10 @@
 
     python -m benchmarks.filter_step [ROBOT] [--page docs/measurements/filter-step.md]
 
-A policy of sines wants 3,000 commands; the robot is a G1 of 29 joints unless it is named
-(`crar-drake import-robot g1_whole_body`). Every step is timed as often as `--repeats`
-says. Its best time is that of the step by itself: what other programs take of the
-processor and its caches is in the others.
+A policy of sines wants 3,000 commands; the robot is a G1 of 29 joints unless it is
+named (`crar-drake import-robot g1_whole_body`). Every step is timed as often as
+`--repeats` says. Its best time is that of the step by itself: what other programs take
+of the processor and its caches is in the others.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         FilterCommand,
         FilterReport,
         SafetyFilter,
+        filter_parameters,
     )
     from crar_drake.control.safety_filter_system import SafetyFilterSystem
     from crar_drake.equations.tasks import TaskLayout
@@ -67,6 +68,7 @@ _MODULES = {
     "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
+    "filter_parameters": "control.safety_filter",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",
     "position_tasks": "robot.task",
@@ -100,6 +102,7 @@ __all__ = [
     "TargetGovernor",
     "Task",
     "TaskLayout",
+    "filter_parameters",
     "load_robot_description",
     "load_scenario",
     "position_tasks",

@@ -51,6 +51,37 @@ def test_a_layers_example(run_example, tmp_path: Path, monkeypatch) -> None:
 
 
 @pytest.mark.slow
+def test_a_filter_behind_drakes_inverse_kinematics(run_example) -> None:
+    said = run_example("filter_diff_ik.py")
+    # Without the filter the arm passes through the post, 89 mm deep.
+    assert 4.0 <= millimetres(said) < 30.0 and " 0 violated" in said
+
+
+@pytest.mark.slow
+def test_a_filter_of_a_policys_actions(run_example) -> None:
+    kinds, found = run_example("filter_a_policy.py", "6").splitlines()
+    counts = {kind: int(n) for kind, n in re.findall(r"([a-z ]+): (\d+)", kinds)}
+    assert sum(counts.values()) == 300 and counts["nominal"] > 50
+    assert any("pair" in kind for kind in counts)
+    assert 4.0 <= millimetres(found) < 30.0 and " 0 violated" in found
+
+
+@pytest.mark.slow
+def test_a_filter_before_a_robot_that_lags(run_example) -> None:
+    off, found = run_example("filter_a_lagging_robot.py", "2.5").splitlines()
+    # The command keeps 4 mm; the arm, which lags, what is left of it.
+    assert 0.1 < float(re.search(r"([\d.]+) degrees", off)[1]) < 5.0
+    assert 0.0 < millimetres(found) < 30.0 and " 0 violated" in found
+
+
+@pytest.mark.parametrize(
+    "name", ["filter_diff_ik", "filter_a_policy", "filter_a_lagging_robot"]
+)
+def test_examples_of_the_filter_are_short(name) -> None:
+    assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= 60
+
+
+@pytest.mark.slow
 def test_controller_in_your_diagram(run_example) -> None:
     lines = run_example("controller_in_your_diagram.py", "1.8").splitlines()
     # Ten per cent more mass costs millimetres, not more; and it does cost some.

@@ -106,6 +106,17 @@ def test_the_first_page_imports_public_names_only():
             assert {alias.name for alias in node.names} <= set(crar_drake.__all__)
 
 
+def test_the_program_on_the_page_about_the_filter_says_what_the_page_says(capsys):
+    page = ROOT / "docs" / "guides" / "safety-filter.md"
+    (program,) = programs(page)
+    exec(program, {})
+    said = capsys.readouterr().out
+    (shown,) = re.findall(
+        r"^    (FilterReport\(.*?), joint", page.read_text("utf-8"), re.M
+    )
+    assert said.startswith(shown)
+
+
 def test_the_calls_on_the_page_about_diagrams_work():
     """Each line of code of the page, in its order, in a diagram of the test's own."""
     code = re.findall(

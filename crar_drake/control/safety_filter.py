@@ -57,10 +57,9 @@ from crar_drake.equations.joint_filter import (
     filter_step,
 )
 from crar_drake.equations.references import TaskGains
-from crar_drake.equations.vectors import is_finite
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.nearest import nearest
-from crar_drake.robot.balls import find_balls
+from crar_drake.robot.balls import find_balls, robot_in_closed_form
 from crar_drake.robot.description import RobotDescription, load_robot_description
 from crar_drake.robot.model import ControlModel
 
@@ -118,13 +117,13 @@ class FilterReport:
         why: what the wanted command ran into: "pair" (of links), "joint limit",
             "joint speed", "motor", "obstacle"; "catching up", where the command was
             held back before and returns to the wanted one; "no number", a NaN or
-            infinity; "".
+            infinity; "no sense", numbers so large that they overflow; "".
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
             [m]; a bound from below. NaN where a watched pair is not examined (a box,
             say), and while it brakes.
-        clear: whether the path that the step started with was clear.
+        clear: whether the path that the step started with is known to be clear.
         tracking_error: the largest |measured - command before| of a joint [rad or m],
             NaN where nothing is measured; and
         tracking_joint: of which joint, or None.
@@ -296,7 +295,9 @@ class SafetyFilter:
         nothing = TaskGains(0.0, 0.0, 0.0, 0.0, _NOTHING)
         mode = LookaheadMode(model, gains, nothing, self.period)
         self._T = float(mode.horizon)
-        self._law = hold(FilterLaw(mode.robot, mode.numbers, hold(find_balls(model))))
+        robot = robot_in_closed_form(model, mode.robot)
+        balls = hold(find_balls(model, mode.losses))
+        self._law = hold(FilterLaw(robot, mode.numbers, balls))
         rows = model.pairs.closed_rows
         self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
         self._examines_all = not model.pairs.not_examined
@@ -414,21 +415,23 @@ class SafetyFilter:
             among = self._obstacle_filter()
             regions = among.regions(regions, obstacles, memory.q, memory.v)
         kind, wish, rate = self._wanted(memory, q, v, a)
-        if not is_finite(wish) or not is_finite(rate):
+        if not (np.isfinite(wish).all() and np.isfinite(rate).all()):
             return self._brake(memory, NO_NUMBER, error, worst, regions)
-        found = filter_step(
-            memory.q,
-            memory.v,
-            kind,
-            wish,
-            rate,
-            memory.wish if kind == POSITION and memory.wish is not None else _NOTHING,
-            memory.following,
-            memory.pushed,
-            memory.known,
-            self._law,
-        )
-        if not is_finite(found[REPORTED:]):
+        # Of numbers beyond all sense without Numba.
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = filter_step(
+                memory.q,
+                memory.v,
+                kind,
+                wish,
+                rate,
+                _NOTHING if memory.wish is None else memory.wish,
+                memory.following,
+                memory.pushed,
+                memory.known,
+                self._law,
+            )
+        if not np.isfinite(found[REPORTED:]).all():
             return self._brake(memory, NO_SENSE, error, worst, regions)
         how, why = found[HOW], _WHY[found[WHY]]
         joint, pair = int(found[JOINT]), int(found[PAIR])
@@ -436,8 +439,7 @@ class SafetyFilter:
         if self._efforts.finite:
             limited, motor = self._within_efforts(memory, vdot)
             if motor is not None:
-                vdot, (how, share, clearance, held) = limited
-                found[SHARE], found[CLEARANCE], found[HELD] = share, clearance, held
+                vdot, (how, found[SHARE], found[CLEARANCE], _) = limited
                 v_next = memory.v + self.period * vdot
                 q_next = memory.q + self.period * v_next
                 why, joint, how = MOTOR, motor, max(how, CORRECTED)
@@ -467,9 +469,10 @@ class SafetyFilter:
             worst,
             **of_regions,
         )
+        # The command is the user's, who may change it.
         return FilterMemory(
-            q_next,
-            v_next,
+            q_next.copy(),
+            v_next.copy(),
             wish if kind == POSITION else None,
             how == AS_NOMINAL,
             pair >= 0,
@@ -616,6 +619,7 @@ class SafetyFilter:
             too_fast=too_fast,
         )
         command = FilterCommand(self.joint_names, q, v, vdot, report)
+        q, v = q.copy(), v.copy()
         return FilterMemory(q, v, None, False, False, held, regions, command)
 
     def _within_efforts(

@@ -120,7 +120,7 @@ def beyond_bounds(
     T: float,
     period: float,
 ) -> tuple[float, int]:
-    """(A2) of a state that is wanted: which joint it takes beyond its limits.
+    """Which joint a wanted state takes beyond its limits, as (A2) has them.
 
     As `velocity_bounds` has it, limits that the present braking path passes count as
     where it ends, and speeds that are exceeded as what braking leaves of them.
@@ -431,7 +431,7 @@ def velocity_after(s: np.ndarray, v: np.ndarray, admission: AdmissionGains):
 def changed_step(
     q: np.ndarray, v: np.ndarray, s_0: np.ndarray, level: Level, law: FilterLaw
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L7), (L8): the step that is taken where the wanted one is not clear.
+    """The step that is taken where the wanted one is not clear: (L7), (L8).
 
     As `lookahead_guard.admit` has it: of the guard, else corrected, else scaled
     towards braking, or what the guard makes of less. The bounds (A2) are rows, too.
@@ -492,7 +492,7 @@ def changed_step(
 def guarded(
     s_0: np.ndarray, constraints: Constraints, lowest: np.ndarray, highest: np.ndarray
 ) -> np.ndarray:
-    """(L7) in the norm of the joints, within the bounds (A2); as `guard`."""
+    """What `guard` finds in the norm of the joints, within the bounds (A2): (L7)."""
     root = np.sqrt(constraints.weight)
     s = one_sided_nearest(
         s_0,

@@ -29,8 +29,9 @@ FEET, HANDS = ("left_foot", "right_foot"), ("left_hand", "right_hand")
 # Points of a foot within this of its lowest one are those that it may stand on [m].
 _SOLE = 0.01
 
-# Steps of `least_way`: some ten leave less than a hundredth of a way.
-_HULL_STEPS = 60
+# Steps of `least_way`, at most: some ten leave less than a hundredth of a way; and what
+# is enough [m].
+_HULL_STEPS, _HULL_ENOUGH = 60, 1e-7
 
 # The feet's lowest heights of this share of the frames are the floor's.
 _FLOOR_SHARE = 0.1
@@ -236,14 +237,23 @@ def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
     moves = np.where(there[..., None], moves, np.inf)
     first = np.linalg.norm(moves, axis=2).argmin(axis=1)
     moves = np.where(there[..., None], moves, moves[rows, first][:, None])
-    x = moves[rows, first].copy()
+    x, found = moves[rows, first].copy(), np.zeros(len(moves))
     for _ in range(_HULL_STEPS):
-        along = np.einsum("tvi,ti->tv", moves, x)
-        step = moves[rows, along.argmin(axis=1)] - x
-        size = np.einsum("ti,ti->t", step, step)
-        share = -np.einsum("ti,ti->t", x, step) / np.where(size > 0.0, size, 1.0)
-        x += np.clip(share, 0.0, 1.0)[:, None] * step
-    return np.linalg.norm(x, axis=1)
+        along = (moves @ x[:, :, None])[:, :, 0]
+        nearest = along.argmin(axis=1)
+        step = moves[np.arange(len(x)), nearest] - x
+        size, less = (step**2).sum(axis=1), -(x * step).sum(axis=1)
+        # No point of the hull is nearer to 0 by more than that over |x|.
+        done = less <= _HULL_ENOUGH * np.linalg.norm(x, axis=1)
+        if done.any():
+            found[rows[done]] = np.linalg.norm(x[done], axis=1)
+            rows, moves, x = rows[~done], moves[~done], x[~done]
+            step, size, less = step[~done], size[~done], less[~done]
+            if not len(rows):
+                break
+        x += np.clip(less / size, 0.0, 1.0)[:, None] * step
+    found[rows] = np.linalg.norm(x, axis=1)
+    return found
 
 
 def foot_slip(

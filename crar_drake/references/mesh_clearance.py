@@ -28,6 +28,14 @@ changes no faster than sum_i |x_i| rho_i. So on the whole way
 
 from the joint next to the link upward, with the bound of each rho_i put in.
 
+*Near.* As long as d < h, the nearest points are in parts of the links that are near
+each other, and for min(d, h) in place of d
+
+    |dp/du| <= sum_j |x_j| rho'_j                                              (M4)
+
+with rho'_j the distance from the axis of j of the farthest of these parts
+(`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too.
+
 *Inside.* (M1) is of surfaces. As long as they do not meet, neither link gets into the
 other; on each stretch of the motion on which a pair's surfaces do not meet it is clear
 somewhere (a plane parts the hulls, or winding numbers say so), and so on all of it.
@@ -47,10 +55,14 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.references.mesh_pairs import CarriedMesh, MeshPairs, relative_poses
+from crar_drake.references.near_parts import near_approach
 from crar_drake.references.whole_body import WholeBody
 
 # A bound is sought until it is half the distance, or so much, by default [m].
 _ENOUGH = 5e-3
+
+# Of pairs that are nearer, (M1) is asked of those parts alone that are near [m].
+_NEAR = 3e-3
 
 # Parts of a way on which two links come nearer by less are not halved [m].
 _FINEST = 1e-4
@@ -156,16 +168,56 @@ class ClearanceOfMeshes:
             q: (T, nq) positions of the plant.
             R, p: R_WF (T, N, 3, 3) and p_WF (T, N, 3) of all frames [m].
         """
-        joints = self.meshes.joints
-        steps = np.abs(np.diff(q, axis=0))[:, joints.tree.position]
-        steps = steps[:, joints.frame_of_velocity]
-        # A root that floats stands still: its quaternion has no velocity of its own.
+        steps = self._joint_steps(q)
         of_links = [self._swept(each, steps, R, p) for each in self.meshes.meshes]
         found = np.zeros((len(self.meshes.rows), len(steps)))
         for row, (a, b) in enumerate(self.meshes.rows):
             found[row] = self._a_alone[row] @ of_links[a]
             found[row] += self._b_alone[row] @ of_links[b]
         return found
+
+    def advance_of_near(self, row: int, q, R, p, advance: np.ndarray) -> np.ndarray:
+        """(T - 1,) by how much a pair's distance can change on each way, as long as it
+        is less than `_NEAR`: of (M4) [m].
+
+        Args:
+            row: which pair.
+            q, R, p: as of `advance`.
+            advance: (T - 1,) what that found.
+        """
+        joints, links = self.meshes.joints, self.meshes.meshes
+        a, b = (links[k] for k in self.meshes.rows[row])
+        frames = joints.frame_of_velocity
+        return near_approach(
+            R,
+            p,
+            np.array([a.frame, b.frame]),
+            a.parts,
+            b.parts,
+            self._outward(a, self._a_alone[row]),
+            self._outward(b, self._b_alone[row]),
+            p[:, frames],
+            (R[:, frames] @ joints.turns[..., None])[..., 0],
+            np.linalg.norm(joints.slides, axis=1),
+            self._joint_steps(q),
+            np.ascontiguousarray(advance),
+            _NEAR,
+        )
+
+    def _outward(self, mesh: CarriedMesh, some: np.ndarray) -> np.ndarray:
+        """Which velocities of a mask move a link, the one next to it first."""
+        joints, found, frame = self.meshes.joints, [], mesh.frame
+        while frame:
+            found += [v for v in reversed(joints.velocities[frame]) if some[v]]
+            frame = int(joints.tree.parent[frame])
+        return np.array(found, dtype=int)
+
+    def _joint_steps(self, q: np.ndarray) -> np.ndarray:
+        """(T - 1, nv) by how much joints move on each way [rad or m]."""
+        joints = self.meshes.joints
+        steps = np.abs(np.diff(q, axis=0))[:, joints.tree.position]
+        # A root that floats stands still: its quaternion has no velocity of its own.
+        return steps[:, joints.frame_of_velocity]
 
     def _swept(self, mesh: CarriedMesh, steps, R, p) -> np.ndarray:
         """(nv, T - 1) how far each joint can move a point of a link on each way [m]."""
@@ -200,14 +252,17 @@ class _Search:
             q: (T, nq) positions of the plant.
             enough: as of `ClearanceOfMeshes.find`.
         """
-        self._meshes, self._q, self._enough = robot.meshes, q, enough
+        self._robot, self._meshes, self._q = robot, robot.meshes, q
+        self._enough = enough
         self._rows, links = self._meshes.rows, self._meshes.meshes
         frames = np.array([mesh.frame for mesh in links], dtype=int)
         self._frames = frames[self._rows]  # (P, 2)
         self._R, self._p = self._meshes.poses(q)
         self._steps = robot.advance(q, self._R, self._p)
-        self._L = np.zeros((len(self._rows), len(q)))
-        np.cumsum(self._steps, axis=1, out=self._L[:, 1:])
+        self._L = _added_up(self._steps)
+        # Of pairs that were found to be near: (M4).
+        self._near = np.zeros(len(self._rows), dtype=bool)
+        self._near_steps, self._near_L = self._steps.copy(), self._L.copy()
         # Balls about the links bound all distances from below.
         centres = np.array([mesh.centre for mesh in links]).reshape(-1, 3)
         radii = np.array([mesh.radius for mesh in links])
@@ -223,7 +278,9 @@ class _Search:
         """The bounds, each close enough or of distances that were measured."""
         while True:
             aim = self._spread()
-            between = (self._low[:, :-1] + self._low[:, 1:] - self._steps) / 2.0  # (M2)
+            between = self._on_parts(
+                self._low[:, :-1], self._low[:, 1:], self._steps, self._near_steps
+            )
             way_open = between < np.minimum(aim[:, :-1], aim[:, 1:])
             asked = self._low < aim
             asked[:, :-1] |= way_open
@@ -235,6 +292,7 @@ class _Search:
             self._low[pair, frame] = np.maximum(self._low[pair, frame], d)
             self._found[pair, frame] = d
             self._parted[pair, frame] |= parted
+            self._look_closer(np.unique(pair[d < _NEAR]))
         touch_at = self._found <= 0.0
         touch_on = touch_at[:, :-1] | touch_at[:, 1:]
         on_ways = self._halve(np.maximum(between, 0.0), way_open, touch_on)
@@ -244,18 +302,37 @@ class _Search:
         names, measured = self._meshes.pairs, self._num_measured
         return MeshClearance(names, at_frames, on_ways, touch_at, touch_on, measured)
 
+    def _look_closer(self, pairs: np.ndarray) -> None:
+        """Finds (M4) of pairs, where that was not done yet."""
+        for row in pairs[~self._near[pairs]]:
+            steps = self._robot.advance_of_near(
+                row, self._q, self._R, self._p, self._steps[row]
+            )
+            self._near_steps[row] = np.minimum(steps, self._steps[row])
+            self._near_L[row] = _added_up(self._near_steps[row])
+            self._near[row] = True
+
     def _spread(self) -> np.ndarray:
-        """What is known of a frame says something of all others: (M1).
+        """What is known of a frame says something of all others: (M1) and (M4).
 
         Returns:
             (P, T) how close each frame's bound is to be [m].
         """
-        L, low, high = self._L, self._low, self._found
-        low = np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L)
-        self._low = np.maximum(low, _backward(np.maximum, low - L) + L)
-        high = np.minimum.accumulate(high - L, axis=1) + L
-        high = np.minimum(high, _backward(np.minimum, high + L) - L)
+        low, high = _spread(self._low, self._found, self._L)
+        some = self._near
+        nearest, farthest = _spread(
+            *(np.minimum(x[some], _NEAR) for x in (low, high)), self._near_L[some]
+        )
+        low[some] = np.maximum(low[some], nearest)
+        # Sums are rounded: what is not clearly nearer than `_NEAR` may be far.
+        high[some] = np.where(farthest < 0.999 * _NEAR, farthest, high[some])
+        self._low = low
         return np.minimum(self._enough, 0.5 * high)
+
+    def _on_parts(self, first, last, nearer, nearer_if_near) -> np.ndarray:
+        """(M2) from the distances at the ends of parts of ways, of both advances."""
+        of_near = np.minimum(first, _NEAR) + np.minimum(last, _NEAR) - nearer_if_near
+        return np.maximum(first + last - nearer, of_near) / 2.0
 
     def _measure(self, pair, frame, part) -> tuple[np.ndarray, np.ndarray]:
         """(M) distances [m], and whether hulls are apart.
@@ -303,9 +380,12 @@ class _Search:
         bounds[pair, way] = np.inf
         begin, width = np.zeros(len(pair)), 1.0
         while len(pair):
-            nearer = width * self._steps[pair, way]
-            bound = (first + last - nearer) / 2.0
+            nearer, of_near = (
+                width * steps[pair, way] for steps in (self._steps, self._near_steps)
+            )
+            bound = self._on_parts(first, last, nearer, of_near)
             enough = bound >= np.minimum(self._enough, 0.5 * np.minimum(first, last))
+            nearer = np.where(np.minimum(first, last) < _NEAR, of_near, nearer)
             done = enough | (nearer < _FINEST) | touch[pair, way]
             at = pair[done], way[done]
             np.minimum.at(bounds, at, np.maximum(bound[done], 0.0))
@@ -337,6 +417,20 @@ class _Search:
                     *self._rows[row], *X
                 ):
                     touch_at[row, stretch] = touch_on[row, stretch[:-1]] = True
+
+
+def _added_up(steps: np.ndarray) -> np.ndarray:
+    """(..., T) sums of all steps (..., T - 1) before."""
+    return np.cumsum(np.insert(steps, 0, 0.0, axis=-1), axis=-1)
+
+
+def _spread(low: np.ndarray, high: np.ndarray, L: np.ndarray) -> tuple:
+    """Bounds (P, T) of distances, and what those of all other frames say of them: (M1)
+    with L (P, T)."""
+    low = np.maximum(low, np.maximum.accumulate(low + L, axis=1) - L)
+    low = np.maximum(low, _backward(np.maximum, low - L) + L)
+    high = np.minimum(high, np.minimum.accumulate(high - L, axis=1) + L)
+    return low, np.minimum(high, _backward(np.minimum, high + L) - L)
 
 
 def _backward(of: np.ufunc, values: np.ndarray) -> np.ndarray:

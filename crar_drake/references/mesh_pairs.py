@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.equations.kinematics import link_poses
+from crar_drake.references.near_parts import Parts, divided
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
@@ -95,6 +96,11 @@ class CarriedMesh:
         """The hull, None if it is flat, and the triangles, to be placed."""
         hull = None if self._hull is None else fcl.CollisionObject(self._hull)
         return hull, fcl.CollisionObject(self._triangles)
+
+    @cached_property
+    def parts(self) -> Parts:
+        """Small parts of its surface."""
+        return divided(self.vertices[self.faces])
 
     @cached_property
     def one_vertex_each(self) -> np.ndarray:

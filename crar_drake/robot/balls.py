@@ -4,12 +4,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from crar_drake.equations.capsule_distances import ShapePairs
+from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.path_balls import Balls
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
 
 
-def find_balls(model: ControlModel) -> Balls:
+def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
+    """A robot without the shapes that have no closed form.
+
+    Args:
+        model: of it.
+        robot: holds its `Robot` in two configurations, as `robot_ahead`.
+    """
+    closed, r = model.pairs.closed_rows, robot.value
+    pairs = r.pairs.value
+    if len(closed) == len(pairs.moves):
+        return robot
+    every = np.arange(2 * len(closed))
+    some = ShapePairs(
+        pairs.start_a,
+        pairs.start_b,
+        pairs.vector_a,
+        pairs.vector_b,
+        pairs.sizes,
+        every,
+        every,
+        every.reshape(-1, 1),
+        np.ascontiguousarray(pairs.moves[closed]),
+    )
+    return hold(r._replace(pairs=hold(some)))
+
+
+def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
     """The balls about the watched links of a model, and how far joints can move them.
 
     Where a slide between a joint and a link makes the joint's reach longer, or a shape
@@ -17,6 +45,8 @@ def find_balls(model: ControlModel) -> Balls:
 
     Args:
         model: of a robot that does not float.
+        losses: (Np,) by how much nearer pairs of shapes count than they are, in the
+            order of `pairs.closed_rows` [m]; by default not at all.
     """
     joints, pairs, order = model.joints, model.pairs, model.order
     placed, radius, reach, unbounded = [], [], [], []
@@ -39,13 +69,19 @@ def find_balls(model: ControlModel) -> Balls:
     centre, first = joints.select(placed)
     unbounded = np.array(unbounded, dtype=bool)
     of_shapes = pairs.pair_of_shapes[pairs.closed_rows]
+    radius = np.array(radius, dtype=float)
+    if losses is not None:
+        nearer = np.zeros(len(radius))
+        for of in (pairs.body_a, pairs.body_b):
+            np.maximum.at(nearer, of[of_shapes], 0.5 * losses)
+        radius += nearer
     own = joints.frame_of_velocity[order]
     above = joints.moved_by[own][:, order].astype(float)
     np.fill_diagonal(above, 0.0)
     return Balls(
         centre,
         first,
-        np.array(radius, dtype=float),
+        radius,
         np.array(reach, dtype=float).reshape(-1, len(order)),
         np.ascontiguousarray(above),
         pairs.body_a,

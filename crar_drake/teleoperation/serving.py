@@ -10,7 +10,7 @@ import numpy as np
 
 from crar_drake.control import modes
 from crar_drake.control.parameters import TargetGovernor
-from crar_drake.control.safety_filter import SafetyFilter
+from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -49,7 +49,7 @@ def make_server(
         robot: instead of its robot.
         experiment: instead of its tasks.
         joints: whether targets are positions of joints, which `SafetyFilter` makes
-            safe; tasks and gains of the scenario do not count then.
+            safe; of the scenario the robot and `lookahead.tracking_error` count then.
         rate: commands per second [Hz].
         gate: what a target may be; it is also the governor's, unless the scenario has
             one of its own.
@@ -94,16 +94,23 @@ def _make_filtered(
         raise ScenarioError(
             f"--experiment {experiment}: of --joints the joints are all targets"
         )
-    description = load_robot_description(robot or load_scenario(scenario).robot)
+    loaded = load_scenario(scenario)
+    description = load_robot_description(robot or loaded.robot)
+    stated = loaded.controller.lookahead
+    ahead = replace(
+        filter_parameters(1.0 / rate),
+        tracking_error=stated.tracking_error,
+        tracking_errors=stated.tracking_errors,
+    )
     try:
-        made = SafetyFilter(description, 1.0 / rate)
+        made = SafetyFilter(description, 1.0 / rate, ahead)
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
     # A target that jumps is gone to no faster than one may move.
     fastest = np.minimum(made.model.velocity_limits, gate.joint_speed)
     limits = dict(zip(made.joint_names, fastest.tolist(), strict=True))
     return FilteredMotion(
-        SafetyFilter(made.model, 1.0 / rate, velocity_limits=limits), start
+        SafetyFilter(made.model, 1.0 / rate, ahead, velocity_limits=limits), start
     )
 
 

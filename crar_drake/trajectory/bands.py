@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from crar_drake.equations.compilation import compiled
@@ -36,32 +37,125 @@ class Normal:
     E: np.ndarray
     b: np.ndarray
 
-    def copy(self) -> Normal:
-        """The same, whose D, S and b may be added to."""
-        return Normal(self.D.copy(), self.S.copy(), self.E, self.b.copy())
+    def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:
+        """Of some frames, in ascending order, the others held; to be added to.
+
+        Args:
+            some: (K,) which.
+            b: (K, m) of them.
+        """
+        by_one, by_two = np.diff(some) == 1, some[2:] - some[:-2] == 2
+        S, E = self.S[some[:-1][by_one]], self.E[some[:-2][by_two]]
+        m = b.shape[1]
+        part = Normal(
+            self.D[some],
+            np.zeros((max(len(some) - 1, 0), m, m)),
+            np.zeros((max(len(some) - 2, 0), m)),
+            b,
+        )
+        part.S[by_one], part.E[by_two] = S, E
+        return part
 
     def add_to_diagonal(self, frames: np.ndarray, values: np.ndarray) -> None:
-        """Adds (K, m) values to the diagonals of the blocks D of K frames."""
+        """Adds (K, m) values to the diagonals of the blocks D of K different frames."""
         n = np.arange(self.D.shape[1])
-        np.add.at(self.D, (frames[:, None], n, n), values)
+        self.D[frames[:, None], n, n] += values
+
+    def bands(self) -> np.ndarray:
+        """(2 m + 1, L m) as LAPACK has them: from the diagonal down."""
+        return fill_bands(self.D, self.S, self.E).reshape(self.b.size, -1).T
 
     def solve(self) -> np.ndarray | None:
-        """x (L, m); None if H is not positive definite.
-
-        LAPACK has the lower triangle by columns: from the diagonal 2 m places down.
-        """
-        frames, m = self.b.shape
-        columns = np.zeros((frames, m, 2 * m + 1))
-        for c in range(m):
-            columns[:, c, : m - c] = self.D[:, c:, c]
-            columns[:-1, c, m - c : 2 * m - c] = self.S[:, :, c]
-        columns[:-2, :, 2 * m] = self.E
-        bands = columns.reshape(frames * m, -1).T
-        factor, failed = dpbtrf(bands, lower=1, overwrite_ab=1)
+        """x (L, m); None if H is not positive definite."""
+        factor, failed = dpbtrf(self.bands(), lower=1, overwrite_ab=1)
         if failed:
             return None
         x, _ = dpbtrs(factor, self.b.reshape(-1), lower=1)
-        return x.reshape(frames, m)
+        return x.reshape(self.b.shape)
+
+
+def times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """H x (L, m), with what `Normal.bands` says of H."""
+    return dsbmv(len(bands) - 1, 1.0, bands, x.reshape(-1), lower=1).reshape(x.shape)
+
+
+@compiled(loops=True)
+def fill_bands(D: np.ndarray, S: np.ndarray, E: np.ndarray) -> np.ndarray:
+    """(L, m, 2 m + 1) of a `Normal`: of each column the diagonal and what is below."""
+    L, m = D.shape[:2]
+    columns = np.zeros((L, m, 2 * m + 1))
+    for k in range(L):
+        for c in range(m):
+            for i in range(c, m):
+                columns[k, c, i - c] = D[k, i, c]
+            if k + 1 < L:
+                for i in range(m):
+                    columns[k, c, m - c + i] = S[k, i, c]
+            if k + 2 < L:
+                columns[k, c, 2 * m] = E[k, c]
+    return columns
+
+
+@compiled(loops=True)
+def add_squares(D: np.ndarray, b: np.ndarray, J: np.ndarray, r: np.ndarray) -> None:
+    """Adds the least squares |J_k x_k + r_k|^2 of frames; rows have few numbers.
+
+    Args:
+        D, b: (L, m, m), (L, m) of a `Normal`.
+        J: (L, R, m).
+        r: (L, R).
+    """
+    some = np.empty(J.shape[2], dtype=np.int64)
+    for k in range(len(J)):
+        for row in range(J.shape[1]):
+            count = 0
+            for i in range(J.shape[2]):
+                if J[k, row, i] != 0.0:
+                    some[count] = i
+                    count += 1
+            for i in range(count):
+                x = J[k, row, some[i]]
+                b[k, some[i]] -= x * r[k, row]
+                for j in range(i + 1):
+                    D[k, some[i], some[j]] += x * J[k, row, some[j]]
+
+
+@compiled(loops=True)
+def add_steps(
+    D: np.ndarray,
+    S: np.ndarray,
+    b: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    A: np.ndarray,
+    B: np.ndarray,
+    r: np.ndarray,
+) -> None:
+    """Adds the least squares |B x_l - A x_k + r|^2 of steps from a frame to the next.
+
+    Args:
+        D, S, b: of a `Normal`.
+        before, after: (K,) the frames k and l = k + 1; -1 where that one is held.
+        A, B: (K, F, m).
+        r: (K, F).
+    """
+    m = A.shape[2]
+    for step in range(len(A)):
+        k, after_k = before[step], after[step]
+        for row in range(A.shape[1]):
+            for i in range(m):
+                x, y = A[step, row, i], B[step, row, i]
+                if k >= 0 and x != 0.0:
+                    b[k, i] += x * r[step, row]
+                    for j in range(i + 1):
+                        D[k, i, j] += x * A[step, row, j]
+                if after_k >= 0 and y != 0.0:
+                    b[after_k, i] -= y * r[step, row]
+                    for j in range(i + 1):
+                        D[after_k, i, j] += y * B[step, row, j]
+                    if k >= 0:
+                        for j in range(m):
+                            S[k, i, j] -= y * A[step, row, j]
 
 
 def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
@@ -69,16 +163,20 @@ def _add_rows_loops(D, S, b, left, right, share, g, weight, target):
     # symmetric the lower triangle is summed.
     m = g.shape[1]
     H, h = np.zeros((m, m)), np.zeros(m)
-    some = 0
+    some, moving = 0, np.empty(m, dtype=np.int64)
     for r in range(len(g)):
         if weight[r] != 0.0:
-            some += 1
+            some, count = some + 1, 0
             for i in range(m):
+                if g[r, i] != 0.0:
+                    moving[count] = i
+                    count += 1
+            for a in range(count):
+                i = moving[a]
                 scaled = weight[r] * g[r, i]
-                if scaled != 0.0:
-                    h[i] += scaled * target[r]
-                    for j in range(i + 1):
-                        H[i, j] += scaled * g[r, j]
+                h[i] += scaled * target[r]
+                for c in range(a + 1):
+                    H[i, moving[c]] += scaled * g[r, moving[c]]
         k, after, t = left[r], right[r], share[r]
         u = 1.0 - t
         if (
@@ -144,10 +242,14 @@ def add_rows(
 
 
 def _along_rows_loops(g, left, right, share, x):
-    moved = np.zeros(len(g))
+    moved, moves = np.zeros(len(g)), np.zeros(len(x) + 1, dtype=np.bool_)
+    for k in range(len(x)):
+        moves[k] = x[k].any()
     for r in range(len(g)):
         k, after, t = left[r], right[r], share[r]
         total = 0.0
+        if not (moves[k] or moves[after]):
+            continue
         if k >= 0 and t < 1.0:
             for j in range(g.shape[1]):
                 total += (1.0 - t) * g[r, j] * x[k, j]

@@ -13,8 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.kinematics import joint_motion, link_poses, place_points
 from crar_drake.robot.model import ControlModel
-from crar_drake.trajectory.distance_rows import configurations, find_poses
+from crar_drake.trajectory.distance_rows import configurations
 
 ROOT = 6  # unknowns of it
 _SMALL = 1e-4  # [rad] below which a turn's Jacobian is taken from its series
@@ -44,6 +46,93 @@ def turn_jacobian(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + a * of + b * of @ of
 
 
+@compiled(loops=True)
+def place_links(
+    q: np.ndarray, root: np.ndarray, p_root: np.ndarray, robot: Held
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where links are with the root turned, and how joints move what they carry.
+
+    Args:
+        q: (K, nq) positions in the plant's order.
+        root: (K, 3, 3) from the model's world to where the root is turned.
+        p_root: (3,) where the model's root is [m].
+        robot: holds a `Robot` whose L tasks are poses of links.
+
+    Returns:
+        R (K, L, 3, 3), and p (K, L, 3) from the root [m]; and S (K, 6, nv), as of
+        `joint_motion`, about the root.
+    """
+    r = robot.value
+    tree, L, nv = r.tree.value, len(r.tasks.value.carries), len(r.order)
+    K, first = len(q), 3 * nv
+    R, p, S = np.empty((K, L, 3, 3)), np.empty((K, L, 3)), np.empty((K, 6, nv))
+    for k in range(K):
+        X = link_poses(q[k : k + 1], tree, tree.every)
+        points = place_points(X, r.selection, r.first)[0]
+        turned = np.empty((len(points), 3))
+        for i in range(len(points)):
+            # Joints' axes, slides and tasks' axes are directions, the others points.
+            place = i < nv or first <= i < first + L
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            if place:
+                x, y, z = x - p_root[0], y - p_root[1], z - p_root[2]
+            for c in range(3):
+                turned[i, c] = root[k, c, 0] * x + root[k, c, 1] * y + root[k, c, 2] * z
+        S[k] = joint_motion(turned[:first].copy().reshape(1, first, 3))[0]
+        for i in range(L):
+            for c in range(3):
+                p[k, i, c] = turned[first + i, c]
+                for b in range(3):
+                    R[k, i, c, b] = turned[first + L + 3 * i + b, c]
+    return R, p, S
+
+
+@compiled(loops=True)
+def move_points(
+    frames: np.ndarray,
+    links: np.ndarray,
+    offsets: np.ndarray,
+    R: np.ndarray,
+    p: np.ndarray,
+    S: np.ndarray,
+    turning: np.ndarray,
+    carries: np.ndarray,
+    n: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of links from the root, (N, 3) [m], and their Jacobians (N, 3, 6 + n).
+
+    Args:
+        frames: (N,) at which of K frames each is asked.
+        links: (N,) which link each is on.
+        offsets: (N, 3) where on it [m].
+        R, p, S: of `place_links`.
+        turning: (K, 3, 3) `turn_jacobian`.
+        carries: (L, nv) 1 where a joint moves a link.
+        n: number of joints that are controlled, which come first.
+    """
+    arms, J = np.empty((len(links), 3)), np.zeros((len(links), 3, 6 + n))
+    for i in range(len(links)):
+        k, link = frames[i], links[i]
+        for c in range(3):
+            arms[i, c] = p[k, link, c]
+            for b in range(3):
+                arms[i, c] += R[k, link, c, b] * offsets[i, b]
+            J[i, c, c] = 1.0
+        x, y, z = arms[i]
+        for j in range(3):
+            a, b, c = turning[k, 0, j], turning[k, 1, j], turning[k, 2, j]
+            J[i, 0, 3 + j] = b * z - c * y
+            J[i, 1, 3 + j] = c * x - a * z
+            J[i, 2, 3 + j] = a * y - b * x
+        for j in range(n):
+            if carries[link, j] != 0.0:
+                a, b, c = S[k, 0, j], S[k, 1, j], S[k, 2, j]
+                J[i, 0, 6 + j] = b * z - c * y + S[k, 3, j]
+                J[i, 1, 6 + j] = c * x - a * z + S[k, 4, j]
+                J[i, 2, 6 + j] = a * y - b * x + S[k, 5, j]
+    return arms, J
+
+
 class Placed:
     """The links of a robot at K frames, and what their points do there."""
 
@@ -64,19 +153,26 @@ class Placed:
             p_0, R_0: (K, 3) [m], (K, 3, 3) where the root is given.
             y: (K, 6 + n) the unknowns.
         """
-        q = y[:, ROOT:]
-        R, p, J = find_poses(configurations(model, rest, q), model.robot_by_pair)
-        n, rows = q.shape[1], model.layout
-        J = J[:, :, :n]
+        self._robot, self._n = model.robot_by_pair, y.shape[1] - ROOT
         turn = Rotation.from_rotvec(y[:, 3:ROOT]).as_matrix()
-        R_WR = turn @ R_0
-        self.root_rotations, self.root_positions = R_WR, p_0 + y[:, :3]
-        root = (R_WR @ base[1].T)[:, None]
-        self.R = root @ R  # (K, L, 3, 3)
-        self.from_root = (root @ (p - base[0])[..., None])[..., 0]  # (K, L, 3)
-        self._linear = root @ J[:, rows.linear_rows]  # (K, L, 3, n)
-        self._angular = root @ J[:, rows.angular_rows]
+        self.root_rotations, self.root_positions = turn @ R_0, p_0 + y[:, :3]
+        self.R, self.from_root, self._S = place_links(
+            configurations(model, rest, y[:, ROOT:]),
+            self.root_rotations @ base[1].T,
+            base[0],
+            self._robot,
+        )  # (K, L, 3, 3), (K, L, 3)
         self.turning = turn_jacobian(y[:, 3:ROOT])  # (K, 3, 3)
+
+    def _moved(
+        self, frames: np.ndarray, links: np.ndarray, offsets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `move_points`."""
+        links = np.ascontiguousarray(links, dtype=int)
+        offsets = np.ascontiguousarray(offsets, dtype=float)
+        carries = self._robot.value.tasks.value.carries
+        placed = self.R, self.from_root, self._S, self.turning
+        return move_points(frames, links, offsets, *placed, carries, self._n)
 
     def points(
         self, links: Sequence[int], offsets: np.ndarray
@@ -87,16 +183,12 @@ class Placed:
             links: (P,) which of the tasks each is on.
             offsets: (P, 3) p_LP in its frame [m].
         """
-        links = np.asarray(links, dtype=int)
-        off = (self.R[:, links] @ offsets[..., None])[..., 0]
-        arm = self.from_root[:, links] + off
-        K, P, _ = arm.shape
-        n = self._linear.shape[-1]
-        J = np.empty((K, P, 3, ROOT + n))
-        J[..., :3] = np.eye(3)
-        J[..., 3:ROOT] = -skew(arm) @ self.turning[:, None]
-        J[..., ROOT:] = self._linear[:, links] - skew(off) @ self._angular[:, links]
-        return self.root_positions[:, None] + arm, J
+        K, P = len(self.R), len(links)
+        arms, J = self._moved(
+            np.repeat(np.arange(K), P), np.tile(links, K), np.tile(offsets, (K, 1))
+        )
+        points = self.root_positions[:, None] + arms.reshape(K, P, 3)
+        return points, J.reshape(K, P, 3, -1)
 
     def heights(
         self, frames: np.ndarray, links: np.ndarray, offsets: np.ndarray
@@ -107,21 +199,15 @@ class Placed:
             frames, links: (N,) which of the K frames, and which of the tasks.
             offsets: (N, 3) p_LP in its frame [m].
         """
-        off = (self.R[frames, links] @ offsets[..., None])[..., 0]
-        arm = self.from_root[frames, links] + off
-        n = self._linear.shape[-1]
-        g = np.zeros((len(frames), ROOT + n))
-        g[:, 2] = 1.0
-        g[:, 3:ROOT] = (-skew(arm)[:, 2:] @ self.turning[frames])[:, 0]
-        around = (skew(off)[:, 2:] @ self._angular[frames, links])[:, 0]
-        g[:, ROOT:] = self._linear[frames, links, 2] - around
-        return self.root_positions[frames, 2] + arm[:, 2], g
+        arms, J = self._moved(frames, links, offsets)
+        return self.root_positions[frames, 2] + arms[:, 2], J[:, 2]
 
     def turns(self, links: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Of links: R_WL (K, P, 3, 3), and angular Jacobians (K, P, 3, 6 + n)."""
         links = np.asarray(links, dtype=int)
-        K, P, n = len(self.R), len(links), self._linear.shape[-1]
+        K, P, n = len(self.R), len(links), self._n
         J = np.zeros((K, P, 3, ROOT + n))
         J[..., 3:ROOT] = self.turning[:, None]
-        J[..., ROOT:] = self._angular[:, links]
+        carried = self._robot.value.tasks.value.carries[links, None, :n]  # (P, 1, n)
+        J[..., ROOT:] = self._S[:, None, :3, :n] * carried
         return self.R[:, links], J

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.capsule_distances import nearest_points
-from crar_drake.equations.collisions import distance_gradient_about_origin
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.kinematics import (
     Measured,
@@ -17,7 +16,6 @@ from crar_drake.equations.kinematics import (
     place_points,
 )
 from crar_drake.equations.nearby import ball_distances
-from crar_drake.equations.vectors import put
 from crar_drake.robot.model import ControlModel
 
 _ROOM = 4096  # rows, to begin with
@@ -38,7 +36,7 @@ class NearRows(NamedTuple):
         sample: (R,) of which sample, in ascending order.
         row: (R,) of which pair of shapes.
         d: (R,) the signed distance [m].
-        gradient: (R, nv) Eq. (20) [m/rad or 1].
+        gradient: (R, m) of d by the unknowns, Eq. (20) [m/rad or 1].
     """
 
     sample: np.ndarray
@@ -60,45 +58,54 @@ def join_rows(*rows: NearRows) -> NearRows:
     return NearRows(*(x[order] for x in joined))
 
 
-@compiled
+@compiled(loops=True)
 def find_near_rows(
-    q: np.ndarray, enough: np.ndarray, robot: Held
+    q: np.ndarray, enough: np.ndarray, room: np.ndarray, before: int, robot: Held
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The fields of `NearRows`.
+    """The fields of `NearRows`; gradients of unknowns of which n joints come last.
 
     Args:
         q: (S, nq) positions in the plant's order.
         enough: (S,) pairs that are as far apart are left out [m].
+        room: (Nr,) and those that are so much farther apart than that.
+        before: number of unknowns before the joints.
         robot: holds a `Robot` with a row for each pair of capsules and spheres.
     """
     r = robot.value
-    pairs, tree = r.pairs.value, r.tree.value
+    pairs, tree, n = r.pairs.value, r.tree.value, r.n
     nv, count = len(r.order), len(pairs.moves)
-    shapes = pairs.shapes[:count]
+    shapes, most = pairs.shapes[:count], room.max() if len(room) else 0.0
     samples, rows = np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
-    d, g = np.empty(_ROOM), np.empty((_ROOM, nv))
+    d, g = np.empty(_ROOM), np.zeros((_ROOM, before + n))
     used = 0
     for k in range(len(q)):
         X = link_poses(q[k : k + 1], tree, tree.every)
         points = place_points(X, r.selection, r.first)
-        maybe = np.flatnonzero(~(ball_distances(points[0], pairs, shapes) >= enough[k]))
+        apart = ball_distances(points[0], pairs, shapes)
+        maybe = np.flatnonzero(~(apart >= enough[k] + most))
         found, normal, p, _ = nearest_points(points[0], pairs, shapes[maybe])
-        near = np.flatnonzero(~(found >= enough[k]))
-        if not len(near):
-            continue
-        some = maybe[near]
-        S = joint_motion(points[:, : 3 * nv])
-        gradients = distance_gradient_about_origin(
-            normal[near], p[near], S, pairs.moves[some]
-        )
-        while used + len(near) > len(rows):
-            samples = np.concatenate((samples, np.empty_like(samples)))
-            rows = np.concatenate((rows, np.empty_like(rows)))
-            d = np.concatenate((d, np.empty_like(d)))
-            g = np.concatenate((g, np.empty_like(g)))
-        for i in range(len(near)):
-            samples[used], rows[used], d[used] = k, some[i], found[near[i]]
-            put(g[used], 0, gradients[0, i])
+        S = joint_motion(points[:, : 3 * nv])[0]
+        for i in range(len(maybe)):
+            row = maybe[i]
+            if found[i] >= enough[k] + room[row]:
+                continue
+            if used == len(rows):
+                samples = np.concatenate((samples, np.empty_like(samples)))
+                rows = np.concatenate((rows, np.empty_like(rows)))
+                d = np.concatenate((d, np.empty_like(d)))
+                g = np.concatenate((g, np.zeros_like(g)))
+            samples[used], rows[used], d[used] = k, row, found[i]
+            # As of `distance_gradient_about_origin`, of joints that move one alone.
+            x, y, z = normal[i, 0], normal[i, 1], normal[i, 2]
+            a = p[i, 1] * z - p[i, 2] * y
+            b = p[i, 2] * x - p[i, 0] * z
+            c = p[i, 0] * y - p[i, 1] * x
+            for j in range(n):
+                moves = pairs.moves[row, j]
+                if moves != 0.0:
+                    turn = a * S[0, j] + b * S[1, j] + c * S[2, j]
+                    slide = x * S[3, j] + y * S[4, j] + z * S[5, j]
+                    g[used, before + j] = moves * (turn + slide)
             used += 1
     return samples[:used].copy(), rows[:used].copy(), d[:used].copy(), g[:used].copy()
 

@@ -33,7 +33,15 @@ from crar_drake.trajectory.distance_rows import (
     join_rows,
 )
 from crar_drake.trajectory.margins import Margins, find_margins
-from crar_drake.trajectory.optimiser import Effort, Part, Problem, Samples, spread
+from crar_drake.trajectory.optimiser import (
+    AtFrames,
+    Effort,
+    Part,
+    Problem,
+    Samples,
+    Tasks,
+    spread,
+)
 
 # The solver is asked for so much more than is certified [m], for its tolerance and what
 # a file rounds.
@@ -46,6 +54,7 @@ _SHARE_OF_SPEED = 0.998
 _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
+_COARSE = (8, 1)  # a motion is found of each so-many-th frame first
 _TRIES = 8
 _LACKS = 1e-4  # a row that is not of a distance lacks less [m]
 # This try begins anew, with as many samples as were found to be needed: where a motion
@@ -170,15 +179,12 @@ class Keeper:
         """See `optimiser.Problem`; of unknowns of which the joints come last."""
         asked, first_joint = at.asked, y.shape[1] - self.model.n
         whole = configurations(self.model, self.rest, y[:, first_joint:])
-        most = asked + look + self.room.max(initial=0.0)
-        rows = NearRows(*find_near_rows(whole, most, self.model.robot_ahead))
-        d = rows.d - asked[rows.sample] - self.room[rows.row]
-        rows = NearRows(*(x[d < look] for x in rows))
-        d = d[d < look]
-        # The prescribed joints, which come last, stay where they are.
-        gradient = np.zeros((len(rows.d), y.shape[1]))
-        gradient[:, first_joint:] = rows.gradient[:, : self.model.n]
-        return rows._replace(d=d, gradient=gradient)
+        rows = NearRows(
+            *find_near_rows(
+                whole, asked + look, self.room, first_joint, self.model.robot_ahead
+            )
+        )
+        return rows._replace(d=rows.d - asked[rows.sample] - self.room[rows.row])
 
     def found_without_rows(
         self, problem: Problem, y: np.ndarray, effort: Effort
@@ -190,6 +196,18 @@ class Keeper:
             effort: is added to.
         """
         y, problem = y.copy(), _within(problem)
+        for every in _COARSE:
+            some = np.arange(0, len(y), every)
+            coarse = self._alone(_of_each(problem, every), y[some], effort)
+            change = coarse - y[some]
+            frames = np.arange(len(y))
+            for column, x in zip(y.T, change.T, strict=True):
+                column += np.interp(frames, some, x)
+        return y
+
+    def _alone(self, problem: Problem, y: np.ndarray, effort: Effort) -> np.ndarray:
+        """As `found_without_rows`, in parts."""
+        y = y.copy()
         for first, last, _ in self._parts(np.ones(len(y), dtype=bool)):
             before = max(0, first - 2)
             free = np.arange(before, last) >= first
@@ -427,6 +445,33 @@ class Keeper:
                 yield first, first + _PART + overlap, first + _PART
                 first += _PART
             yield first, last, last
+
+
+class _TasksOfEach:
+    """Tasks of each n-th frame; the steps between them are not asked for."""
+
+    step_weights = None
+
+    def __init__(self, tasks: Tasks, every: int) -> None:
+        self._tasks, self._every = tasks, every
+
+    def at(self, frames: np.ndarray, y: np.ndarray) -> AtFrames:
+        """See `optimiser.Tasks`."""
+        return self._tasks.at(self._every * frames, y)
+
+
+def _of_each(problem: Problem, every: int) -> Problem:
+    """A motion's problem of each n-th frame alone, without rows."""
+    if every == 1:
+        return problem
+    return replace(
+        problem,
+        tasks=_TasksOfEach(problem.tasks, every),
+        posture=problem.posture[::every],
+        about=problem.about[::every],
+        smoothness=problem.smoothness / every**2,
+        fastest=problem.fastest * every,
+    )
 
 
 def _within(problem: Problem) -> Problem:

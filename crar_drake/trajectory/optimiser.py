@@ -35,7 +35,14 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from crar_drake.trajectory.bands import Normal, add_rows, along_rows
+from crar_drake.trajectory.bands import (
+    Normal,
+    add_rows,
+    add_squares,
+    add_steps,
+    along_rows,
+    times,
+)
 from crar_drake.trajectory.distance_rows import NearRows, no_rows
 
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
@@ -43,7 +50,10 @@ _PENALTIES = (1e2, 3e3, 1e5)
 _PENALTY_OF_JOINTS = 1e5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
-_ACTIVE_SETS = 3  # in one of them, at most
+_HALVINGS = 8
+_ACTIVE_SETS = 6  # in one of them, at most
+# Frames on either side of those whose rows change, for which a step is found anew.
+_BESIDE = 10
 _UPDATES = 10  # of the multipliers under the last penalty, at most
 _LONGEST_STEP = 0.5  # of any unknown in a step [rad]
 _SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
@@ -205,6 +215,7 @@ class Part:
             self.problem.posture[some],
             self.problem.about[some],
         )
+        self._damping = _DAMPING
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
@@ -238,7 +249,7 @@ class Part:
                 live = self._live(self.free & spread(lacking, near))
 
     def _minimise(self, live: _Live, penalty: float) -> _Linearised:
-        damping, look = _DAMPING, _FARTHEST_LOOK
+        damping, look = self._damping, _FARTHEST_LOOK
         at = self._linearise(self.y, live, penalty, look)
         for _ in range(_STEPS):
             step = self._step(at, live, penalty, damping)
@@ -262,12 +273,13 @@ class Part:
             little = gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED
             if little and size < _LONGEST_STEP:
                 break
+        self._damping = min(damping, _MOST_DAMPING)
         return at
 
     def _live(self, mask: np.ndarray) -> _Live:
         """Of the frames of a mask, whose gaps of one or two frames are closed: frames
         that are coupled are neighbours then."""
-        mask = spread(mask, 1) & self.free
+        mask = _closed(mask) & self.free
         frames = np.flatnonzero(mask)
         place = np.full(len(mask) + 1, -1)
         place[frames] = np.arange(len(frames))
@@ -350,57 +362,82 @@ class Part:
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
         frames, m = base.b.shape
-        step, before = np.zeros((frames, m)), None
-        for _ in range(_ACTIVE_SETS):
+        bands, weights = base.bands(), (penalty, rho, rho)
+
+        def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
             wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
             change = wide[live.step_right] - wide[live.step_left]
-            on = (
-                shift > along_rows(rows.gradient, left, right, t, step),
-                limits > np.stack([step, -step]),
-                speeds > np.stack([-change, change]),
+            return (
+                along_rows(rows.gradient, left, right, t, step),
+                np.stack([step, -step]),
+                np.stack([-change, change]),
             )
-            same = before is not None and all(map(np.array_equal, on, before))
-            if same:
-                break
+
+        step, slope, lacks = np.zeros((frames, m)), -base.b, (shift, limits, speeds)
+        before, share = None, 0.0
+        for _ in range(_ACTIVE_SETS):
+            on = tuple(c > 0.0 for c in lacks)
+            turned = np.full(frames, share < 1.0)
+            if share == 1.0:
+                other = on[0] != before[0]
+                sides = [left[other], right[other]]
+                other = (on[2] != before[2]).any(axis=(0, 2))
+                sides += [live.step_left[other], live.step_right[other]]
+                for side in sides:
+                    turned[side[side >= 0]] = True
+                turned |= (on[1] != before[1]).any(axis=(0, 2))
+                if not turned.any():
+                    break
             before = on
-            normal = base.copy()
+            # Where other rows count than before, and about it, the step is other, too.
+            some = np.flatnonzero(_closed(spread(turned, _BESIDE)))
+            place = np.full(frames + 1, -1)
+            place[some] = np.arange(len(some))
+            normal = base.of_frames(some, -slope[some])
+            near = np.flatnonzero(on[0] & ((place[left] >= 0) | (place[right] >= 0)))
             add_rows(
                 normal.D,
                 normal.S,
                 normal.b,
-                left,
-                right,
-                t,
-                rows.gradient,
-                penalty * on[0],
-                shift,
+                place[left[near]],
+                place[right[near]],
+                t[near],
+                rows.gradient[near],
+                np.full(len(near), penalty),
+                lacks[0][near],
             )
-            every = np.arange(frames)
-            normal.add_to_diagonal(every, rho * on[1].sum(axis=0))
-            kept = np.where(on[1], limits, 0.0)  # those that are infinite are not on
+            every = np.arange(len(some))
+            normal.add_to_diagonal(every, rho * on[1][:, some].sum(axis=0))
+            kept = np.maximum(0.0, lacks[1][:, some])
             normal.b += rho * (kept[0] - kept[1])
-            _add_speeds(normal, live, rho * on[2].sum(axis=0))
-            kept = np.where(on[2], speeds, 0.0)
+            ends = place[live.step_left], place[live.step_right]
+            _add_speeds(normal, *ends, rho * on[2].sum(axis=0))
+            kept = np.maximum(0.0, lacks[2])
             push = rho * (kept[1] - kept[0])
-            for places, sign in ((live.step_right, 1.0), (live.step_left, -1.0)):
+            for places, sign in zip(ends, (-1.0, 1.0), strict=True):
                 there = places >= 0
-                np.add.at(normal.b, places[there], sign * push[there])
+                normal.b[places[there]] += sign * push[there]
             self.effort.factorised += 1
             found = normal.solve()
             if found is None:
                 return None
-            step = found
+            way = np.zeros((frames, m))
+            way[some] = found
+            going, pulled = moved(way), times(bands, way)
+            straight = float(np.vdot(way, slope)), float(np.vdot(way, pulled))
+            share = _least_along(straight, lacks, going, weights)
+            step = step + share * way
+            slope = slope + share * pulled
+            lacks = tuple(c - share * x for c, x in zip(lacks, going, strict=True))
         return step
 
     def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
         """Of what is minimised, without constraints."""
         problem, some = self.problem, live.frames
         weight, stiff = problem.posture_weight**2, self.problem.smoothness**2
-        r, J = at.done.r[live.own], at.done.J[live.own]
-        transposed = J.swapaxes(1, 2)
-        D = transposed @ J
         frames, m = len(some), at.y.shape[1]
-        j = np.arange(m)
+        D, b, j = np.zeros((frames, m, m)), np.zeros((frames, m)), np.arange(m)
+        add_squares(D, b, at.done.J[live.own], at.done.r[live.own])
         centre, first, second = self._stiffness
         D[:, j, j] += weight + damping + centre[some, None] * stiff
         S, E = np.zeros((max(frames - 1, 0), m, m)), np.zeros((max(frames - 2, 0), m))
@@ -413,9 +450,8 @@ class Part:
         pull[:-2] += bends
         pull[1:-1] -= 2.0 * bends
         pull[2:] += bends
-        b = (transposed @ r[:, :, None])[:, :, 0]
-        b += weight * (at.y - self._posture)[some] + stiff * pull[some]
-        normal = Normal(D, S, E, -b)
+        b -= weight * (at.y - self._posture)[some] + stiff * pull[some]
+        normal = Normal(D, S, E, b)
         self._add_standing(normal, at, live)
         return normal
 
@@ -441,18 +477,17 @@ class Part:
             return
         place = np.full(len(at.y), -1)
         place[live.frames] = np.arange(len(live.frames))
-        sides = []
-        for sign, seen in ((-1.0, before), (1.0, before + 1)):
-            A = sign * v[:, :, None] * at.done.G[seen]
-            sides.append((place[live.seen[seen]], A))
-            k, there = place[live.seen[seen]], place[live.seen[seen]] >= 0
-            transposed = A[there].swapaxes(1, 2)
-            np.add.at(normal.D, k[there], transposed @ A[there])
-            pull = transposed @ (v * change)[there][:, :, None]
-            np.add.at(normal.b, k[there], -pull[:, :, 0])
-        (k, A), (after, B) = sides
-        both = (k >= 0) & (after >= 0)
-        np.add.at(normal.S, k[both], B[both].swapaxes(1, 2) @ A[both])
+        weights, G = v[:, :, None], at.done.G
+        add_steps(
+            normal.D,
+            normal.S,
+            normal.b,
+            place[live.seen[before]],
+            place[live.seen[before + 1]],
+            weights * G[before],
+            weights * G[before + 1],
+            v * change,
+        )
 
     def _update(self, live: _Live, at: _Linearised, penalty: float) -> None:
         """Of the multipliers."""
@@ -483,11 +518,40 @@ class Part:
         return lacking, float(lacks)
 
 
+def _least_along(straight, lacks, going, weights) -> float:
+    """Where on a way, from 0 to 1, a + b u + sum_i rho_i / 2 max(0, c_i - g_i u)^2 is
+    the least.
+
+    Args:
+        straight: a, b: slope and curvature of what has no kinks.
+        lacks, going, weights: c, g and rho of several kinds of rows.
+    """
+
+    def slope(u: float) -> float:
+        found = straight[0] + u * straight[1]
+        for c, g, rho in zip(lacks, going, weights, strict=True):
+            found -= rho * np.vdot(g, np.maximum(0.0, c - u * g))
+        return found
+
+    low, high = 0.0, 1.0
+    if slope(high) <= 0.0:
+        return high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)
+    return high
+
+
 def spread(mask: np.ndarray, by: int) -> np.ndarray:
     """Also the `by` frames before and after those of a mask (T,)."""
     if by <= 0 or not len(mask):
         return mask
     return np.convolve(mask, np.ones(2 * by + 1))[by:-by] > 0.5
+
+
+def _closed(mask: np.ndarray) -> np.ndarray:
+    """A mask (T,), and its gaps of one or two frames: what is coupled is together."""
+    return ~spread(~spread(mask, 1), 1)
 
 
 def _second_differences(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -503,11 +567,14 @@ def _second_differences(frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return centre, first, second
 
 
-def _add_speeds(normal: Normal, live: _Live, much: np.ndarray) -> None:
-    """Adds (K, m) `much` times the squared change in each step."""
+def _add_speeds(
+    normal: Normal, left: np.ndarray, right: np.ndarray, much: np.ndarray
+) -> None:
+    """Adds (K, m) `much` times the squared change in each step, from a frame to the
+    next (K,); -1 where that is held."""
     j = np.arange(much.shape[1])
-    for places in (live.step_left, live.step_right):
+    for places in (left, right):
         there = places >= 0
         normal.add_to_diagonal(places[there], much[there])
-    both = (live.step_left >= 0) & (live.step_right >= 0)
-    normal.S[live.step_left[both][:, None], j, j] -= much[both]
+    both = (left >= 0) & (right >= 0)
+    normal.S[left[both][:, None], j, j] -= much[both]

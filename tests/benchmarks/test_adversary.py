@@ -22,9 +22,10 @@ from benchmarks.adversary.judge import (
     segment_distances,
     segments_to_boxes,
 )
+from benchmarks.adversary.policies import POLICIES
 from benchmarks.adversary.random_robots import KINDS, draw_robot
 from benchmarks.adversary.robots import load_subject
-from benchmarks.adversary.run import play, run_case
+from benchmarks.adversary.run import play, play_and_judge, run_case
 from benchmarks.adversary.starts import (
     FARTHEST,
     POSE_CLEARANCE,
@@ -787,3 +788,43 @@ def test_results_survive_their_line():
     back = Result.parse(result.line())
     assert back == result  # infinite path_clearance, too
     assert Result.parse('{"case": {}}') is None and Result.parse("{") is None
+
+
+# --- the filter of joint commands ---------------------------------------------------
+
+
+@pytest.mark.parametrize("policy", list(POLICIES))
+def test_no_policy_makes_the_filter_violate_anything(policy):
+    """At 1 to 20 ms, on a robot of a file and on ones that are drawn, slides among
+    them; also that a command which is said to be the wanted one is it."""
+    for robot, period in (
+        ("upper_body", 0.001),
+        ("jaw", 0.01),
+        ("slides", 0.02),
+        ("random", 0.005),
+    ):
+        case = Case(robot, policy, period, "filter", steps=100)
+        result = run_case(case)
+        assert not result.error and result.worst is None
+        assert result.steps >= 100 and not result.unsafe
+
+
+def test_a_filter_that_lets_everything_through_is_caught(monkeypatch):
+    """The judge counts all joints, and what policies want is no good by itself."""
+    subject = load_subject("upper_body")
+    filter, judge = subject.filter(0.01)
+    assert len(judge.controlled) == len(filter.joint_names)
+    solve = filter.solve
+
+    def blind(memory, q=None, v=None, a=None, measured=None):
+        made = solve(memory, q, v, a, measured)
+        wanted = replace(made.command, q=q, v=(q - memory.q) / 0.01)
+        return replace(made, q=wanted.q, v=wanted.v, command=wanted)
+
+    monkeypatch.setattr(filter, "solve", blind)
+    monkeypatch.setattr("benchmarks.adversary.policies.NOMINAL", "never")
+    for policy in ("jumps", "noise", "sines", "between"):
+        done, verdict = play_and_judge(
+            Case("upper_body", policy, 0.01, "filter"), subject, "", [5], 60
+        )
+        assert done.steps == 60 and verdict.unsafe, policy

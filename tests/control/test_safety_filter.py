@@ -1,18 +1,29 @@
 """The filter of joint commands: what is safe comes back as it was, the rest safe."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from floating_robots import make_floater, write_floater
-from pydrake.multibody.plant import MultibodyPlant
-from small_robots import chain_urdf, make_model
+from grounded_robots import add_ground
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+from small_robots import CAPSULE, chain_urdf, make_model
 
 from crar_drake import ControlModel, CrarError, LookaheadParameters, SafetyFilter
 from crar_drake.control.records import InputError
+from crar_drake.control.safety_filter import filter_parameters
 from crar_drake.equations.joint_filter import place_ends
 from crar_drake.equations.path_balls import curvature, near_on_way
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.judging.referee import Referee
-from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.description import (
+    GROUND,
+    RobotDescription,
+    load_robot_description,
+)
 
 PERIOD = 0.02
 FLOOR = 4e-3
@@ -277,6 +288,17 @@ def test_a_start_that_is_not_clear_gets_no_worse_and_comes_free():
     np.testing.assert_allclose(command.q, away, atol=1e-6)
 
 
+def test_a_command_that_its_user_changes_changes_nothing_else(arm):
+    arm.reset()
+    wanted = smooth(arm, 50, 0.3)
+    for q in wanted[1:]:
+        given = q.copy()
+        command = arm(given)
+        np.testing.assert_array_equal(command.q, q)
+        for mine in (command.q, command.v, command.a, given):
+            mine[:] = 7.0
+
+
 def test_steps_leave_nothing_behind_but_their_memory(arm):
     memory = arm.start()
     wanted = smooth(arm, 50, 2.0)
@@ -380,6 +402,56 @@ def test_a_base_that_floats_counts_as_fixed(tmp_path):
         SafetyFilter(make_floater())
 
 
+def test_the_ground_is_kept_off():
+    """Of a base that is fixed: a half space is near always."""
+    description = RobotDescription(pairs=[["l1", GROUND], ["l2", GROUND]])
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    Parser(plant).AddModelsFromString(chain_urdf("yyz", extra=""), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    add_ground(plant, RigidTransform([0.0, 0.0, -0.3]))
+    plant.Finalize()
+    model = ControlModel.FromPlant(plant, scene_graph, description, [])
+    filter = SafetyFilter(model, 0.01)
+    rng, q, v = np.random.default_rng(2), [], []
+    for k in range(300):
+        if k % 30 == 0:
+            wanted = rng.uniform(-2.5, 2.5, 3)
+        command = filter(wanted)
+        q.append(command.q)
+        v.append(command.v)
+    judge(filter, np.array(q), np.array(v))
+    assert min(_distances(filter, x) for x in q) < 0.02  # it was near
+
+
+def _distances(filter: SafetyFilter, q: np.ndarray) -> float:
+    model = filter.model
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    return referee.distances(q).min()
+
+
+def test_of_boxes_nothing_is_said_and_the_others_are_kept_apart():
+    box = '<box size="0.1 0.1 0.1"/>'
+    urdf = chain_urdf("zzzz", shapes=(CAPSULE,), extra="").replace(
+        f"<geometry>{CAPSULE}</geometry>", f"<geometry>{box}</geometry>", 1
+    )
+    pairs = [["l0", "l2"], ["l1", "l3"]]
+    filter = SafetyFilter(make_model(urdf, [], pairs=pairs), 0.01)
+    (boxed,) = filter.model.pairs.not_examined
+    (kept,) = [pair for pair in pairs if tuple(pair) != boxed]
+    model = filter.model
+    referee = Referee(model.plant, model.scene_graph, [kept])
+    nearest, seen = np.inf, set()
+    folded = 2.4 * np.array([0.0, kept[0] == "l0", 1.0, kept[0] == "l1"])
+    for k in range(400):
+        wanted = folded * np.sin(0.01 * k)
+        command = filter(wanted)
+        assert np.isnan(command.report.clearance)
+        nearest = min(nearest, referee.distances(command.q).min())
+        seen.add(command.report.pair)
+    assert FLOOR - 1e-8 < nearest < 0.02 and seen == {None, tuple(kept)}
+
+
 def test_prescribed_joints_are_joints_of_the_filter():
     description = load_robot_description("upper_body")
     assert description.prescribed_joints
@@ -454,3 +526,33 @@ def test_the_pairs_left_out_of_a_way_keep_what_is_claimed(arm):
             ways = (q + u * x for u in np.linspace(0.0, 1.0, 41))
             assert min(referee.distances(at)[others].min() for at in ways) >= low - 1e-9
     assert 60 * len(model.pairs) // 10 < left_out < 60 * len(model.pairs)
+
+
+# --- a robot that follows within a bound ------------------------------------------
+
+
+@pytest.mark.parametrize("error", [0.0, 0.004])
+def test_a_robot_that_errs_by_the_stated_bound_keeps_the_floor(error):
+    """It errs in every joint by the same, against the gradient of the nearest pair; a
+    filter that is not told of it lets it come nearer."""
+    ahead = replace(filter_parameters(PERIOD), tracking_error=error or None)
+    filter = SafetyFilter("upper_body", PERIOD, ahead)
+    model, rng, worst = filter.model, np.random.default_rng(4), np.inf
+    referee = Referee(model.plant, model.scene_graph, model.description.pairs)
+    lower, upper, n = model.lower, model.upper, len(filter.joint_names)
+    for step in range(400):
+        while step % 50 == 0:
+            aim = rng.uniform(np.maximum(lower, -1.5), np.minimum(upper, 1.5))
+            if referee.distances(aim).min() < -0.02:  # it cannot be had
+                break
+        q = filter(aim).q
+        assert (q >= lower + error - 1e-9).all() and (q <= upper - error + 1e-9).all()
+        if (distance := referee.distances(q).min()) < 0.05:
+            moved = q + 1e-6 * np.eye(n)
+            slopes = [referee.distances(x).min() - distance for x in moved]
+            off = q - 0.004 * np.sign(slopes)
+            worst = min(worst, referee.distances(off).min())
+    if error:
+        assert FLOOR - 1e-6 <= worst < 0.05
+    else:
+        assert worst < FLOOR

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from crar_drake.trajectory.bands import Normal, add_rows
+from crar_drake.trajectory.bands import (
+    Normal,
+    add_rows,
+    add_squares,
+    add_steps,
+    times,
+)
 
 
 def dense(normal: Normal) -> np.ndarray:
@@ -60,8 +66,8 @@ def test_rows_are_least_squares_of_frames_and_places_between(monkeypatch):
         if right[r] >= 0:
             A[r, right[r]] += share[r] * g[r]
     A = A.reshape(6, -1)
-    forms = [add_rows] + ([add_rows.py_func] if hasattr(add_rows, "py_func") else [])
-    for form in forms:
+
+    for form in forms(add_rows):
         found = some_normal(frames, m, 2)
         before = dense(found), found.b.copy()
         form(found.D, found.S, found.b, left, right, share, g, weight, target)
@@ -71,3 +77,74 @@ def test_rows_are_least_squares_of_frames_and_places_between(monkeypatch):
         np.testing.assert_allclose(
             (found.b - before[1]).ravel(), A.T @ (weight * target), atol=1e-12
         )
+
+
+def forms(function) -> list:
+    """As it is compiled, and as it is written."""
+    return [function] + ([function.py_func] if hasattr(function, "py_func") else [])
+
+
+def some_sparse(rng, *shape: int) -> np.ndarray:
+    return rng.normal(size=shape) * (rng.random(shape) < 0.4)
+
+
+def test_squares_of_frames_are_those_of_the_dense_matrix():
+    rng = np.random.default_rng(6)
+    J, r = some_sparse(rng, 3, 5, 4), rng.normal(size=(3, 5))
+    for form in forms(add_squares):
+        found = some_normal(3, 4, 3)
+        before = dense(found), found.b.copy()
+        form(found.D, found.b, J, r)
+        A = np.zeros((3, 5, 3, 4))
+        for k in range(3):
+            A[k, :, k] = J[k]
+        A = A.reshape(15, 12)
+        np.testing.assert_allclose(dense(found) - before[0], A.T @ A, atol=1e-12)
+        pull = (found.b - before[1]).ravel()
+        np.testing.assert_allclose(pull, -A.T @ r.ravel(), atol=1e-12)
+
+
+def test_squares_of_steps_are_those_of_the_dense_matrix():
+    """Frame 2 has a neighbour that is held, on either side of it one."""
+    rng = np.random.default_rng(7)
+    A, B = some_sparse(rng, 4, 3, 4), some_sparse(rng, 4, 3, 4)
+    r = rng.normal(size=(4, 3))
+    before, after = np.array([0, 1, -1, 2]), np.array([1, -1, 2, -1])
+    rows = np.zeros((4, 3, 3, 4))
+    for k in range(4):
+        if before[k] >= 0:
+            rows[k, :, before[k]] -= A[k]
+        if after[k] >= 0:
+            rows[k, :, after[k]] += B[k]
+    rows = rows.reshape(12, 12)
+    for form in forms(add_steps):
+        found = some_normal(3, 4, 4)
+        was = dense(found), found.b.copy()
+        form(found.D, found.S, found.b, before, after, A, B, r)
+        np.testing.assert_allclose(dense(found) - was[0], rows.T @ rows, atol=1e-12)
+        pull = (found.b - was[1]).ravel()
+        np.testing.assert_allclose(pull, -rows.T @ r.ravel(), atol=1e-12)
+
+
+def test_bands_times_a_vector_and_some_frames_alone_are_of_the_dense_matrix():
+    normal, rng = some_normal(8, 3, 9), np.random.default_rng(9)
+    x, H = rng.normal(size=(8, 3)), dense(normal)
+    np.testing.assert_allclose(
+        times(normal.bands(), x).ravel(), H @ x.ravel(), rtol=1e-12, atol=1e-12
+    )
+    some = np.array([0, 1, 3, 5, 6, 7])
+    part = normal.of_frames(some, rng.normal(size=(6, 3)))
+    columns = (3 * some[:, None] + np.arange(3)).ravel()
+    expected = H[np.ix_(columns, columns)]
+    # Frames 1 and 3, and 3 and 5, are coupled past one that is held.
+    np.testing.assert_array_equal(dense(part)[:9, :6], _gaps(expected, some)[:9, :6])
+    np.testing.assert_array_equal(dense(part), _gaps(expected, some))
+
+
+def _gaps(H: np.ndarray, some: np.ndarray) -> np.ndarray:
+    H = H.copy()
+    for a in range(len(some)):
+        for b in range(len(some)):
+            if abs(some[a] - some[b]) == 2 and abs(a - b) == 1:
+                H[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = 0.0
+    return H

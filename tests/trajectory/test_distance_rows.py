@@ -7,13 +7,18 @@ from small_reference_robots import write_robot
 from crar_drake.judging.referee import Referee
 from crar_drake.references.cleaning import Cleaner
 from crar_drake.robot.description import load_robot_description
-from crar_drake.trajectory.distance_rows import find_near_rows
+from crar_drake.trajectory import distance_rows
 
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     folder = write_robot(tmp_path_factory.mktemp("robot"))
     return Cleaner(load_robot_description(folder), 30.0).model
+
+
+def find_near_rows(q, enough, robot, room=0.0, before=0):
+    rooms = np.full(len(robot.value.pairs.value.moves), room)
+    return distance_rows.find_near_rows(q, enough, rooms, before, robot)
 
 
 def test_rows_are_the_referees_distances_of_what_is_near(model):
@@ -56,3 +61,13 @@ def test_more_rows_than_there_was_room_for(model, monkeypatch):
     np.testing.assert_array_equal(sample, np.repeat(np.arange(3000), each))
     np.testing.assert_array_equal(d.reshape(3000, each), np.tile(d[:each], (3000, 1)))
     np.testing.assert_array_equal(g[-each:], g[:each])
+
+
+def test_rows_with_more_room_and_other_unknowns_before(model):
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, (40, 3))
+    near = find_near_rows(q, np.full(40, 0.2), model.robot_ahead)
+    roomy = find_near_rows(q, np.full(40, 0.05), model.robot_ahead, 0.15, 4)
+    for a, b in zip(near[:3], roomy[:3], strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(roomy[3], np.pad(near[3], ((0, 0), (4, 0))))
+    assert len(near[2]) > 20

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from crar_drake.trajectory import optimiser
 from crar_drake.trajectory.distance_rows import NearRows
 from crar_drake.trajectory.optimiser import AtFrames, Part, Problem, Samples, spread
 
@@ -185,3 +186,28 @@ def test_a_mask_spreads_to_both_sides(by):
     mask[[4, 12]] = True
     expected = [any(abs(k - i) <= by for i in (4, 12)) for k in range(20)]
     np.testing.assert_array_equal(spread(mask, by), expected)
+
+
+def test_gaps_of_one_or_two_frames_are_closed():
+    mask = np.array([1, 0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
+    closed = np.array([1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
+    np.testing.assert_array_equal(optimiser._closed(mask), closed)
+
+
+def test_the_least_along_a_way_is_that_of_dense_samples():
+    rng = np.random.default_rng(3)
+    u = np.linspace(0.0, 1.0, 100_001)
+    inner = 0
+    for _ in range(40):
+        lacks = [rng.normal(size=5), rng.normal(size=(2, 3))]
+        going = [rng.normal(size=5), rng.normal(size=(2, 3))]
+        straight, weights = (-rng.uniform(0.0, 9.0), rng.uniform(0.0, 9.0)), (3.0, 7.0)
+        height = u * straight[0] + 0.5 * u**2 * straight[1]
+        for c, g, rho in zip(lacks, going, weights, strict=True):
+            kinks = np.maximum(0.0, c.ravel() - u[:, None] * g.ravel())
+            height += 0.5 * rho * (kinks**2).sum(axis=1)
+        found = optimiser._least_along(straight, lacks, going, weights)
+        best = u[height.argmin()]
+        assert best - 1e-5 <= found <= best + 0.5**optimiser._HALVINGS + 1e-5
+        inner += 0.0 < best < 1.0
+    assert inner > 5

@@ -27,6 +27,7 @@ from crar_drake.equations.lookahead_rows import join_constraints
 from crar_drake.equations.moving_obstacles import (
     Levels,
     Spheres,
+    all_far,
     braking_line,
     command_line,
     line_bounds,
@@ -127,10 +128,13 @@ def step_among(
     r, spheres = of.robot.value, Spheres(centre, radius, speed)
     numbers = of.mode.value
     admission, gains = numbers.admission, numbers.gains
+    line = command_line(q, v_next, world)
+    far, clearance = all_far(line, spheres, r, world)
+    if far:
+        reported = np.array([AS_NOMINAL, 1.0, np.inf, clearance, -1.0, -1.0])
+        return np.concatenate((reported, v_next, np.ones(len(radius))))
     levels = present_levels(braking_line(q, v, world), clear, spheres, r, world)
-    found = line_bounds(
-        command_line(q, v_next, world), levels, False, spheres, r, world
-    )
+    found = line_bounds(line, levels, False, spheres, r, world)
     if found.clear:
         reported = np.array([AS_NOMINAL, 1.0, np.inf, found.clearance, -1.0, -1.0])
         known = known_after(clear, True, levels, world)

@@ -82,6 +82,13 @@ class Passing(NamedTuple):
     eta: float  # [s]
 
 
+class WorldLaw(NamedTuple):
+    """All that stays from step to step."""
+
+    links: Held  # of `Links`
+    numbers: Passing
+
+
 class Line(NamedTuple):
     """A braking path, from q or from where a command leads, with the way there."""
 
@@ -162,7 +169,9 @@ def braking_time(t: float, before: float, numbers: Passing) -> float:
 
 
 @compiled
-def last_times(line: Line, reach: np.ndarray, links: Links, numbers: Passing):
+def last_times(
+    line: Line, reach: np.ndarray, links: Links, numbers: Passing
+) -> np.ndarray:
     """(L,) until when on a line each link is faster than v_ok, in seconds as of
     `braking_time`; negative if it never is."""
     speed = times(reach + links.turned, np.abs(line.x)) / (line.before + numbers.T)
@@ -265,10 +274,24 @@ def path_curvature(line: Line, reach: np.ndarray, links: Links) -> np.ndarray:
 
 @compiled
 def near_line(
-    line: Line, last: np.ndarray, reach: np.ndarray, which: Spheres, r: Robot, of: Held
+    line: Line,
+    last: np.ndarray,
+    reach: np.ndarray,
+    spheres: Spheres,
+    r: Robot,
+    law: Held,
 ) -> tuple[np.ndarray, float]:
-    """`links_near` of a line, to the floor; of: holds `WorldLaw`."""
-    links, numbers = of.value.links.value, of.value.numbers
+    """`links_near` of a line, to the floor.
+
+    Args:
+        line: which.
+        last: (L,) `last_times`.
+        reach: (L, nv) `own_reach`.
+        spheres: which.
+        r: of the robot.
+        law: holds `WorldLaw`.
+    """
+    links, numbers = law.value.links.value, law.value.numbers
     axes, L = 3 * links.reach.shape[1], len(links.radius)
     start = place_links(line.start, r, links)[axes : axes + L]
     end = place_links(line.start + line.x, r, links)[axes : axes + L]
@@ -277,18 +300,11 @@ def near_line(
     for i in range(L):
         if not last[i] < 0.0:
             seconds[i] = braking_time(last[i], line.before, numbers)
-    return links_near(start, end, bend, seconds, numbers.floor, which, links)
-
-
-class WorldLaw(NamedTuple):
-    """All that stays from step to step."""
-
-    links: Held  # of `Links`
-    numbers: Passing
+    return links_near(start, end, bend, seconds, numbers.floor, spheres, links)
 
 
 @compiled(loops=True)
-def nearest_to(p, u, c):
+def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
     """Of a segment from p by u, (3,) each, the unit normal from the point c (3,) to it,
     and their distance [m]."""
     uu, along = 0.0, 0.0
@@ -445,6 +461,17 @@ def line_bounds(
                 below[:, k] = False
         open_ = below
     return Found(link < 0, clearance, link, sphere, failed)
+
+
+@compiled
+def all_far(line: Line, spheres: Spheres, r: Robot, law: Held) -> tuple[bool, float]:
+    """Whether balls alone show that a line keeps the floor from all spheres, and the
+    clearance then, as of `Found`."""
+    links = law.value.links.value
+    reach = own_reach(line, links)
+    last = last_times(line, reach, links, law.value.numbers)
+    near, clearance = near_line(line, last, reach, spheres, r, law)
+    return len(near) == 0, clearance
 
 
 @compiled

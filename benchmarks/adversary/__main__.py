@@ -253,7 +253,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--attacks",
-        type=names([a for plant in PLANTS for a in attacks_on(plant)], "attack"),
+        type=lambda text: text.split(","),
         help="by default all; those on the filter are others than those on the law",
     )
     parser.add_argument("--periods", type=periods, default=list(PERIODS))
@@ -283,7 +283,14 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help="write the tables into this page, between its marks for what was run",
     )
     parser.add_argument("--replay", type=Path, metavar="FILE")
-    return parser.parse_args(argv)
+    options = parser.parse_args(argv)
+    known = [attack for plant in options.plants for attack in attacks_on(plant)]
+    for name in options.attacks or ():
+        if name not in known:
+            parser.error(
+                f"argument --attacks: no attack {name!r}{nearest(name, known)}"
+            )
+    return options
 
 
 def main(argv: Sequence[str] | None = None) -> int:

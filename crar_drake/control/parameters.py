@@ -12,7 +12,7 @@ from crar_drake.control.lookahead_parameters import (
     LookaheadParameters,
     preview_horizon,
 )
-from crar_drake.equations.governor import Bounds
+from crar_drake.equations.governor import TargetBounds
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.collision_pairs import DISTANCES
 from crar_drake.robot.description import find_joint, is_speed_limit
@@ -62,7 +62,7 @@ class TargetGovernor:
         """Raises ScenarioError, naming the field and what it may be."""
         check_numbers("controller.governor", self, may_be_zero=set())
 
-    def bounds(self) -> Bounds | None:
+    def bounds(self) -> TargetBounds | None:
         """The bounds for the equations, infinite where left out; None if all are."""
         given = (
             self.speed,
@@ -72,7 +72,9 @@ class TargetGovernor:
         )
         if all(bound is None for bound in given):
             return None
-        return Bounds(*(math.inf if bound is None else float(bound) for bound in given))
+        return TargetBounds(
+            *(math.inf if bound is None else float(bound) for bound in given)
+        )
 
 
 @dataclass

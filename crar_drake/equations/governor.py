@@ -65,7 +65,7 @@ _RESOLUTION = 1e-14
 _SHARE, _LEAST_SHARE = 0.9, 0.1
 
 
-class Bounds(NamedTuple):
+class TargetBounds(NamedTuple):
     """What a governed target keeps to; infinite for no bound, but not all of them."""
 
     speed: float  # [m/s]
@@ -76,7 +76,11 @@ class Bounds(NamedTuple):
 
 @compiled
 def govern_tasks(
-    desired: np.ndarray, before: np.ndarray, rows: TaskRows, bounds: Bounds, h: float
+    desired: np.ndarray,
+    before: np.ndarray,
+    rows: TaskRows,
+    bounds: TargetBounds,
+    h: float,
 ) -> np.ndarray:
     """The governed targets of this instant.
 
@@ -121,7 +125,11 @@ def govern_tasks(
 
 @compiled
 def start_governor(
-    pose: np.ndarray, velocity: np.ndarray, rows: TaskRows, bounds: Bounds, h: float
+    pose: np.ndarray,
+    velocity: np.ndarray,
+    rows: TaskRows,
+    bounds: TargetBounds,
+    h: float,
 ) -> np.ndarray:
     """What the governor would have said a period before, to be here now.
 

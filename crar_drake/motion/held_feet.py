@@ -41,8 +41,8 @@ THRESHOLDS = ContactThresholds(
 
 _SHORTEST = 0.08  # [s] that a contact and a gap last, at least
 _BLEND = 0.12  # [s] before and after a contact
-_DWELL = 0.03  # [s] before and after a contact, in which the foot stays above its place
-_LANDING = 0.07  # [s] in which a foot comes down before a contact, and leaves after
+_DWELL = 0.05  # [s] before and after a contact, in which the foot stays above its place
+_LANDING = 0.05  # [s] in which a foot comes down before a contact, and leaves after
 _CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
 _SOFT = 0.005  # [m] width of that bound
 _TURNING = 0.25  # [rad] that a foot turns while it is flat, from which on it pivots

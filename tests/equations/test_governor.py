@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from crar_drake.equations.governor import Bounds, govern_tasks, start_governor
+from crar_drake.equations.governor import TargetBounds, govern_tasks, start_governor
 from crar_drake.equations.tasks import TaskLayout
 
 H = 5e-3  # control period [s]
 V, A = 1.5, 20.0  # [m/s], [m/s^2]
 W, B = 6.0, 80.0  # [rad/s], [rad/s^2]
-BOUNDS = Bounds(V, A, W, B)
+BOUNDS = TargetBounds(V, A, W, B)
 POSITION = TaskLayout(("tip",), ("position",))
 ORIENTATION = TaskLayout(("tip",), ("orientation",))
 ZERO = np.zeros(3)
@@ -33,7 +33,7 @@ def follow(
     desired: Callable[[float], np.ndarray],
     before: np.ndarray,
     duration: float,
-    bounds: Bounds = BOUNDS,
+    bounds: TargetBounds = BOUNDS,
     h: float = H,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The governed targets and those given, (N, size) each."""
@@ -254,7 +254,7 @@ def test_bounds_are_respected_whatever_is_asked(desired):
 )
 def test_bounds_may_be_given_each_for_itself(desired, bounds):
     speed, acceleration = bounds
-    limits = Bounds(speed, acceleration, np.inf, np.inf)
+    limits = TargetBounds(speed, acceleration, np.inf, np.inf)
     before = start(POSITION, ZERO, bounds=limits)
     governed, given = follow(POSITION, desired, before, 1.0, limits)
     check_position(governed, given, V=speed, A=acceleration)
@@ -262,7 +262,7 @@ def test_bounds_may_be_given_each_for_itself(desired, bounds):
 
 
 def test_without_an_acceleration_bound_it_moves_at_the_speed():
-    limits = Bounds(V, np.inf, np.inf, np.inf)
+    limits = TargetBounds(V, np.inf, np.inf, np.inf)
     rest = target([1.0, 0.0, 0.0])
     governed, given = follow(
         POSITION, lambda t: rest, start(POSITION, ZERO, bounds=limits), 0.8, limits
@@ -424,8 +424,8 @@ def test_what_has_no_bounds_is_left_as_it_is():
     desired, pose = random_targets(rng), random_targets(rng)
     pose[LAYOUT.size_x :] = 0.0
     for bounds, entries in (
-        (Bounds(V, A, np.inf, np.inf), LAYOUT.quaternion_entries),
-        (Bounds(np.inf, np.inf, W, B), LAYOUT.position_entries),
+        (TargetBounds(V, A, np.inf, np.inf), LAYOUT.quaternion_entries),
+        (TargetBounds(np.inf, np.inf, W, B), LAYOUT.position_entries),
     ):
         before = start_governor(pose, np.zeros(LAYOUT.m), LAYOUT.rows, bounds, H)
         governed = govern_tasks(desired, before, LAYOUT.rows, bounds, H)

@@ -6,6 +6,10 @@ A policy of sines wants 3,000 commands; the robot is a G1 of 29 joints unless it
 named (`crar-drake import-robot g1_whole_body`). Every step is timed as often as
 `--repeats` says. Its best time is that of the step by itself: what other programs take
 of the processor and its caches is in the others.
+
+Then spheres that move come along with each command: so many in a cloud of points about
+the robot, none so near that a command is changed; and one to three people whom the
+robot has to slow down for.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.page import Benchmark, Table, run
+from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.safety_filter import FilterCommand, SafetyFilter
 from crar_drake.equations.compilation import arithmetic
 
@@ -31,6 +36,23 @@ POLICIES = {
     "reaches into itself": (0.3, 0.0),
     "wild": (1.0, 0.02),
 }
+# Spheres, and how far from the middle of the robot they are [m].
+CLOUDS = {
+    "1 sphere": (1, 1.6, 3.0),
+    "10 spheres": (10, 1.6, 3.0),
+    "100 spheres": (100, 1.6, 3.0),
+    "1000 spheres": (1000, 1.6, 3.0),
+    "1000 spheres, half of them far": (1000, 1.6, 20.0),
+    "1 person, too near": (1, 0.6, 0.7),
+    "3 people, too near": (3, 0.6, 0.7),
+    "1000 spheres, some too near": (1000, 0.5, 3.0),
+}
+CLOUD_STEPS = 600
+SPHERE, SPEED = 0.05, 1.0  # their radius [m] and speed [m/s]
+CLOUD_HEADER = (
+    *("spheres", "period", "nominal / corrected / scaled", "step: median", "p99"),
+    "without any: median",
+)
 HEADER = (
     "policy",
     "period",
@@ -83,6 +105,65 @@ def time_policy(filter: SafetyFilter, policy: str, repeats: int) -> Timed:
     return Timed(times, commands)
 
 
+def cloud(filter: SafetyFilter, name: str) -> Obstacles:
+    """Spheres about the middle of the robot's links."""
+    count, near, far = CLOUDS[name]
+    rng, model = np.random.default_rng(4), filter.model
+    root = model.diagram.CreateDefaultContext()
+    context = model.plant.GetMyMutableContextFromRoot(root)
+    model.plant.SetPositions(context, model.rest_positions())
+    places = [
+        model.plant.GetBodyByName(link).EvalPoseInWorld(context).translation()
+        for link in filter.links
+    ]
+    way = rng.normal(size=(count, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    distance = rng.uniform(near, far, (count, 1))
+    return Obstacles(np.mean(places, axis=0) + distance * way, SPHERE, SPEED)
+
+
+def time_cloud(filter: SafetyFilter, given: Obstacles | None, repeats: int) -> Timed:
+    """Times steps of the first policy among obstacles, which are made anew each time,
+    as measurements are."""
+    wanted = wanted_by(filter, "safe")[:CLOUD_STEPS]
+    times, commands = np.empty((repeats, len(wanted))), []
+    for repeat in range(repeats):
+        filter.reset()
+        commands = []
+        for k, q in enumerate(wanted):
+            start = time.thread_time()
+            if given is None:
+                command = filter(q)
+            else:
+                now = Obstacles(given.centres, given.radii, given.speeds)
+                command = filter(q, obstacles=now)
+            times[repeat, k] = time.thread_time() - start
+            commands.append(command)
+    return Timed(times, commands)
+
+
+def cloud_rows(filter: SafetyFilter, repeats: int) -> list[list[str]]:
+    """A row for each of `CLOUDS`."""
+    filter.compile(obstacles=True)
+    alone = np.median(time_cloud(filter, None, repeats).times.min(axis=0)[1:])
+    rows = []
+    for name in CLOUDS:
+        timed = time_cloud(filter, cloud(filter, name), repeats)
+        best = timed.times.min(axis=0)[1:]
+        how = [command.report.how for command in timed.commands[1:]]
+        kinds = ("nominal", "corrected", "scaled")
+        rows.append(
+            [
+                name,
+                f"{1e3 * filter.period:g} ms",
+                " / ".join(f"{how.count(kind):,}" for kind in kinds),
+                *map(micro, np.percentile(best, [50, 99])),
+                micro(alone),
+            ]
+        )
+    return rows
+
+
 def row(policy: str, period: float, timed: Timed) -> tuple[list[str], float, float]:
     """A row of the table; median and 99th percentile of the steps by themselves."""
     how = np.array([command.report.how for command in timed.commands])
@@ -118,7 +199,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("robot", nargs="?", default="g1_whole_body")
     parser.add_argument("--repeats", type=int, default=5, help="of each step")
     options = benchmark.parse(argv, lambda options: "steps")
-    rows, reached = [], []
+    rows, reached, among = [], [], []
     for period in (0.005, 0.02):
         filter = SafetyFilter(options.robot, period)
         filter.compile()
@@ -129,6 +210,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             rows.append(cells)
             if policy.startswith("safe"):
                 reached.append((median, p99 / median))
+        print(f"obstacles, {1e3 * period:g} ms", file=sys.stderr)
+        among += cloud_rows(filter, options.repeats)
     pairs = filter.model.pairs
     worst = np.max(reached, axis=0)
     found = (
@@ -138,7 +221,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         f"{P99_OVER_MEDIAN:g} times that; measured {micro(worst[0])} and "
         f"{worst[1]:.2f} times."
     )
-    benchmark.report([Table(HEADER, rows)], found)
+    tables = [Table(HEADER, rows), Table(CLOUD_HEADER, among, "Among obstacles")]
+    benchmark.report(tables, found)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from crar_drake.version import __version__ as __version__
 if TYPE_CHECKING:
     from crar_drake.control.controller import CrarController
     from crar_drake.control.law import ControlLaw
+    from crar_drake.control.obstacles import Obstacles
     from crar_drake.control.parameters import (
         CrarParameters,
         LookaheadParameters,
@@ -56,6 +57,7 @@ _MODULES = {
     "MakeCrarDiagram": "simulation.diagram",
     "ModelError": "errors",
     "MotionError": "errors",
+    "Obstacles": "control.obstacles",
     "RobotDescription": "robot.description",
     "SafetyFilter": "control.safety_filter",
     "SafetyFilterSystem": "control.safety_filter_system",
@@ -89,6 +91,7 @@ __all__ = [
     "MakeCrarDiagram",
     "ModelError",
     "MotionError",
+    "Obstacles",
     "RobotDescription",
     "SafetyFilter",
     "SafetyFilterSystem",

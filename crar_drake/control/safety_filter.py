@@ -17,10 +17,25 @@ from numpy.typing import ArrayLike
 
 from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes.lookahead import LookaheadMode
+from crar_drake.control.obstacles import (
+    CONTACT_SPEED,
+    Among,
+    ObstacleFilter,
+    Obstacles,
+    Regions,
+)
 from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.control.records import InputError, Solution
 from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.equations.compilation import hold
+from crar_drake.equations.filter_among import (
+    AMONG_CLEARANCE,
+    AMONG_HOW,
+    AMONG_PAIRS,
+    AMONG_SHARE,
+    LINK,
+    SPHERE,
+)
 from crar_drake.equations.joint_filter import (
     ACCELERATION,
     BY_LIMIT,
@@ -62,6 +77,7 @@ _WHY = {
     CATCHING_UP: "catching up",
 }
 MOTOR, NO_NUMBER, NO_SENSE = "motor", "no number", "no sense"
+OBSTACLE = "obstacle"
 
 # How fast margins of pairs may be used up, unless it is given [1/s]; but half of one in
 # a period at most. A command is changed only where it would not be clear, so late.
@@ -99,9 +115,9 @@ class FilterReport:
             "braking": nothing usable was wanted.
         share: of the corrected step that was taken, 1 unless scaled; 0 braking [1].
         why: what the wanted command ran into: "pair" (of links), "joint limit",
-            "joint speed", "motor"; "catching up", where the command was held back
-            before and returns to the wanted one; "no number", a NaN or infinity; "no
-            sense", numbers so large that they overflow; "".
+            "joint speed", "motor", "obstacle"; "catching up", where the command was
+            held back before and returns to the wanted one; "no number", a NaN or
+            infinity; "no sense", numbers so large that they overflow; "".
         pair: the two links that come too near, or hold the command back; or None.
         joint: the joint that `why` is about, or that binds besides; or None.
         clearance: no watched distance is smaller on the braking path from the command
@@ -111,6 +127,14 @@ class FilterReport:
         tracking_error: the largest |measured - command before| of a joint [rad or m],
             NaN where nothing is measured; and
         tracking_joint: of which joint, or None.
+        obstacle: what the command, or what pairs and limits left of it, ran into: the
+            obstacle's name or number, and the link; or None.
+        obstacle_clearance: how far links stay from obstacles on the braking path from
+            the command, less what these can come nearer while the links are faster than
+            `contact_speed` [m]; a bound from below. NaN without obstacles, while it
+            brakes, and where a watched pair is not examined.
+        too_fast: names of the obstacles that are where they could not be, had they kept
+            the bound of their speed.
     """
 
     how: str
@@ -122,6 +146,9 @@ class FilterReport:
     clear: bool
     tracking_error: float
     tracking_joint: str | None
+    obstacle: tuple[str, str] | None = None
+    obstacle_clearance: float = np.nan
+    too_fast: tuple[str, ...] = ()
 
     @property
     def braking(self) -> bool:
@@ -163,6 +190,7 @@ class FilterMemory:
         following: whether the command was the wanted one.
         pushed: whether a pair of links held it back.
         known: whether its braking path is known to be clear.
+        regions: where obstacles are at the next step at most; None without any.
         command: all of it; None before the first step.
     """
 
@@ -172,6 +200,7 @@ class FilterMemory:
     following: bool = False
     pushed: bool = False
     known: bool = False
+    regions: Regions | None = None
     command: FilterCommand | None = None
 
     def __deepcopy__(self, memo: dict) -> FilterMemory:
@@ -199,6 +228,7 @@ class SafetyFilter:
         joint_names: (n,) the joints, in the plant's order: that of all vectors.
         period: [s].
         parameters: of the law.
+        contact_speed: slower than this a link may be touched by an obstacle [m/s].
     """
 
     def __init__(
@@ -210,6 +240,7 @@ class SafetyFilter:
         effort_limits: bool = False,
         velocity_scale: float = 1.0,
         velocity_limits: Mapping[str, float] | None = None,
+        contact_speed: float = CONTACT_SPEED,
     ) -> None:
         """
         Args:
@@ -223,6 +254,8 @@ class SafetyFilter:
             velocity_scale: share of the joints' speed limits that may be used.
             velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
                 robot's.
+            contact_speed: of the robot's surface that does no harm, in a contact with
+                an obstacle that moves [m/s].
 
         Raises:
             ModelError: there is no such robot, or it cannot be controlled.
@@ -269,6 +302,13 @@ class SafetyFilter:
         self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
         self._examines_all = not model.pairs.not_examined
         self._efforts = EffortLimits(model, mode, gains)
+        if not 0.0 < contact_speed < np.inf:
+            raise ScenarioError(
+                f"filter.contact_speed: {contact_speed:g} m/s; it must be positive"
+            )
+        self.contact_speed = float(contact_speed)
+        self._mode = mode
+        self._among: ObstacleFilter | None = None  # made when first asked for
         self.reset()
 
     def reset(self, q: Joints | None = None, v: Joints | None = None) -> None:
@@ -302,6 +342,7 @@ class SafetyFilter:
         a: Joints | None = None,
         *,
         measured: tuple[Joints, Joints] | None = None,
+        obstacles: Obstacles | None = None,
     ) -> FilterCommand:
         """The command for the end of this period. Give `q`, `v`, `a`, or `q` and `v`.
 
@@ -316,6 +357,9 @@ class SafetyFilter:
             a: wanted accelerations [rad/s^2 or m/s^2].
             measured: positions and velocities of the robot now. At the first call the
                 filter starts there; later they are compared with the command before.
+            obstacles: that move by themselves, where they are now; they replace all
+                before. Where none are given, those before may be anywhere that their
+                speeds let them be since.
 
         Raises:
             InputError: a size is wrong, a joint unknown, or nothing or too much is
@@ -324,12 +368,27 @@ class SafetyFilter:
         if measured is not None and not self._started:
             self.reset(*self._measured(measured))
         self._started = True
-        self._memory = self.solve(self._memory, q, v, a, measured)
+        self._memory = self.solve(self._memory, q, v, a, measured, obstacles)
         return self._memory.command
 
-    def compile(self) -> None:
-        """Compiles what has yet to be, by a step that leaves nothing behind."""
-        self.solve(self.start(), self.model.rest_positions())
+    def compile(self, obstacles: bool = False) -> None:
+        """Compiles what has yet to be, by steps that leave nothing behind.
+
+        Args:
+            obstacles: whether there will be any.
+        """
+        memory, rest = self.start(), self.model.rest_positions()
+        self.solve(memory, rest)
+        if obstacles:
+            around = Obstacles(np.zeros((1, 3)), 1.0, 1.0, ("all",))
+            memory = self.solve(memory, rest + 0.1, obstacles=around)
+            self.solve(memory, rest + 0.2)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links that are kept from obstacles: those of watched pairs that move, and
+        have capsules or spheres."""
+        return self._obstacle_filter().links
 
     def solve(
         self,
@@ -338,20 +397,26 @@ class SafetyFilter:
         v: Joints | None = None,
         a: Joints | None = None,
         measured: tuple[Joints, Joints] | None = None,
+        obstacles: Obstacles | None = None,
     ) -> FilterMemory:
         """One step without side effects, for a loop that keeps the memory itself.
 
         Args:
             memory: of the step before; `start()` before the first.
-            q, v, a, measured: as of a call; nothing starts from `measured` here.
+            q, v, a, measured, obstacles: as of a call; nothing starts from `measured`
+                here.
 
         Returns:
             What the next step is to be given, with the `command`.
         """
         error, worst = self._tracking(memory, measured)
+        regions = memory.regions
+        if obstacles is not None:
+            among = self._obstacle_filter()
+            regions = among.regions(regions, obstacles, memory.q, memory.v)
         kind, wish, rate = self._wanted(memory, q, v, a)
         if not (np.isfinite(wish).all() and np.isfinite(rate).all()):
-            return self._brake(memory, NO_NUMBER, error, worst)
+            return self._brake(memory, NO_NUMBER, error, worst, regions)
         # Of numbers beyond all sense without Numba.
         with np.errstate(over="ignore", invalid="ignore"):
             found = filter_step(
@@ -367,7 +432,7 @@ class SafetyFilter:
                 self._law,
             )
         if not np.isfinite(found[REPORTED:]).all():
-            return self._brake(memory, NO_SENSE, error, worst)
+            return self._brake(memory, NO_SENSE, error, worst, regions)
         how, why = found[HOW], _WHY[found[WHY]]
         joint, pair = int(found[JOINT]), int(found[PAIR])
         q_next, v_next, vdot = found[REPORTED:].reshape(3, -1)
@@ -378,7 +443,20 @@ class SafetyFilter:
                 v_next = memory.v + self.period * vdot
                 q_next = memory.q + self.period * v_next
                 why, joint, how = MOTOR, motor, max(how, CORRECTED)
-        held = bool(found[HELD])
+        held, of_regions = bool(found[HELD]), {}
+        clear = held
+        if regions is not None:
+            left = self._left_among(regions, memory, v_next, held)
+            of = left.found
+            of_regions = self._told_of(regions, of)
+            if of[AMONG_HOW] != AS_NOMINAL:
+                how, why = max(how, of[AMONG_HOW]), OBSTACLE
+                found[SHARE], found[CLEARANCE] = of[AMONG_SHARE], of[AMONG_PAIRS]
+                v_next = left.v
+                q_next = memory.q + self.period * v_next
+                vdot = (v_next - memory.v) / self.period
+            clear = held and bool(regions.clear.all())
+            regions = regions.later(self.period, left.clear)
         report = FilterReport(
             _HOW[how],
             float(found[SHARE]),
@@ -386,9 +464,10 @@ class SafetyFilter:
             self._pairs[pair] if pair >= 0 else None,
             self.joint_names[joint] if joint >= 0 else None,
             float(found[CLEARANCE]) if self._examines_all else np.nan,
-            held,
+            clear,
             error,
             worst,
+            **of_regions,
         )
         # The command is the user's, who may change it.
         return FilterMemory(
@@ -398,8 +477,53 @@ class SafetyFilter:
             how == AS_NOMINAL,
             pair >= 0,
             held,
+            regions,
             FilterCommand(self.joint_names, q_next, v_next, vdot, report),
         )
+
+    def _obstacle_filter(self) -> ObstacleFilter:
+        if self._among is None:
+            self._among = ObstacleFilter(
+                self.model, self._mode, self.parameters, self.contact_speed, self._law
+            )
+        return self._among
+
+    def _left_among(
+        self, regions: Regions, memory: FilterMemory, v_next: np.ndarray, held: bool
+    ) -> Among:
+        """What is left of a command among obstacles, within the motors' limits."""
+        among, q, v = self._obstacle_filter(), memory.q, memory.v
+        left = among.step(regions, q, v, v_next, held)
+        if not self._efforts.finite or left.found[AMONG_HOW] == AS_NOMINAL:
+            return left
+        limited, motor = self._within_efforts(memory, (left.v - v) / self.period)
+        if motor is None:
+            return left
+        v_next = v + self.period * limited[0]
+        again = among.step(regions, q, v, v_next, held)
+        found = left.found
+        found[AMONG_PAIRS], found[AMONG_SHARE] = limited[1][2], limited[1][1]
+        found[AMONG_CLEARANCE] = again.found[AMONG_CLEARANCE]
+        if again.found[AMONG_HOW] == AS_NOMINAL:
+            return Among(found, v_next, again.clear)
+        # Braking is within both.
+        found[AMONG_HOW], found[AMONG_SHARE] = SCALED, 0.0
+        found[AMONG_PAIRS] = found[AMONG_CLEARANCE] = np.nan
+        return Among(found, v - self.period * v / self._T, regions.clear)
+
+    def _told_of(self, regions: Regions, found: np.ndarray) -> dict:
+        """What a report says of obstacles."""
+        link, sphere = int(found[LINK]), int(found[SPHERE])
+        pair = None
+        if link >= 0:
+            pair = regions.spheres.name(sphere), self._obstacle_filter().links[link]
+        return {
+            "obstacle": pair,
+            "obstacle_clearance": (
+                float(found[AMONG_CLEARANCE]) if self._examines_all else np.nan
+            ),
+            "too_fast": regions.too_fast,
+        }
 
     def _wanted(self, memory: FilterMemory, q, v, a) -> tuple[int, np.ndarray, ...]:
         """The kind of what is wanted, it, and how fast a wanted position moves."""
@@ -474,16 +598,29 @@ class SafetyFilter:
         return float(error[worst]), self.joint_names[worst]
 
     def _brake(
-        self, memory: FilterMemory, why: str, error: float, worst: str | None
+        self,
+        memory: FilterMemory,
+        why: str,
+        error: float,
+        worst: str | None,
+        regions: Regions | None,
     ) -> FilterMemory:
         """q_ddot = -q_dot / T: a part of the present braking path."""
         vdot = -memory.v / self._T
         v = memory.v + self.period * vdot
         q = memory.q + self.period * v
-        held = memory.known
-        report = FilterReport(BRAKING, 0.0, why, None, None, np.nan, held, error, worst)
+        held = clear = memory.known
+        too_fast = ()
+        if regions is not None:
+            clear, too_fast = held and bool(regions.clear.all()), regions.too_fast
+            regions = regions.later(self.period)
+        report = FilterReport(
+            *(BRAKING, 0.0, why, None, None, np.nan, clear, error, worst),
+            too_fast=too_fast,
+        )
         command = FilterCommand(self.joint_names, q, v, vdot, report)
-        return FilterMemory(q.copy(), v.copy(), None, False, False, held, command)
+        q, v = q.copy(), v.copy()
+        return FilterMemory(q, v, None, False, False, held, regions, command)
 
     def _within_efforts(
         self, memory: FilterMemory, vdot: np.ndarray

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
@@ -12,6 +14,7 @@ from pydrake.systems.framework import (
     State,
 )
 
+from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.records import InputError
 from crar_drake.control.safety_filter import (
     BRAKING,
@@ -40,6 +43,7 @@ class SafetyFilterSystem(LeafSystem):
         desired_acceleration ──►│ SafetyFilterSystem ├──► acceleration_command
         desired_state ─────────►│                    ├──► diagnostics
         measured_state ────────►│                    │
+        obstacles (if any) ────►│                    │
                                 └────────────────────┘
 
     Notation: n joints, those of `filter.joint_names`, in that order: the plant's, of a
@@ -53,6 +57,9 @@ class SafetyFilterSystem(LeafSystem):
         desired_state: (2 n,) [q; v], the same as position and velocity.
         measured_state: (2 n,) [q; v] of the robot. Where it is connected, the filter
             begins there at its first step; later the state is compared alone.
+        obstacles: (4 N,) [x; y; z; radius] of each of N spheres that move by
+            themselves, now, in the world [m]. Only there if their speeds are given, and
+            connected or not: where it is not, there are none.
 
     Output ports:
         command: (2 n,) [q; v] for the robot to be at a period after the step.
@@ -76,10 +83,13 @@ class SafetyFilterSystem(LeafSystem):
         filter: the `SafetyFilter` that computes; nothing of it changes.
     """
 
-    def __init__(self, filter: SafetyFilter) -> None:
+    def __init__(
+        self, filter: SafetyFilter, obstacle_speeds: Sequence[float] = ()
+    ) -> None:
         """
         Args:
             filter: of the robot, its period and limits.
+            obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
         """
         super().__init__()
         self.set_name("safety_filter")
@@ -93,6 +103,11 @@ class SafetyFilterSystem(LeafSystem):
                 ("measured_state", 2 * n),
             )
         }
+        self._speeds = np.array(obstacle_speeds, dtype=float)
+        if len(self._speeds):
+            self._inputs["obstacles"] = self.DeclareVectorInputPort(
+                "obstacles", 4 * len(self._speeds)
+            )
         memory = self.DeclareAbstractState(AbstractValue.Make(filter.start()))
         self._memory_index = int(memory)
         held = {self.abstract_state_ticket(memory)}
@@ -128,6 +143,19 @@ class SafetyFilterSystem(LeafSystem):
     def get_input_port_measured_state(self) -> InputPort:
         """Port (2 n,), may be left open: [q; v] of the robot now."""
         return self._inputs["measured_state"]
+
+    def get_input_port_obstacles(self) -> InputPort:
+        """Port (4 N,), may be left open: [x; y; z; radius] of each obstacle now.
+
+        Raises:
+            InputError: the system was made without `obstacle_speeds`.
+        """
+        if "obstacles" not in self._inputs:
+            raise InputError(
+                f"{self.get_name()} has no port for obstacles: give obstacle_speeds "
+                "when it is made"
+            )
+        return self._inputs["obstacles"]
 
     def get_output_port_command(self) -> OutputPort:
         """Port (2 n,): [q; v] a period after the step."""
@@ -181,6 +209,10 @@ class SafetyFilterSystem(LeafSystem):
             if port.HasValue(context)
         }
         measured = given.pop("measured_state", None)
+        obstacles = given.pop("obstacles", None)
+        if obstacles is not None:
+            spheres = obstacles.reshape(-1, 4)
+            obstacles = Obstacles(spheres[:, :3], spheres[:, 3], self._speeds)
         if measured is not None:
             measured = measured[:n], measured[n:]
             if memory.command is None:
@@ -201,7 +233,10 @@ class SafetyFilterSystem(LeafSystem):
                 f"{self.get_name()}: nothing is wanted: connect desired_position, "
                 "desired_velocity, desired_acceleration or desired_state"
             )
-        self._keep(state, self.filter.solve(memory, **wanted, measured=measured))
+        stepped = self.filter.solve(
+            memory, **wanted, measured=measured, obstacles=obstacles
+        )
+        self._keep(state, stepped)
 
     def _CalcCommand(self, context: Context, output) -> None:
         memory = self._memory(context)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from crar_drake.control.safety_filter import SafetyFilter
+from crar_drake.control.obstacles import Obstacles
+from crar_drake.control.safety_filter import OBSTACLE, SafetyFilter
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
 from crar_drake.teleoperation.safe_motion import AT_REST, Moved, start_positions
@@ -41,7 +42,7 @@ class FilteredMotion:
         names = safety_filter.joint_names
         self.layout = TaskLayout(names, ("joint",) * len(names))
         self._workspace = self.model.MakeWorkspace()
-        safety_filter.compile()
+        safety_filter.compile(obstacles=True)
         self._memory = safety_filter.start()
         if start:
             self.begin(start)
@@ -84,16 +85,19 @@ class FilteredMotion:
         """(layout.size,) [x; 0; 0] of the joints now."""
         return np.concatenate([self.q, np.zeros(2 * len(self.q))])
 
-    def move(self, tasks: np.ndarray) -> Moved:
+    def move(self, tasks: np.ndarray, obstacles: Obstacles | None = None) -> Moved:
         """One step of the filter.
 
         Args:
             tasks: (layout.size,) targets; NaN where there are none.
+            obstacles: that move by themselves, as they are now.
         """
         n, (q, v) = len(self.q), (self.q, self.v)
         wanted, rate = tasks[:n], tasks[n : 2 * n]
         wanted = wanted + self.period * rate  # at the end of the period
-        self._memory = self.filter.solve(self._memory, wanted, rate)
+        self._memory = self.filter.solve(
+            self._memory, wanted, rate, obstacles=obstacles
+        )
         command = self._memory.command
         report = command.report
         self.model.measure(self._workspace, q, v)
@@ -108,5 +112,8 @@ class FilteredMotion:
 
 def _in_words(report) -> str | None:
     """What holds a command back."""
-    of = " - ".join(report.pair) if report.why == "pair" else report.joint
+    if report.why in ("pair", OBSTACLE):
+        of = " - ".join(report.pair if report.why == "pair" else report.obstacle)
+    else:
+        of = report.joint
     return f"{report.why}: {of}" if of else report.why or None

@@ -15,8 +15,14 @@ targets are followed. The robot says where its joints are [rad or m]:
 
     {"measured": {"left_elbow": -0.52, "left_shoulder_x": 0.1}}
 
+Where joints are targets, obstacles that move by themselves may be told: spheres in W,
+with a bound of their speed, by any names; null takes one away.
+
+    {"obstacles": {"person": {"position": [1, 0, 1], "radius": 0.3, "speed": 1.6},
+                   "trolley": null}}
+
 Numbers are all that is taken from a message: nothing in it is run, and no name in it is
-looked up but among those of the tasks.
+looked up but among those of the tasks, joints and obstacles that were told before.
 """
 
 from __future__ import annotations
@@ -35,6 +41,10 @@ from crar_drake.equations.tasks import TaskLayout
 LONGEST = 8192
 # A target farther from the world's origin is no target [m, rad].
 _FARTHEST = 1e3
+
+# What an obstacle has, and how long its name may be.
+_OBSTACLE = {"position", "radius", "speed"}
+_LONGEST_NAME = 40
 
 # What the targets of each kind of task consist of: key, and how many numbers.
 PARTS: Mapping[str, tuple[tuple[str, int], ...]] = {
@@ -84,15 +94,45 @@ class Measured:
     positions: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class Heard:
+    """An obstacle, as it is told of.
+
+    Attributes:
+        position: (3,) of the sphere's centre in W [m].
+        radius: [m].
+        speed: that no point of it exceeds [m/s].
+    """
+
+    position: tuple[float, float, float]
+    radius: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class ObstacleMessage:
+    """Where obstacles are now.
+
+    Attributes:
+        obstacles: by their names; None of those that are taken away.
+    """
+
+    obstacles: Mapping[str, Heard | None]
+
+
 def parse(
-    line: bytes, layout: TaskLayout, joints: Collection[str] = ()
-) -> TargetMessage | Measured | Describe | Drive:
+    line: bytes,
+    layout: TaskLayout,
+    joints: Collection[str] = (),
+    obstacles: bool = False,
+) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
 
     Args:
         line: as it came, without trust.
         layout: of the tasks.
         joints: that can be measured.
+        obstacles: whether obstacles may be told of.
 
     Raises:
         MessageError: it is too long, no JSON object, has a key that is not known, a
@@ -113,6 +153,10 @@ def parse(
         return Drive()
     if set(said) == {"measured"}:
         return make_measured(said["measured"], joints)
+    if set(said) == {"obstacles"}:
+        if not obstacles:
+            raise MessageError("obstacles are kept off with --joints alone")
+        return make_obstacles(said["obstacles"])
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):
         raise MessageError('give "targets", and "time" if you like')
@@ -160,6 +204,39 @@ def make_measured(positions: object, joints: Collection[str]) -> Measured:
         if name not in joints:
             raise MessageError(f"no joint {name[:40]!r}")
     return Measured({name: _number(x, _FARTHEST) for name, x in positions.items()})
+
+
+def make_obstacles(obstacles: object) -> ObstacleMessage:
+    """Checks obstacles by name.
+
+    Args:
+        obstacles: name to "position", "radius" and "speed", or to None.
+
+    Raises:
+        MessageError: as `parse`.
+    """
+    if not isinstance(obstacles, dict) or not obstacles:
+        raise MessageError("obstacles has where they are by name")
+    found: dict[str, Heard | None] = {}
+    for name, told in obstacles.items():
+        if not 0 < len(name) <= _LONGEST_NAME:
+            raise MessageError(
+                f"an obstacle's name has 1 to {_LONGEST_NAME} characters"
+            )
+        if told is None:
+            found[name] = None
+            continue
+        if not isinstance(told, dict) or set(told) != _OBSTACLE:
+            raise MessageError("an obstacle has position, radius and speed, or is null")
+        position = told["position"]
+        if not isinstance(position, list) or len(position) != 3:
+            raise MessageError("position has 3 numbers")
+        radius, speed = (_number(told[key], _FARTHEST) for key in ("radius", "speed"))
+        if radius < 0.0 or speed < 0.0:
+            raise MessageError("radius and speed are not negative")
+        x, y, z = (_number(value, _FARTHEST) for value in position)
+        found[name] = Heard((x, y, z), radius, speed)
+    return ObstacleMessage(found)
 
 
 def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:

@@ -23,6 +23,7 @@ from crar_drake.addresses import cannot_listen, check_address, family_of
 from crar_drake.errors import CrarError
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.followed_robot import FollowedRobot
+from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.latencies import Latencies
 from crar_drake.teleoperation.lcm_link import LcmLink, decode
 from crar_drake.teleoperation.messages import (
@@ -32,6 +33,7 @@ from crar_drake.teleoperation.messages import (
     Drive,
     Measured,
     MessageError,
+    ObstacleMessage,
     TargetMessage,
     as_targets,
     parse,
@@ -161,6 +163,7 @@ class TeleoperationServer:
         stream: the targets.
         statistics: of all since it was made.
         robot: what it says of itself.
+        obstacles: what is said of them; None where none are kept off.
         address: (host, port) that it listens at.
     """
 
@@ -199,6 +202,8 @@ class TeleoperationServer:
         self.statistics = Statistics(targets=self.stream.counts)
         self.period = motion.period
         self.robot = FollowedRobot(model.position_names, latency, tracking_error)
+        filtered = isinstance(motion, FilteredMotion)
+        self.obstacles = HeardObstacles() if filtered else None
         self._start_measured = start_measured
         self._socket = opened or listen(host, port)
         self.address: Address = self._socket.getsockname()[:2]
@@ -295,7 +300,10 @@ class TeleoperationServer:
         follows = self.robot.follows(now, self.stream.gate.timeout)
         if self._ends or not follows:
             desired[:] = np.nan  # to brake
-        moved = self.motion.move(desired)
+        if self.obstacles is None:
+            moved = self.motion.move(desired)
+        else:
+            moved = self.motion.move(desired, self.obstacles.at(now))
         self.robot.tell(now + self.period, self.motion.q)
         statistics.step_time.add(time.monotonic() - began)
         command = Command(
@@ -401,7 +409,10 @@ class TeleoperationServer:
 
     def _take_line(self, line: bytes, sender: Address, now: float) -> None:
         try:
-            message = parse(line, self.stream.layout, self.robot.names)
+            told = self.obstacles is not None
+            message = parse(line, self.stream.layout, self.robot.names, told)
+            if isinstance(message, ObstacleMessage):
+                self.obstacles.hear(message, now)
         except MessageError as error:
             self._note(error)
             return
@@ -417,6 +428,8 @@ class TeleoperationServer:
             self._driver, self._driven = sender, now
         elif isinstance(message, Measured):
             self._hear(message, now)
+        elif isinstance(message, ObstacleMessage):
+            self.statistics.messages["obstacles"] += 1
         else:
             self._use(message, now, sender)
 

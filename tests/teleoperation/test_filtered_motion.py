@@ -9,6 +9,8 @@ import pytest
 from crar_drake.errors import ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.heard_obstacles import MOST, HeardObstacles
+from crar_drake.teleoperation.messages import Heard, MessageError, ObstacleMessage
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
 from crar_drake.teleoperation.target_stream import Gate
@@ -33,6 +35,10 @@ class Loop:
         command = self.server.tick(self.now)
         self.now += self.server.period
         return command
+
+    def tell(self, **obstacles):
+        """Says where obstacles are."""
+        self.client.send(json.dumps({"obstacles": obstacles}).encode())
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +110,71 @@ def test_it_brakes_where_the_robot_does_not_follow(loop):
     moved = abs(loop.motion.q[elbow] - home[elbow])
     # Off by as much as is allowed, and what it takes to brake from 3 rad/s.
     assert 0.2 < moved < 0.2 + 3.0 * 0.1 and loop.motion.at_rest
+
+
+def test_a_person_who_is_heard_of_makes_it_slow(loop):
+    """One who runs at the robot; who is lost grows; who is gone lets it go on.
+
+    Where the left hand is, and how fast, is by Drake.
+    """
+    model = loop.motion.model
+    context = model.plant.CreateDefaultContext()
+    hand = model.plant.GetBodyByName("left_hand")
+    home, elbow = loop.motion.q.copy(), loop.names.index("left_elbow")
+
+    def fast(command):
+        model.plant.SetPositions(context, command.positions)
+        model.plant.SetVelocities(context, command.velocities)
+        return np.linalg.norm(hand.EvalSpatialVelocityInWorld(context).translational())
+
+    def swing(count, told=None):
+        speeds = []
+        for k in range(count):
+            if told is not None:
+                loop.tell(person=told(k))
+            aim = home[elbow] - 0.4 * np.sin(loop.now * 5.0)
+            command = loop.tick({"left_elbow": aim})
+            speeds.append(fast(command))
+        return np.array(speeds), command
+
+    begin, _ = swing(100)
+    assert begin.max() > 0.3
+    place = hand.EvalPoseInWorld(context).translation()
+
+    def person(k):
+        far = max(1.5 - 0.01 * 1.5 * k, 0.2)
+        position = (place + [far, 0.0, 0.0]).tolist()
+        return {"position": position, "radius": 0.1, "speed": 1.6}
+
+    near, command = swing(140, person)
+    # As near as that, and with a bound of 0.05 m/s on all of the surface.
+    assert near[-20:].max() <= 0.05
+    assert command.why.startswith("obstacle: person - ")
+    assert loop.server.statistics.messages["obstacles"] == 140
+    lost, command = swing(100)  # nobody says where the person is
+    assert lost.max() <= 0.05 and command.why.startswith("obstacle: person - ")
+    loop.tell(person=None)
+    gone, command = swing(150)
+    assert gone[50:].max() > 0.3 and command.why is None
+
+
+def test_obstacles_grow_until_they_are_taken_away():
+    told = Heard((1.0, 2.0, 3.0), 0.3, 1.6)
+    heard = HeardObstacles()
+    assert len(heard.at(5.0)) == 0
+    heard.hear(ObstacleMessage({"person": told}), 10.0)
+    heard.hear(ObstacleMessage({"cart": told, "nobody": None}), 11.0)
+    found = heard.at(12.0)
+    assert found.names == ("person", "cart")
+    np.testing.assert_allclose(found.radii, [0.3 + 2 * 1.6, 0.3 + 1.6])
+    np.testing.assert_array_equal(found.centres, [[1.0, 2.0, 3.0]] * 2)
+    many = {str(k): told for k in range(MOST)}
+    with pytest.raises(MessageError, match="more than"):
+        heard.hear(ObstacleMessage(many), 12.0)
+    assert len(heard) == 2
+    heard.hear(ObstacleMessage({"person": None, "cart": None}), 12.0)
+    heard.hear(ObstacleMessage(many), 12.0)
+    assert len(heard.at(12.0)) == MOST
 
 
 def test_what_cannot_be_begun(made):

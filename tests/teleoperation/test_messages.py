@@ -11,6 +11,7 @@ from crar_drake.teleoperation.messages import (
     LONGEST,
     Command,
     Describe,
+    Heard,
     MessageError,
     as_targets,
     parse,
@@ -78,6 +79,44 @@ def test_targets_of_each_kind():
 def test_what_is_refused(line, why):
     with pytest.raises(MessageError, match=why):
         parse(line, LAYOUT)
+
+
+def test_obstacles_by_name():
+    told = {"position": [1, -2.5, 0], "radius": 0.3, "speed": 1.6}
+    line = json.dumps({"obstacles": {"person": told, "trolley": None}}).encode()
+    assert parse(line, LAYOUT, (), True).obstacles == {
+        "person": Heard((1.0, -2.5, 0.0), 0.3, 1.6),
+        "trolley": None,
+    }
+    with pytest.raises(MessageError, match="--joints alone"):
+        parse(line, LAYOUT)
+
+
+@pytest.mark.parametrize(
+    "told, why",
+    [
+        ([], "by name"),
+        ({}, "by name"),
+        ({"": None}, "1 to 40"),
+        ({"x" * 41: None}, "1 to 40"),
+        ({"a": 1}, "position, radius and speed"),
+        ({"a": {"position": [0, 0, 0], "radius": 1}}, "position, radius and speed"),
+        (
+            {"a": {"position": [0, 0, 0], "radius": 1, "speed": 1, "mass": 1}},
+            "position, radius and speed",
+        ),
+        ({"a": {"position": [0, 0], "radius": 1, "speed": 1}}, "3 numbers"),
+        ({"a": {"position": [0, 0, 1e9], "radius": 1, "speed": 1}}, "beyond all"),
+        ({"a": {"position": [0, 0, 0], "radius": -1, "speed": 1}}, "negative"),
+        ({"a": {"position": [0, 0, 0], "radius": 1, "speed": True}}, "no number"),
+    ],
+)
+def test_obstacles_that_are_refused(told, why):
+    with pytest.raises(MessageError, match=why):
+        parse(json.dumps({"obstacles": told}).encode(), LAYOUT, (), True)
+    with pytest.raises(MessageError, match="targets"):
+        both = {"obstacles": {"a": None}, "targets": {}}
+        parse(json.dumps(both).encode(), LAYOUT, (), True)
 
 
 def test_random_bytes_and_damaged_messages_only_raise_message_errors():

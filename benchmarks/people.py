@@ -1,0 +1,328 @@
+"""Do people who run at a robot touch it while it is fast?
+
+    python -m benchmarks.people [--steps 100000] [--seed 1] [--page PAGE]
+
+Spheres of bounded speed run at the links of robots whose commands the safety filter
+passes, of policies that want anything: straight at the nearest link or the fastest, or
+away, with jumps of direction, and from anywhere again after they stood in the robot.
+They are measured in every period, or lost for a while, or measured with noise. A
+violation is a contact (distance at most 0) while the surface of the link is faster
+there than the filter's `contact_speed`.
+
+What is judged are Drake's poses of links, on the straight line between commands, with
+distances and speeds of their own: nothing of the filter takes part.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.geometry import Capsule, Sphere
+from pydrake.multibody.tree import RigidBody
+
+from benchmarks.adversary.policies import POLICIES, Policy, Room
+from benchmarks.adversary.robots import load_subject
+from benchmarks.page import Benchmark, Table, run
+from crar_drake.control.obstacles import Obstacles
+from crar_drake.control.safety_filter import NOMINAL, SafetyFilter
+from crar_drake.robot.model import ControlModel
+
+ROBOTS = ("upper_body", "obstacle_arm", "jaw", "slides", "random")
+DRAWN = ("slides", "random")
+PERIODS = (0.002, 0.005, 0.01, 0.02)
+FASTEST = 2.0  # of people [m/s]
+EPISODE = 300  # periods
+INSTANTS = 4  # that are judged in each period
+MEASURED = ("exactly", "exactly", "at times", "with noise")
+HEADER = (
+    *("robot", "steps", "left as wanted", "changed by obstacles"),
+    *("contacts", "fastest in a contact, over the speed allowed", "violations"),
+    "smallest distance while faster",
+)
+
+
+class Surface:
+    """A link's spheres and capsules: where they are, and how fast, by Drake.
+
+    Attributes:
+        body: the link.
+        shapes: (S, 2, 3) ends of their axes in its frame [m].
+        radii: (S,) [m].
+    """
+
+    def __init__(self, model: ControlModel, body: RigidBody) -> None:
+        self.body, shapes, radii = body, [], []
+        inspector = model.scene_graph.model_inspector()
+        for geometry in model.plant.GetCollisionGeometriesForBody(body):
+            shape, X = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+            if isinstance(shape, Sphere | Capsule):
+                half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
+                ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])
+                shapes.append(X.translation() + ends @ X.rotation().matrix().T)
+                radii.append(shape.radius())
+        self.shapes, self.radii = np.array(shapes).reshape(-1, 2, 3), np.array(radii)
+
+    def against(
+        self, context, centres: np.ndarray, sizes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) of N spheres, and (N,) how fast the surface is where it is
+        nearest to each [m], [m/s].
+
+        In a contact that is the point of the surface towards the sphere.
+        """
+        X = self.body.EvalPoseInWorld(context)
+        V = self.body.EvalSpatialVelocityInWorld(context)
+        R, p = X.rotation().matrix(), X.translation()
+        a = p + self.shapes[:, 0] @ R.T  # (S, 3)
+        u = (self.shapes[:, 1] - self.shapes[:, 0]) @ R.T
+        to = centres[:, None] - a  # (N, S, 3)
+        uu = np.maximum((u * u).sum(-1), 1e-30)
+        share = np.clip((to * u).sum(-1) / uu, 0.0, 1.0)
+        axis = a + share[..., None] * u
+        off = centres[:, None] - axis
+        far = np.linalg.norm(off, axis=-1)
+        d = far - self.radii - sizes[:, None]
+        k = np.argmin(d, axis=1)
+        every = np.arange(len(centres))
+        towards = off[every, k] / np.maximum(far[every, k], 1e-12)[:, None]
+        point = axis[every, k] + self.radii[k][:, None] * towards
+        v = V.translational() + np.cross(V.rotational(), point - p)
+        return d[every, k], np.linalg.norm(v, axis=1)
+
+
+class Witness:
+    """Judges where links are and how fast, on a plant of its own context."""
+
+    def __init__(self, filter: SafetyFilter) -> None:
+        model = filter.model
+        self._plant, self._n = model.plant, model.n
+        # A diagram, whose ports for collisions nobody asks.
+        self._root = model.diagram.CreateDefaultContext()
+        self.context = model.plant.GetMyMutableContextFromRoot(self._root)
+        self.surfaces = [
+            Surface(model, model.plant.GetBodyByName(name)) for name in filter.links
+        ]
+
+    def look(
+        self, q: np.ndarray, v: np.ndarray, centres: np.ndarray, sizes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(L, N) distances and (L, N) speeds there, at a state (n,), (n,)."""
+        self._plant.SetPositions(self.context, q)
+        self._plant.SetVelocities(self.context, v)
+        found = [s.against(self.context, centres, sizes) for s in self.surfaces]
+        return np.array([d for d, _ in found]), np.array([v for _, v in found])
+
+    def places(self) -> np.ndarray:
+        """(L, 3) the middles of the links, where they were looked at last [m]."""
+        return np.array(
+            [
+                s.body.EvalPoseInWorld(self.context).multiply(
+                    s.shapes.mean(axis=(0, 1))
+                )
+                for s in self.surfaces
+            ]
+        )
+
+
+@dataclass
+class Person:
+    """A sphere that runs.
+
+    Attributes:
+        where: (3,) [m].
+        radius: [m].
+        fastest: bound of the speed [m/s].
+        until, aim: periods until it thinks again; what it then wants.
+    """
+
+    where: np.ndarray
+    radius: float
+    fastest: float
+    until: int = 0
+    aim: str = "nearest"
+    way: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def step(self, period: float, witness: Witness, seen, index: int, rng) -> None:
+        """Runs on for a period [s], at what was seen: distances and speeds."""
+        self.until -= 1
+        if self.until < 0:
+            self.until = int(rng.uniform(0.02, 0.8) / period)
+            self.aim = rng.choice(["nearest", "fastest", "straight", "stand", "away"])
+            self.way = rng.normal(size=3)
+        places, (d, speed) = witness.places(), seen
+        if self.aim == "nearest":
+            way = places[np.argmin(d[:, index])] - self.where
+        elif self.aim == "fastest":
+            way = places[np.argmax(speed[:, index])] - self.where
+        elif self.aim == "away":
+            way = self.where - places[np.argmin(d[:, index])]
+        else:
+            way = self.way if self.aim == "straight" else np.zeros(3)
+        length = np.linalg.norm(way)
+        if length > 1e-9:
+            most = self.fastest * period
+            # Not beyond what it runs at.
+            far = min(most, length) if self.aim in ("nearest", "fastest") else most
+            self.where = self.where + far / length * way
+
+
+@dataclass
+class Tally:
+    """What was seen of a robot."""
+
+    steps: int = 0
+    nominal: int = 0
+    changed: int = 0
+    contacts: int = 0
+    harm: float = 0.0
+    violations: int = 0
+    nearest: float = np.inf
+
+    def judge(self, d: np.ndarray, speed: np.ndarray, allowed: float) -> None:
+        touched = d <= 0.0
+        self.contacts += int(touched.sum())
+        if touched.any():
+            self.harm = max(self.harm, float(speed[touched].max()) / allowed)
+        fast = speed > allowed * (1.0 + 1e-9)
+        self.violations += int((touched & fast).sum())
+        if fast.any():
+            self.nearest = min(self.nearest, float(d[fast].min()))
+
+    def cells(self, robot: str) -> list[str]:
+        return [
+            robot,
+            f"{self.steps:,}",
+            f"{self.nominal / max(self.steps, 1):.0%}",
+            f"{self.changed / max(self.steps, 1):.0%}",
+            f"{self.contacts:,}",
+            f"{self.harm:.3f}",
+            str(self.violations),
+            f"{1e3 * self.nearest:.2f} mm" if np.isfinite(self.nearest) else "–",
+        ]
+
+
+def run_at(
+    filter: SafetyFilter,
+    make_policy: Callable[[np.ndarray, np.random.Generator], Policy],
+    num_steps: int,
+    seed: int,
+    tally: Tally | None = None,
+) -> Tally:
+    """An episode: people, a policy and the filter, from its rest posture.
+
+    Args:
+        filter: begun anew here.
+        make_policy: of the start (n,) and the dice.
+        num_steps: periods.
+        seed: of the dice.
+        tally: that is gone on with.
+    """
+    rng, tally = np.random.default_rng(seed), tally or Tally()
+    witness, period = Witness(filter), filter.period
+    filter.reset()
+    q, v = filter.model.rest_positions(), np.zeros(filter.model.n)
+    wants = make_policy(q, rng)
+    middle = _middle(witness, q, v)
+    people = []
+    while len(people) < rng.integers(1, 5):
+        way = rng.normal(size=3)
+        where = middle + rng.uniform(0.3, 1.5) * way / np.linalg.norm(way)
+        one = Person(where, rng.uniform(0.02, 0.3), rng.uniform(0.1, 1.0) * FASTEST)
+        if witness.look(q, v, where[None], np.array([one.radius]))[0].min() > 0.02:
+            people.append(one)
+    sizes = np.array([one.radius for one in people])
+    speeds = np.array([one.fastest for one in people])
+    how = MEASURED[rng.integers(len(MEASURED))]
+    noise = 0.01 if how == "with noise" else 0.0
+    names = tuple(f"person {i}" for i in range(len(people)))
+    names = names if noise or rng.random() < 0.5 else None
+    lost = 0
+    seen = witness.look(q, v, np.array([one.where for one in people]), sizes)
+    with np.errstate(all="ignore"):
+        for k in range(num_steps):
+            centres = np.array([one.where for one in people])
+            off = rng.normal(size=centres.shape)
+            off *= (
+                noise
+                * rng.uniform(0.0, 1.0)
+                / np.linalg.norm(off, axis=1, keepdims=True)
+            )
+            given = Obstacles(
+                centres + off, sizes + noise, speeds, names, noisy=noise > 0.0
+            )
+            if how == "at times" and k:
+                lost = int(rng.integers(1, 30)) if rng.random() < 0.1 else lost - 1
+            command = filter(**wants(k, q, v), obstacles=None if lost > 0 else given)
+            for i, one in enumerate(people):
+                one.step(period, witness, seen, i, rng)
+            after = np.array([one.where for one in people])
+            for share in np.linspace(0.0, 1.0, INSTANTS + 1)[1:]:
+                seen = witness.look(
+                    q + share * (command.q - q),
+                    (command.q - q) / period,
+                    centres + share * (after - centres),
+                    sizes,
+                )
+                tally.judge(*seen, filter.contact_speed)
+            q, v = command.q, command.v
+            tally.steps += 1
+            tally.nominal += command.report.how == NOMINAL
+            tally.changed += command.report.obstacle is not None
+    return tally
+
+
+def _middle(witness: Witness, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(3,) the middle of the links."""
+    witness.look(q, v, np.zeros((1, 3)), np.zeros(1))
+    return witness.places().mean(axis=0)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Attacks all robots in turn, and prints or writes the table."""
+    benchmark = Benchmark("benchmarks.people", __doc__, "people")
+    parser = benchmark.parser
+    parser.add_argument("--steps", type=int, default=100_000, help="in all")
+    parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    options = benchmark.parse(argv, lambda options: "attacks")
+    tallies = {robot: Tally() for robot in ROBOTS}
+    filters: dict[tuple, SafetyFilter] = {}
+    episode = 0
+    while sum(tally.steps for tally in tallies.values()) < options.steps:
+        rng = np.random.default_rng([options.seed, episode])
+        robot = ROBOTS[episode % len(ROBOTS)]
+        period = float(rng.choice(PERIODS))
+        contact_speed = float(rng.choice([0.02, 0.05, 0.25]))
+        policy = str(rng.choice(list(POLICIES)))
+        drawn = episode // len(ROBOTS) % 8
+        subject = load_subject(robot, drawn)
+        key = robot, drawn if robot in DRAWN else 0, period, contact_speed
+        if key not in filters:
+            model = subject.model(subject.task_set(0))
+            filters[key] = SafetyFilter(model, period, contact_speed=contact_speed)
+        filter, judge = filters[key], subject.filter(period)[1]
+
+        def make_policy(start, dice, filter=filter, judge=judge, policy=policy):
+            return POLICIES[policy](Room(filter, judge, start, dice))
+
+        before = tallies[robot].violations
+        run_at(filter, make_policy, EPISODE, episode, tallies[robot])
+        if tallies[robot].violations > before:
+            print(f"violated: episode {episode}, {key}, {policy}", file=sys.stderr)
+        episode += 1
+        if episode % 40 == 0:
+            print(f"{episode} episodes", file=sys.stderr)
+    rows = [tally.cells(robot) for robot, tally in tallies.items()]
+    steps = sum(tally.steps for tally in tallies.values())
+    violations = sum(tally.violations for tally in tallies.values())
+    found = (
+        f"{episode} episodes, {steps:,} steps, each judged at {INSTANTS} instants: "
+        f"{violations} contacts at more than the speed allowed."
+    )
+    benchmark.report([Table(HEADER, rows)], found)
+
+
+if __name__ == "__main__":
+    run(main)

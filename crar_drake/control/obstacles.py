@@ -1,0 +1,292 @@
+"""Obstacles that move by themselves, for the safety filter.
+
+`docs/theory/moving-obstacles.md` has the theorem and its proof; the equations are in
+`equations.moving_obstacles` and `equations.filter_among`.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crar_drake.control.modes.lookahead import LookaheadMode
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.records import InputError
+from crar_drake.control.tracking_error import joint_errors
+from crar_drake.equations.compilation import Held, hold
+from crar_drake.equations.filter_among import AMONG, step_among
+from crar_drake.equations.moving_obstacles import (
+    WorldLaw,
+    are_clear,
+    passing,
+)
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.watched_links import watched_links
+
+# The speed of the robot's surface that does no harm, unless it is given [m/s].
+CONTACT_SPEED = 0.05
+
+# What rounding takes of a sphere that is in another [m]: the floor has it to spare.
+_ROUNDING = 1e-9
+
+
+class Obstacles:
+    """N spheres, measured now; never changed.
+
+    Attributes:
+        centres: (N, 3) in the world [m].
+        radii: (N,) [m].
+        speeds: (N,) no point of them is faster, until they are measured again [m/s].
+        names: (N,) of each; None where nobody says which is which.
+        noisy: whether each is in its sphere, but where that is comes with noise.
+    """
+
+    def __init__(
+        self,
+        centres: ArrayLike,
+        radii: ArrayLike,
+        speeds: ArrayLike,
+        names: tuple[str, ...] | None = None,
+        noisy: bool = False,
+    ) -> None:
+        """
+        Args:
+            centres: (N, 3) in the world [m].
+            radii, speeds: (N,), or one for all [m], [m/s].
+            names: (N,) of each, each once; those of a call before that have the same
+                names are the same.
+            noisy: whether a sphere is the one measured, with a radius larger by what
+                that may be wrong. Of a named one that the state is not clear of, what
+                is left of the call before is then kept instead if the two meet: noise
+                alone makes nothing unsafe. A late call that keeps it is one, too: leave
+                it out where periods are not kept.
+
+        Raises:
+            InputError: a size is wrong, or a number is none, or negative.
+        """
+        try:
+            centres = np.array(centres, dtype=float, order="C")
+            if not centres.size:
+                centres = centres.reshape(0, 3)
+            n = len(centres)
+            radii, speeds = (
+                np.array(np.broadcast_to(np.asarray(x, dtype=float), (n,)))
+                for x in (radii, speeds)
+            )
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                "obstacles: give (N, 3) centres, (N,) radii and (N,) speeds, or one "
+                f"radius or speed for all: {error}"
+            ) from None
+        if centres.shape != (n, 3):
+            raise InputError(
+                f"obstacles: centres have shape {centres.shape}; it must be (N, 3)"
+            )
+        for what, value in (("centres", centres), ("radii", radii), ("speeds", speeds)):
+            bad = ~np.isfinite(value) | ((value < 0.0) & (what != "centres"))
+            if bad.any():
+                of = np.flatnonzero(bad.reshape(n, -1).any(axis=1))[0]
+                raise InputError(
+                    f"obstacles: {what} of sphere {of} are {value[of]}: they must be "
+                    f"finite{'' if what == 'centres' else ' and not negative'}"
+                )
+        if names is not None:
+            names = tuple(map(str, names))
+            if len(names) != n or len(set(names)) != n:
+                raise InputError(f"obstacles: give {n} different names, or none")
+        elif noisy:
+            raise InputError("obstacles: noisy ones need names")
+        self.centres, self.radii, self.speeds = centres, radii, speeds
+        self.names, self.noisy = names, noisy
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+    def with_radii(self, radii: np.ndarray) -> Obstacles:
+        """The same, with other radii (N,) [m]."""
+        other = copy(self)
+        other.radii = radii
+        return other
+
+    def name(self, i: int) -> str:
+        """Its name, or its number."""
+        return str(i) if self.names is None else self.names[i]
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Where obstacles are taken to be at a step, R_k of the theorem.
+
+    Attributes:
+        spheres: of which each obstacle is in one.
+        clear: (N,) bool, whether the state is known to be clear of each.
+        too_fast: of the named ones that were measured where they could not be, had
+            they kept the bound of their speed.
+    """
+
+    spheres: Obstacles
+    clear: np.ndarray
+    too_fast: tuple[str, ...] = ()
+
+    def later(self, period: float, clear: np.ndarray | None = None) -> Regions:
+        """A period [s] on, where nothing is measured, with what is then clear."""
+        of = self.spheres
+        grown = of.with_radii(of.radii + period * of.speeds)
+        return Regions(grown, self.clear if clear is None else clear)
+
+
+@dataclass(frozen=True)
+class Among:
+    """What is left of a command among obstacles.
+
+    Attributes:
+        found: (6,) of `filter_among`, at AMONG_HOW, ...
+        v: (n,) the velocity.
+        clear: (N,) bool, whether the next state is clear of each, as it then may be.
+    """
+
+    found: np.ndarray
+    v: np.ndarray
+    clear: np.ndarray = field(repr=False)
+
+
+class ObstacleFilter:
+    """What keeps the links of a robot from obstacles, or slow.
+
+    Attributes:
+        links: names of the links that count: those of watched pairs that move and have
+            capsules or spheres.
+    """
+
+    def __init__(
+        self,
+        model: ControlModel,
+        mode: LookaheadMode,
+        gains: CrarParameters,
+        contact_speed: float,
+        law: Held,
+    ) -> None:
+        """
+        Args:
+            model, mode, gains: of the filter.
+            contact_speed: v_ok [m/s].
+            law: holds `FilterLaw`.
+
+        Raises:
+            ScenarioError: a parameter does not go with obstacles.
+        """
+        T, period = float(mode.horizon), float(gains.period)
+        if not period < T:
+            raise ScenarioError(
+                f"filter: with moving obstacles the horizon ({T:g} s) must be longer "
+                f"than the period ({period:g} s)"
+            )
+        if mode.slower:
+            raise ScenarioError(
+                "filter.lookahead.longest_horizon: with moving obstacles one horizon "
+                "counts; leave it out"
+            )
+        errors = joint_errors(gains.lookahead, model)
+        links, self.links = watched_links(model, errors)
+        self._floor = mode.admission.floor
+        numbers = passing(T, period, self._floor, contact_speed)
+        self._period, self._law = period, law
+        self._world = hold(WorldLaw(hold(links), numbers))
+
+    def regions(
+        self,
+        before: Regions | None,
+        given: Obstacles | None,
+        q: np.ndarray,
+        v: np.ndarray,
+    ) -> Regions | None:
+        """Where obstacles are taken to be, at a state (n,), (n,).
+
+        What is measured; but of a noisy one where it was taken to be, if the state is
+        clear of that alone and the two meet.
+
+        Args:
+            before: what the step before left.
+            given: measured now; None if nothing was. It replaces all.
+        """
+        if given is None:
+            return before
+        if not len(given):
+            return None
+        places = _places(before, given)
+        known = np.zeros(len(given), dtype=bool)
+        some, was = np.flatnonzero(places >= 0), places[places >= 0]
+        if len(some):
+            old = before.spheres
+            apart = np.linalg.norm(given.centres[some] - old.centres[was], axis=1)
+            as_fast = given.speeds[some] <= old.speeds[was]
+            within = apart + given.radii[some] <= old.radii[was] + _ROUNDING
+            known[some] = as_fast & within & before.clear[was]
+        taken, too_fast = given, ()
+        unknown = np.flatnonzero(~known)
+        if len(unknown):
+            known[unknown] = are_clear(
+                q,
+                v,
+                given.centres[unknown],
+                given.radii[unknown],
+                given.speeds[unknown],
+                self._law.value.robot,
+                self._world,
+            )
+        if len(some) and given.names is not None:
+            meet = apart <= given.radii[some] + old.radii[was] + _ROUNDING
+            keep = ~known[some] & as_fast & meet & before.clear[was]
+            if given.noisy and keep.any():
+                centres, radii = given.centres.copy(), given.radii.copy()
+                centres[some[keep]] = old.centres[was[keep]]
+                radii[some[keep]] = old.radii[was[keep]]
+                taken = Obstacles(centres, radii, given.speeds, given.names, True)
+                known[some[keep]] = True
+            too_fast = tuple(given.names[i] for i in some[~meet])
+        return Regions(taken, known, too_fast)
+
+    def step(
+        self,
+        regions: Regions,
+        q: np.ndarray,
+        v: np.ndarray,
+        v_next: np.ndarray,
+        held: bool,
+    ) -> Among:
+        """What is left of a command; arguments as of `filter_among.step_among`."""
+        of = regions.spheres
+        answer = step_among(
+            q,
+            v,
+            v_next,
+            held,
+            regions.clear,
+            of.centres,
+            of.radii,
+            of.speeds,
+            self._law,
+            self._world,
+        )
+        end = AMONG + len(q)
+        return Among(answer[:AMONG], answer[AMONG:end].copy(), answer[end:] != 0.0)
+
+
+def _places(before: Regions | None, given: Obstacles) -> np.ndarray:
+    """(N,) where each was among those before, by its name or number; or -1."""
+    places = np.full(len(given), -1)
+    if before is None:
+        return places
+    old = before.spheres
+    if (old.names is None) != (given.names is None):
+        return places
+    if given.names is None:
+        both = min(len(old), len(given))
+        places[:both] = np.arange(both)
+        return places
+    at = {name: i for i, name in enumerate(old.names)}
+    return np.array([at.get(name, -1) for name in given.names])

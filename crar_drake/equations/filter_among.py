@@ -1,0 +1,207 @@
+"""A step of the filter among spheres that move: what is left of a command.
+
+What `joint_filter.filter_step` found is taken as it is, to the last bit, if it keeps
+the links clear of all spheres (`moving_obstacles`). Else the guard has rows of them,
+too, and if that is not clear the step is scaled towards braking: of the joints that
+move the links in question, or of all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.admission import AS_NOMINAL, BISECTIONS, CORRECTED, SCALED
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.joint_filter import (
+    FilterLaw,
+    Level,
+    box_constraints,
+    check_line,
+    guard_rows,
+    guarded,
+    present_level,
+    velocity_after,
+)
+from crar_drake.equations.lookahead_guard import LESS, step_bounds
+from crar_drake.equations.lookahead_rows import join_constraints
+from crar_drake.equations.moving_obstacles import (
+    Levels,
+    Spheres,
+    all_far,
+    braking_line,
+    command_line,
+    line_bounds,
+    own_reach,
+    present_levels,
+    sphere_rows,
+)
+from crar_drake.equations.vectors import times
+
+# Entries of what `step_among` reports.
+AMONG_HOW, AMONG_SHARE, AMONG_PAIRS, AMONG_CLEARANCE, LINK, SPHERE = range(6)
+AMONG = 6
+
+
+@compiled
+def keeps_clear(
+    q: np.ndarray,
+    v_next: np.ndarray,
+    level: Level,
+    levels: Levels,
+    spheres: Spheres,
+    law: FilterLaw,
+    world: Held,
+) -> tuple[bool, float, float]:
+    """Whether a step keeps the levels of pairs and of spheres; both clearances [m]."""
+    line = command_line(q, v_next, world)
+    found = line_bounds(line, levels, True, spheres, law.robot.value, world)
+    if not found.clear:
+        return False, np.inf, found.clearance
+    checked = check_line(q, v_next, level, True, law)
+    return checked.clear, checked.clearance, found.clearance
+
+
+@compiled
+def harmless_share(q: np.ndarray, v: np.ndarray, s: np.ndarray, world: Held) -> float:
+    """The share of s that leads to a state as slow as is harmless, at most 1."""
+    links, numbers = world.value.links.value, world.value.numbers
+    reach = own_reach(braking_line(q, v, world), links) + links.turned
+    left = numbers.kappa * (numbers.harmless - times(reach, np.abs(v)))
+    asked = (numbers.period / numbers.T) * times(reach, np.abs(s))
+    share = 1.0
+    for i in range(len(left)):
+        if asked[i] > 0.0:
+            share = min(share, 0.999 * left[i] / asked[i])
+    return max(share, 0.0)
+
+
+@compiled
+def known_after(
+    clear: np.ndarray, proved: bool, levels: Levels, world: Held
+) -> np.ndarray:
+    """(N,) 1 where the next state is clear of a sphere: it was, or keeps the floor.
+
+    Args:
+        clear: (N,) bool, of which spheres the state is known to be clear.
+        proved: whether the step was shown to keep the levels; braking was not.
+        levels: of the step.
+        world: holds `WorldLaw`.
+    """
+    known = np.zeros(len(clear))
+    for k in range(len(clear)):
+        floor = (levels.moving[:, k] >= world.value.numbers.floor).all()
+        known[k] = 1.0 if clear[k] or (proved and floor) else 0.0
+    return known
+
+
+@compiled
+def step_among(
+    q: np.ndarray,
+    v: np.ndarray,
+    v_next: np.ndarray,
+    held: bool,
+    clear: np.ndarray,
+    centre: np.ndarray,
+    radius: np.ndarray,
+    speed: np.ndarray,
+    law: Held,
+    world: Held,
+) -> np.ndarray:
+    """What is left of a command among spheres.
+
+    Args:
+        q, v: (n,), (n,) state.
+        v_next: (n,) the velocity of the command.
+        held: whether all pairs are clear of each other on the present braking path.
+        clear: (N,) bool, of which spheres the state is known to be clear.
+        centre, radius, speed: (N, 3), (N,), (N,) see `Spheres`.
+        law: holds `FilterLaw`.
+        world: holds `WorldLaw`.
+
+    Returns:
+        One after the other: (6,) what is reported, at AMONG_HOW, ...; (n,) the velocity
+        that is left; (N,) 1 where the next state is clear of the sphere as it then may
+        be. AMONG_HOW is AS_NOMINAL if the command is left as it is; AMONG_PAIRS is the
+        clearance of pairs then on.
+    """
+    of = law.value
+    r, spheres = of.robot.value, Spheres(centre, radius, speed)
+    numbers = of.mode.value
+    admission, gains = numbers.admission, numbers.gains
+    line = command_line(q, v_next, world)
+    far, clearance = all_far(line, spheres, r, world)
+    if far:
+        reported = np.array([AS_NOMINAL, 1.0, np.inf, clearance, -1.0, -1.0])
+        return np.concatenate((reported, v_next, np.ones(len(radius))))
+    levels = present_levels(braking_line(q, v, world), clear, spheres, r, world)
+    found = line_bounds(line, levels, False, spheres, r, world)
+    if found.clear:
+        reported = np.array([AS_NOMINAL, 1.0, np.inf, found.clearance, -1.0, -1.0])
+        known = known_after(clear, True, levels, world)
+        return np.concatenate((reported, v_next, known))
+    link, sphere, failed = found.link, found.sphere, found.failed
+    level = Level(np.zeros(0), True) if held else present_level(q, v, of)
+    s_1 = v + (v_next - v) * (admission.T / admission.period)
+    lowest, highest = step_bounds(q, v, len(q), numbers.limits.value, admission)
+    of_pairs, _ = guard_rows(q, v, s_1, of)
+    of_spheres = sphere_rows(q, v, s_1, spheres, gains, r, world)
+    rows = join_constraints(
+        join_constraints(of_pairs, of_spheres), box_constraints(lowest, highest)
+    )
+    s, how, share = guarded(s_1, rows, lowest, highest), CORRECTED, 1.0
+    after = velocity_after(s, v, admission)
+    good, of_pair, left = keeps_clear(q, after, level, levels, spheres, of, world)
+    proved = True
+    if not good:
+        how = SCALED
+        # Of the joints that move what is too near; of all if that is not enough.
+        scaled = np.zeros(len(q))
+        for i in range(failed.shape[0]):
+            if failed[i].any():
+                scaled = np.maximum(scaled, world.value.links.value.carried[i])
+        low, high = 0.0, 1.0
+        after = velocity_after((1.0 - scaled) * s, v, admission)
+        good, of_pair, left = keeps_clear(q, after, level, levels, spheres, of, world)
+        if not good:
+            # Braking is clear, and needs no check.
+            scaled, proved = np.ones(len(q)), False
+            after = velocity_after(np.zeros(len(q)), v, admission)
+            of_pair = admission.floor if level.held else level.of.min()
+            left = levels.moving.min()
+        for _ in range(BISECTIONS):
+            share = 0.5 * (low + high)
+            other = velocity_after((1.0 - (1.0 - share) * scaled) * s, v, admission)
+            good, pair, sphere_left = keeps_clear(
+                q, other, level, levels, spheres, of, world
+            )
+            if good:
+                low, after, of_pair, left = share, other, pair, sphere_left
+                proved = True
+            else:
+                high = share
+        share = low
+        if share < LESS[0] and scaled.all():
+            # What the guard asks for, a way out among it, would be scaled as well.
+            for less in LESS:
+                asked = guarded(less * s_1, rows, lowest, highest)
+                other = velocity_after(asked, v, admission)
+                good, pair, sphere_left = keeps_clear(
+                    q, other, level, levels, spheres, of, world
+                )
+                if good:
+                    share, after, of_pair, left = less, other, pair, sphere_left
+                    proved = True
+                    break
+        if not share > 0.0:
+            # So slow that nothing is harmed: a share that bisection may miss.
+            creep = harmless_share(q, v, s, world)
+            other = velocity_after(creep * s, v, admission)
+            good, pair, sphere_left = keeps_clear(
+                q, other, level, levels, spheres, of, world
+            )
+            if creep > 0.0 and good:
+                share, after, of_pair, left = creep, other, pair, sphere_left
+                proved = True
+    reported = np.array([how, share, of_pair, left, float(link), float(sphere)])
+    known = known_after(clear, proved, levels, world)
+    return np.concatenate((reported, after, known))

@@ -1,0 +1,98 @@
+"""The links that obstacles are kept from, with their balls and reaches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crar_drake.equations.moving_obstacles import Links
+from crar_drake.errors import ScenarioError
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.reach import chain_reaches
+
+
+def watched_links(
+    model: ControlModel, errors: np.ndarray
+) -> tuple[Links, tuple[str, ...]]:
+    """The moving links of all watched pairs that carry capsules or spheres.
+
+    A link that no joint moves keeps its distances whatever the robot does, and is none.
+
+    Args:
+        model: of a robot that does not float.
+        errors: (nv,) how far each joint may be from its command [rad or m]; shapes are
+            thicker by what that moves them at most.
+
+    Returns:
+        The links, and their names.
+
+    Raises:
+        ScenarioError: a joint that slides without limits is carried by one that errs.
+    """
+    joints, order = model.joints, model.order
+    nv = len(order)
+    tree, axes_of = joints.tree, model.pairs.axes
+    turning = joints.turns[order].any(axis=1)
+    own = joints.frame_of_velocity[order]
+    above = joints.moved_by[own][:, order].astype(float)
+    np.fill_diagonal(above, 0.0)
+    names, centres, starts, vectors, radii = [], [], [], [], []
+    counts, radius, reach, by, turned, carried = [0], [], [], [], [], []
+    for body, axes in zip(model.pairs.bodies, axes_of, strict=True):
+        frame, X_FB = joints.place(body)
+        moved = joints.moved_by[frame][order]
+        axes = [axis for axis in axes if not axis.flat]
+        if not axes or not moved.any():
+            continue
+        ends = np.array([end for axis in axes for end in (axis.p_B0, axis.p_B1)])
+        thick = np.repeat([axis.radius for axis in axes], 2)
+        low, high = (ends - thick[:, None]).min(0), (ends + thick[:, None]).max(0)
+        centre = 0.5 * (low + high)
+        at_zero, by_slide = chain_reaches(joints, order, body, [centre, *ends])
+        names.append(body.name())
+        centres.append((frame, np.append(X_FB.multiply(centre), 1.0)))
+        for axis in axes:
+            p, end = X_FB.multiply(axis.p_B0), X_FB.multiply(axis.p_B1)
+            starts.append((frame, np.append(p, 1.0)))
+            vectors.append((frame, np.append(end - p, 0.0)))
+            radii.append(axis.radius)
+        counts.append(len(radii))
+        radius.append((np.linalg.norm(ends - centre, axis=1) + thick).max())
+        reach.append(at_zero)
+        by.append(by_slide)
+        turned.append(np.where(moved & turning, thick.max(), 0.0))
+        carried.append(moved.astype(float))
+    per_slide = np.linalg.norm(tree.slide[:, 3, :3], axis=1)
+    by = np.array(by).reshape(-1, len(per_slide), nv).transpose(1, 0, 2)
+    longer = [k for k in np.flatnonzero(per_slide > 0.0) if by[k].any()]
+    places = np.argsort(order)
+    limits = model.plant.GetPositionLowerLimits(), model.plant.GetPositionUpperLimits()
+    extents = np.maximum(*np.abs(limits))[tree.position][longer]
+    unlimited = ~np.isfinite(extents)
+    if (by[longer][unlimited] @ errors).any():
+        raise ScenarioError(
+            "filter.lookahead.tracking_error: a joint slides without limits, and what "
+            "carries it errs: nothing bounds how near links are to obstacles; give the "
+            "joint limits, or what carries it no error (tracking_errors)"
+        )
+    extents[unlimited] = 0.0
+    reach = np.array(reach, dtype=float).reshape(-1, nv)
+    reach += np.tensordot(extents, by[longer], 1)
+    slides = np.array([places[joints.velocities[k][0]] for k in longer], dtype=np.int64)
+    longest = reach + np.tensordot(errors[slides], by[longer], 1)
+    lost = longest @ errors
+    selection, first = joints.select([*centres, *starts, *vectors])
+    numbers = Links(
+        np.concatenate((model.robot_by_pair.value.selection[: 3 * nv], selection)),
+        np.concatenate((model.robot_by_pair.value.first[: 3 * nv], first)),
+        np.array(radius, dtype=float) + lost,
+        np.array(counts, dtype=np.int64),
+        np.array(radii, dtype=float) + np.repeat(lost, np.diff(counts)),
+        reach,
+        np.array(turned, dtype=float).reshape(-1, nv),
+        np.array(carried, dtype=float).reshape(-1, nv),
+        np.ascontiguousarray(above),
+        slides,
+        extents,
+        np.ascontiguousarray(by[longer]),
+    )
+    return numbers, tuple(names)

@@ -1,0 +1,60 @@
+"""The obstacles that somebody told of, where they may be at any time since."""
+
+from __future__ import annotations
+
+from crar_drake.control.obstacles import Obstacles
+from crar_drake.teleoperation.messages import Heard, MessageError, ObstacleMessage
+
+# So many are kept at most: a step has to be in time.
+MOST = 100
+_NONE = Obstacles([], [], [])
+
+
+class HeardObstacles:
+    """Obstacles by name, each with the instant it was heard of last.
+
+    One of which nothing is heard stays, and grows by its speed: where nobody looks, a
+    person may be anywhere. Only who says that it is gone takes it away.
+    """
+
+    def __init__(self) -> None:
+        self._heard: dict[str, tuple[Heard, float]] = {}
+
+    def __len__(self) -> int:
+        return len(self._heard)
+
+    def hear(self, message: ObstacleMessage, now: float) -> None:
+        """Takes what is told.
+
+        Args:
+            message: of some obstacles, now.
+            now: the present instant [s].
+
+        Raises:
+            MessageError: there would be too many; then all stays as it was.
+        """
+        heard = dict(self._heard)
+        for name, told in message.obstacles.items():
+            if told is None:
+                heard.pop(name, None)
+            else:
+                heard[name] = told, now
+        if len(heard) > MOST:
+            raise MessageError(f"more than {MOST} obstacles")
+        self._heard = heard
+
+    def at(self, now: float) -> Obstacles:
+        """Where they are at most.
+
+        Args:
+            now: the present instant [s].
+        """
+        spheres = [
+            (*of.position, of.radius + of.speed * abs(now - heard), of.speed)
+            for of, heard in self._heard.values()
+        ]
+        if not spheres:
+            return _NONE
+        x, y, z, radii, speeds = zip(*spheres, strict=True)
+        centres = list(zip(x, y, z, strict=True))
+        return Obstacles(centres, radii, speeds, tuple(self._heard))

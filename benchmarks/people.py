@@ -308,7 +308,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             return POLICIES[policy](Room(filter, judge, start, dice))
 
         before = tallies[robot].violations
-        run_at(filter, make_policy, EPISODE, episode, tallies[robot])
+        dice = int(rng.integers(2**31))
+        run_at(filter, make_policy, EPISODE, dice, tallies[robot])
         if tallies[robot].violations > before:
             print(f"violated: episode {episode}, {key}, {policy}", file=sys.stderr)
         episode += 1

@@ -816,8 +816,8 @@ def test_a_filter_that_lets_everything_through_is_caught(monkeypatch):
     assert len(judge.controlled) == len(filter.joint_names)
     solve = filter.solve
 
-    def blind(memory, q=None, v=None, a=None, measured=None):
-        made = solve(memory, q, v, a, measured)
+    def blind(memory, q=None, v=None, a=None, measured=None, obstacles=None):
+        made = solve(memory, q, v, a, measured, obstacles)
         wanted = replace(made.command, q=q, v=(q - memory.q) / 0.01)
         return replace(made, q=wanted.q, v=wanted.v, command=wanted)
 

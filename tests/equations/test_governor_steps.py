@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.equations.governor import (
-    Bounds,
+    TargetBounds,
     _between,
     _is_step,
     _turned,
@@ -245,7 +245,7 @@ def test_small_turns_are_scipys(angle: float) -> None:
 
 
 def test_many_poses_are_governed_each_as_if_alone() -> None:
-    rng, bounds = np.random.default_rng(9), Bounds(V, A, W, B)
+    rng, bounds = np.random.default_rng(9), TargetBounds(V, A, W, B)
     alone = TaskLayout(("a",), ("pose",))
     layout = TaskLayout(("a", "b", "c"), 3 * ("pose",))
     poses = [
@@ -278,7 +278,7 @@ def test_bounds_of_orientations_may_be_given_each_for_itself(bounds) -> None:
     layout = TaskLayout(("a",), ("orientation",))
     far = Rotation.from_rotvec([0.0, 2.0, 0.0]).as_quat(scalar_first=True)
     begin = np.concatenate(([1.0, 0.0, 0.0, 0.0], np.zeros(6)))
-    both = Bounds(FREE, FREE, *bounds)
+    both = TargetBounds(FREE, FREE, *bounds)
     before = start_governor(begin, np.zeros(3), layout.rows, both, H)
     governed = govern_tasks(
         np.concatenate((far, np.zeros(6))), before, layout.rows, both, H
@@ -289,7 +289,7 @@ def test_bounds_of_orientations_may_be_given_each_for_itself(bounds) -> None:
 
 def test_the_tasks_after_a_quaternion_of_no_length_are_governed() -> None:
     layout = TaskLayout(("a", "b"), ("orientation", "orientation"))
-    bounds = Bounds(V, A, W, B)
+    bounds = TargetBounds(V, A, W, B)
     begin = np.concatenate((*2 * [[1.0, 0.0, 0.0, 0.0]], np.zeros(12)))
     before = start_governor(begin, np.zeros(6), layout.rows, bounds, H)
     desired = begin.copy()

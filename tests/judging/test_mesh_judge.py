@@ -117,7 +117,7 @@ def log_of(folder: Path, q: np.ndarray):
         status=np.zeros((size, 1)),
         resting_margins=np.full((size, 2), np.nan),
         admission=np.full((size, 4), np.nan),
-        torque_limit=np.ones((size, 2)),
+        torque_limit=np.tile([1.0, 0.0], (size, 1)),
         position_names=np.array(names_by_joint(model.plant)),
         velocity_names=np.array(names_by_joint(model.plant)),
         actuator_names=np.array(["slide", "lift"]),

@@ -240,7 +240,7 @@ def test_messages_that_take_long_to_read_do_not_hold_up_the_step(
     now = 0.0
     monkeypatch.setattr(module.time, "monotonic", lambda: now)
 
-    def slowly(line, layout, joints):
+    def slowly(*_):
         nonlocal now
         now += 4e-3
         raise MessageError("no JSON")

@@ -22,7 +22,7 @@ def test_every_parameter_is_varied_and_valid():
             default = getattr(LookaheadParameters(), field.name)
             if getattr(parameters.lookahead, field.name) != default:
                 varied.add(field.name)
-    # What a lost target does is no trade-off, nor is how far a robot is off its command.
+    # What a lost target does is no trade-off, nor is how far a robot may be off.
     others = {"lost_target", "tracking_error", "tracking_errors"}
     assert varied == {f.name for f in fields(LookaheadParameters)} - others
 

@@ -90,16 +90,25 @@ def wanted_by(filter: SafetyFilter, policy: str) -> np.ndarray:
     return np.clip(model.rest_positions() + swing, model.lower + gap, model.upper - gap)
 
 
-def time_policy(filter: SafetyFilter, policy: str, repeats: int) -> Timed:
-    """Times each step of a policy as often as is asked for."""
-    wanted = wanted_by(filter, policy)
+def time_steps(
+    filter: SafetyFilter,
+    wanted: np.ndarray,
+    repeats: int,
+    spheres: Obstacles | None = None,
+) -> Timed:
+    """Times each step of a policy as often as is asked for; among obstacles, which are
+    made anew each time, as measurements are."""
     times, commands = np.empty((repeats, len(wanted))), []
     for repeat in range(repeats):
         filter.reset()
         commands = []
         for k, q in enumerate(wanted):
             start = time.thread_time()
-            command = filter(q)
+            if spheres is None:
+                command = filter(q)
+            else:
+                now = Obstacles(spheres.centres, spheres.radii, spheres.speeds)
+                command = filter(q, obstacles=now)
             times[repeat, k] = time.thread_time() - start
             commands.append(command)
     return Timed(times, commands)
@@ -122,33 +131,14 @@ def cloud(filter: SafetyFilter, name: str) -> Obstacles:
     return Obstacles(np.mean(places, axis=0) + distance * way, SPHERE, SPEED)
 
 
-def time_cloud(filter: SafetyFilter, given: Obstacles | None, repeats: int) -> Timed:
-    """Times steps of the first policy among obstacles, which are made anew each time,
-    as measurements are."""
-    wanted = wanted_by(filter, "safe")[:CLOUD_STEPS]
-    times, commands = np.empty((repeats, len(wanted))), []
-    for repeat in range(repeats):
-        filter.reset()
-        commands = []
-        for k, q in enumerate(wanted):
-            start = time.thread_time()
-            if given is None:
-                command = filter(q)
-            else:
-                now = Obstacles(given.centres, given.radii, given.speeds)
-                command = filter(q, obstacles=now)
-            times[repeat, k] = time.thread_time() - start
-            commands.append(command)
-    return Timed(times, commands)
-
-
 def cloud_rows(filter: SafetyFilter, repeats: int) -> list[list[str]]:
     """A row for each of `CLOUDS`."""
     filter.compile(obstacles=True)
-    alone = np.median(time_cloud(filter, None, repeats).times.min(axis=0)[1:])
+    wanted = wanted_by(filter, "safe")[:CLOUD_STEPS]
+    alone = np.median(time_steps(filter, wanted, repeats).times.min(axis=0)[1:])
     rows = []
     for name in CLOUDS:
-        timed = time_cloud(filter, cloud(filter, name), repeats)
+        timed = time_steps(filter, wanted, repeats, cloud(filter, name))
         best = timed.times.min(axis=0)[1:]
         how = [command.report.how for command in timed.commands[1:]]
         kinds = ("nominal", "corrected", "scaled")
@@ -205,7 +195,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         filter.compile()
         for policy in POLICIES:
             print(f"{policy}, {1e3 * period:g} ms", file=sys.stderr)
-            timed = time_policy(filter, policy, options.repeats)
+            timed = time_steps(filter, wanted_by(filter, policy), options.repeats)
             cells, median, p99 = row(policy, period, timed)
             rows.append(cells)
             if policy.startswith("safe"):

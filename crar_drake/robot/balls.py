@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from crar_drake.equations.capsule_distances import ShapePairs
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.path_balls import Balls
+from crar_drake.robot.collision_pairs import CapsuleAxis
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
 
@@ -37,6 +40,19 @@ def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
     return hold(r._replace(pairs=hold(some)))
 
 
+def ball_about(axes: Sequence[CapsuleAxis]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Of N capsules and spheres of a body B: (2 N, 3) the ends of their axes, and a
+    ball with all of them in it, its centre (3,) and radius, in B [m]."""
+    ends = np.array([end for axis in axes for end in (axis.p_B0, axis.p_B1)])
+    ends = ends.reshape(-1, 3)
+    radii = np.repeat([axis.radius for axis in axes], 2)
+    centre = np.zeros(3)
+    if len(ends):
+        centre = 0.5 * ((ends - radii[:, None]).min(0) + (ends + radii[:, None]).max(0))
+    distances = np.linalg.norm(ends - centre, axis=1) + radii
+    return ends, centre, float(distances.max(initial=0.0))
+
+
 def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
     """The balls about the watched links of a model, and how far joints can move them.
 
@@ -51,18 +67,10 @@ def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
     joints, pairs, order = model.joints, model.pairs, model.order
     placed, radius, reach, unbounded = [], [], [], []
     for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
-        ends = np.array([end for axis in axes for end in (axis.p_B0, axis.p_B1)])
-        ends = ends.reshape(-1, 3)
-        radii = np.repeat([axis.radius for axis in axes], 2)
-        centre = np.zeros(3)
-        if len(ends):
-            centre = 0.5 * (
-                (ends - radii[:, None]).min(0) + (ends + radii[:, None]).max(0)
-            )
+        ends, centre, size = ball_about(axes)
         frame, X_FB = joints.place(body)
         placed.append((frame, np.append(X_FB.multiply(centre), 1.0)))
-        distances = np.linalg.norm(ends - centre, axis=1) + radii
-        radius.append(distances.max(initial=0.0))
+        radius.append(size)
         found, by_slide = chain_reaches(joints, order, body, [centre, *ends])
         reach.append(found)
         unbounded.append(bool(by_slide.any()) or any(axis.flat for axis in axes))
@@ -75,15 +83,12 @@ def find_balls(model: ControlModel, losses: np.ndarray | None = None) -> Balls:
         for of in (pairs.body_a, pairs.body_b):
             np.maximum.at(nearer, of[of_shapes], 0.5 * losses)
         radius += nearer
-    own = joints.frame_of_velocity[order]
-    above = joints.moved_by[own][:, order].astype(float)
-    np.fill_diagonal(above, 0.0)
     return Balls(
         centre,
         first,
         radius,
         np.array(reach, dtype=float).reshape(-1, len(order)),
-        np.ascontiguousarray(above),
+        joints.above(order),
         pairs.body_a,
         pairs.body_b,
         np.searchsorted(of_shapes, np.arange(len(pairs) + 1)),

@@ -78,6 +78,13 @@ class JointTree:
         """The frame that a body is fixed to, and its pose X_FB in it."""
         return self._at[int(body.index())]
 
+    def above(self, order: np.ndarray) -> np.ndarray:
+        """(nv, nv) 1 where joint j carries joint i, i = j not included, by `order`."""
+        own = self.frame_of_velocity[order]
+        above = self.moved_by[own][:, order].astype(float, order="C")
+        np.fill_diagonal(above, 0.0)
+        return above
+
     def select(
         self, placed: Sequence[tuple[int, np.ndarray]]
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -65,16 +65,13 @@ def find_reaches(
     reach_b = np.where(b_alone, at_zero[b], 0.0)
     reach_a += np.tensordot(extents[longer], a_by, 1)
     reach_b += np.tensordot(extents[longer], b_by, 1)
-    own = joints.frame_of_velocity[order]
-    above = joints.moved_by[own][:, order].astype(float)
-    np.fill_diagonal(above, 0.0)
     return Reaches(
         a_alone.astype(float),
         b_alone.astype(float),
         reach_a,
         reach_b,
         np.ascontiguousarray((reach_a + reach_b).T),
-        np.ascontiguousarray(above),
+        joints.above(order),
         pairs.closed_rows,
         np.arange(len(reach_a)),
         np.array([places[joints.velocities[k][0]] for k in longer], dtype=np.int64),

@@ -6,6 +6,7 @@ import numpy as np
 
 from crar_drake.equations.moving_obstacles import Links
 from crar_drake.errors import ScenarioError
+from crar_drake.robot.balls import ball_about
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import chain_reaches
 
@@ -32,9 +33,6 @@ def watched_links(
     nv = len(order)
     tree, axes_of = joints.tree, model.pairs.axes
     turning = joints.turns[order].any(axis=1)
-    own = joints.frame_of_velocity[order]
-    above = joints.moved_by[own][:, order].astype(float)
-    np.fill_diagonal(above, 0.0)
     names, centres, starts, vectors, radii = [], [], [], [], []
     counts, radius, reach, by, turned, carried = [0], [], [], [], [], []
     for body, axes in zip(model.pairs.bodies, axes_of, strict=True):
@@ -43,10 +41,7 @@ def watched_links(
         axes = [axis for axis in axes if not axis.flat]
         if not axes or not moved.any():
             continue
-        ends = np.array([end for axis in axes for end in (axis.p_B0, axis.p_B1)])
-        thick = np.repeat([axis.radius for axis in axes], 2)
-        low, high = (ends - thick[:, None]).min(0), (ends + thick[:, None]).max(0)
-        centre = 0.5 * (low + high)
+        ends, centre, size = ball_about(axes)
         at_zero, by_slide = chain_reaches(joints, order, body, [centre, *ends])
         names.append(body.name())
         centres.append((frame, np.append(X_FB.multiply(centre), 1.0)))
@@ -56,10 +51,11 @@ def watched_links(
             vectors.append((frame, np.append(end - p, 0.0)))
             radii.append(axis.radius)
         counts.append(len(radii))
-        radius.append((np.linalg.norm(ends - centre, axis=1) + thick).max())
+        radius.append(size)
         reach.append(at_zero)
         by.append(by_slide)
-        turned.append(np.where(moved & turning, thick.max(), 0.0))
+        thickest = max(axis.radius for axis in axes)
+        turned.append(np.where(moved & turning, thickest, 0.0))
         carried.append(moved.astype(float))
     per_slide = np.linalg.norm(tree.slide[:, 3, :3], axis=1)
     by = np.array(by).reshape(-1, len(per_slide), nv).transpose(1, 0, 2)
@@ -90,7 +86,7 @@ def watched_links(
         reach,
         np.array(turned, dtype=float).reshape(-1, nv),
         np.array(carried, dtype=float).reshape(-1, nv),
-        np.ascontiguousarray(above),
+        joints.above(order),
         slides,
         extents,
         np.ascontiguousarray(by[longer]),

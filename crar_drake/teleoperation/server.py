@@ -121,7 +121,7 @@ class Statistics:
         ]
         if np.isfinite(self.smallest_distance):
             lines.append(f"smallest distance: {1e3 * self.smallest_distance:.1f} mm")
-        if self.largest_error:
+        if self.largest_error or self.not_followed:
             lines.append(
                 f"the robot was off by {self.largest_error:.3g} rad or m at most; "
                 f"{self.not_followed} steps braked for that, or since it was not heard"

@@ -103,7 +103,7 @@ def _make_filtered(
         tracking_errors=stated.tracking_errors,
     )
     try:
-        made = SafetyFilter(description, 1.0 / rate, ahead)
+        made = SafetyFilter(description, 1.0 / rate)
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
     # A target that jumps is gone to no faster than one may move.

@@ -56,6 +56,18 @@ def judge(filter: SafetyFilter, q: np.ndarray, v: np.ndarray) -> None:
     assert (np.abs(v) <= model.velocity_limits + 1e-9).all()
 
 
+def jumps(
+    filter: SafetyFilter, seed: int, steps: int, hold: int, size: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(K, n) positions and velocities of commands; what is wanted jumps at times."""
+    rng, commands = np.random.default_rng(seed), []
+    for k in range(steps):
+        if k % hold == 0:
+            wanted = rng.uniform(-size, size, len(filter.joint_names))
+        commands.append(filter(wanted))
+    return np.array([c.q for c in commands]), np.array([c.v for c in commands])
+
+
 # --- what does nothing wrong ------------------------------------------------------
 
 
@@ -390,14 +402,7 @@ def test_a_base_that_floats_counts_as_fixed(tmp_path):
     filter = SafetyFilter(tmp_path, 0.005)
     assert filter.joint_names == tuple(filter.model.joint_names)
     assert len(filter.joint_names) == filter.model.plant.num_positions() == 6
-    rng, q, v = np.random.default_rng(0), [], []
-    for k in range(200):
-        if k % 20 == 0:
-            wanted = rng.uniform(-2.0, 2.0, 6)
-        command = filter(wanted)
-        q.append(command.q)
-        v.append(command.v)
-    judge(filter, np.array(q), np.array(v))
+    judge(filter, *jumps(filter, 0, 200, 20, 2.0))
     with pytest.raises(ModelError, match="floats"):
         SafetyFilter(make_floater())
 
@@ -413,14 +418,8 @@ def test_the_ground_is_kept_off():
     plant.Finalize()
     model = ControlModel.FromPlant(plant, scene_graph, description, [])
     filter = SafetyFilter(model, 0.01)
-    rng, q, v = np.random.default_rng(2), [], []
-    for k in range(300):
-        if k % 30 == 0:
-            wanted = rng.uniform(-2.5, 2.5, 3)
-        command = filter(wanted)
-        q.append(command.q)
-        v.append(command.v)
-    judge(filter, np.array(q), np.array(v))
+    q, v = jumps(filter, 2, 300, 30, 2.5)
+    judge(filter, q, v)
     assert min(_distances(filter, x) for x in q) < 0.02  # it was near
 
 

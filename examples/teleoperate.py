@@ -32,6 +32,8 @@ NONSENSE = (
     b"7" * 20000,
 )
 
+PATIENCE = 60.0  # [s] for a server that has yet to compile
+
 
 class Client:
     """A socket that sends targets, and a thread that keeps the answers."""
@@ -65,7 +67,8 @@ class Client:
         self._socket.close()
 
     def _describe(self) -> dict:
-        for _ in range(50):
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
             try:
                 self._socket.send(b'{"describe": true}')
                 said = json.loads(self._socket.recv(65536))
@@ -73,6 +76,8 @@ class Client:
                     return said
             except ConnectionRefusedError:
                 time.sleep(0.2)  # it may still be starting
+            except TimeoutError:
+                pass  # it compiles, or the message was lost: ask once more
         raise SystemExit("nobody answers: is crar-drake serve running?")
 
     def _listen(self) -> None:

@@ -126,7 +126,8 @@ def run_log(arguments: argparse.Namespace) -> int:
         referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)
         capsules = referee.violations(log.q, log.v)
         verdict = None
-        if has_certificate(log):
+        # Of a robot that stands the certificate is of its command, not of it.
+        if has_certificate(log) and scenario.standing is None:
             verdict = judge_certificate(
                 log,
                 referee,

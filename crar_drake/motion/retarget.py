@@ -95,7 +95,7 @@ class RetargetedMotion:
         Args:
             waist: (3,) where the waist stays; the hips face x there [m].
         """
-        turn = Rotation.from_euler("z", -self.heading)
+        turn = Rotation.from_euler("z", -self.heading[:, np.newaxis])
         at_hips = {
             name: waist + turn.apply(p - self.positions["waist"])
             for name, p in self.positions.items()

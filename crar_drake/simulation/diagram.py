@@ -231,7 +231,11 @@ class Setup:
     model: ControlModel
     motion: DesiredMotion
     start_positions: np.ndarray
-    simulated: ControlModel
+    simulated: ControlModel | None = None
+
+    def __post_init__(self) -> None:
+        if self.simulated is None:
+            object.__setattr__(self, "simulated", self.model)
 
 
 def PrepareScenario(scenario: Scenario) -> Setup:
@@ -257,7 +261,7 @@ def PrepareScenario(scenario: Scenario) -> Setup:
     start = motion.start
     if start is None:
         start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
-    return Setup(model, motion, start, model)
+    return Setup(model, motion, start)
 
 
 def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setup:

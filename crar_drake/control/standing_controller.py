@@ -50,8 +50,8 @@ class StandingController(LeafSystem):
         commanded_acceleration: (n,) of the same joints.
 
     Output ports, all of one solve on the inputs as they are, and without state:
-        actuation: (nu,) efforts in the plant's actuator order [Nm or N]; 0 once the
-            robot has fallen.
+        actuation: (nu,) efforts in the plant's actuator order [Nm or N]; those of a
+            robot that has fallen just brake its joints.
         acceleration: (nv,) of the plant, as planned [rad/s^2, m/s^2].
         ground_forces: (3 C,) planned at each corner of the soles, in the world [N].
         status: (2,) what effort limits took off at most [Nm or N]; 1 once the robot has

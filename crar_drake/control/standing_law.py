@@ -59,6 +59,7 @@ _SINGULAR = 0.01
 # belongs to a robot that fell.
 _LEANS = np.pi / 4.0
 _LOW = 0.6
+_LIMP = 20.0  # joints of such a robot come to rest at that rate [1/s]
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class StandingStep:
         acceleration: (nv,) that these and the forces make.
         forces: (C, 3) of the ground at the corners of the soles, in the world [N].
         clipped: what the limits took off an effort, at most [Nm or N].
-        fell: whether the robot lies; then it gets no efforts.
+        fell: whether the robot lies; then its joints are just braked.
     """
 
     efforts: np.ndarray
@@ -233,11 +234,9 @@ class StandingLaw:
         q, v = np.split(state, [len(state) - nv])
         plant.SetPositionsAndVelocities(context, state)
         corners = self.corners(context)
-        if self.fell(context):
-            nothing = np.zeros((sum(map(len, corners)), 3))
-            efforts = np.zeros(len(self._actuators.limits))
-            return StandingStep(efforts, np.zeros(nv), nothing, fell=True)
         M = plant.CalcMassMatrix(context) + self._damping
+        if self.fell(context):
+            return self._go_limp(M, v)
         plant.CalcForceElementsContribution(context, self._forces)
         h = plant.CalcInverseDynamics(context, np.zeros(nv), self._forces)
         J, bias, pushes = self._contacts(context, corners)
@@ -292,6 +291,15 @@ class StandingLaw:
             forces,
             float(np.abs(answer - allowed).max()),
         )
+
+    def _go_limp(self, M: np.ndarray, v: np.ndarray) -> StandingStep:
+        """Of a robot that lies: its joints are braked, each against its own inertia."""
+        braked = np.zeros(len(v))
+        braked[self._j] = -_LIMP * v[self._j] * np.diag(M)[self._j]
+        limits = self._actuators.limits
+        efforts = np.clip(self._actuators.efforts(braked), -limits, limits)
+        nothing = np.zeros(self._corners_at_rest.shape)
+        return StandingStep(efforts, np.zeros(len(v)), nothing, fell=True)
 
     def _shares(
         self, rows: np.ndarray, wanted: np.ndarray, efforts_0: np.ndarray, D: np.ndarray

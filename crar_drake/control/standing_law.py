@@ -53,7 +53,7 @@ _EVEN = 0.01
 # Singular values s of the legs below this are damped, where a knee is nearly straight:
 # s / (s^2 + m), m = _SINGULAR^2 - s^2, of Y. Nakamura and H. Hanafusa, "Inverse
 # kinematic solutions with singularity robustness", J. Dyn. Sys. Meas. Control 1986.
-_SINGULAR = 0.01
+_SINGULAR = 0.02
 
 # A root that leans by more [rad], or is lower than this share of its height at rest,
 # belongs to a robot that fell.
@@ -71,12 +71,17 @@ class StandingGains:
         turn, turn_rate: PD of the root's orientation [1/s^2, 1/s].
         height, height_rate: PD of the root's height [1/s^2, 1/s].
         joint, joint_rate: PD of the joints that follow the command [1/s^2, 1/s].
-        sole, sole_rate: PD that holds the soles [1/s^2, 1/s].
+        sole, sole_rate: PD of the soles' places [1/s^2, 1/s].
+        sole_turn, sole_turn_rate: PD of their orientations; stiff, for feet are light,
+            and one that carries little tips over by itself [1/s^2, 1/s].
         weigh_turn, weigh_height: what the root's angular and vertical acceleration
             weigh against the horizontal one of the centre of mass, where the ground
             cannot give all [per rad/s^2, per m/s^2].
+        least_force: that each corner of the soles is pressed down with, so that feet
+            that carry nothing stay on the floor [shares of the weight].
         friction_share: of the friction, that is used.
-        sole_share: of the soles' extents, that is used.
+        sole_margin: that forces keep from the soles' edges, over which feet would tip
+            [m].
     """
 
     capture: float = 6.0
@@ -88,10 +93,13 @@ class StandingGains:
     joint_rate: float = 40.0
     sole: float = 400.0
     sole_rate: float = 40.0
+    sole_turn: float = 2500.0
+    sole_turn_rate: float = 100.0
     weigh_turn: float = 0.1
-    weigh_height: float = 0.3
+    weigh_height: float = 2.0
+    least_force: float = 0.01
     friction_share: float = 0.8
-    sole_share: float = 0.9
+    sole_margin: float = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +190,17 @@ class StandingLaw:
             (find_body(plant, link).body_frame(), np.array(corners, dtype=float))
             for link, corners in description.soles.items()
         ]
+        self._stiffness, self._rates = (
+            np.tile(np.repeat(pair, 3), len(self._soles))
+            for pair in (
+                (self.gains.sole_turn, self.gains.sole),
+                (self.gains.sole_turn_rate, self.gains.sole_rate),
+            )
+        )
         friction *= self.gains.friction_share
         self._edges = np.column_stack([friction * _WAYS, np.ones(len(_WAYS))])
+        margin = self.gains.sole_margin
+        self._pressed = [_within(corners, margin) for _, corners in self._soles]
         self.rest = _rest_positions(plant, description, root.position_start())
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, self.rest)
@@ -239,7 +256,7 @@ class StandingLaw:
             return self._go_limp(M, v)
         plant.CalcForceElementsContribution(context, self._forces)
         h = plant.CalcInverseDynamics(context, np.zeros(nv), self._forces)
-        J, bias, pushes = self._contacts(context, corners)
+        J, bias, pushes = self._contacts(context)
         X_WS = _moved(self._corners_at_rest, np.vstack(corners))
         X_ref, c_ref, c_dot_ref, c_dd_ref = self._reference(reference, X_WS, command)
 
@@ -252,7 +269,7 @@ class StandingLaw:
         )
         U, s, V_T = np.linalg.svd(J[:, legs], full_matrices=False)
         inverse = (V_T.T * (s / np.maximum(s, _SINGULAR) ** 2)) @ U.T
-        held = gains.sole * self._off(context, X_WS) + gains.sole_rate * (J @ v)
+        held = self._stiffness * self._off(context, X_WS) + self._rates * (J @ v)
         a_0[legs] = -inverse @ (bias + held)
         N[b], N[legs] = np.eye(6), -inverse @ J[:, b]
 
@@ -309,32 +326,29 @@ class StandingLaw:
         some = np.isfinite(limits)
         D, at = D[some] / limits[some, np.newaxis], efforts_0[some] / limits[some]
         none = np.eye(rows.shape[1])
+        least = np.full(len(none), self.gains.least_force / len(_WAYS))
         M, right = rows.T @ rows + _EVEN**2 * none, rows.T @ wanted
         x, _, _ = one_sided_minimum(
             M,
             right,
             _OUTSIDE * np.vstack([none, D, -D]),
-            _OUTSIDE * np.concatenate([np.zeros(len(none)), -1.0 - at, at - 1.0]),
+            _OUTSIDE * np.concatenate([least, -1.0 - at, at - 1.0]),
             np.linalg.solve(M, right),
         )
         return np.maximum(x, 0.0)
 
-    def _contacts(
-        self, context: Context, corners: list[np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _contacts(self, context: Context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The soles' Jacobian (6 S, nv) and bias (6 S,), and what forces along the
         pyramids' edges do, (nv, K)."""
         W, with_v, plant = self.plant.world_frame(), JacobianWrtVariable.kV, self.plant
         origin = np.zeros(3)
         jacobians, biases, pushes = [], [], []
-        for (frame, _), at in zip(self._soles, corners, strict=True):
+        for (frame, _), at in zip(self._soles, self._pressed, strict=True):
             J = plant.CalcJacobianSpatialVelocity(context, with_v, frame, origin, W, W)
             bias = plant.CalcBiasSpatialAcceleration(
                 context, with_v, frame, origin, W, W
             )
-            middle = at.sum(axis=0) / len(at)
-            used = middle + self.gains.sole_share * (at - middle)
-            arms = used - frame.CalcPoseInWorld(context).translation()
+            arms = at @ frame.CalcPoseInWorld(context).rotation().matrix().T
             arms = np.repeat(arms, len(_WAYS), axis=0)
             edges = np.tile(self._edges, (len(at), 1))
             pushes.append(J.T @ np.hstack([cross_rows(arms, edges), edges]).T)
@@ -374,6 +388,15 @@ class StandingLaw:
             R @ plant.CalcCenterOfMassTranslationalVelocityInWorld(context),
             R @ (GRAVITY * force / self._weight),
         )
+
+
+def _within(corners: np.ndarray, margin: float) -> np.ndarray:
+    """(V, 3) corners of a sole, drawn in by a margin along its principal axes [m]."""
+    middle = corners.mean(axis=0)
+    axes = np.linalg.svd(corners - middle)[2][:2]
+    along = (corners - middle) @ axes.T
+    shares = np.maximum(1.0 - margin / np.abs(along).max(axis=0), 0.0)
+    return middle + shares * along @ axes
 
 
 def _rotation_vector(R: RotationMatrix) -> np.ndarray:

@@ -22,11 +22,10 @@ from crar_drake.robot.description import RobotDescription, find_body
 
 # The ball that is at each corner of a sole, its lowest point there.
 _RADIUS = 0.005  # [m]
-# Of hydroelastic balls; a corner that carries 100 N is pressed in by about 1 mm.
-_MODULUS = 1e7  # [Pa]
+# Of hydroelastic balls [Pa], and of points [N/m]: a foot on soft corners would tip.
+_MODULUS = 1e8
+_STIFFNESS = 5e5
 _DISSIPATION = 1.0  # Hunt and Crossley's, of points and hydroelastic pressure [s/m]
-# Of points: N/m. A robot of 35 kg on eight corners sinks in by 0.4 mm.
-_STIFFNESS = 1e5
 
 
 def add_contact_ground(

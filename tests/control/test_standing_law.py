@@ -55,9 +55,10 @@ def inverse_dynamics(law: StandingLaw, context, answer: StandingStep) -> np.ndar
     plant.CalcForceElementsContribution(context, forces)
     for foot in ("left_foot", "right_foot"):
         body = plant.GetBodyByName(foot)
-        middle = np.mean(CORNERS, axis=0)
         for corner in np.array(CORNERS):
-            used = middle + StandingGains().sole_share * (corner - middle)
+            # The soles are rectangles: drawn in, each side comes nearer by as much.
+            middle = np.mean(CORNERS, axis=0)
+            used = corner - StandingGains().sole_margin * np.sign(corner - middle)
             R_WB = plant.EvalBodyPoseInWorld(context, body).rotation()
             body.AddInForce(
                 context,

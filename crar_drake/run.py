@@ -25,7 +25,7 @@ from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog
-from crar_drake.results.standing_run import as_measured, stance
+from crar_drake.results.standing_run import as_measured, judged_speed_limits, stance
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
 from crar_drake.robot.joint_units import joint_units
@@ -309,7 +309,7 @@ def make_log(
         reported |= as_measured(reported, q, v, desired_tasks, setup.model, model)
         reported["actuation"] = samples("actuation")
         reported["desired_acceleration"] = samples("acceleration")
-        speed_limits = scenario.controller.speed_limits(model)
+        speed_limits = judged_speed_limits(scenario, model)
     reported["constraint_weights"] = reported["constraint_weights"][:, :count]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from crar_drake.control.standing_law import StandingLaw
 from crar_drake.equations.references import error_from_targets
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.model import ControlModel
+from crar_drake.simulation.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,19 @@ def stance(log: SimulationLog, model: ControlModel, friction: float) -> Stance:
         slide = max(slide, float(ways.max()))
         lift = max(lift, float(corners[:, 2].max()) - law.floor)
     return Stance(lean, slide, lift, None)
+
+
+def judged_speed_limits(scenario: Scenario, model: ControlModel) -> np.ndarray:
+    """(nv,) the largest speeds of the robot that is simulated [rad/s or m/s].
+
+    A robot that stands follows a command that may be kept to a share of them, and is
+    to keep to the whole.
+    """
+    parameters = scenario.controller
+    if scenario.standing is not None:
+        scale = max(parameters.velocity_scale, 1.0)
+        parameters = replace(parameters, velocity_scale=scale)
+    return parameters.speed_limits(model)
 
 
 def as_measured(

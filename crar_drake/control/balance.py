@@ -37,6 +37,8 @@ _FINEST = 2e-4
 _SPARE = 1e-3
 # Of the weight, which counts as balanced: doubles are no closer [m].
 _ROUNDING = 1e-9
+# What a joint counts beside the tasks where a step is corrected [m].
+_DAMPING = 0.3
 # Rows that are farther from binding are left out of a correction [m, as above].
 _FAR = 0.5
 
@@ -96,6 +98,7 @@ class Balance:
         self.ground = ground_cone(corners, parameters.friction, parameters.margin)
         self.weight = float(masses.mass.sum() * masses.g)
         self._controlled = model.controlled
+        self._model = model
         self._T = float(mode.horizon)
         self._law = hold(
             BalanceLaw(
@@ -143,6 +146,7 @@ class Balance:
             return vdot, self._report(AS_NOMINAL, 1.0, excess)
         brake = np.zeros_like(v)
         brake[self._controlled] = -v[self._controlled] / self._T
+        root = np.linalg.cholesky(self._norm(measured))
         aim, rows, bounds = vdot, [], []
         for _ in range(_CORRECTIONS):
             g, b = balance_rows(q, v, aim, level, self._law)
@@ -150,7 +154,9 @@ class Balance:
             braking = g @ brake[self._controlled]
             rows.append(g)
             bounds.append(np.maximum(b - _SPARE * self.weight, braking))
-            aim = self._nearest(vdot, np.concatenate(rows), np.concatenate(bounds))
+            aim = self._nearest(
+                root, vdot, np.concatenate(rows), np.concatenate(bounds)
+            )
             found = admit(aim)
             if found is None:
                 continue
@@ -171,16 +177,27 @@ class Balance:
                 failed = middle
         return best
 
-    def _nearest(self, vdot: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def _norm(self, measured: Measured) -> np.ndarray:
+        """(n, n) in which accelerations are changed the least: by what that does to the
+        tasks, and a little by itself."""
+        J = self._model.state_here(measured).J[:, : len(self._controlled)]
+        norm = J.T @ J + _DAMPING**2 * np.eye(J.shape[1])
+        return norm * (len(norm) / np.trace(norm))
+
+    def _nearest(
+        self, root: np.ndarray, vdot: np.ndarray, g: np.ndarray, b: np.ndarray
+    ) -> np.ndarray:
         """The accelerations (nv,) nearest to others for which g . q_ddot <= b of the
-        controlled joints."""
+        controlled joints, in the norm of root root^T."""
         controlled = self._controlled
         near = np.flatnonzero(g @ vdot[controlled] > b - _FAR * self.weight)
         scale = _ROW_WEIGHT / self.weight
-        nearest = vdot.copy()
-        nearest[controlled] = one_sided_nearest(
-            vdot[controlled], -scale * g[near], -scale * b[near]
+        rows = np.ascontiguousarray(np.linalg.solve(root, g[near].T).T)
+        y = one_sided_nearest(
+            root.T @ vdot[controlled], -scale * rows, -scale * b[near]
         )
+        nearest = vdot.copy()
+        nearest[controlled] = np.linalg.solve(root.T, y)
         return nearest
 
     def _report(self, how: float, share: float, excess: float) -> dict[str, np.ndarray]:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.primitives import VectorLogSink
 
 from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
@@ -279,11 +280,7 @@ def make_log(
             logged a sample, that sample is left out.
     """
     stands = scenario.standing is not None
-    of_standing = ("actuation", "acceleration") if stands else ()
-    sinks = {
-        name: diagram.GetSubsystemByName(f"log_{name}").FindLog(context)
-        for name in ("state", "desired_tasks", "diagnostics", *of_standing)
-    }
+    sinks = {name: sink.FindLog(context) for name, sink in log_sinks(diagram).items()}
     num_samples = min(sink.num_samples() for sink in sinks.values())
 
     def samples(port: str) -> np.ndarray:
@@ -335,6 +332,16 @@ def make_log(
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=with_lasting_name(scenario).to_yaml(),
     )
+
+
+def log_sinks(diagram: Diagram) -> dict[str, VectorLogSink]:
+    """What logs of a diagram of `MakeCrarDiagram` are made of, by name."""
+    names = ("state", "desired_tasks", "diagnostics", "actuation", "acceleration")
+    return {
+        name: diagram.GetSubsystemByName(f"log_{name}")
+        for name in names
+        if diagram.HasSubsystemNamed(f"log_{name}")
+    }
 
 
 def _unit_quaternions(q: np.ndarray, model: ControlModel) -> np.ndarray:

@@ -8,6 +8,7 @@ and no browser is behind by what waits in a socket.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -51,12 +52,15 @@ class LiveScene:
         scenario = live.scenario
         set_surroundings(meshcat)
         colour = scenario.visualization.default_illustration_color
-        self.robot = DrawnRobot(live.model.description, meshcat, PREFIX, colour)
+        # The robot itself, and the pairs that the controller reports on.
+        simulated, pairs = live.setup.simulated, live.model.description.pairs
+        drawn = replace(simulated.description, pairs=pairs)
+        self.robot = DrawnRobot(drawn, meshcat, PREFIX, colour)
         self._warning = scenario.warning_distance
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())
         self._positions = live.model.layout.position_entries.ravel()
-        self._workspace = live.model.MakeWorkspace()
+        self._workspace = simulated.MakeWorkspace()
         _, points = self.robot.pose_links(live.positions())
         ways = live.setup.motion.tasks_at
         times = np.linspace(0.0, live.duration, 60)
@@ -76,7 +80,7 @@ class LiveScene:
         parts = live.diagnostics()
         distances = self._between_links(parts["signed_distances"])
         targets = live.targets()[self._positions].reshape(-1, 3)
-        here = live.model.tasks_at(live.positions(), self._workspace)
+        here = live.setup.simulated.tasks_at(live.positions(), self._workspace)
         reached = here[self._positions].reshape(-1, 3)
         admission = parts["admission"]
         return {

@@ -94,6 +94,8 @@ class LiveSimulation:
                 horizon=scenario.controller.braking_horizon,
             ),
         )
+        if scenario.standing is not None:  # as its controller has them
+            parameters = replace(parameters, torque_period=parameters.period)
         if parameters.governor.bounds() is None:
             governor = make_governor(setup.motion, setup.model)
             parameters = replace(parameters, governor=governor)

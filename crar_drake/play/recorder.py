@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from crar_drake.results.log import OVER_TIME, SimulationLog
-from crar_drake.run import make_log
+from crar_drake.run import log_sinks, make_log
 from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
 
@@ -40,10 +40,7 @@ class Recorder:
         self.kept, self._setup, self._simulator = kept, setup, simulator
         self._diagram = simulator.get_system()
         self._pieces: deque[SimulationLog] = deque()
-        self._sinks = [
-            self._diagram.GetSubsystemByName(f"log_{name}")
-            for name in ("state", "desired_tasks", "diagnostics")
-        ]
+        self._sinks = list(log_sinks(self._diagram).values())
 
     def collect(self, scenario: Scenario) -> None:
         """Takes a piece, if there is one, of that scenario."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from crar_drake.motion.report import inspect
 from crar_drake.play.live_simulation import LiveSimulation
+from crar_drake.results.standing_run import stance
 from crar_drake.results.summary import summarize
 from crar_drake.run import (
     Interrupts,
@@ -40,9 +41,13 @@ def save_session(
     scenario = with_lasting_name(live.logged_scenario())
     performer = live.setup.motion.performer
     log = live.recorder.log(scenario)
+    stood, setup = None, live.setup
+    if scenario.standing is not None:
+        stood = stance(log, setup.simulated, scenario.standing.friction)
     summary = summarize(
         log,
         scenario=scenario,
+        stance=stood,
         motion=inspect(performer) if performer is not None else None,
         warnings=[live.reported()],
     )

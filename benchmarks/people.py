@@ -7,7 +7,7 @@ passes, of policies that want anything: straight at the nearest link or the fast
 away, with jumps of direction, and from anywhere again after they stood in the robot.
 They are measured in every period, or lost for a while, or measured with noise. A
 violation is a contact (distance at most 0) while the surface of the link is faster
-there than the filter's `contact_speed`.
+there than `lookahead.contact_speed`.
 
 What is judged are Drake's poses of links, on the straight line between commands, with
 distances and speeds of their own: nothing of the filter takes part.
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.geometry import Capsule, Sphere
@@ -27,7 +27,11 @@ from benchmarks.adversary.policies import POLICIES, Policy, Room
 from benchmarks.adversary.robots import load_subject
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import NOMINAL, SafetyFilter
+from crar_drake.control.safety_filter import (
+    NOMINAL,
+    SafetyFilter,
+    filter_parameters,
+)
 from crar_drake.robot.model import ControlModel
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw", "slides", "random")
@@ -266,7 +270,7 @@ def run_at(
                     centres + share * (after - centres),
                     sizes,
                 )
-                tally.judge(*seen, filter.contact_speed)
+                tally.judge(*seen, filter.parameters.lookahead.contact_speed)
             q, v = command.q, command.v
             tally.steps += 1
             tally.nominal += command.report.how == NOMINAL
@@ -301,7 +305,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         key = robot, drawn if robot in DRAWN else 0, period, contact_speed
         if key not in filters:
             model = subject.model(subject.task_set(0))
-            filters[key] = SafetyFilter(model, period, contact_speed=contact_speed)
+            ahead = filter_parameters(period)
+            ahead = replace(ahead, contact_speed=contact_speed)
+            filters[key] = SafetyFilter(model, period, ahead)
         filter, judge = filters[key], subject.filter(period)[1]
 
         def make_policy(start, dice, filter=filter, judge=judge, policy=policy):

@@ -201,6 +201,20 @@ class EffortLimits:
             found = again
         return found
 
+    def follow(
+        self, workspace: Workspace, measured: Measured, solution: Solution
+    ) -> None:
+        """Adds what follows from accelerations that are decided already; as of
+        `limit`."""
+        vdot = solution.acceleration
+        actuation = self._model.inverse_dynamics(workspace, vdot)
+        share, excess = solution.torque_limit[0], 0.0
+        if self.finite:
+            actuation, excess = self.clipped(actuation)
+        found = self._unlimited(measured, vdot, actuation, self._period)
+        solution.actuation, solution.position_command = actuation, found.after
+        solution.torque_limit = np.array([share, excess])
+
     def clipped(self, actuation: np.ndarray) -> tuple[np.ndarray, float]:
         """`clip_torque`, for accelerations that are decided already."""
         return clip_torque(actuation, self.limits)

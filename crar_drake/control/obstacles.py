@@ -27,9 +27,6 @@ from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.watched_links import watched_links
 
-# The speed of the robot's surface that does no harm, unless it is given [m/s].
-CONTACT_SPEED = 0.05
-
 # What rounding takes of a sphere that is in another [m]: the floor has it to spare.
 _ROUNDING = 1e-9
 
@@ -167,13 +164,11 @@ class ObstacleFilter:
         model: ControlModel,
         mode: LookaheadMode,
         gains: CrarParameters,
-        contact_speed: float,
         law: Held,
     ) -> None:
         """
         Args:
             model, mode, gains: of the filter.
-            contact_speed: v_ok [m/s].
             law: holds `FilterLaw`.
 
         Raises:
@@ -182,18 +177,19 @@ class ObstacleFilter:
         T, period = float(mode.horizon), float(gains.period)
         if not period < T:
             raise ScenarioError(
-                f"filter: with moving obstacles the horizon ({T:g} s) must be longer "
-                f"than the period ({period:g} s)"
+                f"controller.lookahead.horizon: with moving obstacles it ({T:g} s) "
+                f"must be longer than the period ({period:g} s)"
             )
         if mode.slower:
             raise ScenarioError(
-                "filter.lookahead.longest_horizon: with moving obstacles one horizon "
-                "counts; leave it out"
+                "controller.lookahead.longest_horizon: with moving obstacles one "
+                "horizon counts; make it the same as lookahead.horizon"
             )
+        speed = float(gains.lookahead.contact_speed)  # v_ok
         errors = joint_errors(gains.lookahead, model)
         links, self.links = watched_links(model, errors)
         self._floor = mode.admission.floor
-        numbers = passing(T, period, self._floor, contact_speed)
+        numbers = passing(T, period, self._floor, speed)
         self._period, self._law = period, law
         self._world = hold(WorldLaw(hold(links), numbers))
 

@@ -93,6 +93,7 @@ def AddCrarController(
     control_model: ControlModel | None = None,
     model_instance: ModelInstanceIndex | None = None,
     estimated_state: OutputPort | None = None,
+    obstacle_speeds: Sequence[float] = (),
 ) -> CrarController:
     """Adds a controller beside a plant and connects state and actuation, and, if the
     root floats, what pushes it.
@@ -117,6 +118,7 @@ def AddCrarController(
             gripper, say, or a box. It needs `control_model`, which lacks them.
         estimated_state: port of the measured [q; v]; by default that of the plant, or
             of its `model_instance`.
+        obstacle_speeds: see `CrarController`.
 
     Raises:
         ModelError: the plant is not finalized, has another state or other
@@ -165,7 +167,10 @@ def AddCrarController(
             f"{model_plant.time_step():g} s; with joint damping they must be the same"
         )
     controller = CrarController(
-        control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
+        control_model,
+        parameters,
+        plant_is_discrete=plant.time_step() > 0.0,
+        obstacle_speeds=obstacle_speeds,
     )
     # A diagram's systems have names of their own; so a second robot can have one.
     name, number = controller.get_name(), 1

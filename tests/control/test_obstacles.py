@@ -36,7 +36,7 @@ PERIOD, FLOOR, V_OK = 0.02, 4e-3, 0.05
 @pytest.fixture(scope="module")
 def arm() -> SafetyFilter:
     """The arm beside a post; tests begin it anew."""
-    made = SafetyFilter("obstacle_arm", PERIOD, contact_speed=V_OK)
+    made = SafetyFilter("obstacle_arm", PERIOD)
     made.compile(obstacles=True)
     return made
 
@@ -88,9 +88,9 @@ def required(numbers, t: float) -> float:
 @pytest.mark.parametrize("robot", ["obstacle_arm", "upper_body"])
 def test_what_is_found_clear_is_so_at_every_place(robot):
     """Of random lines and spheres, sampled finely; and little more is refused."""
-    filter = SafetyFilter(robot, PERIOD, contact_speed=V_OK)
+    filter = SafetyFilter(robot, PERIOD)
     witness, rng = Witness(filter), np.random.default_rng(5)
-    among: ObstacleFilter = filter._obstacle_filter()
+    among: ObstacleFilter = filter.among
     law, world = filter._law.value, among._world
     links, numbers = world.value.links.value, world.value.numbers
     n, found, refused = len(filter.joint_names), 0, 0
@@ -134,7 +134,7 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
 def test_the_reach_bounds_the_speed_of_surfaces(arm, witness):
     """sigma of each link, against Drake's velocities of points all over it."""
     rng = np.random.default_rng(8)
-    links = arm._obstacle_filter()._world.value.links.value
+    links = arm.among._world.value.links.value
     n = len(arm.joint_names)
     largest = 0.0
     for _ in range(200):
@@ -197,7 +197,7 @@ def test_a_person_who_comes_slows_it_and_is_named(arm, witness):
 
 def test_without_its_obstacles_the_same_person_is_hit():
     """So the test above can fail."""
-    filter = SafetyFilter("obstacle_arm", PERIOD, contact_speed=V_OK)
+    filter = SafetyFilter("obstacle_arm", PERIOD)
 
     class Blind:
         """Forgets what it is told of obstacles."""
@@ -223,7 +223,7 @@ def test_whoever_runs_at_it_touches_nothing_that_is_fast(robot, period):
 
     subject = load_subject(robot)
     model, judge = subject.model(subject.task_set(0)), subject.filter(period)[1]
-    filter, tally = SafetyFilter(model, period, contact_speed=V_OK), Tally()
+    filter, tally = SafetyFilter(model, period), Tally()
     for seed, policy in enumerate(("jumps", "sines", "on_and_on", "lost", "between")):
         run_at(
             filter,
@@ -319,9 +319,7 @@ def test_no_number_brakes_and_obstacles_go_on_growing(arm):
 
 def test_motors_limits_hold_among_obstacles(witness):
     """Torques by Drake's inverse dynamics; and nothing is touched that is fast."""
-    filter = SafetyFilter(
-        "obstacle_arm", PERIOD, effort_limits=True, contact_speed=V_OK
-    )
+    filter = SafetyFilter("obstacle_arm", PERIOD, effort_limits=True)
     model, tally = filter.model, Tally()
     plant, limits = model.plant, filter._efforts.limits
     context = plant.CreateDefaultContext()
@@ -356,7 +354,7 @@ def test_a_tracking_error_makes_links_thicker():
             horizon=plain.parameters.braking_horizon, tracking_error=0.002
         ),
     )
-    thin, thick = (f._obstacle_filter()._world.value.links.value for f in (plain, errs))
+    thin, thick = (f.among._world.value.links.value for f in (plain, errs))
     more = 0.002 * thin.reach.sum(axis=1)
     np.testing.assert_allclose(thick.radius - thin.radius, more, rtol=1e-12)
     counts = np.diff(thin.shapes)
@@ -421,7 +419,9 @@ def test_obstacles_that_are_none_are_refused(given, match):
 def test_parameters_that_do_not_go_with_them_are_refused():
     for speed in (0.0, -1.0, np.inf, np.nan):
         with pytest.raises(ScenarioError, match="contact_speed"):
-            SafetyFilter("obstacle_arm", PERIOD, contact_speed=speed)
+            SafetyFilter(
+                "obstacle_arm", PERIOD, LookaheadParameters(contact_speed=speed)
+            )
 
 
 def test_a_person_keeps_to_its_speed(witness):

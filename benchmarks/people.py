@@ -10,7 +10,8 @@ violation is a contact (distance at most 0) while the surface of the link is fas
 there than `lookahead.contact_speed`.
 
 What is judged are Drake's poses of links, on the straight line between commands, with
-distances and speeds of their own: nothing of the filter takes part.
+distances and speeds of their own (`judging.obstacle_judge`): nothing of the filter
+takes part.
 """
 
 from __future__ import annotations
@@ -20,8 +21,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydrake.geometry import Capsule, Sphere
-from pydrake.multibody.tree import RigidBody
 
 from benchmarks.adversary.policies import POLICIES, Policy, Room
 from benchmarks.adversary.robots import load_subject
@@ -32,7 +31,7 @@ from crar_drake.control.safety_filter import (
     SafetyFilter,
     filter_parameters,
 )
-from crar_drake.robot.model import ControlModel
+from crar_drake.judging.obstacle_judge import ObstacleJudge
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw", "slides", "random")
 DRAWN = ("slides", "random")
@@ -48,87 +47,10 @@ HEADER = (
 )
 
 
-class Surface:
-    """A link's spheres and capsules: where they are, and how fast, by Drake.
-
-    Attributes:
-        body: the link.
-        shapes: (S, 2, 3) ends of their axes in its frame [m].
-        radii: (S,) [m].
-    """
-
-    def __init__(self, model: ControlModel, body: RigidBody) -> None:
-        self.body, shapes, radii = body, [], []
-        inspector = model.scene_graph.model_inspector()
-        for geometry in model.plant.GetCollisionGeometriesForBody(body):
-            shape, X = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
-            if isinstance(shape, Sphere | Capsule):
-                half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
-                ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])
-                shapes.append(X.translation() + ends @ X.rotation().matrix().T)
-                radii.append(shape.radius())
-        self.shapes, self.radii = np.array(shapes).reshape(-1, 2, 3), np.array(radii)
-
-    def against(
-        self, context, centres: np.ndarray, sizes: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) of N spheres, and (N,) how fast the surface is where it is
-        nearest to each [m], [m/s].
-
-        In a contact that is the point of the surface towards the sphere.
-        """
-        X = self.body.EvalPoseInWorld(context)
-        V = self.body.EvalSpatialVelocityInWorld(context)
-        R, p = X.rotation().matrix(), X.translation()
-        a = p + self.shapes[:, 0] @ R.T  # (S, 3)
-        u = (self.shapes[:, 1] - self.shapes[:, 0]) @ R.T
-        to = centres[:, None] - a  # (N, S, 3)
-        uu = np.maximum((u * u).sum(-1), 1e-30)
-        share = np.clip((to * u).sum(-1) / uu, 0.0, 1.0)
-        axis = a + share[..., None] * u
-        off = centres[:, None] - axis
-        far = np.linalg.norm(off, axis=-1)
-        d = far - self.radii - sizes[:, None]
-        k = np.argmin(d, axis=1)
-        every = np.arange(len(centres))
-        towards = off[every, k] / np.maximum(far[every, k], 1e-12)[:, None]
-        point = axis[every, k] + self.radii[k][:, None] * towards
-        v = V.translational() + np.cross(V.rotational(), point - p)
-        return d[every, k], np.linalg.norm(v, axis=1)
-
-
-class Witness:
-    """Judges where links are and how fast, on a plant of its own context."""
-
-    def __init__(self, filter: SafetyFilter) -> None:
-        model = filter.model
-        self._plant, self._n = model.plant, model.n
-        # A diagram, whose ports for collisions nobody asks.
-        self._root = model.diagram.CreateDefaultContext()
-        self.context = model.plant.GetMyMutableContextFromRoot(self._root)
-        self.surfaces = [
-            Surface(model, model.plant.GetBodyByName(name)) for name in filter.links
-        ]
-
-    def look(
-        self, q: np.ndarray, v: np.ndarray, centres: np.ndarray, sizes: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(L, N) distances and (L, N) speeds there, at a state (n,), (n,)."""
-        self._plant.SetPositions(self.context, q)
-        self._plant.SetVelocities(self.context, v)
-        found = [s.against(self.context, centres, sizes) for s in self.surfaces]
-        return np.array([d for d, _ in found]), np.array([v for _, v in found])
-
-    def places(self) -> np.ndarray:
-        """(L, 3) the middles of the links, where they were looked at last [m]."""
-        return np.array(
-            [
-                s.body.EvalPoseInWorld(self.context).multiply(
-                    s.shapes.mean(axis=(0, 1))
-                )
-                for s in self.surfaces
-            ]
-        )
+def witness_of(filter: SafetyFilter) -> ObstacleJudge:
+    """The judge of a filter's links."""
+    model = filter.model
+    return ObstacleJudge(model.plant, model.scene_graph, filter.links)
 
 
 @dataclass
@@ -149,7 +71,9 @@ class Person:
     aim: str = "nearest"
     way: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def step(self, period: float, witness: Witness, seen, index: int, rng) -> None:
+    def step(
+        self, period: float, witness: ObstacleJudge, seen, index: int, rng
+    ) -> None:
         """Runs on for a period [s], at what was seen: distances and speeds."""
         self.until -= 1
         if self.until < 0:
@@ -225,7 +149,7 @@ def run_at(
         tally: that is gone on with.
     """
     rng, tally = np.random.default_rng(seed), tally or Tally()
-    witness, period = Witness(filter), filter.period
+    witness, period = witness_of(filter), filter.period
     filter.reset()
     q, v = filter.model.rest_positions(), np.zeros(filter.model.n)
     wants = make_policy(q, rng)
@@ -278,7 +202,7 @@ def run_at(
     return tally
 
 
-def _middle(witness: Witness, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _middle(witness: ObstacleJudge, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(3,) the middle of the links."""
     witness.look(q, v, np.zeros((1, 3)), np.zeros(1))
     return witness.places().mean(axis=0)

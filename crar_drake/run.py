@@ -25,6 +25,7 @@ from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
 from crar_drake.robot.joint_units import joint_units
@@ -165,7 +166,9 @@ def run_scenario(
         record = record and out is not None
         check_size(scenario, setup, duration, record)
         diagram = MakeCrarDiagram(scenario, setup=setup)
-        diagram.GetSubsystemByName("crar_controller").law.compile()
+        diagram.GetSubsystemByName("crar_controller").law.compile(
+            bool(scenario.obstacles)
+        )
 
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -187,6 +190,7 @@ def run_scenario(
                 raise
             stopped = error
         wall_time = time.perf_counter() - start
+        model = setup.model
         # Its robot named as in the log, for the figures to say the same.
         logged = with_lasting_name(scenario)
         log = make_log(logged, setup, diagram, simulator.get_context())
@@ -209,6 +213,9 @@ def run_scenario(
             warnings=warnings,
             limbs=limb_directions(log, setup.model, performer, blended),
             lowest=lowest,
+            obstacles=judge_obstacles(
+                log, logged, model.plant, model.scene_graph, model.description.pairs
+            ),
         )
         summary = replace(summary, stopped=reason_of(stopped))
         result = RunResult(log, summary, setup)
@@ -276,7 +283,8 @@ def make_log(
     """
     sinks = {
         name: diagram.GetSubsystemByName(f"log_{name}").FindLog(context)
-        for name in ("state", "desired_tasks", "diagnostics")
+        for name in ("state", "desired_tasks", "diagnostics", "obstacles")
+        if diagram.HasSubsystemNamed(f"log_{name}")
     }
     num_samples = min(sink.num_samples() for sink in sinks.values())
 
@@ -304,6 +312,9 @@ def make_log(
         q=_unit_quaternions(state[:, :nq], model),
         v=state[:, nq:],
         desired_tasks=samples("desired_tasks"),
+        obstacles=samples("obstacles")
+        if "obstacles" in sinks
+        else np.empty((num_samples, 0)),
         **reported,
         position_names=np.array(model.position_names),
         actuator_names=np.array(

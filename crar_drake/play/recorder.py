@@ -42,7 +42,8 @@ class Recorder:
         self._pieces: deque[SimulationLog] = deque()
         self._sinks = [
             self._diagram.GetSubsystemByName(f"log_{name}")
-            for name in ("state", "desired_tasks", "diagnostics")
+            for name in ("state", "desired_tasks", "diagnostics", "obstacles")
+            if self._diagram.HasSubsystemNamed(f"log_{name}")
         ]
 
     def collect(self, scenario: Scenario) -> None:

@@ -31,6 +31,7 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
+from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import (
     Scenario,
     SimulatedRobot,
@@ -261,8 +262,9 @@ def MakeCrarDiagram(
     """Builds the whole diagram of a scenario.
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
-    "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
-    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); without
+    "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
+    are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
+    the controller), "log_obstacles"; without
     contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser and
     "playback_overlay". The default context starts at rest in a valid pose near the
     first target.
@@ -308,6 +310,7 @@ def MakeCrarDiagram(
             parameters.torque_period_for(time_step),
             parameters.torque_ticks(time_step),
         ),
+        obstacle_speeds=[obstacle.fastest for obstacle in scenario.obstacles],
     )
     source = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())
     tasks = source.get_output_port()
@@ -331,10 +334,17 @@ def MakeCrarDiagram(
             prescribed.get_output_port(), controller.get_input_port_desired_prescribed()
         )
 
+    obstacles = None
+    if scenario.obstacles:
+        source = builder.AddSystem(ObstacleSource(scenario.obstacles))
+        obstacles = source.get_output_port()
+        builder.Connect(obstacles, controller.get_input_port_obstacles())
+
     logged = {
         "state": plant.get_state_output_port(),
         "desired_tasks": tasks,
         "diagnostics": controller.get_output_port_diagnostics(),
+        **({} if obstacles is None else {"obstacles": obstacles}),
     }
     period = scenario.log_period_for(scenario.duration or setup.motion.duration)
     for name, port in logged.items():

@@ -13,7 +13,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from benchmarks.people import Tally, Witness
+from benchmarks.people import Tally, witness_of
 from crar_drake import (
     AddCrarController,
     AddRobot,
@@ -28,6 +28,7 @@ from crar_drake import (
     load_robot_description,
 )
 from crar_drake.equations.admission import AS_NOMINAL
+from crar_drake.judging.obstacle_judge import ObstacleJudge
 
 PERIOD = 0.01
 PARAMETERS = CrarParameters(period=PERIOD)
@@ -49,8 +50,8 @@ def law(model) -> ControlLaw:
 
 
 @pytest.fixture(scope="module")
-def witness(law) -> Witness:
-    return Witness(law.among.filter)
+def witness(law) -> ObstacleJudge:
+    return witness_of(law.among.filter)
 
 
 def waving(model: ControlModel, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +164,7 @@ def test_a_simulated_robot_does_as_it_was_told(model):
     root = simulator.get_mutable_context()
     context = controller.GetMyMutableContextFromRoot(root)
     own = plant.GetMyMutableContextFromRoot(root)
-    judge, tally = Witness(controller.law.among.filter), Tally()
+    judge, tally = witness_of(controller.law.among.filter), Tally()
     ports = (
         controller.get_input_port_desired_tasks(),
         controller.get_input_port_desired_prescribed(),

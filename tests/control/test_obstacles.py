@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from benchmarks.people import Person, Tally, Witness, run_at
+from benchmarks.people import Person, Tally, run_at, witness_of
 from crar_drake import (
     InputError,
     LookaheadParameters,
@@ -29,6 +29,7 @@ from crar_drake.equations.moving_obstacles import (
     line_bounds,
     passing,
 )
+from crar_drake.judging.obstacle_judge import ObstacleJudge
 
 PERIOD, FLOOR, V_OK = 0.02, 4e-3, 0.05
 
@@ -42,8 +43,8 @@ def arm() -> SafetyFilter:
 
 
 @pytest.fixture(scope="module")
-def witness(arm) -> Witness:
-    return Witness(arm)
+def witness(arm) -> ObstacleJudge:
+    return witness_of(arm)
 
 
 def swing(filter: SafetyFilter, k: int) -> np.ndarray:
@@ -89,7 +90,7 @@ def required(numbers, t: float) -> float:
 def test_what_is_found_clear_is_so_at_every_place(robot):
     """Of random lines and spheres, sampled finely; and little more is refused."""
     filter = SafetyFilter(robot, PERIOD)
-    witness, rng = Witness(filter), np.random.default_rng(5)
+    witness, rng = witness_of(filter), np.random.default_rng(5)
     among: ObstacleFilter = filter.among
     law, world = filter._law.value, among._world
     links, numbers = world.value.links.value, world.value.numbers

@@ -311,6 +311,15 @@ class CrarController(LeafSystem):
         values = self._outputs["diagnostics"].Eval(context)
         return {name: values[at] for name, at in self.diagnostics_slices.items()}
 
+    def obstacle(self, context: Context) -> tuple[str, str] | None:
+        """The number of the obstacle that holds the robot back, and the link; None if
+        none does.
+
+        Args:
+            context: as of `diagnostics`.
+        """
+        return self._EvalSolution(context).obstacle
+
     def __getattr__(self, name: str):
         # Found only where nothing has the name.
         part = name.removeprefix("get_output_port_")
@@ -353,6 +362,7 @@ class CrarController(LeafSystem):
             )
         law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
         law.target_names = self.law.target_names
+        law.take_over_obstacles(self.law)
         memory = without_fading(self._GetHeld(context))
         if new.governor != old.governor:
             memory = replace(memory, governed=None)

@@ -302,7 +302,8 @@ class ControlLaw:
             believed = self._plausible.believed(v, before.v)
         measured = self._measure(workspace, q, believed)
         regions = None
-        if mode.keeps_off_obstacles and not (obstacles is None is before.regions):
+        none = before.regions is None if obstacles is None else not len(obstacles)
+        if mode.keeps_off_obstacles and not none:
             regions = self.among.regions(before, obstacles, q, believed)
         if believed is not v or not self._came(before, q, v):
             return self._brake(workspace, tick, measured, regions, STATUS_IMPLAUSIBLE)

@@ -15,8 +15,8 @@ targets are followed. The robot says where its joints are [rad or m]:
 
     {"measured": {"left_elbow": -0.52, "left_shoulder_x": 0.1}}
 
-Where joints are targets, obstacles that move by themselves may be told: spheres in W,
-with a bound of their speed, by any names; null takes one away.
+Obstacles that move by themselves may be told: spheres in W, with a bound of their
+speed, by any names; null takes one away.
 
     {"obstacles": {"person": {"position": [1, 0, 1], "radius": 0.3, "speed": 1.6},
                    "trolley": null}}
@@ -124,7 +124,6 @@ def parse(
     line: bytes,
     layout: TaskLayout,
     joints: Collection[str] = (),
-    obstacles: bool = False,
 ) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
 
@@ -132,7 +131,6 @@ def parse(
         line: as it came, without trust.
         layout: of the tasks.
         joints: that can be measured.
-        obstacles: whether obstacles may be told of.
 
     Raises:
         MessageError: it is too long, no JSON object, has a key that is not known, a
@@ -154,8 +152,6 @@ def parse(
     if set(said) == {"measured"}:
         return make_measured(said["measured"], joints)
     if set(said) == {"obstacles"}:
-        if not obstacles:
-            raise MessageError("obstacles are kept off with --joints alone")
         return make_obstacles(said["obstacles"])
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):

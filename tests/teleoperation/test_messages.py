@@ -84,12 +84,10 @@ def test_what_is_refused(line, why):
 def test_obstacles_by_name():
     told = {"position": [1, -2.5, 0], "radius": 0.3, "speed": 1.6}
     line = json.dumps({"obstacles": {"person": told, "trolley": None}}).encode()
-    assert parse(line, LAYOUT, (), True).obstacles == {
+    assert parse(line, LAYOUT).obstacles == {
         "person": Heard((1.0, -2.5, 0.0), 0.3, 1.6),
         "trolley": None,
     }
-    with pytest.raises(MessageError, match="--joints alone"):
-        parse(line, LAYOUT)
 
 
 @pytest.mark.parametrize(
@@ -113,10 +111,10 @@ def test_obstacles_by_name():
 )
 def test_obstacles_that_are_refused(told, why):
     with pytest.raises(MessageError, match=why):
-        parse(json.dumps({"obstacles": told}).encode(), LAYOUT, (), True)
+        parse(json.dumps({"obstacles": told}).encode(), LAYOUT)
     with pytest.raises(MessageError, match="targets"):
         both = {"obstacles": {"a": None}, "targets": {}}
-        parse(json.dumps(both).encode(), LAYOUT, (), True)
+        parse(json.dumps(both).encode(), LAYOUT)
 
 
 def test_random_bytes_and_damaged_messages_only_raise_message_errors():

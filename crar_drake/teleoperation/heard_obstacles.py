@@ -58,11 +58,15 @@ class HeardObstacles:
             now: the present instant [s].
         """
         spheres = [
-            (*of.position, of.radius + of.speed * abs(now - heard), of.speed)
+            (
+                of.position,
+                of.end or of.position,
+                of.radius + of.speed * abs(now - heard),
+                of.speed,
+            )
             for of, heard in self._heard.values()
         ]
         if not spheres:
             return _NONE
-        x, y, z, radii, speeds = zip(*spheres, strict=True)
-        centres = list(zip(x, y, z, strict=True))
-        return Obstacles(centres, radii, speeds, tuple(self._heard))
+        centres, ends, radii, speeds = zip(*spheres, strict=True)
+        return Obstacles(centres, radii, speeds, tuple(self._heard), ends=ends)

@@ -59,6 +59,11 @@ class LawAmong:
                 f"obstacles: the root of robot {model.description.name} floats, and "
                 "obstacles that move are kept off robots that are fixed alone"
             )
+        if gains.balance is not None:
+            raise ScenarioError(
+                "controller.balance: what obstacles that move leave of a step is not "
+                "known to be balanced; leave out obstacles or balance"
+            )
         step, period = model.plant.time_step(), gains.period
         if abs(step - period) > 1e-9 * period:
             raise ScenarioError(

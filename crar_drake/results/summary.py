@@ -22,6 +22,7 @@ from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.obstacles import ObstacleFigures
 from crar_drake.results.remarks import remarks
+from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
@@ -133,6 +134,7 @@ class Summary:
             see `limb_directions`; empty with keyframes, and where it was not computed.
         obstacles: the name of each that moves by itself to what it did, see
             `ObstacleFigures`.
+        stance: how the robot stood, see `Stance`; None unless it stands by itself.
         remarks: what is bad, though it may violate nothing, a line each, see
             `remarks`.
     """
@@ -193,6 +195,7 @@ class Summary:
     sliding_joints: list[str] = field(default_factory=list)
     limb_directions: dict[str, LimbDirection] = field(default_factory=dict)
     obstacles: dict[str, ObstacleFigures] = field(default_factory=dict)
+    stance: Stance | None = None
     remarks: list[str] = field(default_factory=list)
 
     @property
@@ -252,6 +255,7 @@ def summarize(
     limbs: Mapping[str, LimbDirection] | None = None,
     lowest: tuple[float, str, float] | None = None,
     obstacles: Mapping[str, ObstacleFigures] | None = None,
+    stance: Stance | None = None,
 ) -> Summary:
     """Computes the figures of a run.
 
@@ -265,6 +269,7 @@ def summarize(
         lowest: height over the floor [m], link and time [s] of what was lowest, if it
             is known.
         obstacles: what the judge says of them.
+        stance: how it stood, of a robot that stands by itself.
 
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
@@ -348,6 +353,7 @@ def summarize(
         ],
         limb_directions=dict(limbs or {}),
         obstacles=dict(obstacles or {}),
+        stance=stance,
     )
     limited = summary.torque_limited_samples / summary.samples
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]

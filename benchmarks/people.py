@@ -2,33 +2,36 @@
 
     python -m benchmarks.people [--steps 100000] [--seed 1] [--page PAGE]
 
-Spheres of bounded speed run at the links of robots whose commands the safety filter
-passes, of policies that want anything: straight at the nearest link or the fastest, or
-away, with jumps of direction, and from anywhere again after they stood in the robot.
-They are measured in every period, or lost for a while, or measured with noise. A
-violation is a contact (distance at most 0) while the surface of the link is faster
-there than the filter's `contact_speed`.
+Spheres and capsules of bounded speed run at the links of robots whose commands the
+safety filter passes, of policies that want anything: straight at the nearest link or
+the fastest, or away, with jumps of direction, and from anywhere again after they stood
+in the robot. They are measured in every period, or lost for a while, or measured with
+noise. A violation is a contact (distance at most 0) while the surface of the link is
+faster there than `lookahead.contact_speed`.
 
 What is judged are Drake's poses of links, on the straight line between commands, with
-distances and speeds of their own: nothing of the filter takes part.
+distances and speeds of their own (`judging.obstacle_judge`): nothing of the filter
+takes part.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydrake.geometry import Capsule, Sphere
-from pydrake.multibody.tree import RigidBody
 
 from benchmarks.adversary.policies import POLICIES, Policy, Room
 from benchmarks.adversary.robots import load_subject
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.obstacles import Obstacles
-from crar_drake.control.safety_filter import NOMINAL, SafetyFilter
-from crar_drake.robot.model import ControlModel
+from crar_drake.control.safety_filter import (
+    NOMINAL,
+    SafetyFilter,
+    filter_parameters,
+)
+from crar_drake.judging.obstacle_judge import ObstacleJudge
 
 ROBOTS = ("upper_body", "obstacle_arm", "jaw", "slides", "random")
 DRAWN = ("slides", "random")
@@ -44,114 +47,44 @@ HEADER = (
 )
 
 
-class Surface:
-    """A link's spheres and capsules: where they are, and how fast, by Drake.
-
-    Attributes:
-        body: the link.
-        shapes: (S, 2, 3) ends of their axes in its frame [m].
-        radii: (S,) [m].
-    """
-
-    def __init__(self, model: ControlModel, body: RigidBody) -> None:
-        self.body, shapes, radii = body, [], []
-        inspector = model.scene_graph.model_inspector()
-        for geometry in model.plant.GetCollisionGeometriesForBody(body):
-            shape, X = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
-            if isinstance(shape, Sphere | Capsule):
-                half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
-                ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])
-                shapes.append(X.translation() + ends @ X.rotation().matrix().T)
-                radii.append(shape.radius())
-        self.shapes, self.radii = np.array(shapes).reshape(-1, 2, 3), np.array(radii)
-
-    def against(
-        self, context, centres: np.ndarray, sizes: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (N,) of N spheres, and (N,) how fast the surface is where it is
-        nearest to each [m], [m/s].
-
-        In a contact that is the point of the surface towards the sphere.
-        """
-        X = self.body.EvalPoseInWorld(context)
-        V = self.body.EvalSpatialVelocityInWorld(context)
-        R, p = X.rotation().matrix(), X.translation()
-        a = p + self.shapes[:, 0] @ R.T  # (S, 3)
-        u = (self.shapes[:, 1] - self.shapes[:, 0]) @ R.T
-        to = centres[:, None] - a  # (N, S, 3)
-        uu = np.maximum((u * u).sum(-1), 1e-30)
-        share = np.clip((to * u).sum(-1) / uu, 0.0, 1.0)
-        axis = a + share[..., None] * u
-        off = centres[:, None] - axis
-        far = np.linalg.norm(off, axis=-1)
-        d = far - self.radii - sizes[:, None]
-        k = np.argmin(d, axis=1)
-        every = np.arange(len(centres))
-        towards = off[every, k] / np.maximum(far[every, k], 1e-12)[:, None]
-        point = axis[every, k] + self.radii[k][:, None] * towards
-        v = V.translational() + np.cross(V.rotational(), point - p)
-        return d[every, k], np.linalg.norm(v, axis=1)
-
-
-class Witness:
-    """Judges where links are and how fast, on a plant of its own context."""
-
-    def __init__(self, filter: SafetyFilter) -> None:
-        model = filter.model
-        self._plant, self._n = model.plant, model.n
-        # A diagram, whose ports for collisions nobody asks.
-        self._root = model.diagram.CreateDefaultContext()
-        self.context = model.plant.GetMyMutableContextFromRoot(self._root)
-        self.surfaces = [
-            Surface(model, model.plant.GetBodyByName(name)) for name in filter.links
-        ]
-
-    def look(
-        self, q: np.ndarray, v: np.ndarray, centres: np.ndarray, sizes: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(L, N) distances and (L, N) speeds there, at a state (n,), (n,)."""
-        self._plant.SetPositions(self.context, q)
-        self._plant.SetVelocities(self.context, v)
-        found = [s.against(self.context, centres, sizes) for s in self.surfaces]
-        return np.array([d for d, _ in found]), np.array([v for _, v in found])
-
-    def places(self) -> np.ndarray:
-        """(L, 3) the middles of the links, where they were looked at last [m]."""
-        return np.array(
-            [
-                s.body.EvalPoseInWorld(self.context).multiply(
-                    s.shapes.mean(axis=(0, 1))
-                )
-                for s in self.surfaces
-            ]
-        )
+def witness_of(filter: SafetyFilter) -> ObstacleJudge:
+    """The judge of a filter's links."""
+    model = filter.model
+    return ObstacleJudge(model.plant, model.scene_graph, filter.links)
 
 
 @dataclass
 class Person:
-    """A sphere that runs.
+    """A sphere that runs, or a capsule, whose other end follows.
 
     Attributes:
         where: (3,) [m].
         radius: [m].
+        end: (3,) of a capsule's axis [m]; None of a sphere.
         fastest: bound of the speed [m/s].
+        lean: (3,) where a capsule's end wants to be, from the other one [m].
         until, aim: periods until it thinks again; what it then wants.
     """
 
     where: np.ndarray
     radius: float
     fastest: float
+    end: np.ndarray | None = None
+    lean: np.ndarray = field(default_factory=lambda: np.zeros(3))
     until: int = 0
     aim: str = "nearest"
     way: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def step(self, period: float, witness: Witness, seen, index: int, rng) -> None:
+    def step(
+        self, period: float, witness: ObstacleJudge, seen, index: int, rng
+    ) -> None:
         """Runs on for a period [s], at what was seen: distances and speeds."""
         self.until -= 1
         if self.until < 0:
             self.until = int(rng.uniform(0.02, 0.8) / period)
             self.aim = rng.choice(["nearest", "fastest", "straight", "stand", "away"])
             self.way = rng.normal(size=3)
+            self.lean = rng.normal(size=3) * rng.uniform(0.0, 0.5)
         places, (d, speed) = witness.places(), seen
         if self.aim == "nearest":
             way = places[np.argmin(d[:, index])] - self.where
@@ -161,12 +94,26 @@ class Person:
             way = self.where - places[np.argmin(d[:, index])]
         else:
             way = self.way if self.aim == "straight" else np.zeros(3)
-        length = np.linalg.norm(way)
-        if length > 1e-9:
-            most = self.fastest * period
-            # Not beyond what it runs at.
-            far = min(most, length) if self.aim in ("nearest", "fastest") else most
-            self.where = self.where + far / length * way
+        most = self.fastest * period
+        # Not beyond what it runs at.
+        beyond = self.aim not in ("nearest", "fastest")
+        self.where = self.where + _stride(way, most, beyond)
+        if self.end is not None:
+            way = self.where + self.lean - self.end
+            self.end = self.end + _stride(way, most, False)
+
+    @property
+    def far_end(self) -> np.ndarray:
+        """(3,) where its axis ends; of a sphere where it is [m]."""
+        return self.where if self.end is None else self.end
+
+
+def _stride(way: np.ndarray, most: float, beyond: bool) -> np.ndarray:
+    """(3,) along a way [m], at most so far, or `beyond` it just so far [m]."""
+    length = np.linalg.norm(way)
+    if not length > 1e-9:
+        return np.zeros(3)
+    return (most if beyond else min(most, length)) / length * way
 
 
 @dataclass
@@ -221,7 +168,7 @@ def run_at(
         tally: that is gone on with.
     """
     rng, tally = np.random.default_rng(seed), tally or Tally()
-    witness, period = Witness(filter), filter.period
+    witness, period = witness_of(filter), filter.period
     filter.reset()
     q, v = filter.model.rest_positions(), np.zeros(filter.model.n)
     wants = make_policy(q, rng)
@@ -231,7 +178,10 @@ def run_at(
         way = rng.normal(size=3)
         where = middle + rng.uniform(0.3, 1.5) * way / np.linalg.norm(way)
         one = Person(where, rng.uniform(0.02, 0.3), rng.uniform(0.1, 1.0) * FASTEST)
-        if witness.look(q, v, where[None], np.array([one.radius]))[0].min() > 0.02:
+        if rng.random() < 0.5:
+            one.end = where + rng.normal(size=3) * rng.uniform(0.0, 0.5)
+        d, _ = witness.look(q, v, *_axes([one], np.array([one.radius])))
+        if d.min() > 0.02:
             people.append(one)
     sizes = np.array([one.radius for one in people])
     speeds = np.array([one.fastest for one in people])
@@ -240,10 +190,10 @@ def run_at(
     names = tuple(f"person {i}" for i in range(len(people)))
     names = names if noise or rng.random() < 0.5 else None
     lost = 0
-    seen = witness.look(q, v, np.array([one.where for one in people]), sizes)
+    seen = witness.look(q, v, *_axes(people, sizes))
     with np.errstate(all="ignore"):
         for k in range(num_steps):
-            centres = np.array([one.where for one in people])
+            centres, _, ends = _axes(people, sizes)
             off = rng.normal(size=centres.shape)
             off *= (
                 noise
@@ -251,22 +201,25 @@ def run_at(
                 / np.linalg.norm(off, axis=1, keepdims=True)
             )
             given = Obstacles(
-                centres + off, sizes + noise, speeds, names, noisy=noise > 0.0
+                *(centres + off, sizes + noise, speeds, names),
+                noisy=noise > 0.0,
+                ends=ends + off,
             )
             if how == "at times" and k:
                 lost = int(rng.integers(1, 30)) if rng.random() < 0.1 else lost - 1
             command = filter(**wants(k, q, v), obstacles=None if lost > 0 else given)
             for i, one in enumerate(people):
                 one.step(period, witness, seen, i, rng)
-            after = np.array([one.where for one in people])
+            after, _, ends_after = _axes(people, sizes)
             for share in np.linspace(0.0, 1.0, INSTANTS + 1)[1:]:
                 seen = witness.look(
                     q + share * (command.q - q),
                     (command.q - q) / period,
                     centres + share * (after - centres),
                     sizes,
+                    ends + share * (ends_after - ends),
                 )
-                tally.judge(*seen, filter.contact_speed)
+                tally.judge(*seen, filter.parameters.lookahead.contact_speed)
             q, v = command.q, command.v
             tally.steps += 1
             tally.nominal += command.report.how == NOMINAL
@@ -274,7 +227,13 @@ def run_at(
     return tally
 
 
-def _middle(witness: Witness, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _axes(people: list[Person], sizes: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(N, 3) where people's axes begin, (N,) their sizes, (N, 3) where they end [m]."""
+    begin = np.array([one.where for one in people])
+    return begin, sizes, np.array([one.far_end for one in people])
+
+
+def _middle(witness: ObstacleJudge, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(3,) the middle of the links."""
     witness.look(q, v, np.zeros((1, 3)), np.zeros(1))
     return witness.places().mean(axis=0)
@@ -301,7 +260,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         key = robot, drawn if robot in DRAWN else 0, period, contact_speed
         if key not in filters:
             model = subject.model(subject.task_set(0))
-            filters[key] = SafetyFilter(model, period, contact_speed=contact_speed)
+            ahead = filter_parameters(period)
+            ahead = replace(ahead, contact_speed=contact_speed)
+            filters[key] = SafetyFilter(model, period, ahead)
         filter, judge = filters[key], subject.filter(period)[1]
 
         def make_policy(start, dice, filter=filter, judge=judge, policy=policy):

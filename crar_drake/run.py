@@ -26,6 +26,7 @@ from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.results.standing_run import as_measured, judged_speed_limits, stance
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
@@ -167,7 +168,9 @@ def run_scenario(
         record = record and out is not None
         check_size(scenario, setup, duration, record)
         diagram = MakeCrarDiagram(scenario, setup=setup)
-        diagram.GetSubsystemByName("crar_controller").law.compile()
+        diagram.GetSubsystemByName("crar_controller").law.compile(
+            bool(scenario.obstacles)
+        )
 
     simulator = Simulator(diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -189,6 +192,7 @@ def run_scenario(
                 raise
             stopped = error
         wall_time = time.perf_counter() - start
+        model = setup.model
         # Its robot named as in the log, for the figures to say the same.
         logged = with_lasting_name(scenario)
         log = make_log(logged, setup, diagram, simulator.get_context())
@@ -213,6 +217,9 @@ def run_scenario(
             warnings=warnings,
             limbs=limb_directions(log, setup.model, performer, blended),
             lowest=lowest,
+            obstacles=judge_obstacles(
+                log, logged, model.plant, model.scene_graph, model.description.pairs
+            ),
             stance=stood,
         )
         summary = replace(summary, stopped=reason_of(stopped))
@@ -315,6 +322,9 @@ def make_log(
         q=q,
         v=v,
         desired_tasks=desired_tasks,
+        obstacles=samples("obstacles")
+        if "obstacles" in sinks
+        else np.empty((num_samples, 0)),
         **reported,
         position_names=np.array(model.position_names),
         actuator_names=np.array(
@@ -336,10 +346,11 @@ def make_log(
 
 def log_sinks(diagram: Diagram) -> dict[str, VectorLogSink]:
     """What logs of a diagram of `MakeCrarDiagram` are made of, by name."""
-    names = ("state", "desired_tasks", "diagnostics", "actuation", "acceleration")
+    names = ("state", "desired_tasks", "diagnostics", "obstacles")
+    of_standing = ("actuation", "acceleration")
     return {
         name: diagram.GetSubsystemByName(f"log_{name}")
-        for name in names
+        for name in (*names, *of_standing)
         if diagram.HasSubsystemNamed(f"log_{name}")
     }
 

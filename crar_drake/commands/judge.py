@@ -13,7 +13,7 @@ from crar_drake.commands.judge_references import (
     run_references,
 )
 from crar_drake.commands.options import add_command, add_robot, count, positive
-from crar_drake.commands.output import counted, final_line
+from crar_drake.commands.output import FAST, counted, final_line
 from crar_drake.errors import CrarError
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def run_log(arguments: argparse.Namespace) -> int:
     from crar_drake.results.clipped_torque import clipped_line
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
+    from crar_drake.results.obstacles import judge_obstacles
     from crar_drake.results.standing_run import judged_speed_limits
     from crar_drake.robot.model import ControlModel
     from crar_drake.robot_import.link_meshes import has_meshes
@@ -166,12 +167,21 @@ def run_log(arguments: argparse.Namespace) -> int:
             f"{named}{f' and {more} more' if more > 0 else ''}, whose shapes are not "
             "all capsules and spheres"
         )
+    touched = judge_obstacles(
+        log, scenario, model.plant, model.scene_graph, description.pairs
+    )
+    for name, figures in touched.items():
+        print(
+            f"obstacle {name}: smallest distance "
+            f"{1e3 * figures.smallest_distance:.1f} mm, {figures.in_words()}"
+        )
     if clipped := clipped_line(log):
         print(f"assumption broken: {clipped}")
     violated = [
         *counted(capsules.num_penetrating, "sample", "penetrate{s}"),
         *counted(capsules.num_beyond_limit, "sample", "beyond a joint limit"),
         *counted(capsules.num_beyond_speed, "sample", "beyond a speed limit"),
+        *counted(sum(of.fast_contacts for of in touched.values()), "contact", FAST),
     ]
     if verdict is not None:
         figures = verdict.steps

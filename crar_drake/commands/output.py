@@ -81,6 +81,10 @@ def tell_failure(error: BaseException) -> int:
     return 2
 
 
+# What is counted of contacts with obstacles that move.
+FAST = "with an obstacle while the link was fast"
+
+
 def counted(number: int, what: str, does: str) -> list[str]:
     """ "3 samples penetrate", as the only entry; of none, no entry.
 

@@ -29,7 +29,7 @@ from crar_drake.commands.options import (
     override_motion,
     positive,
 )
-from crar_drake.commands.output import OUT, counted, final_line, label
+from crar_drake.commands.output import FAST, OUT, counted, final_line, label
 from crar_drake.errors import ScenarioError
 
 # What a run of a robot that floats leaves besides.
@@ -153,6 +153,7 @@ def run(arguments: argparse.Namespace) -> int:
             *counted(summary.penetrating_samples, "sample", "penetrate{s}"),
             *counted(summary.beyond_limit_samples, "sample", "beyond a joint limit"),
             *counted(summary.beyond_speed_samples, "sample", "beyond a speed limit"),
+            *counted(summary.fast_contacts, "contact", FAST),
             *_fallen(summary),
         ],
         len(summary.remarks),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from operator import attrgetter
@@ -23,6 +24,7 @@ from crar_drake.control.diagnostics import OF_LAW, Diagnostic
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.modes import MODES
 from crar_drake.control.modes.fading import FadingMode, without_fading
+from crar_drake.control.obstacle_port import ObstaclePort
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError, Memory, Solution, check_finite
 from crar_drake.equations.references import Targets
@@ -67,7 +69,7 @@ class CrarController(LeafSystem):
         desired_tasks ───────►│                ├──► desired_acceleration
         desired_prescribed ──►│ CrarController ├──► position_command
         nominal_posture ─────►│                ├──► root_force
-                              │                ├──► diagnostics
+        obstacles (if any) ──►│                ├──► diagnostics
                               └────────────────┘
 
     Notation: W the world frame; T a task's frame or point; q, v the plant's
@@ -87,6 +89,10 @@ class CrarController(LeafSystem):
         nominal_posture: (n,) positions that the null space is drawn to [rad or m], the
             robot's rest posture where nothing is connected; absent if
             `CrarParameters.nominal_posture_gain` is 0.
+        obstacles: (4 N,) [x; y; z; radius] of each of N spheres that move by
+            themselves, now, in W [m]. Only there if their speeds are given, and
+            connected or not: where it is not, there are none. Constraints "lookahead"
+            alone keep off them (`docs/theory/moving-obstacles.md`).
 
     Output ports, all of one solve but for the torque:
         actuation: (nu,) efforts in the plant's actuator order [Nm or N], at the state
@@ -152,6 +158,7 @@ class CrarController(LeafSystem):
         parameters: CrarParameters | None = None,
         *,
         plant_is_discrete: bool = True,
+        obstacle_speeds: Sequence[float] = (),
     ) -> None:
         """
         Args:
@@ -159,9 +166,10 @@ class CrarController(LeafSystem):
             parameters: gains and modes; by default `CrarParameters()`.
             plant_is_discrete: whether the plant that takes the torque is discrete;
                 see the class documentation for what it changes.
+            obstacle_speeds: (N,) bounds of the speeds of obstacles [m/s].
 
         Raises:
-            ScenarioError: a parameter is out of range.
+            ScenarioError: a parameter is out of range, or does not go with obstacles.
         """
         super().__init__()
         self.set_name("crar_controller")
@@ -185,6 +193,9 @@ class CrarController(LeafSystem):
             )
         if self.law.parameters.posture_gain:
             self._posture_port = self.DeclareVectorInputPort("nominal_posture", model.n)
+        self._obstacles = ObstaclePort(self, obstacle_speeds)
+        if self._obstacles and self.law.mode.keeps_off_obstacles:
+            self.law.among  # noqa: B018 (what does not go with them is refused now)
 
         nothing_yet = Memory()
         held = self.DeclareAbstractState(AbstractValue.Make(nothing_yet))
@@ -263,6 +274,14 @@ class CrarController(LeafSystem):
         """Port (n,), may be left open; None if `nominal_posture_gain` is 0."""
         return self._posture_port
 
+    def get_input_port_obstacles(self) -> InputPort:
+        """Port (4 N,), may be left open: [x; y; z; radius] of each obstacle now.
+
+        Raises:
+            InputError: the controller was made without `obstacle_speeds`.
+        """
+        return self._obstacles.port
+
     def get_output_port_actuation(self) -> OutputPort:
         """Port (nu,): efforts [Nm or N]."""
         return self._outputs["actuation"]
@@ -291,6 +310,15 @@ class CrarController(LeafSystem):
         """
         values = self._outputs["diagnostics"].Eval(context)
         return {name: values[at] for name, at in self.diagnostics_slices.items()}
+
+    def obstacle(self, context: Context) -> tuple[str, str] | None:
+        """The number of the obstacle that holds the robot back, and the link; None if
+        none does.
+
+        Args:
+            context: as of `diagnostics`.
+        """
+        return self._EvalSolution(context).obstacle
 
     def __getattr__(self, name: str):
         # Found only where nothing has the name.
@@ -334,6 +362,7 @@ class CrarController(LeafSystem):
             )
         law.mode = FadingMode(law.mode, self.law.mode, self.model, new.period)
         law.target_names = self.law.target_names
+        law.take_over_obstacles(self.law)
         memory = without_fading(self._GetHeld(context))
         if new.governor != old.governor:
             memory = replace(memory, governed=None)
@@ -390,7 +419,10 @@ class CrarController(LeafSystem):
             self._EvalPort(self._prescribed_port, context),
             self._EvalPosture(context, q),
         )
-        solve.memory = self.law.solve(workspace, memory, tick, time, q, v, targets)
+        obstacles = self._obstacles.Eval(context)
+        solve.memory = self.law.solve(
+            workspace, memory, tick, time, q, v, targets, obstacles
+        )
         if torque_tick:
             # A run that begins between control ticks. The next one comes too early to
             # tell what the plant does in a period.

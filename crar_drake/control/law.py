@@ -10,12 +10,15 @@ goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from crar_drake.control.balance import Balance
 from crar_drake.control.effort_limits import EffortLimits
+from crar_drake.control.law_among import LawAmong
 from crar_drake.control.modes import MODES, validate
+from crar_drake.control.obstacles import Obstacles, Regions
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.plausible import PlausibleStates
 from crar_drake.control.records import (
@@ -111,12 +114,38 @@ class ControlLaw:
             self._balance = Balance(model, gains.balance, self.mode, self._period)
         self.reset()
 
-    def compile(self) -> None:
+    @cached_property
+    def among(self) -> LawAmong:
+        """What keeps the robot from obstacles that move.
+
+        Raises:
+            ScenarioError: the robot or the parameters do not go with them.
+        """
+        return LawAmong(self.model, self.parameters)
+
+    def take_over_obstacles(self, before: ControlLaw) -> None:
+        """Goes on with what keeps the robot off obstacles in a law before, where that
+        goes with this one: it takes a twentieth of a second to make.
+
+        Args:
+            before: of the same model.
+        """
+        made = vars(before).get("among")
+        unused = not self.mode.keeps_off_obstacles
+        if made is not None and (unused or made.goes_with(self.parameters)):
+            vars(self)["among"] = made
+
+    def compile(self, obstacles: bool = False) -> None:
         """Compiles what has yet to be, by a step at rest that leaves nothing behind.
 
         What only some steps need is among it, lest the first of these stop the robot's
         control for a fifth of a second.
+
+        Args:
+            obstacles: whether there will be any that move.
         """
+        if obstacles and self.mode.keeps_off_obstacles:
+            self.among.compile()
         model = self.model
         q = self._rest
         v = np.zeros(model.plant.num_velocities())
@@ -163,6 +192,7 @@ class ControlLaw:
         tasks: np.ndarray,
         prescribed: np.ndarray | None = None,
         nominal_posture: np.ndarray | None = None,
+        obstacles: Obstacles | None = None,
     ) -> Solution:
         """The next control step, for a loop without a simulator.
 
@@ -177,6 +207,7 @@ class ControlLaw:
                 any; `model.prescribed_at` makes one.
             nominal_posture: (n,) that the null space is drawn to, unless
                 `nominal_posture_gain` is 0; by default `default_posture`.
+            obstacles: as of `solve`.
 
         Raises:
             InputError: an argument has a NaN or the wrong size; it is named.
@@ -198,7 +229,7 @@ class ControlLaw:
         check_finite("q", q, time)
         check_finite("v", v, time)
         self._memory = self.solve(
-            self._workspace, memory, tick, time, q, v, Targets(*targets)
+            self._workspace, memory, tick, time, q, v, Targets(*targets), obstacles
         )
         return self._memory.solution
 
@@ -241,6 +272,7 @@ class ControlLaw:
         q: np.ndarray,
         v: np.ndarray,
         targets: Targets,
+        obstacles: Obstacles | None = None,
     ) -> Memory:
         """One control step, without side effects but on the workspace.
 
@@ -251,6 +283,9 @@ class ControlLaw:
             time: of this step [s].
             q, v: (nq,), (nv,) state of the whole plant.
             targets: what to do; where blending begins is the law's to say.
+            obstacles: that move by themselves, where they are now; they replace all
+                before. Where none are given, those before may be anywhere that their
+                speeds let them be since. Constraints "lookahead" alone keep off them.
 
         Returns:
             The results, in `solution`, and what the next step is to be given.
@@ -259,6 +294,7 @@ class ControlLaw:
             InputError: a target is not finite or a desired orientation a quaternion
                 of zero length, unless that makes the robot brake; or the measured
                 orientation of a free root is one.
+            ScenarioError: the robot or the parameters do not go with obstacles.
             FloatingPointError: an overflow.
         """
         model, mode = self.model, self.mode
@@ -269,10 +305,14 @@ class ControlLaw:
         if mode.brakes_without_targets:
             believed = self._plausible.believed(v, before.v)
         measured = self._measure(workspace, q, believed)
+        regions = None
+        none = before.regions is None if obstacles is None else not len(obstacles)
+        if mode.keeps_off_obstacles and not none:
+            regions = self.among.regions(before, obstacles, q, believed)
         if believed is not v or not self._came(before, q, v):
-            return self._brake(workspace, tick, measured, STATUS_IMPLAUSIBLE)
+            return self._brake(workspace, tick, measured, regions, STATUS_IMPLAUSIBLE)
         if not self._usable(targets, time):
-            return self._brake(workspace, tick, measured)
+            return self._brake(workspace, tick, measured, regions)
         start_time, start = memory.start_time, memory.start
         if start is None:
             start_time, start = time, self._start(measured)
@@ -301,10 +341,10 @@ class ControlLaw:
                     "solver; are positions, velocities or targets beyond all sense?"
                 )
             if mode.brakes_without_targets:
-                return self._brake(workspace, tick, measured)
+                return self._brake(workspace, tick, measured, regions)
             raise _no_orientation("desired_tasks", time)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        self._complete(solution, workspace, measured, status)
+        regions = self._complete(solution, workspace, measured, status, regions)
         return Memory(
             tick,
             solution=solution,
@@ -314,6 +354,7 @@ class ControlLaw:
             start_time=start_time,
             start=start,
             governed=governed,
+            regions=regions,
         )
 
     def _usable(self, targets: Targets, time: float) -> bool:
@@ -421,6 +462,7 @@ class ControlLaw:
         workspace: Workspace,
         tick: int,
         measured: Measured,
+        regions: Regions | None,
         status: float = STATUS_BRAKING,
     ) -> Memory:
         """q_ddot = -q_dot / T, and blend in when the targets are back, or the state."""
@@ -432,9 +474,11 @@ class ControlLaw:
             constraint_weights=np.ones(model.n),
             constrained_velocity=np.zeros(model.n),
         )
-        self._complete(solution, workspace, measured, status)
+        regions = self._complete(solution, workspace, measured, status, regions)
         after = measured.v + self._period * solution.acceleration
-        return Memory(tick, solution=solution, q=measured.q[0], v=after)
+        return Memory(
+            tick, solution=solution, q=measured.q[0], v=after, regions=regions
+        )
 
     def _complete(
         self,
@@ -442,13 +486,22 @@ class ControlLaw:
         workspace: Workspace,
         measured: Measured,
         status: float,
-    ) -> None:
-        """Adds what follows from the accelerations, which effort limits may change."""
+        regions: Regions | None,
+    ) -> Regions | None:
+        """Adds what follows from the accelerations, which effort limits and obstacles
+        may change; gives where these are a period on at most."""
         self._efforts.limit(workspace, measured, solution)
+        if regions is not None:
+            q, v = measured.q[0], measured.v
+            changed, regions = self.among.limit(regions, q, v, solution)
+            if changed:
+                vdot = solution.acceleration
+                self._efforts.take(workspace, measured, vdot, solution)
         if self._balance is not None:
             self._keep_balance(workspace, measured, solution)
         solution.root_force = self.model.root_force(workspace, solution.acceleration)
         solution.status = _STATUS[status]
+        return regions
 
     def _keep_balance(
         self, workspace: Workspace, measured: Measured, solution: Solution

@@ -86,6 +86,8 @@ class LookaheadParameters:
             default 0, and
         tracking_errors: joint to its own instead. With an error all distances that the
             mode reports are those that are left for the robot.
+        contact_speed: v_ok, slower than which a link may be touched by an obstacle that
+            moves by itself [m/s].
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -103,6 +105,7 @@ class LookaheadParameters:
     slip_time_constant: float = 0.01  # [s]
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
+    contact_speed: float = 0.05  # [m/s]
     nominal_speed_limit: float | None = None  # [rad/s]
     guard_norm: str = "joints"
     guard_damping: float | None = None  # [m]

@@ -19,6 +19,7 @@ from crar_drake.control.tracking_error import joint_errors
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.filter_among import AMONG, step_among
 from crar_drake.equations.moving_obstacles import (
+    Spheres,
     WorldLaw,
     are_clear,
     passing,
@@ -27,18 +28,16 @@ from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.watched_links import watched_links
 
-# The speed of the robot's surface that does no harm, unless it is given [m/s].
-CONTACT_SPEED = 0.05
-
 # What rounding takes of a sphere that is in another [m]: the floor has it to spare.
 _ROUNDING = 1e-9
 
 
 class Obstacles:
-    """N spheres, measured now; never changed.
+    """N spheres or capsules, measured now; never changed.
 
     Attributes:
-        centres: (N, 3) in the world [m].
+        centres: (N, 3) in the world [m]; of capsules one end of the axis, and
+        ends: (N, 3) the other one; of spheres the same [m].
         radii: (N,) [m].
         speeds: (N,) no point of them is faster, until they are measured again [m/s].
         names: (N,) of each; None where nobody says which is which.
@@ -52,10 +51,11 @@ class Obstacles:
         speeds: ArrayLike,
         names: tuple[str, ...] | None = None,
         noisy: bool = False,
+        ends: ArrayLike | None = None,
     ) -> None:
         """
         Args:
-            centres: (N, 3) in the world [m].
+            centres: (N, 3) in the world [m]; of capsules one end of the axis.
             radii, speeds: (N,), or one for all [m], [m/s].
             names: (N,) of each, each once; those of a call before that have the same
                 names are the same.
@@ -65,6 +65,9 @@ class Obstacles:
                 alone makes nothing unsafe. A late call that keeps it is one, too: leave
                 it out where periods are not kept.
 
+            ends: (N, 3) of capsules the other end [m], none of which is faster than its
+                speed either; by default all are spheres.
+
         Raises:
             InputError: a size is wrong, or a number is none, or negative.
         """
@@ -73,6 +76,9 @@ class Obstacles:
             if not centres.size:
                 centres = centres.reshape(0, 3)
             n = len(centres)
+            ends = centres if ends is None else np.array(ends, dtype=float, order="C")
+            if not ends.size:
+                ends = ends.reshape(0, 3)
             radii, speeds = (
                 np.array(np.broadcast_to(np.asarray(x, dtype=float), (n,)))
                 for x in (radii, speeds)
@@ -82,17 +88,19 @@ class Obstacles:
                 "obstacles: give (N, 3) centres, (N,) radii and (N,) speeds, or one "
                 f"radius or speed for all: {error}"
             ) from None
-        if centres.shape != (n, 3):
-            raise InputError(
-                f"obstacles: centres have shape {centres.shape}; it must be (N, 3)"
-            )
-        for what, value in (("centres", centres), ("radii", radii), ("speeds", speeds)):
-            bad = ~np.isfinite(value) | ((value < 0.0) & (what != "centres"))
+        places = {"centres": centres, "ends": ends}
+        for what, value in places.items():
+            if value.shape != (n, 3):
+                raise InputError(
+                    f"obstacles: {what} have shape {value.shape}; it must be (N, 3)"
+                )
+        for what, value in {**places, "radii": radii, "speeds": speeds}.items():
+            bad = ~np.isfinite(value) | ((value < 0.0) & (what not in places))
             if bad.any():
                 of = np.flatnonzero(bad.reshape(n, -1).any(axis=1))[0]
                 raise InputError(
                     f"obstacles: {what} of sphere {of} are {value[of]}: they must be "
-                    f"finite{'' if what == 'centres' else ' and not negative'}"
+                    f"finite{'' if what in places else ' and not negative'}"
                 )
         if names is not None:
             names = tuple(map(str, names))
@@ -100,7 +108,8 @@ class Obstacles:
                 raise InputError(f"obstacles: give {n} different names, or none")
         elif noisy:
             raise InputError("obstacles: noisy ones need names")
-        self.centres, self.radii, self.speeds = centres, radii, speeds
+        self.centres, self.ends = centres, ends
+        self.radii, self.speeds = radii, speeds
         self.names, self.noisy = names, noisy
 
     def __len__(self) -> int:
@@ -167,13 +176,11 @@ class ObstacleFilter:
         model: ControlModel,
         mode: LookaheadMode,
         gains: CrarParameters,
-        contact_speed: float,
         law: Held,
     ) -> None:
         """
         Args:
             model, mode, gains: of the filter.
-            contact_speed: v_ok [m/s].
             law: holds `FilterLaw`.
 
         Raises:
@@ -182,18 +189,19 @@ class ObstacleFilter:
         T, period = float(mode.horizon), float(gains.period)
         if not period < T:
             raise ScenarioError(
-                f"filter: with moving obstacles the horizon ({T:g} s) must be longer "
-                f"than the period ({period:g} s)"
+                f"controller.lookahead.horizon: with moving obstacles it ({T:g} s) "
+                f"must be longer than the period ({period:g} s)"
             )
         if mode.slower:
             raise ScenarioError(
-                "filter.lookahead.longest_horizon: with moving obstacles one horizon "
-                "counts; leave it out"
+                "controller.lookahead.longest_horizon: with moving obstacles one "
+                "horizon counts; make it the same as lookahead.horizon"
             )
+        speed = float(gains.lookahead.contact_speed)  # v_ok
         errors = joint_errors(gains.lookahead, model)
         links, self.links = watched_links(model, errors)
         self._floor = mode.admission.floor
-        numbers = passing(T, period, self._floor, contact_speed)
+        numbers = passing(T, period, self._floor, speed)
         self._period, self._law = period, law
         self._world = hold(WorldLaw(hold(links), numbers))
 
@@ -222,7 +230,11 @@ class ObstacleFilter:
         some, was = np.flatnonzero(places >= 0), places[places >= 0]
         if len(some):
             old = before.spheres
-            apart = np.linalg.norm(given.centres[some] - old.centres[was], axis=1)
+            # No point of a capsule is farther from where it was than an end.
+            apart = np.maximum(
+                np.linalg.norm(given.centres[some] - old.centres[was], axis=1),
+                np.linalg.norm(given.ends[some] - old.ends[was], axis=1),
+            )
             as_fast = given.speeds[some] <= old.speeds[was]
             within = apart + given.radii[some] <= old.radii[was] + _ROUNDING
             known[some] = as_fast & within & before.clear[was]
@@ -232,9 +244,7 @@ class ObstacleFilter:
             known[unknown] = are_clear(
                 q,
                 v,
-                given.centres[unknown],
-                given.radii[unknown],
-                given.speeds[unknown],
+                _shapes(given, unknown),
                 self._law.value.robot,
                 self._world,
             )
@@ -243,9 +253,13 @@ class ObstacleFilter:
             keep = ~known[some] & as_fast & meet & before.clear[was]
             if given.noisy and keep.any():
                 centres, radii = given.centres.copy(), given.radii.copy()
+                ends = given.ends.copy()
                 centres[some[keep]] = old.centres[was[keep]]
+                ends[some[keep]] = old.ends[was[keep]]
                 radii[some[keep]] = old.radii[was[keep]]
-                taken = Obstacles(centres, radii, given.speeds, given.names, True)
+                taken = Obstacles(
+                    *(centres, radii, given.speeds, given.names, True, ends)
+                )
                 known[some[keep]] = True
             too_fast = tuple(given.names[i] for i in some[~meet])
         return Regions(taken, known, too_fast)
@@ -266,14 +280,18 @@ class ObstacleFilter:
             v_next,
             held,
             regions.clear,
-            of.centres,
-            of.radii,
-            of.speeds,
+            _shapes(of, slice(None)),
             self._law,
             self._world,
         )
         end = AMONG + len(q)
         return Among(answer[:AMONG], answer[AMONG:end].copy(), answer[end:] != 0.0)
+
+
+def _shapes(of: Obstacles, which: np.ndarray | slice) -> Spheres:
+    """Some of them, for the equations."""
+    centres, ends = of.centres[which], of.ends[which]
+    return Spheres(centres, ends - centres, of.radii[which], of.speeds[which])
 
 
 def _places(before: Regions | None, given: Obstacles) -> np.ndarray:

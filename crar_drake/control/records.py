@@ -59,6 +59,7 @@ class Solution:
         root_force: (nv,) generalized forces that a free root must be pushed with, at
             the state of `actuation`, 0 for all other joints [Nm, N]; (0,) if nothing is
             free.
+        obstacle: that moves by itself, and the link that it holds back; None of none.
     """
 
     acceleration: np.ndarray
@@ -73,6 +74,7 @@ class Solution:
     status: np.ndarray | None = None
     torque_limit: np.ndarray | None = None
     root_force: np.ndarray | None = None
+    obstacle: tuple[str, str] | None = None
 
     @property
     def resting_margins(self) -> np.ndarray:
@@ -110,6 +112,7 @@ class Memory:
         start: what was measured then; None if it has yet to begin.
         governed: (layout.size,) the targets as they were governed; None without a
             governor, and where the targets were lost.
+        regions: the `control.obstacles.Regions` of the next step; None without any.
     """
 
     tick: int = -1
@@ -121,6 +124,7 @@ class Memory:
     start_time: float | None = None
     start: BlendStart | None = None
     governed: np.ndarray | None = None
+    regions: Any = None
 
     def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:
         """The same control step with the torque of a later torque tick."""
@@ -135,6 +139,7 @@ class Memory:
             self.start_time,
             self.start,
             self.governed,
+            self.regions,
         )
 
     def __deepcopy__(self, memo: dict) -> Memory:

@@ -9,8 +9,10 @@ last bit. `equations.joint_filter` has the step, `docs/theory/theorem.md` the pr
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +20,6 @@ from numpy.typing import ArrayLike
 from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes.lookahead import LookaheadMode
 from crar_drake.control.obstacles import (
-    CONTACT_SPEED,
     Among,
     ObstacleFilter,
     Obstacles,
@@ -131,8 +132,8 @@ class FilterReport:
             obstacle's name or number, and the link; or None.
         obstacle_clearance: how far links stay from obstacles on the braking path from
             the command, less what these can come nearer while the links are faster than
-            `contact_speed` [m]; a bound from below. NaN without obstacles, while it
-            brakes, and where a watched pair is not examined.
+            `lookahead.contact_speed` [m]; a bound from below. NaN without obstacles,
+            while it brakes, and where a watched pair is not examined.
         too_fast: names of the obstacles that are where they could not be, had they kept
             the bound of their speed.
     """
@@ -228,8 +229,10 @@ class SafetyFilter:
         joint_names: (n,) the joints, in the plant's order: that of all vectors.
         period: [s].
         parameters: of the law.
-        contact_speed: slower than this a link may be touched by an obstacle [m/s].
+        parameters_of: what errors call them.
     """
+
+    parameters_of = "filter"
 
     def __init__(
         self,
@@ -240,7 +243,6 @@ class SafetyFilter:
         effort_limits: bool = False,
         velocity_scale: float = 1.0,
         velocity_limits: Mapping[str, float] | None = None,
-        contact_speed: float = CONTACT_SPEED,
     ) -> None:
         """
         Args:
@@ -254,8 +256,6 @@ class SafetyFilter:
             velocity_scale: share of the joints' speed limits that may be used.
             velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
                 robot's.
-            contact_speed: of the robot's surface that does no harm, in a contact with
-                an obstacle that moves [m/s].
 
         Raises:
             ModelError: there is no such robot, or it cannot be controlled.
@@ -275,12 +275,9 @@ class SafetyFilter:
             velocity_limits=dict(velocity_limits or {}),
             **_NO_FEEDBACK,
         )
-        try:
+        with self._refusing():
             gains.validate()
             LookaheadMode.check(gains)
-        except ScenarioError as error:
-            # Of which the filter has a part.
-            raise ScenarioError(str(error).replace("controller.", "filter.")) from None
         if ahead.preview is not None:
             raise ScenarioError(
                 "filter.lookahead.preview: a filter of joints has no tasks to plan "
@@ -293,7 +290,8 @@ class SafetyFilter:
         self._n = model.n
         self._at = {name: i for i, name in enumerate(self.joint_names)}
         nothing = TaskGains(0.0, 0.0, 0.0, 0.0, _NOTHING)
-        mode = LookaheadMode(model, gains, nothing, self.period)
+        with self._refusing():
+            mode = LookaheadMode(model, gains, nothing, self.period)
         self._T = float(mode.horizon)
         robot = robot_in_closed_form(model, mode.robot)
         balls = hold(find_balls(model, mode.losses))
@@ -302,13 +300,7 @@ class SafetyFilter:
         self._pairs = [model.pairs.names[i] for i in model.pairs.pair_of_shapes[rows]]
         self._examines_all = not model.pairs.not_examined
         self._efforts = EffortLimits(model, mode, gains)
-        if not 0.0 < contact_speed < np.inf:
-            raise ScenarioError(
-                f"filter.contact_speed: {contact_speed:g} m/s; it must be positive"
-            )
-        self.contact_speed = float(contact_speed)
         self._mode = mode
-        self._among: ObstacleFilter | None = None  # made when first asked for
         self.reset()
 
     def reset(self, q: Joints | None = None, v: Joints | None = None) -> None:
@@ -388,7 +380,7 @@ class SafetyFilter:
     def links(self) -> tuple[str, ...]:
         """The links that are kept from obstacles: those of watched pairs that move, and
         have capsules or spheres."""
-        return self._obstacle_filter().links
+        return self.among.links
 
     def solve(
         self,
@@ -412,8 +404,7 @@ class SafetyFilter:
         error, worst = self._tracking(memory, measured)
         regions = memory.regions
         if obstacles is not None:
-            among = self._obstacle_filter()
-            regions = among.regions(regions, obstacles, memory.q, memory.v)
+            regions = self.among.regions(regions, obstacles, memory.q, memory.v)
         kind, wish, rate = self._wanted(memory, q, v, a)
         if not (np.isfinite(wish).all() and np.isfinite(rate).all()):
             return self._brake(memory, NO_NUMBER, error, worst, regions)
@@ -446,9 +437,15 @@ class SafetyFilter:
         held, of_regions = bool(found[HELD]), {}
         clear = held
         if regions is not None:
-            left = self._left_among(regions, memory, v_next, held)
+            left = self.left_among(regions, memory, v_next, held)
             of = left.found
-            of_regions = self._told_of(regions, of)
+            of_regions = {
+                "obstacle": self.ran_into(regions, of),
+                "obstacle_clearance": (
+                    float(of[AMONG_CLEARANCE]) if self._examines_all else np.nan
+                ),
+                "too_fast": regions.too_fast,
+            }
             if of[AMONG_HOW] != AS_NOMINAL:
                 how, why = max(how, of[AMONG_HOW]), OBSTACLE
                 found[SHARE], found[CLEARANCE] = of[AMONG_SHARE], of[AMONG_PAIRS]
@@ -481,18 +478,37 @@ class SafetyFilter:
             FilterCommand(self.joint_names, q_next, v_next, vdot, report),
         )
 
-    def _obstacle_filter(self) -> ObstacleFilter:
-        if self._among is None:
-            self._among = ObstacleFilter(
-                self.model, self._mode, self.parameters, self.contact_speed, self._law
-            )
-        return self._among
+    @cached_property
+    def among(self) -> ObstacleFilter:
+        """What keeps links from obstacles.
 
-    def _left_among(
+        Raises:
+            ScenarioError: a parameter does not go with them.
+        """
+        with self._refusing():
+            return ObstacleFilter(self.model, self._mode, self.parameters, self._law)
+
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        """Calls parameters by where a user gives them, in errors."""
+        try:
+            yield
+        except ScenarioError as error:
+            text = str(error).replace("controller.", f"{self.parameters_of}.")
+            raise ScenarioError(text) from None
+
+    def left_among(
         self, regions: Regions, memory: FilterMemory, v_next: np.ndarray, held: bool
     ) -> Among:
-        """What is left of a command among obstacles, within the motors' limits."""
-        among, q, v = self._obstacle_filter(), memory.q, memory.v
+        """What is left of a command among obstacles, within the motors' limits.
+
+        Args:
+            regions: where they are taken to be.
+            memory: with the state.
+            v_next: (n,) the velocity of the command, that pairs and limits allow.
+            held: whether all pairs are clear of each other on the present braking path.
+        """
+        among, q, v = self.among, memory.q, memory.v
         left = among.step(regions, q, v, v_next, held)
         if not self._efforts.finite or left.found[AMONG_HOW] == AS_NOMINAL:
             return left
@@ -511,19 +527,10 @@ class SafetyFilter:
         found[AMONG_PAIRS] = found[AMONG_CLEARANCE] = np.nan
         return Among(found, v - self.period * v / self._T, regions.clear)
 
-    def _told_of(self, regions: Regions, found: np.ndarray) -> dict:
-        """What a report says of obstacles."""
+    def ran_into(self, regions: Regions, found: np.ndarray) -> tuple[str, str] | None:
+        """The obstacle and the link that `Among.found` is about; None of none."""
         link, sphere = int(found[LINK]), int(found[SPHERE])
-        pair = None
-        if link >= 0:
-            pair = regions.spheres.name(sphere), self._obstacle_filter().links[link]
-        return {
-            "obstacle": pair,
-            "obstacle_clearance": (
-                float(found[AMONG_CLEARANCE]) if self._examines_all else np.nan
-            ),
-            "too_fast": regions.too_fast,
-        }
+        return None if link < 0 else (regions.spheres.name(sphere), self.links[link])
 
     def _wanted(self, memory: FilterMemory, q, v, a) -> tuple[int, np.ndarray, ...]:
         """The kind of what is wanted, it, and how fast a wanted position moves."""

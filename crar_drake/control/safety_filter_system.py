@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
     State,
 )
 
-from crar_drake.control.obstacles import Obstacles
+from crar_drake.control.obstacle_port import ObstaclePort
 from crar_drake.control.records import InputError
 from crar_drake.control.safety_filter import (
     BRAKING,
@@ -103,11 +103,7 @@ class SafetyFilterSystem(LeafSystem):
                 ("measured_state", 2 * n),
             )
         }
-        self._speeds = np.array(obstacle_speeds, dtype=float)
-        if len(self._speeds):
-            self._inputs["obstacles"] = self.DeclareVectorInputPort(
-                "obstacles", 4 * len(self._speeds)
-            )
+        self._obstacles = ObstaclePort(self, obstacle_speeds)
         memory = self.DeclareAbstractState(AbstractValue.Make(filter.start()))
         self._memory_index = int(memory)
         held = {self.abstract_state_ticket(memory)}
@@ -150,12 +146,7 @@ class SafetyFilterSystem(LeafSystem):
         Raises:
             InputError: the system was made without `obstacle_speeds`.
         """
-        if "obstacles" not in self._inputs:
-            raise InputError(
-                f"{self.get_name()} has no port for obstacles: give obstacle_speeds "
-                "when it is made"
-            )
-        return self._inputs["obstacles"]
+        return self._obstacles.port
 
     def get_output_port_command(self) -> OutputPort:
         """Port (2 n,): [q; v] a period after the step."""
@@ -209,10 +200,7 @@ class SafetyFilterSystem(LeafSystem):
             if port.HasValue(context)
         }
         measured = given.pop("measured_state", None)
-        obstacles = given.pop("obstacles", None)
-        if obstacles is not None:
-            spheres = obstacles.reshape(-1, 4)
-            obstacles = Obstacles(spheres[:, :3], spheres[:, 3], self._speeds)
+        obstacles = self._obstacles.Eval(context)
         if measured is not None:
             measured = measured[:n], measured[n:]
             if memory.command is None:

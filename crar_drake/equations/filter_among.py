@@ -101,9 +101,7 @@ def step_among(
     v_next: np.ndarray,
     held: bool,
     clear: np.ndarray,
-    centre: np.ndarray,
-    radius: np.ndarray,
-    speed: np.ndarray,
+    spheres: Spheres,
     law: Held,
     world: Held,
 ) -> np.ndarray:
@@ -114,7 +112,7 @@ def step_among(
         v_next: (n,) the velocity of the command.
         held: whether all pairs are clear of each other on the present braking path.
         clear: (N,) bool, of which spheres the state is known to be clear.
-        centre, radius, speed: (N, 3), (N,), (N,) see `Spheres`.
+        spheres: (N,) of them.
         law: holds `FilterLaw`.
         world: holds `WorldLaw`.
 
@@ -125,7 +123,7 @@ def step_among(
         clearance of pairs then on.
     """
     of = law.value
-    r, spheres = of.robot.value, Spheres(centre, radius, speed)
+    r, radius = of.robot.value, spheres.radius
     numbers = of.mode.value
     admission, gains = numbers.admission, numbers.gains
     line = command_line(q, v_next, world)

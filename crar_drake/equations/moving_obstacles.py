@@ -1,4 +1,4 @@
-"""Spheres that move by themselves, of bounded speed: (M1), (M2) of
+"""Spheres and capsules that move by themselves, of bounded speed: (M1), (M2) of
 `docs/theory/moving-obstacles.md`.
 
 The links of a robot are kept at the floor and what a sphere can come nearer meanwhile,
@@ -63,9 +63,10 @@ class Links(NamedTuple):
 
 
 class Spheres(NamedTuple):
-    """N spheres, R_k of the theorem, in the world."""
+    """N spheres or capsules, R_k of the theorem, in the world."""
 
-    centre: np.ndarray  # (N, 3) [m]
+    centre: np.ndarray  # (N, 3) where the axis of each begins [m]
+    axis: np.ndarray  # (N, 3) from there to where it ends; of a sphere 0 [m]
     radius: np.ndarray  # (N,) [m]
     speed: np.ndarray  # (N,) V, no point of what is in it is faster [m/s]
 
@@ -239,15 +240,19 @@ def links_near(
         x = spheres.centre[k, 0] - middle[0]
         y = spheres.centre[k, 1] - middle[1]
         z = spheres.centre[k, 2] - middle[2]
+        # Of a capsule, the ball about it.
+        a, b, c = spheres.axis[k, 0], spheres.axis[k, 1], spheres.axis[k, 2]
+        x, y, z = x + 0.5 * a, y + 0.5 * b, z + 0.5 * c
         r, V = spheres.radius[k], spheres.speed[k]
+        r += 0.5 * np.sqrt(a * a + b * b + c * c)
         apart = np.sqrt(x * x + y * y + z * z) - around - r - V * longest
         if apart >= enough:
             low = min(low, apart)
             continue
         for i in range(L):
-            x = start[i, 0] - spheres.centre[k, 0]
-            y = start[i, 1] - spheres.centre[k, 1]
-            z = start[i, 2] - spheres.centre[k, 2]
+            x = start[i, 0] - spheres.centre[k, 0] - 0.5 * a
+            y = start[i, 1] - spheres.centre[k, 1] - 0.5 * b
+            z = start[i, 2] - spheres.centre[k, 2] - 0.5 * c
             u, v = end[i, 0] - start[i, 0], end[i, 1] - start[i, 1]
             w = end[i, 2] - start[i, 2]
             here, towards = x * x + y * y + z * z, x * u + y * v + z * w
@@ -304,18 +309,37 @@ def near_line(
 
 
 @compiled(loops=True)
-def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, float]:
-    """Of a segment from p by u, (3,) each, the unit normal from the point c (3,) to it,
-    and their distance [m]."""
-    uu, along = 0.0, 0.0
+def nearest_to(
+    p: np.ndarray, u: np.ndarray, c: np.ndarray, w: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Where two segments are nearest, from p by u and from c by w, (3,) each.
+
+    Returns:
+        (3,) the unit normal from the second to the first; their distance [m]; and (3,)
+        the point of the second [m].
+    """
+    uu = ww = uw = ur = wr = 0.0
     for i in range(3):
+        r = p[i] - c[i]
         uu += u[i] * u[i]
-        along += u[i] * (c[i] - p[i])
-    s = along / uu if uu > 0.0 else 0.0
-    s = min(max(s, 0.0), 1.0)
-    n, far = np.empty(3), 0.0
+        ww += w[i] * w[i]
+        uw += u[i] * w[i]
+        ur += u[i] * r
+        wr += w[i] * r
+    # The share of u where the lines are nearest; of parallels any. Then that of w for
+    # it, and that of u again where the second one ends before.
+    cross = uu * ww - uw * uw
+    s = t = 0.0
+    if cross > 1e-12 * uu * ww:
+        s = min(max((uw * wr - ww * ur) / cross, 0.0), 1.0)
+    if ww > 0.0:
+        t = min(max((uw * s + wr) / ww, 0.0), 1.0)
+    if uu > 0.0:
+        s = min(max((uw * t - ur) / uu, 0.0), 1.0)
+    n, at, far = np.empty(3), np.empty(3), 0.0
     for i in range(3):
-        n[i] = p[i] + s * u[i] - c[i]
+        at[i] = c[i] + t * w[i]
+        n[i] = p[i] + s * u[i] - at[i]
         far += n[i] * n[i]
     far = np.sqrt(far)
     if far < 1e-12:
@@ -323,7 +347,7 @@ def nearest_to(p: np.ndarray, u: np.ndarray, c: np.ndarray) -> tuple[np.ndarray,
     else:
         for i in range(3):
             n[i] /= far
-    return n, far
+    return n, far, at
 
 
 @compiled(loops=True)
@@ -393,17 +417,20 @@ def line_bounds(
                             w[i, c] += S[c, j] * line.x[j] * links.carried[i, j]
                 p, u = at[3 * nv + L + shape], at[3 * nv + L + len(links.radii) + shape]
                 centre, speed = spheres.centre[o], spheres.speed[o]
-                n, far = nearest_to(p, u, centre)
+                axis = spheres.axis[o]
+                n, far, _ = nearest_to(p, u, centre, axis)
                 thick = links.radii[shape] + spheres.radius[o]
-                start = along = moves = turns = 0.0
+                start = along = moves = turns = reaches = 0.0
                 for c in range(3):
                     d, e = (c + 1) % 3, (c + 2) % 3
                     start += n[c] * (p[c] - centre[c])
                     along += n[c] * u[c]
+                    reaches += n[c] * axis[c]
                     spin = w[i, d] * p[e] - w[i, e] * p[d]
                     moves += n[c] * (w[i, 3 + c] + spin)
                     turns += n[c] * (w[i, d] * u[e] - w[i, e] * u[d])
-                off = thick + 0.5 * half * half * curvature[i]
+                # The shadow of a capsule reaches so far towards the link.
+                off = thick + max(reaches, 0.0) + 0.5 * half * half * curvature[i]
                 low, high = middle - half, middle + half
                 # What is not clear now is asked from where the way ends.
                 begin, rest = low, low
@@ -499,19 +526,16 @@ def command_line(q: np.ndarray, v_next: np.ndarray, law: Held) -> Line:
 def are_clear(
     q: np.ndarray,
     v: np.ndarray,
-    centre: np.ndarray,
-    radius: np.ndarray,
-    speed: np.ndarray,
+    spheres: Spheres,
     robot: Held,
     law: Held,
 ) -> np.ndarray:
     """(N,) bool, of which spheres the state (n,), (n,) is shown to be clear: (M2)."""
-    spheres = Spheres(centre, radius, speed)
     line, levels = braking_line(q, v, law), floors(spheres, law)
     # How near it is now, and where it rests, is no part of (M2).
     levels = Levels(levels.moving, np.full(levels.still.shape, -np.inf))
     failed = line_bounds(line, levels, False, spheres, robot.value, law).failed
-    clear = np.ones(len(radius), dtype=np.bool_)
+    clear = np.ones(len(spheres.radius), dtype=np.bool_)
     for i in range(failed.shape[0]):
         for k in range(failed.shape[1]):
             clear[k] = clear[k] and not failed[i, k]
@@ -552,7 +576,7 @@ def present_levels(
             i, o = near[k, 0], near[k, 1]
             for shape in range(links.shapes[i], links.shapes[i + 1]):
                 p, u = at[3 * nv + L + shape], at[3 * nv + L + S + shape]
-                _, far = nearest_to(p, u, spheres.centre[o])
+                _, far, _ = nearest_to(p, u, spheres.centre[o], spheres.axis[o])
                 d = far - links.radii[shape] - spheres.radius[o]
                 still[i, o] = min(still[i, o], d)
                 if not clear[o] and t * numbers.T <= last[i]:
@@ -610,16 +634,18 @@ def sphere_rows(
         S_world = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
         for k in range(len(near)):
             i, o = near[k, 0], near[k, 1]
-            centre, best = spheres.centre[o], np.inf
-            normal = np.zeros(3)
+            best, normal, centre = np.inf, np.zeros(3), np.zeros(3)
             for shape in range(links.shapes[i], links.shapes[i + 1]):
                 p, u = at[3 * n + L + shape], at[3 * n + L + S + shape]
-                normal_here, far = nearest_to(p, u, centre)
+                n_here, far, at_here = nearest_to(
+                    p, u, spheres.centre[o], spheres.axis[o]
+                )
                 if far - links.radii[shape] < best:
-                    best, normal = far - links.radii[shape], normal_here
+                    best, normal = far - links.radii[shape], n_here
+                    centre = at_here
             d[end, k] = best - spheres.radius[o]
             drift[end * len(near) + k] = -min(spheres.speed[o], numbers.harmless)
-            # The line of the shortest distance passes the centre: so does the force.
+            # The line of the shortest distance passes this point: so does the force.
             x, y, z = centre[0], centre[1], centre[2]
             moment = np.array(
                 [

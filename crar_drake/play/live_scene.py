@@ -22,7 +22,7 @@ from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.play.live_simulation import GAINS, LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
-from crar_drake.results.recorded_run import DrawnRobot
+from crar_drake.results.recorded_run import DrawnRobot, poses_of
 from crar_drake.robot.description import GROUND
 from crar_drake.simulation.visualization import set_surroundings
 
@@ -55,7 +55,8 @@ class LiveScene:
         # The robot itself, and the pairs that the controller reports on.
         simulated, pairs = live.setup.simulated, live.model.description.pairs
         drawn = replace(simulated.description, pairs=pairs)
-        self.robot = DrawnRobot(drawn, meshcat, PREFIX, colour)
+        radii = live.obstacles()[:, 3].tolist()
+        self.robot = DrawnRobot(drawn, meshcat, PREFIX, colour, radii)
         self._warning = scenario.warning_distance
         above = np.array([GROUND in names for names in live.model.pairs.names], bool)
         self._above_ground = above & (not above.all())
@@ -65,7 +66,8 @@ class LiveScene:
         ways = live.setup.motion.tasks_at
         times = np.linspace(0.0, live.duration, 60)
         wanted = [ways(t)[self._positions].reshape(-1, 3) for t in times]
-        self.outline = np.vstack([points, *wanted])
+        ball = [] if live.ball is None else [live.ball[None]]
+        self.outline = np.vstack([points, *wanted, *ball])
 
     def frame(self, pacer: Pacer, now: float, notice: str) -> dict:
         """What the page shows now, for JSON.
@@ -77,6 +79,7 @@ class LiveScene:
         """
         live = self._live
         poses, _ = self.robot.pose_links(live.positions())
+        poses = np.vstack([poses, poses_of(live.obstacles()[:, :3])])
         parts = live.diagnostics()
         distances = self._between_links(parts["signed_distances"])
         targets = live.targets()[self._positions].reshape(-1, 3)
@@ -95,6 +98,8 @@ class LiveScene:
             "motion": live.motion.on,
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),
+            "ball": None if live.ball is None else [_short(x, 4) for x in live.ball],
+            "holding": live.holding_back(),
             "poses": [_short(x, 5) for x in poses.ravel()],
             "targets": _rows(targets),
             "reached": _rows(reached),

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.law_among import LawAmong
 from crar_drake.control.modes import MODES, validate
 from crar_drake.control.parameters import CrarParameters, TargetGovernor
 from crar_drake.errors import CrarError, ScenarioError
@@ -19,9 +22,15 @@ from crar_drake.play.live_sources import LiveSource, make_live
 from crar_drake.play.motion_clock import MotionSwitch, to_and_fro, turning_time
 from crar_drake.play.recorder import Recorder
 from crar_drake.results.log import SimulationLog
+from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
-from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario
+from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import Push, ScaleMasses, applied_force
+from crar_drake.simulation.moving_obstacles import (
+    MovingObstacle,
+    ObstacleSource,
+    Place,
+)
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.targets.desired_motion import DesiredMotion
 
@@ -35,6 +44,11 @@ _MOST_EVENTS, _MOST_REPORTED = 10_000, 1000
 
 # The gains that can be changed; their names in `CrarParameters`.
 GAINS = ("K", "Kp", "Gv")
+
+# The ball that is dragged: its radius [m], the bound of its speed [m/s], and how far in
+# front of the robot and its targets it is at first [m].
+BALL = "your ball"
+_BALL_RADIUS, _BALL_SPEED, _BALL_AHEAD = 0.08, 0.8, 0.5
 
 PUSH_TIME = 0.1  # [s]
 MOST_PUSHED = 1000.0  # by all pushes of a person's that act at a time [N]
@@ -68,6 +82,8 @@ class LiveSimulation:
         offsets: (N, 3) added to the targets of the position and pose tasks, in the
             order of `layout.linear_tasks` [m].
         motion: switches the motion on and off.
+        ball: (3,) where the ball is that a person drags, an obstacle that moves [m];
+            None where the robot keeps off none.
         setup, diagram, simulator, controller, plant: what it is made of.
         recorder: keeps the log.
         events: what was done, in order; the last ones of very many.
@@ -83,6 +99,10 @@ class LiveSimulation:
             CrarError: something in the scenario, its robot or its motion is wrong.
         """
         wanted = scenario.controller.constraints
+        if load_robot_description(scenario.robot).root == "fixed":
+            # As obstacles that move ask for.
+            scenario = deepcopy(scenario)
+            scenario.plant_config.time_step = scenario.controller.period
         setup = PrepareScenario(scenario)
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
@@ -103,10 +123,14 @@ class LiveSimulation:
         first = parameters
         if can_look_ahead(parameters):
             first = replace(parameters, constraints="lookahead")
+        balls = []
+        if first.constraints == "lookahead" and keeps_off_obstacles(self.model, first):
+            balls.append(make_ball(setup))
         self.scenario = replace(
             scenario,
             controller=first,
             disturbances=replace(scenario.disturbances, pushes=[]),
+            obstacles=[*scenario.obstacles, *balls],
             log_period=scenario.log_period or parameters.period,
         )
         setup = replace(setup, motion=make_live(setup.motion, setup.model))
@@ -132,6 +156,13 @@ class LiveSimulation:
         self._source_contexts = [
             source.GetMyMutableContextFromRoot(root) for source in self._sources
         ]
+        self.ball = self._ball_home = self._ball_goal = None
+        if balls:
+            self.ball = self._ball_home = self._ball_goal = balls[0].at(0.0)
+            self._obstacles: ObstacleSource = self.diagram.GetSubsystemByName(
+                "obstacles"
+            )
+            self._obstacles_context = self._obstacles.GetMyMutableContextFromRoot(root)
         self.offsets = np.zeros((len(self.model.layout.linear_tasks), 3))
         self.motion = MotionSwitch()
         self.parameters, self._modes = first, {wanted}
@@ -171,7 +202,9 @@ class LiveSimulation:
         for name in MODES:
             try:
                 parameters = replace(self.parameters, constraints=name)
-                ControlLaw(self.model, parameters).compile()
+                ControlLaw(self.model, parameters).compile(
+                    bool(self.scenario.obstacles)
+                )
             except ScenarioError:  # it does not go with the scenario's gains
                 continue
 
@@ -183,6 +216,7 @@ class LiveSimulation:
         """
         next_time = self.time + self.period
         self._push()
+        self._roll()
         self.simulator.AdvanceTo(next_time + 0.5 * self.period)
         self._tick += 1
         self.recorder.collect(self.scenario)
@@ -234,6 +268,24 @@ class LiveSimulation:
         x, y, z = offset
         self._note(f"{words} {x:.3f}, {y:.3f}, {z:.3f} m")
 
+    def set_ball(self, goal: np.ndarray | None) -> None:
+        """Lets the ball move to a place, no faster than its speed.
+
+        Args:
+            goal: (3,) in W [m]; None is where it was at first.
+
+        Raises:
+            CrarError: there is no ball.
+        """
+        if self.ball is None:
+            raise CrarError("this robot keeps off no obstacles: there is no ball")
+        self._ball_goal = self._ball_home if goal is None else goal
+        words = f"{BALL} to"
+        if self.events and self.events[-1].what.startswith(words):
+            self.events.pop()  # one drag is one event
+        x, y, z = self._ball_goal
+        self._note(f"{words} {x:.2f}, {y:.2f}, {z:.2f}")
+
     def set_motion(self, on: bool) -> None:
         """Lets the motion stop where it is, or go on."""
         if on != self.motion.on:
@@ -281,6 +333,23 @@ class LiveSimulation:
     def diagnostics(self) -> dict[str, np.ndarray]:
         """The parts of the controller's diagnostics now, by name."""
         return self.controller.diagnostics(self._controller_context)
+
+    def obstacles(self) -> np.ndarray:
+        """(N, 4) of those that move, centre and radius now [m]."""
+        if not self.scenario.obstacles:
+            return np.empty((0, 4))
+        port = self.diagram.GetSubsystemByName("obstacles").get_output_port()
+        context = self.simulator.get_context()
+        spheres = port.Eval(port.get_system().GetMyContextFromRoot(context))
+        return spheres.reshape(-1, 4)
+
+    def holding_back(self) -> tuple[str, str] | None:
+        """The obstacle that holds the robot back now, and which link; None if none."""
+        found = self.controller.obstacle(self._controller_context)
+        if found is None:
+            return None
+        number, link = found
+        return self.scenario.obstacles[int(number)].name, link
 
     def targets(self) -> np.ndarray:
         """(layout.size,) [x_d; v_d; a_d] as they are now, offsets included."""
@@ -336,6 +405,19 @@ class LiveSimulation:
         """Where the simulator stands: half a period after the last tick [s]."""
         return self.time + 0.5 * self.period
 
+    def _roll(self) -> None:
+        """Moves the ball on its way, for the next tick."""
+        if self.ball is None:
+            return
+        way = self._ball_goal - self.ball
+        # A hair less than its speed, for the rounding.
+        most = (1.0 - 1e-9) * _BALL_SPEED * self.period
+        far = np.linalg.norm(way)
+        self.ball = self.ball + way * min(1.0, most / far if far > 0.0 else 0.0)
+        shift = np.zeros((len(self.scenario.obstacles), 3))
+        shift[-1] = self.ball - self._ball_home
+        self._obstacles.shift(self._obstacles_context, shift)
+
     def _push(self) -> None:
         """Lets the forces of the next period act."""
         now = self._now + 1e-9  # a push may begin at just this time
@@ -365,6 +447,38 @@ def can_look_ahead(parameters: CrarParameters) -> bool:
     except ScenarioError:
         return False
     return True
+
+
+def keeps_off_obstacles(model: ControlModel, parameters: CrarParameters) -> bool:
+    """Whether robot and gains go with obstacles that move."""
+    try:
+        LawAmong(model, parameters)
+    except ScenarioError:
+        return False
+    return True
+
+
+def make_ball(setup: Setup) -> MovingObstacle:
+    """A ball in front of the robot and its targets, at the height of these.
+
+    Args:
+        setup: of the scenario.
+    """
+    model, motion = setup.model, setup.motion
+    plant, workspace = model.plant, model.MakeWorkspace()
+    plant.SetPositions(workspace.plant_context, setup.start_positions)
+    links = [
+        plant.get_body(BodyIndex(i)).EvalPoseInWorld(workspace.plant_context)
+        for i in range(1, plant.num_bodies())
+    ]
+    entries = model.layout.position_entries.ravel()
+    times = np.linspace(0.0, motion.duration, 60)
+    wanted = [motion.tasks_at(t)[entries].reshape(-1, 3) for t in times]
+    points = np.vstack([*wanted, [X.translation() for X in links]])
+    x = points[:, 0].max() + _BALL_AHEAD
+    _, y, z = np.vstack(wanted).mean(axis=0) if entries.size else points.mean(axis=0)
+    place = Place(0.0, [float(x), float(y), float(z)])
+    return MovingObstacle(BALL, _BALL_RADIUS, _BALL_SPEED, [place])
 
 
 def make_governor(motion: DesiredMotion, model: ControlModel) -> TargetGovernor:

@@ -49,6 +49,7 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
         "frames": _push_frames(live),
         "strongest": STRONGEST,
         "speeds": [SLOWEST, FASTEST],
+        "ball": _ball(live),
         "overlay": False,
         **page_look(),
         "robots": [{"prefix": PREFIX, "paths": scene.robot.paths}],
@@ -72,6 +73,14 @@ def make_page(live: LiveSimulation, scene: LiveScene, meshcat_port: int) -> str:
 def viewer_script() -> bytes:
     """The script of Meshcat's viewer, as Drake has it."""
     return Path(FindResourceOrThrow("drake/geometry/meshcat.js")).read_bytes()
+
+
+def _ball(live: LiveSimulation) -> dict | None:
+    """The obstacle that is dragged, which is the last one; None if there is none."""
+    if live.ball is None:
+        return None
+    ball = live.scenario.obstacles[-1]
+    return {"radius": ball.radius, "speed": ball.fastest}
 
 
 def _push_frames(live: LiveSimulation) -> list[dict]:

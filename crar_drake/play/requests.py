@@ -6,6 +6,8 @@
     {"do": "gains", "value": {"K": 30, "Kp": 300, "Gv": 30}}    any of them
     {"do": "offset", "task": 0, "value": [0.1, 0, 0]}           of a target [m]
     {"do": "home"}                                              no offsets
+    {"do": "ball", "value": [1, 0, 1]}                          to a place [m]
+    {"do": "ball away"}                                         where it was at first
     {"do": "motion", "value": false}
     {"do": "push", "frame": "left_hand", "value": [0, 60, 0]}   [N]
 
@@ -26,6 +28,7 @@ from crar_drake.play.pacing import FASTEST, SLOWEST
 
 LONGEST = 2048  # [bytes]
 FARTHEST = 2.0  # of an offset, in each direction [m]
+FARTHEST_BALL = 10.0  # likewise, from the origin of the world [m]
 STRONGEST = 500.0  # of a push, in each direction [N]
 LARGEST_GAIN = 1e4
 # Far more frames than a robot has.
@@ -145,6 +148,8 @@ _KINDS: dict[str, tuple[Callable[[object], object] | None, tuple[str, ...]]] = {
     "mode": (_mode, ()),
     "gains": (_gains, ()),
     "offset": (_vector(FARTHEST), ("task",)),
+    "ball": (_vector(FARTHEST_BALL), ()),
+    "ball away": (None, ()),
     "motion": (_switch, ()),
     "push": (_vector(STRONGEST), ("frame",)),
 }

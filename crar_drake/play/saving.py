@@ -7,6 +7,7 @@ from pathlib import Path
 
 from crar_drake.motion.report import inspect
 from crar_drake.play.live_simulation import LiveSimulation
+from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.results.standing_run import stance
 from crar_drake.results.summary import summarize
 from crar_drake.run import (
@@ -39,6 +40,7 @@ def save_session(
         The result, whose `files` are what was written; and why others were not.
     """
     scenario = with_lasting_name(live.logged_scenario())
+    model = live.model
     performer = live.setup.motion.performer
     log = live.recorder.log(scenario)
     stood, setup = None, live.setup
@@ -50,6 +52,9 @@ def save_session(
         stance=stood,
         motion=inspect(performer) if performer is not None else None,
         warnings=[live.reported()],
+        obstacles=judge_obstacles(
+            log, scenario, model.plant, model.scene_graph, model.description.pairs
+        ),
     )
     summary = replace(summary, stopped=reason_of(failure))
     result = RunResult(log, summary, live.setup)

@@ -190,6 +190,10 @@ class PlaySession:
                     for task in range(len(live.offsets)):
                         if live.offsets[task].any():
                             live.set_offset(task, np.zeros(3))
+                case "ball":
+                    live.set_ball(np.array(request.value))
+                case "ball away":
+                    live.set_ball(None)
                 case "motion":
                     live.set_motion(request.value)
                 case "push":

@@ -43,6 +43,9 @@ class SimulationLog:
             clear, else 0, the last two NaN where a watched pair is not examined; all
             NaN unless "lookahead", while the robot brakes without targets, and in logs
             of versions that did not keep it.
+        obstacles: (T, 4 N) x, y, z and radius of each sphere that moves by itself [m],
+            in the order of the scenario's; (T, 0) where there are none, and in logs of
+            versions that did not keep them.
         torque_limit: (T, 2) share of the nominal step that the effort limits allowed,
             and the excess before clipping, see `Solution`.
         position_names: (nq,) joint of each column of q.
@@ -78,6 +81,7 @@ class SimulationLog:
     resting_margins: np.ndarray
     admission: np.ndarray
     torque_limit: np.ndarray
+    obstacles: np.ndarray
     position_names: np.ndarray
     velocity_names: np.ndarray
     actuator_names: np.ndarray
@@ -208,6 +212,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "resting_margins": ("T", "2"),
     "admission": ("T", "4"),
     "torque_limit": ("T", "2"),
+    "obstacles": ("T", "4N"),
     "position_names": ("nq",),
     "velocity_names": ("nv",),
     "actuator_names": ("nu",),
@@ -234,6 +239,7 @@ _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
     "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
     "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
+    "obstacles": lambda arrays: np.empty((*arrays["time"].shape[:1], 0)),
 }
 
 

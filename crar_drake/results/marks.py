@@ -16,6 +16,8 @@ TOO_FAST = "#d6249f"  # magenta: a joint faster than its limit
 SMALLEST = "#1f2933"  # nearly black: the smallest of all distances
 JOINT = "#33658a"  # steel blue: joint angles, torque and power
 
+OBSTACLE = "#c2703d"  # terracotta: what moves by itself, a person or a tool
+
 # How near a pair is: the colour goes from the first to the last as the distance
 # shrinks from the first one here to the last [m].
 NEARNESS = ("#f7c948", "#f0803c", "#e02b20")

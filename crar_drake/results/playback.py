@@ -15,6 +15,7 @@ from crar_drake.errors import CrarError
 from crar_drake.results import marks
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_robot, load_logged_scenario
+from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.results.recorded_page import (
     ShownRun,
     empty_scene,
@@ -160,15 +161,20 @@ def _write_page(
     for (log, scenario, description), label in zip(runs, labels, strict=True):
         if not len(log.time):
             raise CrarError("the log is empty: there is nothing to play back")
-        known = [drawn.description for drawn in robots]
-        if description not in known:
+        spheres = tuple(log.obstacles[0].reshape(-1, 4)[:, 3].tolist())
+        known = [(drawn.description, drawn.spheres) for drawn in robots]
+        if (description, spheres) not in known:
             colour = scenario.visualization.default_illustration_color
             place = robot_prefix(len(robots))
-            robots.append(DrawnRobot(description, meshcat, place, colour))
-            known.append(description)
-        number = known.index(description)
-        recorded = record_run(log, robots[number], scenario, frames_per_second)
-        summaries.append(summarize(log, scenario=scenario))
+            robots.append(DrawnRobot(description, meshcat, place, colour, spheres))
+            known.append((description, spheres))
+        number = known.index((description, spheres))
+        robot = robots[number]
+        recorded = record_run(log, robot, scenario, frames_per_second)
+        found = judge_obstacles(
+            log, scenario, robot.plant, robot.scene_graph, description.pairs
+        )
+        summaries.append(summarize(log, scenario=scenario, obstacles=found))
         shown.append(ShownRun(recorded, number, label, _figures(summaries[-1])))
     write_page(
         path,
@@ -220,6 +226,15 @@ def _figures(summary: Summary) -> list[dict]:
     if summary.rms_orientation_error is not None:
         angle = np.degrees(summary.rms_orientation_error)
         figures.append(figure("rms orientation error", f"{angle:.1f}°"))
+    for name, one in summary.obstacles.items():
+        if one.contact_samples:
+            fastest = f"{1e3 * one.fastest_contact:.0f} mm/s"
+            of = figure(
+                f"{name} touches links at up to", fastest, one.fast_contacts > 0
+            )
+        else:
+            of = figure(f"{name} at least", f"{1e3 * one.smallest_distance:.1f} mm")
+        figures.append(of)
     share = 100.0 * summary.violated_samples / summary.samples
     if summary.violated_samples:
         few = "< 0.1" if share < 0.05 else f"{share:.1f}"

@@ -124,7 +124,11 @@ def write_page(
         "spans": marks.SPANS if spans is None else spans,
         "texts": RUN_TEXTS if texts is None else texts,
         "robots": [
-            {"prefix": robot_prefix(i), "paths": robot.paths}
+            {
+                "prefix": robot_prefix(i),
+                "paths": robot.paths,
+                "spheres": len(robot.spheres),
+            }
             for i, robot in enumerate(robots)
         ],
         "runs": entries,
@@ -145,6 +149,7 @@ def page_look() -> dict:
         },
         "colours": {
             "target": marks.TARGET,
+            "obstacle": marks.OBSTACLE,
             "violation": marks.VIOLATION,
             "smallest": marks.SMALLEST,
         },

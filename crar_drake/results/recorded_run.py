@@ -17,6 +17,7 @@ from pydrake.geometry import (
     Rgba,
     Role,
     SceneGraphInspector,
+    Sphere,
 )
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
@@ -25,7 +26,7 @@ from pydrake.systems.framework import DiagramBuilder
 from crar_drake.errors import CrarError
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import check_logged_robot
-from crar_drake.results.marks import NEARNESS_STEPS, marked_spans
+from crar_drake.results.marks import NEARNESS_STEPS, OBSTACLE, marked_spans
 from crar_drake.results.summary import task_layout
 from crar_drake.robot.collision_pairs import WatchedPairs
 from crar_drake.robot.description import RobotDescription, add_robot, find_body
@@ -41,6 +42,11 @@ _CURVE_POINTS = 1500
 # What is welded to the world is in the view if it is not larger than this [m].
 _LARGEST_FIXED = 2.0
 
+# What moves by itself is seen through.
+_OBSTACLE = Rgba(*(int(OBSTACLE[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), 0.75)
+# The view has them where they are so near to the robot [m].
+_NEAR = 0.2
+
 # So many directions are asked which points are the outermost.
 _DIRECTIONS = 128
 
@@ -54,8 +60,8 @@ class RecordedRun:
             if only those inside each other do [m].
         rate: of the frames [Hz].
         time: (F,) from the first sample on [s].
-        poses: (F, B, 7) of the links that are drawn and move: p_WB [m] and the
-            quaternion (x, y, z, w) of R_WB.
+        poses: (F, B, 7) of the links that are drawn and move, and then of the obstacles
+            that do: p_WB [m] and the quaternion (x, y, z, w) of R_WB.
         targets: (F, N, 3) p_WT, NaN where there is none [m].
         reached: (F, N, 3) where the points are that should be there [m].
         near: (F, K, 8) of the nearest pairs, nearest first: the pair's number, its
@@ -98,9 +104,11 @@ class DrawnRobot:
     Attributes:
         description: of the robot.
         plant: with the robot in it and nothing else.
+        scene_graph: where it is registered.
         unseen: the models whose collision shapes are drawn, for want of anything else.
-        paths: (B,) in Meshcat of the links that are drawn and move.
-        bodies: (B,) of the plant that these are.
+        paths: (B,) in Meshcat of the links that are drawn and move, and of the spheres.
+        bodies: of the plant that these links are.
+        spheres: (N,) radii of the obstacles that are drawn beside it [m].
     """
 
     def __init__(
@@ -109,6 +117,7 @@ class DrawnRobot:
         meshcat: Meshcat,
         prefix: str,
         colour: Rgba,
+        spheres: Sequence[float] = (),
     ) -> None:
         """
         Args:
@@ -116,6 +125,7 @@ class DrawnRobot:
             meshcat: to draw into.
             prefix: the path in Meshcat under which its links are.
             colour: of what has none.
+            spheres: (N,) radii of obstacles that move [m].
 
         Raises:
             ModelError: the robot's model cannot be loaded.
@@ -128,7 +138,7 @@ class DrawnRobot:
         inspector = scene_graph.model_inspector()
         self.unseen = models_without_visuals(self.plant, inspector)
         draw_collision_shapes(self.plant, scene_graph)
-        self._scene_graph = scene_graph
+        self.scene_graph = scene_graph
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
         self._plant_context = self.plant.GetMyMutableContextFromRoot(self._context)
@@ -160,6 +170,11 @@ class DrawnRobot:
                 self.paths.append(f"{prefix}/{name}")
         self.bodies = [body.index() for body, _ in self._moving]
         self._fixed = np.vstack(fixed)
+        self.spheres = tuple(spheres)
+        for i, radius in enumerate(self.spheres):
+            path = f"{prefix}/obstacle {i}"
+            meshcat.SetObject(path, Sphere(radius), _OBSTACLE)
+            self.paths.append(path)
 
     def pose_links(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the links are, and what of them could be outermost.
@@ -168,7 +183,8 @@ class DrawnRobot:
             q: (nq,) positions.
 
         Returns:
-            (B, 7) poses as in `RecordedRun`; (P, 3) corners of their boxes in W [m].
+            (B, 7) poses of the links as in `RecordedRun`; (P, 3) corners of their boxes
+            in W [m].
         """
         self.plant.SetPositions(self._plant_context, q)
         poses, points = np.empty((len(self._moving), 7)), [self._fixed]
@@ -188,8 +204,8 @@ class DrawnRobot:
         Returns:
             (K, 6) a point on the surface of either link, in W [m].
         """
-        query = self._scene_graph.get_query_output_port().Eval(
-            self._scene_graph.GetMyContextFromRoot(self._context)
+        query = self.scene_graph.get_query_output_port().Eval(
+            self.scene_graph.GetMyContextFromRoot(self._context)
         )
         points = np.empty((len(pairs), 6))
         for i, answers in enumerate(self._pairs.ask_pairs(query, pairs)):
@@ -259,13 +275,14 @@ def record_run(
     distances = _resample(frames, time, log.signed_distances)
     distances[:, ~log.between_links] = np.inf
 
+    spheres = _resample(frames, time, log.obstacles).reshape(len(frames), -1, 4)
     poses, outline = [], [np.empty((0, 3))]
     most = min(MOST_NEAR, distances.shape[1])
     near = np.full((len(frames), most, 8), np.nan)
     shown_below = NEARNESS_STEPS[0] * scenario.warning_distance
     for i in range(len(frames)):
         at, points = robot.pose_links(q[i])
-        poses.append(at)
+        poses.append(np.vstack([at, poses_of(spheres[i, :, :3])]))
         outline.append(outermost(points))
         order = np.argsort(distances[i], kind="stable")[:most]
         order = order[distances[i, order] < shown_below]
@@ -273,6 +290,8 @@ def record_run(
         near[i, : len(order), 1] = distances[i, order]
         near[i, : len(order), 2:] = robot.nearest_points(order)
     seen = np.vstack([*outline, *targets])
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    seen = np.vstack([seen, _near_spheres(seen, spheres.reshape(-1, 4))])
 
     curve_time, (distance_curve, error_curve), unit = _curves(log)
     return RecordedRun(
@@ -293,8 +312,28 @@ def record_run(
         },
         pair_names=log.pair_names.tolist(),
         target_names=[layout.names[i] for i in layout.linear_tasks],
-        outline=outermost(seen[np.isfinite(seen).all(axis=1)]),
+        outline=outermost(seen),
     )
+
+
+def poses_of(centres: np.ndarray) -> np.ndarray:
+    """(N, 7) poses of spheres at (N, 3), as in `RecordedRun`."""
+    upright = np.zeros((len(centres), 7))
+    upright[:, :3], upright[:, 6] = centres, 1.0
+    return upright
+
+
+def _near_spheres(points: np.ndarray, spheres: np.ndarray) -> np.ndarray:
+    """(P, 3) the corners of the boxes about those of (N, 4) spheres, centre and radius,
+    that are near the box about (P, 3) points [m]."""
+    if not len(points) or not len(spheres):
+        return np.empty((0, 3))
+    centres, radii = spheres[:, :3], spheres[:, 3:]
+    low, high = points.min(axis=0) - _NEAR, points.max(axis=0) + _NEAR
+    near = ((centres + radii > low) & (centres - radii < high)).all(axis=1)
+    corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+    boxes = centres[near, None] + radii[near, None] * corners
+    return boxes.reshape(-1, 3)
 
 
 def _body_indices(plant: MultibodyPlant) -> list[BodyIndex]:

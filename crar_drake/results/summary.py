@@ -20,6 +20,7 @@ from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
+from crar_drake.results.obstacles import ObstacleFigures
 from crar_drake.results.remarks import remarks
 from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
@@ -131,6 +132,8 @@ class Summary:
             them is in m, m/s and N where rad, rad/s and Nm stand here.
         limb_directions: limb to the angle between its direction and the performer's,
             see `limb_directions`; empty with keyframes, and where it was not computed.
+        obstacles: the name of each that moves by itself to what it did, see
+            `ObstacleFigures`.
         stance: how the robot stood, see `Stance`; None unless it stands by itself.
         remarks: what is bad, though it may violate nothing, a line each, see
             `remarks`.
@@ -191,6 +194,7 @@ class Summary:
     stopped: str = ""
     sliding_joints: list[str] = field(default_factory=list)
     limb_directions: dict[str, LimbDirection] = field(default_factory=dict)
+    obstacles: dict[str, ObstacleFigures] = field(default_factory=dict)
     stance: Stance | None = None
     remarks: list[str] = field(default_factory=list)
 
@@ -203,6 +207,12 @@ class Summary:
             f"{robot_name(self.robot)} following {motion}: {tracked}\n"
             f"{self.level} level, constraints {self.constraints}, {self.duration:.2f} s"
         )
+
+    @property
+    def fast_contacts(self) -> int:
+        """Samples in which an obstacle touches a link that is faster than is harmless;
+        of several obstacles one after the other."""
+        return sum(of.fast_contacts for of in self.obstacles.values())
 
     def unit_of(self, joint: str) -> str:
         """ "rad" or "m": of a controlled joint's positions."""
@@ -244,6 +254,7 @@ def summarize(
     warnings: Sequence[str] = (),
     limbs: Mapping[str, LimbDirection] | None = None,
     lowest: tuple[float, str, float] | None = None,
+    obstacles: Mapping[str, ObstacleFigures] | None = None,
     stance: Stance | None = None,
 ) -> Summary:
     """Computes the figures of a run.
@@ -257,6 +268,7 @@ def summarize(
         limbs: how far they are off in direction, if it is known.
         lowest: height over the floor [m], link and time [s] of what was lowest, if it
             is known.
+        obstacles: what the judge says of them.
         stance: how it stood, of a robot that stands by itself.
 
     Raises:
@@ -340,6 +352,7 @@ def summarize(
             if unit == "m"
         ],
         limb_directions=dict(limbs or {}),
+        obstacles=dict(obstacles or {}),
         stance=stance,
     )
     limited = summary.torque_limited_samples / summary.samples

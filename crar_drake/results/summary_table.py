@@ -90,6 +90,13 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
             f"{summary.unit_of(summary.largest_speed_excess_joint)}/s",
             style="bold red",
         )
+    for name, figures in summary.obstacles.items():
+        table.add_row(
+            f"obstacle {escape(name)}",
+            f"{1e3 * figures.smallest_distance:.1f} mm",
+            figures.in_words(),
+            style="bold red" if figures.fast_contacts else "",
+        )
     if summary.admitted_steps:
         clearance = summary.path_clearance
         nearest = "no pair" if clearance is None else f"{1e3 * clearance:.1f} mm"

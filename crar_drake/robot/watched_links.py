@@ -66,9 +66,9 @@ def watched_links(
     unlimited = ~np.isfinite(extents)
     if (by[longer][unlimited] @ errors).any():
         raise ScenarioError(
-            "filter.lookahead.tracking_error: a joint slides without limits, and what "
-            "carries it errs: nothing bounds how near links are to obstacles; give the "
-            "joint limits, or what carries it no error (tracking_errors)"
+            "controller.lookahead.tracking_error: a joint slides without limits, and "
+            "what carries it errs: nothing bounds how near links are to obstacles; "
+            "give the joint limits, or what carries it no error (tracking_errors)"
         )
     extents[unlimited] = 0.0
     reach = np.array(reach, dtype=float).reshape(-1, nv)

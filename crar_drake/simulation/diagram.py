@@ -36,6 +36,7 @@ from crar_drake.robot.task import Task
 from crar_drake.simulation.contact_ground import add_contact_ground
 from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
+from crar_drake.simulation.moving_obstacles import ObstacleSource
 from crar_drake.simulation.scenario import (
     Scenario,
     SimulatedRobot,
@@ -98,6 +99,7 @@ def AddCrarController(
     control_model: ControlModel | None = None,
     model_instance: ModelInstanceIndex | None = None,
     estimated_state: OutputPort | None = None,
+    obstacle_speeds: Sequence[float] = (),
 ) -> CrarController:
     """Adds a controller beside a plant and connects state and actuation, and, if the
     root floats, what pushes it.
@@ -122,6 +124,7 @@ def AddCrarController(
             gripper, say, or a box. It needs `control_model`, which lacks them.
         estimated_state: port of the measured [q; v]; by default that of the plant, or
             of its `model_instance`.
+        obstacle_speeds: see `CrarController`.
 
     Raises:
         ModelError: the plant is not finalized, has another state or other
@@ -170,7 +173,10 @@ def AddCrarController(
             f"{model_plant.time_step():g} s; with joint damping they must be the same"
         )
     controller = CrarController(
-        control_model, parameters, plant_is_discrete=plant.time_step() > 0.0
+        control_model,
+        parameters,
+        plant_is_discrete=plant.time_step() > 0.0,
+        obstacle_speeds=obstacle_speeds,
     )
     # A diagram's systems have names of their own; so a second robot can have one.
     name, number = controller.get_name(), 1
@@ -291,8 +297,9 @@ def MakeCrarDiagram(
     those of "actuation" and "acceleration" of that one, too.
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
-    "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
-    "log_state", "log_desired_tasks" and "log_diagnostics" (of the controller); without
+    "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
+    are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
+    the controller), "log_obstacles"; without
     contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser and
     "playback_overlay". The default context starts at rest in a valid pose near the
     first target.
@@ -347,6 +354,7 @@ def MakeCrarDiagram(
             parameters,
             control_model=model,
             estimated_state=measured,
+            obstacle_speeds=[obstacle.fastest for obstacle in scenario.obstacles],
         )
     else:
         controller, standing = AddStandingController(
@@ -378,6 +386,10 @@ def MakeCrarDiagram(
 
     logged["desired_tasks"] = tasks
     logged["diagnostics"] = controller.get_output_port_diagnostics()
+    if scenario.obstacles:
+        source = builder.AddSystem(ObstacleSource(scenario.obstacles))
+        logged["obstacles"] = source.get_output_port()
+        builder.Connect(source.get_output_port(), controller.get_input_port_obstacles())
     period = scenario.log_period_for(scenario.duration or setup.motion.duration)
     for name, port in logged.items():
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")

@@ -26,6 +26,7 @@ from crar_drake.resources import data_folder
 from crar_drake.robot.description import RobotDescription, is_path
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, experiment_tasks
 from crar_drake.simulation.disturbances import Disturbances
+from crar_drake.simulation.moving_obstacles import MovingObstacle, check_obstacles
 from crar_drake.targets.keyframes import Keyframe
 from crar_drake.yaml_files import load_yaml, read_text
 
@@ -129,6 +130,9 @@ class Scenario:
             stands, contact and effort limits are always there.
         disturbances: how the simulated robot differs from what the controller
             believes; none by default.
+        obstacles: spheres that move by themselves; constraints "lookahead" keep the
+            robot off them, or slow, where the plant's time step is the control period
+            (`docs/theory/moving-obstacles.md`).
         duration: of the simulation, at most MAX_DURATION [s]; by default that of the
             motion.
         warning_distance: segments nearer than this are near: the recording tells
@@ -156,6 +160,7 @@ class Scenario:
     standing: Standing | None = None
     simulated_robot: SimulatedRobot = field(default_factory=SimulatedRobot)
     disturbances: Disturbances = field(default_factory=Disturbances)
+    obstacles: list[MovingObstacle] = field(default_factory=list)
     duration: float | None = None  # [s]
     warning_distance: float = 0.02  # [m]
     log_period: float | None = None  # [s]
@@ -171,8 +176,14 @@ class Scenario:
         """
         modes.validate(self.controller)
         self.disturbances.validate()
+        check_obstacles(self.obstacles)
         if self.standing is not None:
             self._validate_standing(self.standing.friction)
+            if self.obstacles:
+                raise ScenarioError(
+                    "obstacles: a robot that stands on its own soles keeps off none "
+                    "that move; leave out obstacles or standing"
+                )
         if bool(self.motion) == bool(self.keyframes):
             raise ScenarioError(
                 "give either motion (a file or name) or keyframes (poses), not "

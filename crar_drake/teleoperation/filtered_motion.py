@@ -10,7 +10,12 @@ from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.safety_filter import OBSTACLE, SafetyFilter
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.errors import ScenarioError
-from crar_drake.teleoperation.safe_motion import AT_REST, Moved, start_positions
+from crar_drake.teleoperation.safe_motion import (
+    AT_REST,
+    Moved,
+    because_of,
+    start_positions,
+)
 
 
 class FilteredMotion:
@@ -23,8 +28,11 @@ class FilteredMotion:
         model: of it.
         layout: of the tasks.
         period: [s].
+        no_obstacles: "": it keeps off obstacles that move.
         q, v: (n,) the state.
     """
+
+    no_obstacles = ""
 
     def __init__(
         self, safety_filter: SafetyFilter, start: Mapping[str, float] | None = None
@@ -112,8 +120,7 @@ class FilteredMotion:
 
 def _in_words(report) -> str | None:
     """What holds a command back."""
-    if report.why in ("pair", OBSTACLE):
-        of = " - ".join(report.pair if report.why == "pair" else report.obstacle)
-    else:
-        of = report.joint
+    if report.why == OBSTACLE:
+        return because_of(report.obstacle)
+    of = " - ".join(report.pair) if report.why == "pair" else report.joint
     return f"{report.why}: {of}" if of else report.why or None

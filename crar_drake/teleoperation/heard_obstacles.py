@@ -17,7 +17,12 @@ class HeardObstacles:
     person may be anywhere. Only who says that it is gone takes it away.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, refused: str = "") -> None:
+        """
+        Args:
+            refused: why the robot keeps off none; "" if it does.
+        """
+        self._refused = refused
         self._heard: dict[str, tuple[Heard, float]] = {}
 
     def __len__(self) -> int:
@@ -31,8 +36,11 @@ class HeardObstacles:
             now: the present instant [s].
 
         Raises:
-            MessageError: there would be too many; then all stays as it was.
+            MessageError: there would be too many, or the robot keeps off none; then all
+                stays as it was.
         """
+        if self._refused:
+            raise MessageError(self._refused)
         heard = dict(self._heard)
         for name, told in message.obstacles.items():
             if told is None:
@@ -50,11 +58,15 @@ class HeardObstacles:
             now: the present instant [s].
         """
         spheres = [
-            (*of.position, of.radius + of.speed * abs(now - heard), of.speed)
+            (
+                of.position,
+                of.end or of.position,
+                of.radius + of.speed * abs(now - heard),
+                of.speed,
+            )
             for of, heard in self._heard.values()
         ]
         if not spheres:
             return _NONE
-        x, y, z, radii, speeds = zip(*spheres, strict=True)
-        centres = list(zip(x, y, z, strict=True))
-        return Obstacles(centres, radii, speeds, tuple(self._heard))
+        centres, ends, radii, speeds = zip(*spheres, strict=True)
+        return Obstacles(centres, radii, speeds, tuple(self._heard), ends=ends)

@@ -3,9 +3,10 @@
 Such a message has a time stamp [ms], names and numbers. Channel CRAR_TARGETS carries
 targets: a task's numbers are named `TASK.x`, `.y`, `.z` [m] and `.qw`, `.qx`, `.qy`,
 `.qz`, that of a task that is a joint `TASK` [rad or m]. Channel CRAR_MEASURED carries
-where the robot is, `JOINT` [rad or m]. Channel CRAR_COMMAND carries what goes back:
-`q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N], and `braking`, 1 or 0. A time
-stamp of 0 is none.
+where the robot is, `JOINT` [rad or m], CRAR_OBSTACLES obstacles that move, `NAME.x`,
+`.y`, `.z`, `.radius` [m] and `.speed` [m/s], or `NAME.gone`. Channel CRAR_COMMAND
+carries what goes back: `q.JOINT` [rad or m], `v.JOINT`, `tau.ACTUATOR` [Nm or N], and
+`braking`, 1 or 0. A time stamp of 0 is none.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ from crar_drake.teleoperation.messages import (
     Command,
     Measured,
     MessageError,
+    ObstacleMessage,
     TargetMessage,
     make_measured,
+    make_obstacles,
     make_targets,
 )
 
 TARGETS, COMMAND, MEASURED = "CRAR_TARGETS", "CRAR_COMMAND", "CRAR_MEASURED"
+OBSTACLES = "CRAR_OBSTACLES"
 _PROBE = "CRAR_PROBE"
 _PATIENCE = 500  # [ms]
 _ENDINGS = {"orientation": ("qw", "qx", "qy", "qz"), "position": ("x", "y", "z")}
@@ -62,7 +66,7 @@ class LcmLink:
         self._check(url)
         self._layout, self._names = layout, names
         self._most, self._arrived = 0, []
-        for channel in (TARGETS, MEASURED):
+        for channel in (TARGETS, MEASURED, OBSTACLES):
             self._lcm.Subscribe(channel, partial(self._receive, channel))
 
     def poll(self, most: int) -> list[tuple[str, bytes]]:
@@ -117,7 +121,7 @@ class LcmLink:
 
 def decode(
     channel: str, data: bytes, layout: TaskLayout, joints: Collection[str] = ()
-) -> TargetMessage | Measured:
+) -> TargetMessage | Measured | ObstacleMessage:
     """What the bytes of an lcmt_drake_signal say on a channel.
 
     Raises:
@@ -134,6 +138,8 @@ def decode(
         raise MessageError("a name twice")
     if channel == MEASURED:
         return make_measured(numbers, joints)
+    if channel == OBSTACLES:
+        return make_obstacles(_by_name(numbers))
     targets: dict[str, dict] = {}
     for name, kind in zip(layout.names, layout.kinds, strict=True):
         if kind == "joint":
@@ -149,3 +155,17 @@ def decode(
         raise MessageError(f"no task has {next(iter(numbers))[:40]!r}")
     time = message.timestamp * 1e-3 if message.timestamp else None
     return make_targets(time, targets, layout)
+
+
+def _by_name(numbers: dict[str, float]) -> dict[str, dict | None]:
+    """Obstacles as `messages.make_obstacles` takes them, of `NAME.PART`."""
+    told: dict[str, dict | None] = {}
+    for key, value in numbers.items():
+        name, _, part = key.rpartition(".")
+        told.setdefault(name, {})[part] = value
+    for name, parts in told.items():
+        if set(parts) == {"gone"}:
+            told[name] = None
+        elif set(_ENDINGS["position"]) <= set(parts):
+            parts["position"] = [parts.pop(key) for key in _ENDINGS["position"]]
+    return told

@@ -15,8 +15,9 @@ targets are followed. The robot says where its joints are [rad or m]:
 
     {"measured": {"left_elbow": -0.52, "left_shoulder_x": 0.1}}
 
-Where joints are targets, obstacles that move by themselves may be told: spheres in W,
-with a bound of their speed, by any names; null takes one away.
+Obstacles that move by themselves may be told: spheres in W, with a bound of their
+speed, by any names; null takes one away. With an "end" it is a capsule from there to
+there.
 
     {"obstacles": {"person": {"position": [1, 0, 1], "radius": 0.3, "speed": 1.6},
                    "trolley": null}}
@@ -99,14 +100,17 @@ class Heard:
     """An obstacle, as it is told of.
 
     Attributes:
-        position: (3,) of the sphere's centre in W [m].
+        position: (3,) of the sphere's centre in W [m]; of a capsule one end of its
+            axis.
         radius: [m].
         speed: that no point of it exceeds [m/s].
+        end: (3,) of a capsule the other end; None of a sphere.
     """
 
     position: tuple[float, float, float]
     radius: float
     speed: float
+    end: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,6 @@ def parse(
     line: bytes,
     layout: TaskLayout,
     joints: Collection[str] = (),
-    obstacles: bool = False,
 ) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
 
@@ -132,7 +135,6 @@ def parse(
         line: as it came, without trust.
         layout: of the tasks.
         joints: that can be measured.
-        obstacles: whether obstacles may be told of.
 
     Raises:
         MessageError: it is too long, no JSON object, has a key that is not known, a
@@ -154,8 +156,6 @@ def parse(
     if set(said) == {"measured"}:
         return make_measured(said["measured"], joints)
     if set(said) == {"obstacles"}:
-        if not obstacles:
-            raise MessageError("obstacles are kept off with --joints alone")
         return make_obstacles(said["obstacles"])
     unknown = set(said) - {"time", "targets"}
     if unknown or not isinstance(said.get("targets"), dict):
@@ -226,17 +226,25 @@ def make_obstacles(obstacles: object) -> ObstacleMessage:
         if told is None:
             found[name] = None
             continue
-        if not isinstance(told, dict) or set(told) != _OBSTACLE:
-            raise MessageError("an obstacle has position, radius and speed, or is null")
-        position = told["position"]
-        if not isinstance(position, list) or len(position) != 3:
-            raise MessageError("position has 3 numbers")
+        if not isinstance(told, dict) or set(told) - {"end"} != _OBSTACLE:
+            raise MessageError(
+                "an obstacle has position, radius and speed, and an end if it is a "
+                "capsule, or is null"
+            )
+        position = _place(told, "position")
+        end = _place(told, "end") if "end" in told else None
         radius, speed = (_number(told[key], _FARTHEST) for key in ("radius", "speed"))
         if radius < 0.0 or speed < 0.0:
             raise MessageError("radius and speed are not negative")
-        x, y, z = (_number(value, _FARTHEST) for value in position)
-        found[name] = Heard((x, y, z), radius, speed)
+        found[name] = Heard(position, radius, speed, end)
     return ObstacleMessage(found)
+
+
+def _place(told: dict, key: str) -> tuple[float, float, float]:
+    if not isinstance(told[key], list) or len(told[key]) != 3:
+        raise MessageError(f"{key} has 3 numbers")
+    x, y, z = (_number(value, _FARTHEST) for value in told[key])
+    return x, y, z
 
 
 def as_targets(x: np.ndarray, layout: TaskLayout) -> dict[str, dict]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.obstacles import Obstacles
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import (
     STATUS_BLENDING,
@@ -15,6 +16,7 @@ from crar_drake.control.records import (
     STATUS_IMPLAUSIBLE,
     Solution,
 )
+from crar_drake.control.safety_filter import OBSTACLE
 from crar_drake.equations.admission import CORRECTED, SCALED
 from crar_drake.errors import ScenarioError
 from crar_drake.nearest import nearest
@@ -60,6 +62,7 @@ class SafeMotion:
         model, law: of the robot.
         layout: of the tasks.
         period: [s].
+        no_obstacles: why it keeps off no obstacles that move; "" if it does.
         q, v: (nq,), (nv,) the state.
         at_rest: whether no joint moves.
     """
@@ -94,6 +97,11 @@ class SafeMotion:
             )
         self.model, self.law = model, ControlLaw(model, parameters)
         self.layout, self.period = model.layout, parameters.period
+        self.no_obstacles = ""
+        try:
+            self.law.among  # noqa: B018 (made here, since it takes a while)
+        except ScenarioError as error:
+            self.no_obstacles = str(error)
         self._workspace = model.MakeWorkspace()
         self._stand(start_positions(model, {}))
         self._warm_up()
@@ -131,24 +139,30 @@ class SafeMotion:
         self.v = np.zeros_like(self.v)
         self.law.reset()
 
-    def move(self, tasks: np.ndarray) -> Moved:
+    def move(self, tasks: np.ndarray, obstacles: Obstacles | None = None) -> Moved:
         """`advance`, and what it was like."""
-        solution = self.advance(tasks)
+        solution = self.advance(tasks, obstacles)
         distances = solution.signed_distances
         return Moved(
             _STATUS.get(float(solution.status[0]), "tracking"),
             _ADMITTED.get(float(solution.admission[0]), "nominal"),
             float(distances.min()) if len(distances) else float("inf"),
             solution.actuation,
+            because_of(solution.obstacle),
         )
 
-    def advance(self, tasks: np.ndarray) -> Solution:
+    def advance(
+        self, tasks: np.ndarray, obstacles: Obstacles | None = None
+    ) -> Solution:
         """One control step; the state is then that of its `position_command`.
 
         Args:
             tasks: (layout.size,) targets; NaN where there are none.
+            obstacles: that move by themselves, as they are now.
         """
-        solution = self.law.step(self.q, self.v, tasks, self._still)
+        solution = self.law.step(
+            self.q, self.v, tasks, self._still, obstacles=obstacles
+        )
         self.q, self.v = np.split(solution.position_command, [len(self.q)])
         return solution
 
@@ -171,7 +185,7 @@ class SafeMotion:
     def _warm_up(self) -> None:
         """Some steps that leave nothing behind: whatever is compiled, or read from the
         cache, at its first call, is so before somebody waits for it."""
-        self.law.compile()
+        self.law.compile(obstacles=not self.no_obstacles)
         state = self.q, self.v
         there = self.where()
         there[: self.model.layout.size_x] += 0.01
@@ -179,6 +193,11 @@ class SafeMotion:
             self.advance(tasks)
         self.q, self.v = state
         self.law.reset()
+
+
+def because_of(obstacle: tuple[str, str] | None) -> str | None:
+    """Why a command is held back: the obstacle, and the link; None of none."""
+    return None if obstacle is None else f"{OBSTACLE}: {' - '.join(obstacle)}"
 
 
 def start_positions(model: ControlModel, start: Mapping[str, float]) -> np.ndarray:

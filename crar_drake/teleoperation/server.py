@@ -163,7 +163,7 @@ class TeleoperationServer:
         stream: the targets.
         statistics: of all since it was made.
         robot: what it says of itself.
-        obstacles: what is said of them; None where none are kept off.
+        obstacles: what is said of those that move by themselves.
         address: (host, port) that it listens at.
     """
 
@@ -202,8 +202,7 @@ class TeleoperationServer:
         self.statistics = Statistics(targets=self.stream.counts)
         self.period = motion.period
         self.robot = FollowedRobot(model.position_names, latency, tracking_error)
-        filtered = isinstance(motion, FilteredMotion)
-        self.obstacles = HeardObstacles() if filtered else None
+        self.obstacles = HeardObstacles(motion.no_obstacles)
         self._start_measured = start_measured
         self._socket = opened or listen(host, port)
         self.address: Address = self._socket.getsockname()[:2]
@@ -300,10 +299,7 @@ class TeleoperationServer:
         follows = self.robot.follows(now, self.stream.gate.timeout)
         if self._ends or not follows:
             desired[:] = np.nan  # to brake
-        if self.obstacles is None:
-            moved = self.motion.move(desired)
-        else:
-            moved = self.motion.move(desired, self.obstacles.at(now))
+        moved = self.motion.move(desired, self.obstacles.at(now))
         self.robot.tell(now + self.period, self.motion.q)
         statistics.step_time.add(time.monotonic() - began)
         command = Command(
@@ -384,9 +380,7 @@ class TeleoperationServer:
                 continue
             try:
                 message = decode(channel, data, self.stream.layout, self.robot.names)
-                if isinstance(message, Measured):
-                    self._hear(message, now)
-                else:
+                if not self._learn(message, now):
                     self._use(message, now, "LCM")
             except MessageError as error:
                 self._note(error)
@@ -409,10 +403,8 @@ class TeleoperationServer:
 
     def _take_line(self, line: bytes, sender: Address, now: float) -> None:
         try:
-            told = self.obstacles is not None
-            message = parse(line, self.stream.layout, self.robot.names, told)
-            if isinstance(message, ObstacleMessage):
-                self.obstacles.hear(message, now)
+            message = parse(line, self.stream.layout, self.robot.names)
+            learned = self._learn(message, now)
         except MessageError as error:
             self._note(error)
             return
@@ -426,18 +418,23 @@ class TeleoperationServer:
         self._clients[sender] = now
         if isinstance(message, Drive):
             self._driver, self._driven = sender, now
-        elif isinstance(message, Measured):
-            self._hear(message, now)
-        elif isinstance(message, ObstacleMessage):
-            self.statistics.messages["obstacles"] += 1
-        else:
+        elif not learned:
             self._use(message, now, sender)
 
-    def _hear(self, message: Measured, now: float) -> None:
-        self.robot.hear(message.positions, now)
-        self.statistics.messages["measured"] += 1
-        if self.robot.error > self.statistics.largest_error:
-            self.statistics.largest_error = self.robot.error
+    def _learn(self, message: object, now: float) -> bool:
+        """Takes what is told of the robot or of obstacles; whether it was that."""
+        statistics = self.statistics
+        if isinstance(message, Measured):
+            self.robot.hear(message.positions, now)
+            statistics.messages["measured"] += 1
+            if self.robot.error > statistics.largest_error:
+                statistics.largest_error = self.robot.error
+        elif isinstance(message, ObstacleMessage):
+            self.obstacles.hear(message, now)
+            statistics.messages["obstacles"] += 1
+        else:
+            return False
+        return True
 
     def _named(self, now: float) -> str | None:
         """Who drives; None if nobody has for a while."""

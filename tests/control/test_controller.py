@@ -278,9 +278,9 @@ def test_periods_whose_multiples_round_differently(step, ratio, monkeypatch):
     calls = {}
     solve = ControlLaw.solve
 
-    def recorded(self, workspace, memory, tick, time, q, v, targets):
+    def recorded(self, workspace, memory, tick, time, q, v, *rest):
         calls.setdefault(tick, []).append(np.r_[q, v])
-        return solve(self, workspace, memory, tick, time, q, v, targets)
+        return solve(self, workspace, memory, tick, time, q, v, *rest)
 
     monkeypatch.setattr(ControlLaw, "solve", recorded)
     simulator = Simulator(diagram)

@@ -280,9 +280,9 @@ def test_a_run_may_begin_between_control_ticks(time_step, monkeypatch):
     loop = Loop(time_step)
     solve, calls = ControlLaw.solve, []
 
-    def recorded(self, workspace, memory, tick, time, q, v, targets):
+    def recorded(self, workspace, memory, tick, time, q, v, *rest):
         calls.append((tick, round(time, 6), not memory.continues))
-        return solve(self, workspace, memory, tick, time, q, v, targets)
+        return solve(self, workspace, memory, tick, time, q, v, *rest)
 
     monkeypatch.setattr(ControlLaw, "solve", recorded)
     simulator = loop.start(0.052)

@@ -383,6 +383,11 @@ def test_a_start_without_numbers_is_refused(arm):
         ({"period": float("nan")}, ScenarioError, "period"),
         ({"period": 0.2}, ScenarioError, "braking horizon"),
         ({"lookahead": LookaheadParameters(preview=0.1)}, ScenarioError, "preview"),
+        (
+            {"lookahead": LookaheadParameters(tracking_error=3.0)},
+            ScenarioError,
+            "filter.lookahead.tracking_error: 3 of joint",
+        ),
         ({"velocity_limits": {"joint9": 1.0}}, ScenarioError, "joint9"),
         ({"velocity_scale": -1.0}, ScenarioError, "velocity_scale"),
     ],

@@ -11,10 +11,12 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from crar_drake.control.modes.fading import FadingMode
 from crar_drake.errors import CrarError, ModelError, ScenarioError
+from crar_drake.judging.obstacle_judge import ObstacleJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.recorder import OVER_TIME
 from crar_drake.results.certificate import judge_certificate
+from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.simulation.scenario import Scenario, load_scenario
 
 PERIOD = 5e-3
@@ -180,7 +182,7 @@ def test_a_push_gives_its_impulse_and_nothing_else_is_touched(live):
     live.step()
     assert live.pushed
     gained = M @ (plant.GetVelocities(context) - before - usual)
-    # Five of the plant's steps of 1 ms.
+    # For the control period, which is the plant's step.
     share = gained @ (J.T @ [0, 0, 30.0]) / np.sum((J.T @ [0, 0, 30.0]) ** 2)
     assert share == pytest.approx(5e-3, rel=0.2)
     for _ in range(30):
@@ -229,10 +231,48 @@ def test_what_is_recorded_is_judged(live, referee):
     nearest[~told] = np.inf
     near = slice(nearest.argmin() - 8, nearest.argmin() + 8)
     part = replace(log, **{name: getattr(log, name)[near] for name in OVER_TIME})
-    verdict = judge_certificate(part, referee, scenario.controller, 1e-3)
+    verdict = judge_certificate(part, referee, scenario.controller, PERIOD)
     assert verdict.true and not verdict.violated and verdict.steps.judged >= 10
     assert "constraints none" in scenario.description
     assert "left_wrist pushed by 0, 0, 30 N" in scenario.description
+
+
+def test_the_ball_is_dragged_no_faster_than_it_may_and_kept_off(live):
+    """Into the chest and away again, while gains change; links stay off it or slow."""
+    live.set_mode("lookahead")
+    steps(live, 60)
+    live.set_ball(np.array([0.1, 0.1, 0.95]))
+    model, held = live.model, set()
+    links = [link for pair in model.description.pairs for link in pair]
+    judge = ObstacleJudge(model.plant, model.scene_graph, links)
+    fast, touched, before = 0, 0, live.ball
+    for k in range(600):
+        if k == 420:
+            live.set_ball(None)
+        if k % 100 == 50:
+            live.set_gains({"K": 50.0 - live.parameters.K})
+        live.step()
+        assert np.linalg.norm(live.ball - before) <= 0.8 * PERIOD
+        np.testing.assert_allclose(live.obstacles()[-1], [*live.ball, 0.08])
+        before = live.ball
+        held.add(live.holding_back())
+        state = live.plant.GetPositionsAndVelocities(live._plant_context)
+        q, v = np.split(state, 2)
+        d, speed = judge.look(q, v, live.ball[None], np.array([0.08]))
+        touched += int((d <= 0.0).any())
+        fast += int(((d <= 0.0) & (speed > 0.05 * (1 + 1e-9))).any())
+    assert {name for name, _ in held - {None}} == {"your ball"}
+    assert touched > 10 and fast == 0
+    live.set_gains({"K": 30.0})
+    scenario = live.logged_scenario()
+    assert scenario.obstacles[-1].name == "your ball"
+    assert "your ball to" in scenario.description
+    figures = judge_obstacles(
+        *(live.log(), scenario, model.plant, model.scene_graph),
+        model.description.pairs,
+    )
+    assert figures["your ball"].contact_samples >= touched
+    assert figures["your ball"].fast_contacts == 0
 
 
 def test_the_oldest_pieces_are_dropped(live, monkeypatch):

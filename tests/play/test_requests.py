@@ -22,6 +22,8 @@ def said(**request: object) -> bytes:
             said(do="offset", task=1, value=[0.1, 0, -2]),
             Request("offset", (0.1, 0.0, -2.0), task=1),
         ),
+        (said(do="ball", value=[1, 0.5, 0]), Request("ball", (1.0, 0.5, 0.0))),
+        (said(do="ball away"), Request("ball away")),
         (said(do="motion", value=False), Request("motion", False)),
         (
             said(do="push", frame="tool", value=[0, 0, 500]),
@@ -58,6 +60,8 @@ def test_what_can_be_asked_for(body, request_):
         (said(do="offset", task=0.5, value=[0, 0]), "three numbers"),
         (said(do="offset", task=-1, value=[0, 0, 0]), "is not from"),
         (said(do="offset", task=0, value=[0, 0, 2.1]), "is not from -2 to 2"),
+        (said(do="ball", value=[0, 0, 11]), "is not from -10 to 10"),
+        (said(do="ball away", value=[0, 0, 1]), "ball away has do"),
         (said(do="motion", value=0), "true or false"),
         (said(do="push", frame="x" * 201, value=[0, 0, 0]), "by its name"),
         (said(do="push", frame="tool", value=[0, 0, 501]), "is not from"),

@@ -59,6 +59,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         resting_margins=np.full((T, 2), np.nan),
         admission=np.full((T, 4), np.nan),
         torque_limit=np.tile([1.0, 0.0], (T, 1)),
+        obstacles=np.empty((T, 0)),
         position_names=np.array(model.position_names),
         velocity_names=np.array(model.velocity_names),
         actuator_names=np.array(model.position_names),

@@ -9,11 +9,12 @@ from crar_drake.equations.tasks import TaskLayout
 from crar_drake.teleoperation.lcm_link import (
     COMMAND,
     MEASURED,
+    OBSTACLES,
     TARGETS,
     LcmLink,
     decode,
 )
-from crar_drake.teleoperation.messages import Command, MessageError
+from crar_drake.teleoperation.messages import Command, Heard, MessageError
 
 LAYOUT = TaskLayout(("wrist", "hand"), ("position", "pose"))
 NUMBERS = {
@@ -67,6 +68,16 @@ def test_where_the_robot_is():
         decode(MEASURED, data, LAYOUT, ("a",))
     with pytest.raises(MessageError, match="measured"):
         decode(MEASURED, signal({}), LAYOUT, ("a",))
+
+
+def test_obstacles_by_name():
+    numbers = {"Ann.x": 1.0, "Ann.y": -2.0, "Ann.z": 0.5, "cart.gone": 1.0}
+    numbers |= {"Ann.radius": 0.3, "Ann.speed": 1.6}
+    told = decode(OBSTACLES, signal(numbers), LAYOUT).obstacles
+    assert told == {"Ann": Heard((1.0, -2.0, 0.5), 0.3, 1.6), "cart": None}
+    for wrong in ({"Ann.x": 1.0}, {"radius": 1.0}, numbers | {"Ann.mass": 1.0}, {}):
+        with pytest.raises(MessageError):
+            decode(OBSTACLES, signal(wrong), LAYOUT)
 
 
 def test_both_ways():

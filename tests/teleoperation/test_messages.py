@@ -84,12 +84,13 @@ def test_what_is_refused(line, why):
 def test_obstacles_by_name():
     told = {"position": [1, -2.5, 0], "radius": 0.3, "speed": 1.6}
     line = json.dumps({"obstacles": {"person": told, "trolley": None}}).encode()
-    assert parse(line, LAYOUT, (), True).obstacles == {
+    assert parse(line, LAYOUT).obstacles == {
         "person": Heard((1.0, -2.5, 0.0), 0.3, 1.6),
         "trolley": None,
     }
-    with pytest.raises(MessageError, match="--joints alone"):
-        parse(line, LAYOUT)
+    told["end"] = [1, -2.5, 1.7]
+    line = json.dumps({"obstacles": {"person": told}}).encode()
+    assert parse(line, LAYOUT).obstacles["person"].end == (1.0, -2.5, 1.7)
 
 
 @pytest.mark.parametrize(
@@ -106,6 +107,10 @@ def test_obstacles_by_name():
             "position, radius and speed",
         ),
         ({"a": {"position": [0, 0], "radius": 1, "speed": 1}}, "3 numbers"),
+        (
+            {"a": {"position": [0, 0, 0], "end": [1], "radius": 1, "speed": 1}},
+            "end has 3 numbers",
+        ),
         ({"a": {"position": [0, 0, 1e9], "radius": 1, "speed": 1}}, "beyond all"),
         ({"a": {"position": [0, 0, 0], "radius": -1, "speed": 1}}, "negative"),
         ({"a": {"position": [0, 0, 0], "radius": 1, "speed": True}}, "no number"),
@@ -113,10 +118,10 @@ def test_obstacles_by_name():
 )
 def test_obstacles_that_are_refused(told, why):
     with pytest.raises(MessageError, match=why):
-        parse(json.dumps({"obstacles": told}).encode(), LAYOUT, (), True)
+        parse(json.dumps({"obstacles": told}).encode(), LAYOUT)
     with pytest.raises(MessageError, match="targets"):
         both = {"obstacles": {"a": None}, "targets": {}}
-        parse(json.dumps(both).encode(), LAYOUT, (), True)
+        parse(json.dumps(both).encode(), LAYOUT)
 
 
 def test_random_bytes_and_damaged_messages_only_raise_message_errors():

@@ -15,6 +15,7 @@ from drake import lcmt_drake_signal
 from crar_drake.errors import CrarError, ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.teleoperation import server as module
+from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.lcm_link import TARGETS
 from crar_drake.teleoperation.messages import LONGEST, MessageError
 from crar_drake.teleoperation.safe_motion import SafeMotion
@@ -123,6 +124,61 @@ def test_whatever_is_sent_nothing_is_violated(server, client, monkeypatch):
     assert messages == {"taken": 600, "malformed": 480, "oversized": 120}
     assert verdicts["clamped"] > 50 and verdicts["passed"] > 200
     assert server.statistics.last_error
+
+
+def test_obstacles_are_kept_off_until_they_are_taken_away(server, client, monkeypatch):
+    """Somebody who comes to a hand that swings: it is slow, by Drake's velocities."""
+    now = 0.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    motion, layout = server.motion, server.motion.layout
+    plant = motion.model.plant
+    context = plant.CreateDefaultContext()
+    hand = plant.GetBodyByName("left_hand")
+    start = layout.unpack(motion.where()).p[0]
+
+    def swing(count, person=None):
+        nonlocal now
+        speeds = []
+        for k in range(count):
+            aim = start + 0.15 * np.sin(5.0 * now) * np.array([0.0, 0.5, 1.0])
+            client.send(targets(now, left_wrist=aim))
+            if person is not None:
+                told = json.dumps({"obstacles": {"Ann": person(k)}})
+                client.send(told.encode())
+            server._receive()
+            command = server.tick(now)
+            plant.SetPositions(context, command.positions)
+            plant.SetVelocities(context, command.velocities)
+            v = hand.EvalSpatialVelocityInWorld(context).translational()
+            speeds.append(np.linalg.norm(v))
+            now += server.period
+        return np.array(speeds), command
+
+    begin, command = swing(100)
+    assert begin.max() > 0.2 and command.why is None
+    place = hand.EvalPoseInWorld(context).translation()
+
+    def comes(k):
+        position = (place + [max(1.5 - 0.015 * k, 0.2), 0.0, 0.0]).tolist()
+        return {"position": position, "radius": 0.1, "speed": 1.6}
+
+    near, command = swing(130, comes)
+    assert near[-20:].max() <= 0.05
+    assert command.why.startswith("obstacle: Ann - ")
+    assert command.admitted == "scaled"
+    assert server.statistics.messages["obstacles"] == 130
+    silent, command = swing(60)
+    assert silent.max() <= 0.05 and command.why.startswith("obstacle: Ann - ")
+    gone, command = swing(150, lambda k: None)
+    assert gone[50:].max() > 0.2 and command.why is None
+    assert server.motion.model.n_p  # the waist is prescribed, and stands
+
+
+def test_a_robot_that_keeps_off_none_says_why(server, client, monkeypatch):
+    server.obstacles = HeardObstacles("its root floats")
+    client.send(b'{"obstacles": {"Ann": null}}')
+    server._receive()
+    assert server.statistics.last_error == "its root floats"
 
 
 def test_a_robot_that_does_not_follow_is_braked_for(made, monkeypatch):
@@ -349,10 +405,10 @@ def test_after_a_stall_it_goes_on_from_rest(server, client, monkeypatch):
     monkeypatch.setattr(server, "_wait", lambda tick: (later(tick), server._receive()))
     speeds, step = [], server.motion.advance
 
-    def advance(desired):
+    def advance(desired, *rest):
         speeds.append(np.abs(server.motion.v).max())
         client.send(targets(0.01 * len(speeds), left_wrist=there))
-        return step(desired)
+        return step(desired, *rest)
 
     monkeypatch.setattr(server.motion, "advance", advance)
     server.run(0.9)

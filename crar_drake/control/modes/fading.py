@@ -78,6 +78,7 @@ class FadingMode(Mode):
         self.diagnostics = mode.diagnostics
         self.horizon = mode.horizon
         self.brakes_without_targets = mode.brakes_without_targets
+        self.keeps_off_obstacles = mode.keeps_off_obstacles
         self.slower = mode.slower
 
     @staticmethod

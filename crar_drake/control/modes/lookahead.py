@@ -103,6 +103,8 @@ class LookaheadMode(Mode):
         ),
     )
 
+    keeps_off_obstacles = True
+
     def __init__(
         self,
         model: ControlModel,

@@ -29,6 +29,7 @@ class Mode(ABC):
             q + T q_dot [s]; else None.
         brakes_without_targets: whether a NaN in the targets makes the robot brake;
             else it is an error.
+        keeps_off_obstacles: whether obstacles that move are kept off.
         slower: the same mode with longer horizons, for states in which motors have not
             the torque to brake within the short one.
     """
@@ -36,6 +37,7 @@ class Mode(ABC):
     diagnostics: ClassVar[tuple[Diagnostic, ...]] = ()
     horizon: float | None = None
     brakes_without_targets: bool = False
+    keeps_off_obstacles: bool = False
     slower: tuple[Mode, ...] = ()
 
     @abstractmethod

@@ -1,8 +1,8 @@
-// The targets in the scene are handles: dragged in the plane that the camera faces.
+// Targets and the ball are handles: dragged in the plane that the camera faces.
 
 const REACH = { mouse: 14, pen: 16, touch: 30 }; // around a target [pixels]
 
-function makeHandles(stage, run, element, state, moveTarget) {
+function makeHandles(data, stage, run, element, state, panel) {
   // Meshcat's scene has y upwards, see `upright`.
   const standing = (x, y, z) => [x, -z, y];
   let held = null;
@@ -21,9 +21,20 @@ function makeHandles(stage, run, element, state, moveTarget) {
       const place = pixels(p);
       if (!place) return;
       const away = Math.hypot(place[0] - x, place[1] - y);
-      if (away < nearest) [best, nearest] = [{ task, p }, away];
+      const { offsets } = state.frame;
+      const move = place => panel.moveTarget(
+        task, offsets[task].map((o, i) => o + place[i] - p[i]));
+      if (away < nearest) [best, nearest] = [{ task, p, move }, away];
     });
-    return best;
+    return best || hitBall(pixels, x, y);
+  }
+  function hitBall(pixels, x, y) {
+    const p = state.frame.ball;
+    const place = p && pixels(p);
+    if (!place) return null;
+    const size = data.ball.radius / Math.hypot(...pixelAt(p).across);
+    const hits = Math.hypot(place[0] - x, place[1] - y) < size;
+    return hits ? { task: null, p, move: panel.moveBall } : null;
   }
   // What a pixel across and one down are at a point of the scene [m].
   function pixelAt(p) {
@@ -44,7 +55,6 @@ function makeHandles(stage, run, element, state, moveTarget) {
     event.preventDefault();
     held = {
       ...found, ...pixelAt(found.p), from: at(event), pointer: event.pointerId,
-      offset: state.frame.offsets[found.task],
     };
     element.setPointerCapture(event.pointerId);
     element.classList.add("grabbing");
@@ -58,8 +68,7 @@ function makeHandles(stage, run, element, state, moveTarget) {
     event.stopPropagation();
     const [x, y] = at(event);
     const [dx, dy] = [x - held.from[0], y - held.from[1]];
-    moveTarget(held.task, held.offset.map(
-      (o, i) => o + dx * held.across[i] + dy * held.down[i]));
+    held.move(held.p.map((x, i) => x + dx * held.across[i] + dy * held.down[i]));
   }, true);
   const release = event => {
     if (!held || event.pointerId !== held.pointer) return;

@@ -63,6 +63,9 @@ function makePanel(data, state, ask) {
   });
   element("task").append(...data.tasks.map((name, i) => option(i, name)));
   element("targets").hidden = !data.tasks.length;
+  element("obstacle").hidden = !data.ball;
+  if (data.ball)
+    element("ball-speed").textContent = `drag the brown ball: ${data.ball.speed} m/s at most`;
   // Hands are what people want to move.
   const hand = names => Math.max(0, names.findIndex(name => /wrist|hand|tool/.test(name)));
   element("task").selectedIndex = hand(data.tasks);
@@ -108,6 +111,7 @@ function makePanel(data, state, ask) {
     state.wanted.clear();
     return { do: "home" };
   });
+  click("away", () => ({ do: "ball away" }));
   click("push", () => ({
     do: "push", frame: element("frame").value,
     value: element("direction").value.split(",").map(x => Number(x) * force.value),
@@ -121,13 +125,18 @@ function makePanel(data, state, ask) {
     element(name).click();
   });
 
+  const spoken = ([obstacle, link]) =>
+    `${obstacle} is near the ${link.replaceAll("_", " ")}`;
+
   function promise(frame) {
     const place = element("promise");
     let [kind, text] = ["open", PROMISES[frame.mode]];
     if (frame.smallest !== null && frame.smallest < 0)
       [kind, text] = ["broken", `links are inside each other (${frame.mode})`];
     else if (frame.mode === "lookahead") {
-      if (frame.pushed) text = "pushed: while a force acts nothing is guaranteed";
+      if (frame.holding && frame.clear && !frame.pushed)
+        [kind, text] = ["holds", `lookahead: ${spoken(frame.holding)}, so that it is slow`];
+      else if (frame.pushed) text = "pushed: while a force acts nothing is guaranteed";
       else if (frame.clear)
         [kind, text] = ["holds", "lookahead: the way to brake is clear"];
       else text = "lookahead: on its way back to where the constraints hold";
@@ -180,5 +189,7 @@ function makePanel(data, state, ask) {
     element("notice").hidden = !text;
     element("notice").textContent = text;
   }
-  return { show, notice, moveTarget };
+  const moveBall = place => ask({
+    do: "ball", value: place.map(x => Math.min(Math.max(x, -10), 10)) });
+  return { show, notice, moveTarget, moveBall };
 }

@@ -26,7 +26,7 @@ function makeAsk(tell) {
     busy = false;
   }
   return request => {
-    const replaces = ["offset", "speed", "gains"].includes(request.do);
+    const replaces = ["offset", "speed", "gains", "ball"].includes(request.do);
     const inner = request.task ?? Object.keys(request.value ?? {}).join();
     waiting.set(replaces ? `${request.do} ${inner}` : `once ${count++}`, request);
     send();
@@ -43,7 +43,7 @@ function start(data) {
   const stage = makeStage(data, [run], element);
   const chart = makeChart(data, document.getElementById("live-chart"));
   const panel = makePanel(data, state, makeAsk(text => panel.notice(text)));
-  const handles = makeHandles(stage, run, element, state, panel.moveTarget);
+  const handles = makeHandles(data, stage, run, element, state, panel);
 
   function take(frame) {
     if (frame.ended) {

@@ -60,7 +60,7 @@ function writeCaption(data, runs) {
 function writeLegend(data, runs) {
   const list = document.querySelector("#crar-legend ul");
   const [far, middle, near] = data.nearness.colours;
-  const { target, violation } = data.colours;
+  const { target, obstacle, violation } = data.colours;
   const warning = runs[0].warning;
   const at = data.nearness.steps.map(step => Math.round(1000 * step * warning));
   function entry(text, paint) {
@@ -77,6 +77,11 @@ function writeLegend(data, runs) {
       draw(svg, "circle", { cx: 6, cy: 7, r: 3, fill: "#fff", stroke: target });
       draw(svg, "circle", { cx: 28, cy: 7, r: 5, fill: target });
     });
+  }
+  if (data.robots.some(robot => robot.spheres)) {
+    entry("obstacle that moves", svg => draw(svg, "circle", {
+      cx: 17, cy: 7, r: 6.5, fill: obstacle, "fill-opacity": 0.75,
+    }));
   }
   if (warning && runs.some(run => run.pairNames.length)) {
     entry(`links near each other: ${at.join(", ")} mm`, svg => {

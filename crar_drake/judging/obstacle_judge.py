@@ -1,0 +1,217 @@
+"""The independent judge of contacts with obstacles that move.
+
+Poses and velocities are Drake's, distances and speeds this file's own: nothing of the
+filter takes part. A violation is a contact (distance at most 0) while the surface of
+the link is faster there than is harmless.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Capsule, SceneGraph, Sphere
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+
+from crar_drake.judging.referee_distances import capsule_distance
+from crar_drake.robot.description import find_body
+
+# What rounding adds to a speed [1].
+_ROUNDING = 1e-9
+
+
+class Surface:
+    """A link's spheres and capsules: where they are, and how fast, by Drake.
+
+    Attributes:
+        body: the link.
+        shapes: (S, 2, 3) ends of their axes in its frame [m].
+        radii: (S,) [m].
+        reach: from the frame's origin to what is farthest from it [m].
+    """
+
+    def __init__(
+        self, plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody
+    ) -> None:
+        self.body, shapes, radii = body, [], []
+        inspector = scene_graph.model_inspector()
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            shape, X = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+            if isinstance(shape, Sphere | Capsule):
+                half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
+                ends = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])
+                shapes.append(X.translation() + ends @ X.rotation().matrix().T)
+                radii.append(shape.radius())
+        self.shapes, self.radii = np.array(shapes).reshape(-1, 2, 3), np.array(radii)
+        far = np.linalg.norm(self.shapes, axis=2).max(axis=1, initial=0.0)
+        self.reach = float((far + self.radii).max(initial=0.0))
+
+    def against(
+        self,
+        context,
+        centres: np.ndarray,
+        sizes: np.ndarray,
+        ends: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) of N spheres, or capsules that end there, and (N,) how fast
+        the surface is where it is nearest to each [m], [m/s].
+
+        In a contact that is the point of the surface towards the obstacle.
+        """
+        X = self.body.EvalPoseInWorld(context)
+        V = self.body.EvalSpatialVelocityInWorld(context)
+        R, p = X.rotation().matrix(), X.translation()
+        a = p + self.shapes[:, 0] @ R.T  # (S, 3)
+        u = (self.shapes[:, 1] - self.shapes[:, 0]) @ R.T
+        to = centres[:, None] - a  # (N, S, 3)
+        uu = np.maximum((u * u).sum(-1), 1e-30)
+        share = np.clip((to * u).sum(-1) / uu, 0.0, 1.0)
+        axis = a + share[..., None] * u
+        off = centres[:, None] - axis
+        far = np.linalg.norm(off, axis=-1)
+        d = far - self.radii - sizes[:, None]
+        k = np.argmin(d, axis=1)
+        every = np.arange(len(centres))
+        off, axis, d = off[every, k], axis[every, k], d[every, k]
+        if ends is not None:
+            for i in np.flatnonzero((ends != centres).any(axis=1)):
+                d[i], k[i], axis[i], off[i] = self._nearest(a, u, centres[i], ends[i])
+                d[i] -= sizes[i]
+        towards = off / np.maximum(np.linalg.norm(off, axis=1), 1e-12)[:, None]
+        point = axis + self.radii[k][:, None] * towards
+        v = V.translational() + np.cross(V.rotational(), point - p)
+        return d, np.linalg.norm(v, axis=1)
+
+    def _nearest(
+        self, a: np.ndarray, u: np.ndarray, centre: np.ndarray, end: np.ndarray
+    ) -> tuple[float, int, np.ndarray, np.ndarray]:
+        """Of the shapes with axes from (S, 3) by (S, 3) the distance to a capsule's
+        axis [m], which it is, where on its axis, and the way from there [m]."""
+        found = [
+            capsule_distance(a[s], a[s] + u[s], self.radii[s], centre, end, 0.0)
+            for s in range(len(a))
+        ]
+        k = int(np.argmin([d for d, _, _ in found]))
+        d, on_link, on_other = found[k]
+        return d, k, on_link, on_other - on_link
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """What an obstacle did in T samples.
+
+    Attributes:
+        smallest_distance: of a link [m], that link, and the sample's index.
+        touching: samples in which it touches a link.
+        violations: those in which that link is faster there than is harmless.
+        fastest: the largest speed of a link where it was touched [m/s]; 0 if none was.
+    """
+
+    smallest_distance: float
+    link: str
+    index: int
+    touching: int
+    violations: int
+    fastest: float
+
+
+class ObstacleJudge:
+    """Judges links and spheres, on a plant's context of its own.
+
+    Attributes:
+        surfaces: of the links that have spheres or capsules.
+    """
+
+    def __init__(
+        self, plant: MultibodyPlant, scene_graph: SceneGraph, links: Iterable[str]
+    ) -> None:
+        """
+        Args:
+            plant: finalized.
+            scene_graph: where it is registered.
+            links: by name.
+        """
+        self._plant, self._context = plant, plant.CreateDefaultContext()
+        bodies = [find_body(plant, name) for name in dict.fromkeys(links)]
+        surfaces = [Surface(plant, scene_graph, body) for body in bodies]
+        self.surfaces = [surface for surface in surfaces if len(surface.radii)]
+
+    def look(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        centres: np.ndarray,
+        sizes: np.ndarray,
+        ends: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(L, N) distances and (L, N) speeds there [m], [m/s].
+
+        Args:
+            q, v: (nq,), (nv,) the state.
+            centres, sizes: (N, 3), (N,) of the spheres [m].
+            ends: (N, 3) of those that are capsules, where their axes end [m].
+        """
+        self._place(q, v)
+        found = [s.against(self._context, centres, sizes, ends) for s in self.surfaces]
+        return np.array([d for d, _ in found]), np.array([v for _, v in found])
+
+    def places(self) -> np.ndarray:
+        """(L, 3) the middles of the links, where they were looked at last [m]."""
+        return np.array(
+            [
+                s.body.EvalPoseInWorld(self._context).multiply(
+                    s.shapes.mean(axis=(0, 1))
+                )
+                for s in self.surfaces
+            ]
+        )
+
+    def judge(
+        self, q: np.ndarray, v: np.ndarray, spheres: np.ndarray, harmless: float
+    ) -> list[Contacts]:
+        """Judges a trajectory.
+
+        Args:
+            q, v: (T, nq), (T, nv) the states.
+            spheres: (T, N, 4) centre and radius of each [m].
+            harmless: the speed that is [m/s].
+
+        Returns:
+            (N,) of each sphere.
+        """
+        count = spheres.shape[1]
+        low, link, at = np.full(count, np.inf), [""] * count, np.zeros(count, int)
+        touching, violations = np.zeros(count, int), np.zeros(count, int)
+        fastest = np.zeros(count)
+        for k in range(len(q)):
+            self._place(q[k], v[k])
+            centres, sizes = spheres[k, :, :3], spheres[k, :, 3]
+            touched, harmed = np.zeros(count, bool), np.zeros(count, bool)
+            for surface in self.surfaces:
+                origin = surface.body.EvalPoseInWorld(self._context).translation()
+                bound = np.linalg.norm(centres - origin, axis=1) - surface.reach - sizes
+                if (bound >= np.maximum(low, 0.0)).all():
+                    continue  # neither touched nor nearer than before
+                d, speed = surface.against(self._context, centres, sizes)
+                for i in np.flatnonzero(d < low):
+                    low[i], link[i], at[i] = d[i], surface.body.name(), k
+                touches = d <= 0.0
+                touched |= touches
+                harmed |= touches & (speed > harmless * (1.0 + _ROUNDING))
+                fastest = np.where(touches, np.maximum(fastest, speed), fastest)
+            touching += touched
+            violations += harmed
+        return [
+            Contacts(*found)
+            for found in zip(
+                *(low.tolist(), link, at.tolist(), touching.tolist()),
+                *(violations.tolist(), fastest.tolist()),
+                strict=True,
+            )
+        ]
+
+    def _place(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._plant.SetPositions(self._context, q)
+        self._plant.SetVelocities(self._context, v)

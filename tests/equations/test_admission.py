@@ -667,7 +667,7 @@ class Judge:
         """The smallest distance on the path, and by how much a limit is passed."""
         c = self.model.controlled
         path = q + np.linspace(0.0, T, samples)[:, None] * v
-        d = min(self.referee.distances(x).min() for x in path)
+        d = self.referee.violations(path).smallest_distance
         return d, max(self.referee.limit_excess(x)[c].max() for x in path[[0, -1]])
 
     def is_clear(self, q, v) -> bool:

@@ -901,7 +901,7 @@ def test_a_forgotten_constraint_is_noticed(
 ) -> None:
     replace_function(monkeypatch, function, sabotage)
     make, period = CASES[case]
-    run = Run(make(), period).by_admission_alone(starts=5, steps=10)
+    run = Run(make(), period).by_admission_alone(starts=3, steps=6)
     assert (run.excess if function == "velocity_bounds" else run.short) > 1e-4
     with pytest.raises(AssertionError):
         assert_nothing_was_violated(run)

@@ -46,10 +46,9 @@ def by_drake(moves: Moves, model: ControlModel, q, v, vdot):
 
 def nearest_in_braking(judge: Referee, moves: Moves, q, v) -> float:
     """The smallest distance on the braking path of a state [m]."""
-    return min(
-        judge.nearest(moves.along(q, u * HORIZON * v), 1.0)[0]
-        for u in np.linspace(0.0, 1.0, PATH_POINTS)
-    )
+    shares = np.linspace(0.0, HORIZON, PATH_POINTS)
+    path = np.array([moves.along(q, u * v) for u in shares])
+    return judge.violations(path).smallest_distance
 
 
 def first_accelerations(

@@ -115,7 +115,8 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
         lacks, low = -np.inf, np.inf
         for t in np.linspace(0.0, PERIOD + numbers.T, 120):
             d, _ = witness.look(q + t * v, v, centre[None], np.array([radius]))
-            grown = np.where(t <= until, V * required(numbers, t), 0.0)
+            still_fast = t <= until
+            grown = still_fast * V * (required(numbers, t) if still_fast.any() else 0.0)
             lacks = max(lacks, (FLOOR + grown - d[:, 0]).max())
             low = min(low, (d[:, 0] - grown).min())
         if answer.clear:

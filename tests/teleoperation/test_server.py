@@ -23,7 +23,6 @@ from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
 from crar_drake.teleoperation.target_stream import Gate
 
-
 WAIT = 120.0  # [s] for an answer, which may have to be compiled on a busy computer
 
 

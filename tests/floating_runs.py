@@ -46,8 +46,7 @@ def by_drake(moves: Moves, model: ControlModel, q, v, vdot):
 
 def nearest_in_braking(judge: Referee, moves: Moves, q, v) -> float:
     """The smallest distance on the braking path of a state [m]."""
-    shares = np.linspace(0.0, HORIZON, PATH_POINTS)
-    path = np.array([moves.along(q, u * v) for u in shares])
+    path = moves.along(q, np.outer(np.linspace(0.0, HORIZON, PATH_POINTS), v))
     return judge.violations(path).smallest_distance
 
 

@@ -233,7 +233,7 @@ class Moves:
         self._positions, self._velocities = np.array(rates, dtype=int).reshape(-1, 2).T
 
     def along(self, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Where constant velocities, x (nv,) or (K, nv) in all, lead to from q (nq,)."""
+        """Where constant velocities, x (nv,) or (K, nv) in all, lead from q (nq,)."""
         moved = np.broadcast_to(q, (*x.shape[:-1], len(q))).copy()
         moved[..., self._positions] += x[..., self._velocities]
         for at, by in self._free:

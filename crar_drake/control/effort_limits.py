@@ -176,6 +176,38 @@ class EffortLimits:
         if found.reported:
             solution.of_mode = {**solution.of_mode, **found.reported}
 
+    def within(self, workspace: Workspace, vdot: np.ndarray) -> bool:
+        """Whether accelerations (nv,) take no more than the limits, at the workspace's
+        state."""
+        if not self.finite:
+            return True
+        actuation = self._model.inverse_dynamics(workspace, vdot)
+        return bool(np.all(np.abs(actuation) <= self.limits))
+
+    def take(
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        vdot: np.ndarray,
+        solution: Solution,
+    ) -> None:
+        """Gives a solution other accelerations (nv,), and what follows from them.
+
+        Args:
+            workspace: at the state of the control step.
+            measured: of the same state.
+            vdot: that are decided; a torque beyond the limits is clipped.
+            solution: that is changed; its share of the nominal accelerations stays.
+        """
+        actuation = self._model.inverse_dynamics(workspace, vdot)
+        found = self._unlimited(measured, vdot, actuation, self._period)
+        solution.acceleration, solution.position_command = vdot, found.after
+        solution.actuation = actuation
+        if self.finite:
+            solution.actuation, excess = self.clipped(actuation)
+            share = solution.torque_limit[0]
+            solution.torque_limit = np.array([share, excess])
+
     def _limited(
         self,
         workspace: Workspace,

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from crar_drake.control.balance import Balance
 from crar_drake.control.effort_limits import EffortLimits
 from crar_drake.control.modes import MODES, validate
 from crar_drake.control.parameters import CrarParameters
@@ -105,6 +106,9 @@ class ControlLaw:
         self._plausible = PlausibleStates(model, self._period)
         self._efforts = EffortLimits(model, self.mode, gains)
         self.effort_limits = self._efforts.limits
+        self._balance = None
+        if gains.balance is not None:
+            self._balance = Balance(model, gains.balance, self.mode, self._period)
         self.reset()
 
     def compile(self) -> None:
@@ -441,8 +445,24 @@ class ControlLaw:
     ) -> None:
         """Adds what follows from the accelerations, which effort limits may change."""
         self._efforts.limit(workspace, measured, solution)
+        if self._balance is not None:
+            self._keep_balance(workspace, measured, solution)
         solution.root_force = self.model.root_force(workspace, solution.acceleration)
         solution.status = _STATUS[status]
+
+    def _keep_balance(
+        self, workspace: Workspace, measured: Measured, solution: Solution
+    ) -> None:
+        """Leaves of a solution what is balanced."""
+
+        def admit(vdot: np.ndarray):
+            found, reported = self.mode.admit_again(measured, vdot)
+            return (found, reported) if self._efforts.within(workspace, found) else None
+
+        vdot, reported = self._balance.limit(measured, solution.acceleration, admit)
+        solution.of_mode = {**solution.of_mode, **reported}
+        if vdot is not solution.acceleration:
+            self._efforts.take(workspace, measured, vdot, solution)
 
     def _measure(self, workspace: Workspace, q: np.ndarray, v: np.ndarray) -> Measured:
         """The state; and where the robot would come to rest, if the mode looks there

@@ -78,6 +78,23 @@ class TargetGovernor:
 
 
 @dataclass
+class BalanceParameters:
+    """What a robot that stands may ask of the ground.
+
+    Attributes:
+        margin: that the soles are taken smaller by at each edge [m].
+        friction: coefficient between soles and ground that may be used.
+    """
+
+    margin: float = 0.02  # [m]
+    friction: float = 0.5
+
+    def validate(self) -> None:
+        """Raises ScenarioError, naming the field and what it may be."""
+        check_numbers("controller.balance", self, may_be_zero={"margin"})
+
+
+@dataclass
 class CrarParameters:
     """Parameters of the control law; Section IV of the paper gives the gains.
 
@@ -129,6 +146,9 @@ class CrarParameters:
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
         governor: bounds on the targets' speed and acceleration; by default none.
+        balance: of a robot that stands on its soles, what it may ask of the ground, see
+            `equations.balance`; by default nobody asks. It needs constraints
+            "lookahead", and a description with soles whose base is fixed.
     """
 
     level: str = "acceleration"
@@ -155,6 +175,7 @@ class CrarParameters:
     distances: str = "closed_form"
     lookahead: LookaheadParameters = field(default_factory=LookaheadParameters)
     governor: TargetGovernor = field(default_factory=TargetGovernor)
+    balance: BalanceParameters | None = None
 
     def validate(self) -> None:
         """Checks every field; YAML loading does not.
@@ -186,6 +207,13 @@ class CrarParameters:
         self._check_torque_period()
         self.lookahead.validate()
         self.governor.validate()
+        if self.balance is not None:
+            self.balance.validate()
+            if self.constraints != "lookahead":
+                raise ScenarioError(
+                    f"controller.balance: constraints {self.constraints!r} look at no "
+                    "braking path; use lookahead"
+                )
         self._check_gains()
 
     def _check_gains(self) -> None:

@@ -51,6 +51,9 @@ LIMIT_TOLERANCE = 1e-6
 # Farther below the floor, z = 0, a robot that stands on it does not [m].
 FLOOR_TOLERANCE = 0.01
 
+# Corners of a sole may be so far off a plane [m].
+SOLE_TOLERANCE = 1e-3
+
 # Faster by more than this than its limit, a joint violates it [rad/s or m/s].
 SPEED_TOLERANCE = 1e-6
 
@@ -97,6 +100,7 @@ class RobotDescription:
         rest_posture: joint to position [rad or m]; those not named are at 0.
         velocity_limits: joint to its largest speed [rad/s or m/s], instead of that of
             the model; infinite for none.
+        soles: link to the (V, 3) corners of its flat sole, in the link's frame [m].
         folder: where `model` lies; filled in by `load_robot_description`.
     """
 
@@ -111,6 +115,7 @@ class RobotDescription:
     ground: float | None = None
     rest_posture: dict[str, float] = field(default_factory=dict)
     velocity_limits: dict[str, float] = field(default_factory=dict)
+    soles: dict[str, list[list[float]]] = field(default_factory=dict)
     folder: str = ""
 
     def validate(self) -> None:
@@ -178,6 +183,7 @@ class RobotDescription:
                     f"robot {self.name}: velocity_limits: {joint}: {limit} must be "
                     "positive (.inf for no limit)"
                 )
+        check_soles(self.soles, f"robot {self.name}")
 
     @property
     def prescribed_root(self) -> tuple[str, ...]:
@@ -192,6 +198,35 @@ class RobotDescription:
     def rest_pose(self) -> RigidTransform:
         """X_WB of the base at rest."""
         return RigidTransform(RollPitchYaw(self.root_pose.rpy), self.root_pose.xyz)
+
+
+def check_soles(soles: dict[str, list[list[float]]], where: str) -> None:
+    """Raises ModelError unless each sole is a flat polygon.
+
+    Args:
+        soles: link to the corners of its sole [m].
+        where: what to call their owner in the message.
+    """
+    for link, corners in soles.items():
+        name = f"{where}: soles: {link}"
+        # Rows of unequal lengths are no array.
+        if len(corners) < 3 or any(len(corner) != 3 for corner in corners):
+            raise ModelError(
+                f"{name}: {corners} must be at least three corners of three "
+                "numbers each, [x, y, z] in the link's frame"
+            )
+        points = np.array(corners)
+        if not np.isfinite(points).all():
+            raise ModelError(f"{name}: {corners} must be finite numbers")
+        # Singular values: the polygon's extents, the last one across it.
+        extents = np.linalg.svd(points - points.mean(0), compute_uv=False)
+        if extents[1] < SOLE_TOLERANCE:
+            raise ModelError(f"{name}: the corners are on one line; give a polygon's")
+        if len(extents) > 2 and extents[2] > SOLE_TOLERANCE:
+            raise ModelError(
+                f"{name}: the corners are {1e3 * extents[2]:.1f} mm off a plane; a "
+                "sole is flat: give the corners of what touches a level floor"
+            )
 
 
 def is_speed_limit(value: float) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
+from crar_drake.robot.description import check_soles
 from crar_drake.yaml_files import load_yaml, read_text
 
 BASES = ("prescribed", "floating", "fixed")
@@ -41,6 +42,7 @@ _COMMENTS = {
     "frames": "the motion's point -> link, and where in it [m]; rpy [rad] turns it",
     "rest_posture": "joint -> position [rad or m]; those not named are at 0",
     "pairs": "watched segment pairs",
+    "soles": "link -> corners of its flat sole, in the link's frame [m]",
     "ground": "height of the ground [m], which all links keep off; -.inf: none",
     "cover": "whether capsules are grown to hold all triangles of their links",
 }
@@ -92,6 +94,7 @@ class ImportChoices:
         pairs: watched segment pairs, two links each.
         ground: height of the ground in the world [m], which all links are watched
             against; minus infinity for none.
+        soles: link to the corners of its flat sole, in the link's frame [m].
         excess: how far a capsule may stick out of its link's convex hull [m].
         most_capsules: per link, at most.
         cover: whether the capsules are grown until they hold all triangles, by which
@@ -115,6 +118,7 @@ class ImportChoices:
     rest_posture: dict[str, float] | None = None
     pairs: list[list[str]] | None = None
     ground: float | None = None
+    soles: dict[str, list[list[float]]] = field(default_factory=dict)
     excess: float = 0.02
     most_capsules: int = 16
     cover: bool = False
@@ -168,6 +172,7 @@ class ImportChoices:
                 f"{where}: ground: {self.ground} must be a height in metres, or -.inf "
                 "for none"
             )
+        check_soles(self.soles, where)
         if not 0.002 <= self.excess <= 1.0:
             raise ModelError(
                 f"{where}: excess: {self.excess} must be 0.002 to 1 m: how far a "

@@ -12,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file, whole_set
+from crar_drake.nearest import nearest
 from crar_drake.robot.description import (
     IMPORT_FILE,
     RobotDescription,
@@ -250,9 +251,16 @@ def _make(
         root_pose=rest_root_pose(robot, height) if floating else RootPose(),
         task_frames={point: frame_name(point) for point in choices.frames},
         rest_posture=rest_posture,
+        soles=choices.soles,
         folder=str(folder),
     )
     plant = _parse(description)
+    for link in choices.soles:
+        if not plant.HasBodyNamed(link):
+            raise ModelError(
+                f"{file}: soles: the robot has no link {link!r}"
+                f"{nearest(link, robot.links)}"
+            )
     rest = rest_positions(plant, rest_posture, file)
     # With all triangles held there is nothing to be closer.
     if not choices.cover:

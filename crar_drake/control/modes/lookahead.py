@@ -94,6 +94,13 @@ class LookaheadMode(Mode):
             "[m], and whether the present one was clear (1) or not (0); the last two "
             "NaN where a watched pair is not examined",
         ),
+        Diagnostic(
+            "balance",
+            lambda model: 3,
+            "how the step was admitted for balance (0 nominal, 1 corrected, 2 scaled), "
+            "the share of it, and what the ground has left on the next braking path, as "
+            "a length of its force [m]; NaN without controller.balance",
+        ),
     )
 
     def __init__(

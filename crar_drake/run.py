@@ -25,6 +25,7 @@ from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
 from crar_drake.results.lasting_errors import lasting_error_warnings
 from crar_drake.results.limb_directions import limb_directions
 from crar_drake.results.log import SimulationLog
+from crar_drake.results.standing_run import as_measured, judged_speed_limits, stance
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
 from crar_drake.robot.joint_units import joint_units
@@ -194,8 +195,10 @@ def run_scenario(
             raise stopped
         warnings += lasting_error_warnings(log, scenario.controller.blend_time)
         blended = scenario.controller.blend_time
-        performer = setup.motion.performer
-        lowest = None
+        performer, stood, lowest = setup.motion.performer, None, None
+        if scenario.standing is not None:
+            performer = None  # whose limbs turn with the hips; the robot's stay
+            stood = stance(log, setup.simulated, scenario.standing.friction)
         if stopped is None:
             try:
                 lowest = _lowest(scenario, setup, log)
@@ -209,6 +212,7 @@ def run_scenario(
             warnings=warnings,
             limbs=limb_directions(log, setup.model, performer, blended),
             lowest=lowest,
+            stance=stood,
         )
         summary = replace(summary, stopped=reason_of(stopped))
         result = RunResult(log, summary, setup)
@@ -232,7 +236,7 @@ def check_size(scenario: Scenario, setup: Setup, duration: float, record: bool) 
         ScenarioError: its log and recording would take more than 4 GiB of memory;
             the message says what to change.
     """
-    model = setup.model
+    model = setup.simulated
     period = scenario.log_period_for(duration)
     # State, tasks and the controller's diagnostics, roughly.
     columns = 5 * model.plant.num_positions() + 5 * model.layout.size
@@ -274,9 +278,11 @@ def make_log(
         context: of the diagram, after the simulation. If that failed while it
             logged a sample, that sample is left out.
     """
+    stands = scenario.standing is not None
+    of_standing = ("actuation", "acceleration") if stands else ()
     sinks = {
         name: diagram.GetSubsystemByName(f"log_{name}").FindLog(context)
-        for name in ("state", "desired_tasks", "diagnostics")
+        for name in ("state", "desired_tasks", "diagnostics", *of_standing)
     }
     num_samples = min(sink.num_samples() for sink in sinks.values())
 
@@ -286,24 +292,32 @@ def make_log(
     diagnostics = samples("diagnostics")
     controller = diagram.GetSubsystemByName("crar_controller")
     slices = controller.diagnostics_slices
-    model = setup.model
+    model = setup.simulated
     plant = model.plant
     nq = plant.num_positions()
     state = samples("state")
+    q, v = _unit_quaternions(state[:, :nq], model), state[:, nq:]
+    desired_tasks = samples("desired_tasks")
     lower, upper = np.full(nq, -np.inf), np.full(nq, np.inf)
     # A root that is controlled is no joint with a position, a limit and a weight.
     count = model.num_joints
     controlled, joints = model.joint_positions, model.joint_names[:count]
     lower[controlled], upper[controlled] = model.lower[:count], model.upper[:count]
     reported = {name: diagnostics[:, slices[name]].copy() for name in _LOGGED}
+    speed_limits = controller.law.speed_limits
+    if stands:
+        reported |= as_measured(reported, q, v, desired_tasks, setup.model, model)
+        reported["actuation"] = samples("actuation")
+        reported["desired_acceleration"] = samples("acceleration")
+        speed_limits = judged_speed_limits(scenario, model)
     reported["constraint_weights"] = reported["constraint_weights"][:, :count]
     actuators = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     actuators.sort(key=lambda actuator: actuator.input_start())
     return SimulationLog(
         time=sinks["state"].sample_times()[:num_samples].copy(),
-        q=_unit_quaternions(state[:, :nq], model),
-        v=state[:, nq:],
-        desired_tasks=samples("desired_tasks"),
+        q=q,
+        v=v,
+        desired_tasks=desired_tasks,
         **reported,
         position_names=np.array(model.position_names),
         actuator_names=np.array(
@@ -317,7 +331,7 @@ def make_log(
         pair_names=np.array([f"{a} - {b}" for a, b in model.pairs.names], dtype=str),
         lower=lower,
         upper=upper,
-        velocity_limits=controller.law.speed_limits,
+        velocity_limits=speed_limits,
         effort_limits=np.array([actuator.effort_limit() for actuator in actuators]),
         scenario=with_lasting_name(scenario).to_yaml(),
     )
@@ -469,7 +483,7 @@ def write_run(
             path,
             frames_per_second=1.0 / scenario.visualization.publish_period,
             scenario=scenario,
-            description=result.setup.model.description,
+            description=result.setup.simulated.description,
             note=note,
         )
 

@@ -109,6 +109,7 @@ def run_log(arguments: argparse.Namespace) -> int:
     from crar_drake.results.clipped_torque import clipped_line
     from crar_drake.results.log import SimulationLog
     from crar_drake.results.logged_robot import check_logged_robot, load_logged_robot
+    from crar_drake.results.standing_run import judged_speed_limits
     from crar_drake.robot.model import ControlModel
     from crar_drake.robot_import.link_meshes import has_meshes
     from crar_drake.simulation.scenario import parse_scenario
@@ -122,11 +123,12 @@ def run_log(arguments: argparse.Namespace) -> int:
     if not arguments.no_meshes and has_meshes(model.plant, model.scene_graph):
         meshes = _judge_meshes(log, description, arguments.every or _MESH_PERIOD)
     try:
-        speeds = scenario.controller.speed_limits(model)
+        speeds = judged_speed_limits(scenario, model)
         referee = Referee(model.plant, model.scene_graph, description.pairs, speeds)
         capsules = referee.violations(log.q, log.v)
         verdict = None
-        if has_certificate(log):
+        # Of a robot that stands the certificate is of its command, not of it.
+        if has_certificate(log) and scenario.standing is None:
             verdict = judge_certificate(
                 log,
                 referee,

@@ -39,6 +39,7 @@ _EXPORT_RATE = 50.0  # [Hz], at which policies usually act
 
 if TYPE_CHECKING:
     from crar_drake.references.whole_body import WholeBody
+    from crar_drake.results.summary import Summary
     from crar_drake.run import Progress, RunResult
     from crar_drake.simulation.scenario import Scenario
 
@@ -152,9 +153,18 @@ def run(arguments: argparse.Namespace) -> int:
             *counted(summary.penetrating_samples, "sample", "penetrate{s}"),
             *counted(summary.beyond_limit_samples, "sample", "beyond a joint limit"),
             *counted(summary.beyond_speed_samples, "sample", "beyond a speed limit"),
+            *_fallen(summary),
         ],
         len(summary.remarks),
     )
+
+
+def _fallen(summary: Summary) -> list[str]:
+    """The violation of a robot that stood by itself, and fell."""
+    stood = summary.stance
+    if stood is None or stood.fell is None:
+        return []
+    return [f"the robot fell at {stood.fell:.2f} s"]
 
 
 def _show_more(
@@ -165,15 +175,18 @@ def _show_more(
     export: tuple[str, Path] | None,
 ) -> None:
     """How a robot that stands did, and its motion as a reference, where asked for."""
-    model = result.setup.model
-    if not (export or model.num_free):
+    model = result.setup.simulated
+    stood = result.summary.stance
+    if stood is not None:
+        print(stood.line())
+    if not export and (stood is not None or not model.num_free):
         return
     from crar_drake.references.whole_body import WholeBody
     from crar_drake.run import without_meshes
 
     robot = WholeBody(model.description)
     blended = scenario.controller.blend_time
-    if model.num_free:
+    if model.num_free and stood is None:
         try:
             _show_footing(result, robot, out / FOOTING, blended)
         except ModuleNotFoundError as error:

@@ -30,10 +30,11 @@ from crar_drake.robot.soles import find_masses, ground_cone, sole_corners
 # How often rows are found anew where a correction is not balanced yet.
 _CORRECTIONS = 4
 # A row weighs so much more than an acceleration [1/m of the weight's arm].
-_ROW_WEIGHT = 1e4
+_ROW_WEIGHT = 1e6
 # What the pieces of a path may add to a face's value, and what a correction leaves to
-# spare, as shares of the weight [m]: small beside a sole.
-_FINEST = 1e-3
+# spare [m of the weight's arm]: small beside a sole.
+_FINEST = 2e-4
+_SPARE = 1e-3
 # Of the weight, which counts as balanced: doubles are no closer [m].
 _ROUNDING = 1e-9
 # Rows that are farther from binding are left out of a correction [m, as above].
@@ -94,7 +95,6 @@ class Balance:
         corners = sole_corners(model, description.soles)
         self.ground = ground_cone(corners, parameters.friction, parameters.margin)
         self.weight = float(masses.mass.sum() * masses.g)
-        self._spare = _FINEST * self.weight
         self._controlled = model.controlled
         self._T = float(mode.horizon)
         self._law = hold(
@@ -105,7 +105,7 @@ class Balance:
                 self._T,
                 float(period),
                 float(min(model.plant.time_step(), period)),
-                self._spare,
+                _FINEST * self.weight,
             )
         )
         rest = model.rest_positions()
@@ -141,44 +141,45 @@ class Balance:
         excess = excess_of(vdot)
         if excess <= enough:
             return vdot, self._report(AS_NOMINAL, 1.0, excess)
-        aim = vdot
-        for _ in range(_CORRECTIONS):
-            aim = self._nearest(q, v, aim, vdot, level)
-            found = admit(aim)
-            if found is not None and (excess := excess_of(found[0])) <= enough:
-                return found[0], {**found[1], **self._report(CORRECTED, 1.0, excess)}
-        # Braking needs no check: that is the theorem.
         brake = np.zeros_like(v)
         brake[self._controlled] = -v[self._controlled] / self._T
+        aim, rows, bounds = vdot, [], []
+        for _ in range(_CORRECTIONS):
+            g, b = balance_rows(q, v, aim, level, self._law)
+            # Not more is asked for than braking has, which is balanced.
+            braking = g @ brake[self._controlled]
+            rows.append(g)
+            bounds.append(np.maximum(b - _SPARE * self.weight, braking))
+            aim = self._nearest(vdot, np.concatenate(rows), np.concatenate(bounds))
+            found = admit(aim)
+            if found is None:
+                continue
+            excess = excess_of(found[0])
+            if excess <= enough:
+                return found[0], {**found[1], **self._report(CORRECTED, 1.0, excess)}
+        # Braking needs no check: that is the theorem.
         best = brake, self._report(SCALED, 0.0, excess_of(brake))
         share, failed = 0.0, 1.0
         for _ in range(BISECTIONS):
             middle = 0.5 * (share + failed)
             found = admit(brake + middle * (aim - brake))
-            if found is not None and (excess := excess_of(found[0])) <= enough:
+            excess = np.inf if found is None else excess_of(found[0])
+            if excess <= enough:
                 share = middle
                 best = found[0], {**found[1], **self._report(SCALED, share, excess)}
             else:
                 failed = middle
         return best
 
-    def _nearest(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        about: np.ndarray,
-        wanted: np.ndarray,
-        level: np.ndarray,
-    ) -> np.ndarray:
-        """The accelerations nearest to those that are wanted which are balanced, as
-        (B5) has it about others."""
-        g, b = balance_rows(q, v, about, level, self._law)
+    def _nearest(self, vdot: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """The accelerations (nv,) nearest to others for which g . q_ddot <= b of the
+        controlled joints."""
         controlled = self._controlled
-        near = np.flatnonzero(g @ wanted[controlled] > b - _FAR * self.weight)
+        near = np.flatnonzero(g @ vdot[controlled] > b - _FAR * self.weight)
         scale = _ROW_WEIGHT / self.weight
-        nearest = wanted.copy()
+        nearest = vdot.copy()
         nearest[controlled] = one_sided_nearest(
-            wanted[controlled], -scale * g[near], -scale * (b[near] - self._spare)
+            vdot[controlled], -scale * g[near], -scale * b[near]
         )
         return nearest
 

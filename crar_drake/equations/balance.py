@@ -35,7 +35,7 @@ from crar_drake.equations.kinematics import link_poses
 
 # More pieces of a path than this are not worth their time; a path that would need more
 # is taken as if it bent more, and so for less balanced than it is.
-_PIECES = 24
+_PIECES = 40
 
 
 class Masses(NamedTuple):
@@ -308,7 +308,7 @@ def examine_braking(
         most = max(most, _bent(bend, 1.0, ground.moment[f], ground.force[f]))
     pieces = min(max(1, int(np.ceil(np.sqrt(most / (8.0 * finest))))), _PIECES)
     values, seen = np.full(F, -np.inf), np.full(F, -np.inf)
-    at, share = np.zeros(F), np.zeros(F)
+    at, share = np.zeros((2, F))
     length = 1.0 / pieces
     for k in range(pieces + 1):
         u = k * length
@@ -398,7 +398,8 @@ def examine_step(
     fastest = np.abs(v) + (period + 0.5 * step) * np.abs(a)
     bend = bends(q, along, fastest, np.abs(a), 0.0, ground.about, masses)
     F = len(ground.rows)
-    values, seen, at = np.full(F, -np.inf), np.full(F, -np.inf), np.zeros(F)
+    values, seen = np.full(F, -np.inf), np.full(F, -np.inf)
+    at = np.zeros(F)
     for end in range(2):
         found = wrenches(q + end * along, v + end * period * a, masses)
         pushed = wrenches(q + end * along, a, masses).momentum
@@ -426,7 +427,7 @@ class BalanceLaw(NamedTuple):
     T: float  # braking horizon [s]
     period: float  # [s]
     step: float  # of the plant [s]; 0 if it is continuous
-    finest: float  # of `examine_braking`, and what a correction leaves to spare
+    finest: float  # of `examine_braking` [Nm]
 
 
 @compiled
@@ -441,8 +442,11 @@ def next_state(
 
 @compiled
 def balance_level(q: np.ndarray, v: np.ndarray, held: Held) -> np.ndarray:
-    """What R w may come to in a step, (F,): 0, or where the state (nq,), (nv,) is not
-    balanced the largest that is seen on its braking path. Nothing then gets worse."""
+    """What R w may come to in a step from (nq,), (nv,), (F,) [Nm].
+
+    It is 0, or where the state is not balanced the largest that is seen on its braking
+    path. Nothing then gets worse.
+    """
     law = held.value
     h = law.period / law.T
     found = examine_braking(q, v, law.T, h, law.finest, law.ground, law.masses)
@@ -460,20 +464,19 @@ def balance_excess(
 
     Args:
         q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
-        level: (F,) of `balance_level`.
+        level: (F,) of the state.
         held: holds the `BalanceLaw`.
 
     Returns:
-        The largest R w above its level; negative is what is left of it.
+        The largest R w above its level [Nm]; negative is what is left of it.
     """
     law = held.value
     ground, masses = law.ground, law.masses
     way = examine_step(q, v, a, law.period, law.step, ground, masses)
-    excess = (way.values - level).max()
     q_next, v_next = next_state(q, v, a, law)
     h = law.period / law.T
     path = examine_braking(q_next, v_next, law.T, h, law.finest, ground, masses)
-    return max(excess, (path.values - level).max())
+    return max((way.values - level).max(), (path.values - level).max())
 
 
 @compiled(loops=True)
@@ -496,7 +499,7 @@ def balance_rows(
     """
     law = held.value
     ground, masses, T = law.ground, law.masses, law.T
-    n, F = len(law.controlled), len(level)
+    n, F = len(law.controlled), len(ground.rows)
     h = law.period / T
     q_next, v_next = next_state(q, v, a, law)
     way = examine_step(q, v, a, law.period, law.step, ground, masses)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from pydrake.trajectories import BsplineTrajectory
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass, spline
@@ -87,6 +88,20 @@ class RetargetedMotion:
     def duration(self) -> float:
         """Time of the last sample, where every trajectory ends [s]."""
         return (self.num_frames - 1) / self.frame_rate
+
+    def standing_at(self, waist: np.ndarray) -> RetargetedMotion:
+        """The motion as seen from the hips, which stay.
+
+        Args:
+            waist: (3,) where the waist stays; the hips face x there [m].
+        """
+        turn = Rotation.from_euler("z", -self.heading[:, np.newaxis])
+        at_hips = {
+            name: waist + turn.apply(p - self.positions["waist"])
+            for name, p in self.positions.items()
+        }
+        heading = np.zeros(self.num_frames)
+        return RetargetedMotion(self.name, self.frame_rate, at_hips, heading)
 
     @property
     def waist(self) -> BsplineTrajectory:

@@ -21,6 +21,7 @@ from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.logged_robot import load_logged_scenario
 from crar_drake.results.remarks import remarks
+from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
@@ -130,6 +131,7 @@ class Summary:
             them is in m, m/s and N where rad, rad/s and Nm stand here.
         limb_directions: limb to the angle between its direction and the performer's,
             see `limb_directions`; empty with keyframes, and where it was not computed.
+        stance: how the robot stood, see `Stance`; None unless it stands by itself.
         remarks: what is bad, though it may violate nothing, a line each, see
             `remarks`.
     """
@@ -189,6 +191,7 @@ class Summary:
     stopped: str = ""
     sliding_joints: list[str] = field(default_factory=list)
     limb_directions: dict[str, LimbDirection] = field(default_factory=dict)
+    stance: Stance | None = None
     remarks: list[str] = field(default_factory=list)
 
     @property
@@ -241,6 +244,7 @@ def summarize(
     warnings: Sequence[str] = (),
     limbs: Mapping[str, LimbDirection] | None = None,
     lowest: tuple[float, str, float] | None = None,
+    stance: Stance | None = None,
 ) -> Summary:
     """Computes the figures of a run.
 
@@ -253,6 +257,7 @@ def summarize(
         limbs: how far they are off in direction, if it is known.
         lowest: height over the floor [m], link and time [s] of what was lowest, if it
             is known.
+        stance: how it stood, of a robot that stands by itself.
 
     Raises:
         ScenarioError: the scenario in the log is not one of this version.
@@ -335,6 +340,7 @@ def summarize(
             if unit == "m"
         ],
         limb_directions=dict(limbs or {}),
+        stance=stance,
     )
     limited = summary.torque_limited_samples / summary.samples
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]

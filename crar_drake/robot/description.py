@@ -190,6 +190,11 @@ class RobotDescription:
         """What of a floating base's pose is prescribed: "orientation", "position"."""
         return ROOTS[self.root]
 
+    @property
+    def stands(self) -> bool:
+        """Whether it is one of `standing_description`: its root rests on its soles."""
+        return bool(self.soles) and self.root == "fixed"
+
     def without_ground(self) -> "RobotDescription":
         """The same robot in the air: no ground, and no pair with it."""
         pairs = [pair for pair in self.pairs if GROUND not in pair]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
@@ -18,8 +18,11 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import LogVectorOutput, Selector, SelectorParams
 
 from crar_drake.control import modes
+from crar_drake.control.commanded_motion import CommandedMotion
 from crar_drake.control.controller import CrarController
 from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.standing_controller import StandingController
+from crar_drake.control.standing_law import StandingLaw
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import (
     RobotDescription,
@@ -28,7 +31,9 @@ from crar_drake.robot.description import (
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import Task
+from crar_drake.simulation.contact_ground import add_contact_ground
 from crar_drake.simulation.desired_motion import load_desired_motion
 from crar_drake.simulation.disturbances import AddMeasurement, PushSource, TargetStep
 from crar_drake.simulation.scenario import (
@@ -218,12 +223,19 @@ class Setup:
     Attributes:
         model: the control model.
         motion: the desired motion.
-        start_positions: (nq,) the pose that the run starts in, at rest.
+        start_positions: (nq,) the pose of `simulated` that the run starts in, at rest.
+        simulated: a model of what is simulated: `model`, unless that stands still on
+            its soles, where the root of what is simulated floats.
     """
 
     model: ControlModel
     motion: DesiredMotion
     start_positions: np.ndarray
+    simulated: ControlModel | None = None
+
+    def __post_init__(self) -> None:
+        if self.simulated is None:
+            object.__setattr__(self, "simulated", self.model)
 
 
 def PrepareScenario(scenario: Scenario) -> Setup:
@@ -235,6 +247,8 @@ def PrepareScenario(scenario: Scenario) -> Setup:
     scenario.validate()
     description = load_robot_description(scenario.robot)
     check_experiment(scenario.experiment, description)
+    if scenario.standing is not None:
+        return _prepare_standing(scenario, description)
     model = ControlModel.FromDescription(
         description,
         scenario.task_list(),
@@ -250,10 +264,31 @@ def PrepareScenario(scenario: Scenario) -> Setup:
     return Setup(model, motion, start)
 
 
+def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setup:
+    """The law's model stands still on its soles, and is at each instant what the law
+    commands; what is simulated floats. Both start as the robot rests."""
+    tasks, distances = scenario.task_list(), scenario.controller.distances
+    model, simulated = (
+        ControlModel.FromDescription(
+            described, tasks, distances=distances, time_step=time_step
+        )
+        for described, time_step in (
+            (standing_description(description), 0.0),
+            (description, scenario.plant_config.time_step),
+        )
+    )
+    motion = load_desired_motion(scenario, model)
+    return Setup(model, motion, simulated.rest_positions(), simulated)
+
+
 def MakeCrarDiagram(
     scenario: Scenario, meshcat: Meshcat | None = None, setup: Setup | None = None
 ) -> Diagram:
     """Builds the whole diagram of a scenario.
+
+    Where the robot stands, the controller runs on its own command ("commanded_motion"),
+    which a "standing_controller" lets the robot on the floor follow; the logs are then
+    those of "actuation" and "acceleration" of that one, too.
 
     Subsystems, by name: "plant", "scene_graph", "crar_controller",
     "desired_tasks" and (if there are prescribed joints) "desired_prescribed"; one
@@ -275,35 +310,50 @@ def MakeCrarDiagram(
     """
     setup = setup or PrepareScenario(scenario)
     model, disturbances = setup.model, scenario.disturbances
+    description = setup.simulated.description
+    if scenario.standing is not None:
+        description = description.without_ground()  # it gets one with contact
     builder = DiagramBuilder()
     try:
         plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     except RuntimeError as error:
         raise ScenarioError(f"plant_config: {error}") from error
-    add_robot(plant, model.description)
+    add_robot(plant, description)
     _lift_limits(plant, scenario.simulated_robot)
+    law = None
+    if scenario.standing is not None:
+        friction = scenario.standing.friction
+        law = StandingLaw(setup.simulated.plant, setup.simulated.description, friction)
+        add_contact_ground(plant, scene_graph, description, friction, law.floor)
     plant.Finalize()
-    if not scenario.simulated_robot.contact:
+    if law is None and not scenario.simulated_robot.contact:
         _touch_nothing(builder, plant, scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
     parameters, time_step = scenario.controller, plant.time_step()
-    controller = AddCrarController(
-        builder,
-        plant,
-        scene_graph,
-        model.description,
-        model.tasks,
-        parameters,
-        control_model=model,
-        estimated_state=AddMeasurement(
+    ticks = parameters.torque_ticks(time_step)
+    period = parameters.torque_period_for(time_step)
+    if law is not None:
+        ticks, period = round(parameters.period / time_step), time_step
+    measured = AddMeasurement(builder, plant, disturbances, period, ticks)
+    logged = {"state": plant.get_state_output_port()}
+    if law is None:
+        controller = AddCrarController(
             builder,
             plant,
-            disturbances,
-            parameters.torque_period_for(time_step),
-            parameters.torque_ticks(time_step),
-        ),
-    )
+            scene_graph,
+            model.description,
+            model.tasks,
+            parameters,
+            control_model=model,
+            estimated_state=measured,
+        )
+    else:
+        controller, standing = AddStandingController(
+            builder, plant, law, model, parameters, estimated_state=measured
+        )
+        logged["actuation"] = standing.get_output_port_actuation()
+        logged["acceleration"] = standing.get_output_port_acceleration()
     source = builder.AddNamedSystem("desired_tasks", setup.motion.MakeTaskSource())
     tasks = source.get_output_port()
     if disturbances.target_jump.duration:
@@ -326,11 +376,8 @@ def MakeCrarDiagram(
             prescribed.get_output_port(), controller.get_input_port_desired_prescribed()
         )
 
-    logged = {
-        "state": plant.get_state_output_port(),
-        "desired_tasks": tasks,
-        "diagnostics": controller.get_output_port_diagnostics(),
-    }
+    logged["desired_tasks"] = tasks
+    logged["diagnostics"] = controller.get_output_port_diagnostics()
     period = scenario.log_period_for(scenario.duration or setup.motion.duration)
     for name, port in logged.items():
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")
@@ -346,6 +393,67 @@ def MakeCrarDiagram(
     diagram = builder.Build()
     diagram.set_name("crar")
     return diagram
+
+
+def AddStandingController(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    law: StandingLaw,
+    model: ControlModel,
+    parameters: CrarParameters | None = None,
+    *,
+    estimated_state: OutputPort | None = None,
+) -> tuple[CrarController, StandingController]:
+    """Adds what keeps a plant's robot on its soles while its upper body follows tasks,
+    and connects it.
+
+    A `CrarController` moves a `CommandedMotion`, its own command, from the rest posture
+    on. A `StandingController` lets the robot on the floor follow that. What remains to
+    be connected are the first one's `desired_tasks` and `desired_prescribed`.
+
+    Args:
+        builder: of the diagram that owns the plant.
+        plant: finalized, with the robot alone on a floor (`add_contact_ground`).
+        law: of that robot.
+        model: of the robot that stands still (`standing_description`), continuous.
+        parameters: of the controller; by default `CrarParameters()`.
+        estimated_state: port of the measured [q; v]; by default that of the plant.
+
+    Raises:
+        ModelError: the plant's joints are not those of the law or the model.
+        ScenarioError: as of `AddCrarController`.
+    """
+    parameters = parameters or CrarParameters()
+    modes.validate(parameters)
+    check_periods(parameters, plant.time_step())
+    ours, theirs = _position_names(law.plant), _position_names(plant)
+    if ours != theirs:
+        raise ModelError(
+            f"the plant has positions {theirs} but the standing law {ours}; they must "
+            "be the same robot"
+        )
+    # Its torques, of a root that is welded, go nowhere.
+    parameters = replace(parameters, torque_period=parameters.period)
+    controller = builder.AddSystem(
+        CrarController(model, parameters, plant_is_discrete=False)
+    )
+    motion = builder.AddSystem(
+        CommandedMotion(model.rest_positions(), parameters.period)
+    )
+    standing = builder.AddSystem(StandingController(law, model.velocity_names))
+    command = motion.get_output_port_state()
+    acceleration = controller.get_output_port_desired_acceleration()
+    state = estimated_state or plant.get_state_output_port()
+    for source, port in (
+        (command, controller.get_input_port_estimated_state()),
+        (acceleration, motion.get_input_port_acceleration()),
+        (state, standing.get_input_port_estimated_state()),
+        (command, standing.get_input_port_commanded_state()),
+        (acceleration, standing.get_input_port_commanded_acceleration()),
+        (standing.get_output_port_actuation(), plant.get_actuation_input_port()),
+    ):
+        builder.Connect(source, port)
+    return controller, standing
 
 
 def _lift_limits(plant: MultibodyPlant, simulated: SimulatedRobot) -> None:

@@ -91,6 +91,17 @@ class SimulatedRobot:
 
 
 @dataclass
+class Standing:
+    """A robot that stands on its soles, on a floor with contact and friction.
+
+    Attributes:
+        friction: Coulomb's coefficient of the floor.
+    """
+
+    friction: float = 0.8
+
+
+@dataclass
 class Scenario:
     """One whole diagram: robot, motion, tasks, controller, simulation, recording.
 
@@ -112,7 +123,10 @@ class Scenario:
         tasks: what is tracked.
         keyframes: task name to its keyframes, instead of a motion.
         controller: gains and modes.
-        simulated_robot: what the simulated plant does of its own.
+        standing: for a robot with soles that nothing but the ground carries; legs and
+            root stay, the upper body follows. None for a root that is carried.
+        simulated_robot: what the simulated plant does of its own; of a robot that
+            stands, contact and effort limits are always there.
         disturbances: how the simulated robot differs from what the controller
             believes; none by default.
         duration: of the simulation, at most MAX_DURATION [s]; by default that of the
@@ -139,6 +153,7 @@ class Scenario:
     tasks: list[Task] = field(default_factory=list)
     keyframes: dict[str, list[Keyframe]] = field(default_factory=dict)
     controller: CrarParameters = field(default_factory=CrarParameters)
+    standing: Standing | None = None
     simulated_robot: SimulatedRobot = field(default_factory=SimulatedRobot)
     disturbances: Disturbances = field(default_factory=Disturbances)
     duration: float | None = None  # [s]
@@ -156,6 +171,8 @@ class Scenario:
         """
         modes.validate(self.controller)
         self.disturbances.validate()
+        if self.standing is not None:
+            self._validate_standing(self.standing.friction)
         if bool(self.motion) == bool(self.keyframes):
             raise ScenarioError(
                 "give either motion (a file or name) or keyframes (poses), not "
@@ -204,6 +221,15 @@ class Scenario:
                 "must be 0, where every motion starts"
             )
         check_periods(self.controller, self.plant_config.time_step)
+
+    def _validate_standing(self, friction: float) -> None:
+        if not 0.0 < friction < math.inf:
+            raise ScenarioError(f"standing.friction: {friction} must be positive")
+        if not self.plant_config.time_step > 0.0:
+            raise ScenarioError(
+                "plant_config.time_step: 0: a robot that stands needs a discrete "
+                "plant, whose contact is solved in steps; choose e.g. 0.001"
+            )
 
     def motion_options(self) -> MotionOptions:
         """What the scenario says of its motion beyond the file.

@@ -97,7 +97,7 @@ def _of_what_is_not_examined(scenario: Scenario, model: ControlModel) -> Iterato
 
 
 def _of_the_rest_posture(scenario: Scenario, setup: Setup) -> Iterator[str]:
-    model = setup.model
+    model = setup.simulated
     joints = model.joint_positions
     rest, start = model.rest_positions()[joints], setup.start_positions[joints]
     low, high = model.lower - LIMIT_TOLERANCE, model.upper + LIMIT_TOLERANCE

@@ -67,7 +67,7 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
             for name, frame in frames.items()
         }
 
-    waist_height = float(positions(model.rest_positions())["waist"][2])
+    waist_height = float(_waist_at_rest(model)[2])
     p = positions(zero_positions(plant))
 
     def length(a: str, b: str) -> float:
@@ -85,6 +85,14 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
     )
 
 
+def _waist_at_rest(model: ControlModel) -> np.ndarray:
+    """(3,) where the task frame is in the rest posture [m]."""
+    waist = find_frame(model.plant, model.description.task_frames["waist"])
+    context = model.MakeWorkspace().plant_context
+    model.plant.SetPositions(context, model.rest_positions())
+    return waist.CalcPoseInWorld(context).translation()
+
+
 def load_motion_targets(
     motion: str,
     model: ControlModel,
@@ -97,9 +105,10 @@ def load_motion_targets(
     Args:
         motion: a name of `motion.catalogue`: built-in, `cmu:05_02` or a path.
         model: the robot, with position tasks of JOINT_CENTRES, head and knees, and
-            tasks of HANDS and feet of any kind. With a foot or a knee, root and joints
-            of the whole robot are retargeted (`trajectory`), else the waist's path
-            is scaled.
+            tasks of HANDS and feet of any kind; of a robot that stands, tasks of
+            JOINT_CENTRES alone, which it follows as seen from the hips. With a foot
+            or a knee, root and joints of the whole robot are retargeted
+            (`trajectory`), else the waist's path is scaled.
         options: what is known of the motion beyond its file.
         cutoff: of the low-pass [Hz].
 
@@ -109,6 +118,8 @@ def load_motion_targets(
         ScenarioError: a task is none that a motion can drive.
     """
     _check_tasks(model)
+    if model.description.stands:
+        _check_standing_tasks(model)
     performer = load_performer(motion, options)
     # A run's report alone is left to be made of it, which needs none of these.
     for_report = replace(performer, orientations={}, hands={})
@@ -133,6 +144,8 @@ def load_motion_targets(
         )
     lengths = segment_lengths(model)
     retargeted = retarget(joint_centres(performer), lengths, cutoff=cutoff)
+    if model.description.stands:
+        retargeted = retargeted.standing_at(_waist_at_rest(model))
     tasks_at, MakeTaskSource = _tasks(model, performer, retargeted, cutoff)
     prescribed_at, MakePrescribedSource = _prescribed(
         model, performer, retargeted, cutoff
@@ -183,6 +196,17 @@ def _check_tasks(model: ControlModel) -> None:
                 f"task {name}: robot {model.description.name} has no task_frame head; "
                 "add it to its robot.yaml (import.yaml of an imported robot)"
             )
+
+
+def _check_standing_tasks(model: ControlModel) -> None:
+    """Raises ScenarioError if a task is none of a robot whose hips and feet stay."""
+    others = [task.frame for task in model.tasks if task.frame not in JOINT_CENTRES]
+    if others:
+        raise ScenarioError(
+            f"tasks: {', '.join(others)}: a robot that stands follows positions of "
+            f"{', '.join(JOINT_CENTRES)}, as seen from the person's hips; leave the "
+            "others out, or take standing out"
+        )
 
 
 def _tasks(

@@ -255,7 +255,7 @@ def test_the_keys_of_the_json_are_stable():
         "torque_limited_samples torque_clipped_samples braking_samples "
         "implausible_samples frame_rate frame_rate_source "
         "motion_findings warnings wall_time real_time_factor arithmetic "
-        "stopped sliding_joints limb_directions remarks"
+        "stopped sliding_joints limb_directions stance remarks"
     )
     assert list(json.loads(summarize(small_log()).to_json())) == keys.split()
 

@@ -136,12 +136,16 @@ def test_corrections_are_kept(imported, tmp_path):
     assert file.read_text() == before
     # The head is freed; the pairs are to be guessed again.
     text = before.replace("  neck_joint: 0.0\n", "")
+    link = next(iter(imported.fits))
+    sole = {link: [[0.1, 0.0, -0.2], [0.0, 0.1, -0.2], [0.0, -0.1, -0.2]]}
+    text = f"soles: {sole}\n{text}"
     file.write_text(text[: text.index("# watched segment pairs")])
     report = import_robot("", folder)
     assert set(report.guessed) == {"pairs"}
     assert "neck_joint" not in load_choices(file).locked
     assert file.read_text().startswith(text[: text.index("# watched")].rstrip())
-    assert "neck_joint" in load_robot_model(folder).joint_names
+    model = load_robot_model(folder)
+    assert "neck_joint" in model.joint_names and model.description.soles == sole
 
 
 def load_robot_model(folder: Path) -> ControlModel:
@@ -241,6 +245,12 @@ def two_joints(extra: str = "", **options) -> str:
         (two_joints(), "segments: {a: [b]}", ["'b' is not welded to 'a'"]),
         (two_joints(), "pairs: [[a, d]]", ["'d' has no collision shape"]),
         (two_joints(), "rest_posture: {cb: 1.0}", ["rest_posture", "cb"]),
+        (
+            two_joints(),
+            "soles: {d: [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}",
+            ["soles", "no link 'd'"],
+        ),
+        (two_joints(), "soles: {c: [[0, 0, 0]]}", ["soles: c", "three corners"]),
         (two_joints(), "base: float", ["base", "float", "floating", "prescribed"]),
         (two_joints(), "lcoked: {}", ["lcoked", "did you mean 'locked'"]),
     ],

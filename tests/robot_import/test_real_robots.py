@@ -93,3 +93,24 @@ def test_some_of_a_real_motion(imported, cmu, robot, most, name, duration):
     if scenario.controller.limits_efforts:
         assert (np.abs(result.log.actuation) <= model.actuator_limits + 1e-9).all()
     assert result.summary.rms_task_error < 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "robot, name",
+    [
+        ("g1_whole_body", "g1_standing"),
+        pytest.param("talos_whole_body", "talos_standing", marks=pytest.mark.long),
+    ],
+)
+def test_a_real_robot_stands(imported, cmu, robot, name):
+    """On its soles, in contact, while its hands begin to follow a person's."""
+    scenario: Scenario = load_scenario(name)
+    scenario.robot, scenario.duration = str(imported(robot)), 1.0
+    result = run_scenario(scenario, record=False)
+    stood = result.summary.stance
+    assert stood.fell is None
+    assert stood.lean < np.radians(5.0)
+    assert stood.slide < 0.01 and stood.lift < 0.01
+    assert result.summary.violated_samples == 0
+    assert np.abs(result.log.q[-1] - result.log.q[0])[7:].max() > 0.1

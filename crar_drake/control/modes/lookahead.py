@@ -98,8 +98,8 @@ class LookaheadMode(Mode):
             "balance",
             lambda model: 3,
             "how the step was admitted for balance (0 nominal, 1 corrected, 2 scaled), "
-            "the share of it, and what the ground has left on the next braking path, as "
-            "a length of its force [m]; NaN without controller.balance",
+            "the share of it, and what the ground has left on the next braking path "
+            "[m of the weight's arm]; NaN without controller.balance",
         ),
     )
 

@@ -46,10 +46,8 @@ def by_drake(moves: Moves, model: ControlModel, q, v, vdot):
 
 def nearest_in_braking(judge: Referee, moves: Moves, q, v) -> float:
     """The smallest distance on the braking path of a state [m]."""
-    return min(
-        judge.nearest(moves.along(q, u * HORIZON * v), 1.0)[0]
-        for u in np.linspace(0.0, 1.0, PATH_POINTS)
-    )
+    path = moves.along(q, np.outer(np.linspace(0.0, HORIZON, PATH_POINTS), v))
+    return judge.violations(path).smallest_distance
 
 
 def first_accelerations(

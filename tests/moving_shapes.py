@@ -125,13 +125,15 @@ class MovingShapes:
     def ends(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(Ns, 2, 3) ends of the axes of a, and of b, in W."""
         self.set(q)
-        poses = [
-            self.plant.EvalBodyPoseInWorld(self.context, body) for body in self._bodies
-        ]
-        R = np.array([X.rotation().matrix() for X in poses])
-        p = np.array([X.translation() for X in poses])
+        poses = np.array(
+            [
+                self.plant.EvalBodyPoseInWorld(self.context, body).GetAsMatrix34()
+                for body in self._bodies
+            ]
+        )
+        R, p = poses[:, :, :3], poses[:, None, :, 3]
         a, b = (
-            np.einsum("nij,nej->nei", R[of], ends) + p[of][:, None]
+            ends @ R[of].swapaxes(1, 2) + p[of]
             for of, ends in zip(self._of, self._ends, strict=True)
         )
         return a, b

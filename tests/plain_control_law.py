@@ -8,6 +8,7 @@ samples. Without blending and lost targets, and with a nominal posture in the lo
 alone.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,8 @@ class PlainKinematics:
         self.context = model.plant.CreateDefaultContext()
         self.world = model.plant.world_frame()
         self._shapes: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        names = {name for pair in model.description.pairs for name in pair}
+        self._links = {name: self._shapes_of(name) for name in names}
         self.pair_of_shapes = np.array(
             [
                 pair
@@ -96,7 +99,7 @@ class PlainKinematics:
         for t in np.linspace(0.0, 1.0, samples):
             self.plant.SetPositions(self.context, start + t * (end - start))
             row = []
-            known = {name: self._axes(name) for name in self._watched()}
+            known = {name: self._axes(name) for name in self._links}
             for a, b in self.model.description.pairs:
                 for axis_a in known[a]:
                     for axis_b in known[b]:
@@ -105,31 +108,32 @@ class PlainKinematics:
         d = np.array(found)
         return d.min(axis=0), np.abs(np.diff(d, axis=0)).max(axis=0)
 
-    def _watched(self) -> set[str]:
-        return {name for pair in self.model.description.pairs for name in pair}
-
     @staticmethod
     def _near_distance(axis_a: tuple, axis_b: tuple) -> float:
         (a0, a1, radius_a), (b0, b1, radius_b) = axis_a, axis_b
-        balls = np.linalg.norm(a0 + a1 - b0 - b1) / 2.0
-        balls -= (np.linalg.norm(a1 - a0) + np.linalg.norm(b1 - b0)) / 2.0
+        balls = math.dist(a0 + a1, b0 + b1) / 2.0
+        balls -= (math.dist(a1, a0) + math.dist(b1, b0)) / 2.0
         if balls - radius_a - radius_b > FAR:
             return FAR
         return min(capsule_distance(*axis_a, *axis_b)[0], FAR)
 
     def _axes(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """Per capsule or sphere of a link the ends of its axis in W, and its radius."""
-        body = find_body(self.plant, name)
-        inspector = self.model.scene_graph.model_inspector()
+        body, shapes = self._links[name]
         X_WB = self.plant.EvalBodyPoseInWorld(self.context, body)
-        axes = []
+        return [(*X_WB.multiply(ends).T, radius) for ends, radius in shapes]
+
+    def _shapes_of(self, name: str) -> tuple:
+        """A link, and per shape the ends (3, 2) of its axis in it, and its radius."""
+        body = find_body(self.plant, name)
+        inspector, found = self.model.scene_graph.model_inspector(), []
         for geometry in self.plant.GetCollisionGeometriesForBody(body):
             shape = inspector.GetShape(geometry)
             half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
-            X_WG = X_WB.multiply(inspector.GetPoseInFrame(geometry))
-            ends = [X_WG.multiply(np.array([0.0, 0.0, z])) for z in (-half, half)]
-            axes.append((*ends, shape.radius()))
-        return axes
+            X_BG = inspector.GetPoseInFrame(geometry)
+            ends = X_BG.multiply(np.array([[0.0, 0.0], [0.0, 0.0], [-half, half]]))
+            found.append((ends, shape.radius()))
+        return body, found
 
     def _jacobian(self, name: str, p_W: np.ndarray) -> np.ndarray:
         """(3, nv) of the point of a link that is at p_W now."""

@@ -1,7 +1,9 @@
-"""Positions of robots that were read from a file."""
+"""Positions and inertias of robots that were read from a file."""
 
 import numpy as np
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
+from crar_drake.robot_import.inertias import Inertia
 from crar_drake.robot_import.source_robot import SourceRobot
 
 
@@ -13,3 +15,14 @@ def random_positions(robot: SourceRobot) -> dict[str, float]:
         for joint in robot.joints.values()
         if joint.moves
     }
+
+
+def spatial_inertia(inertia: Inertia) -> SpatialInertia:
+    """The inertia as Drake's, about the link's origin, in its frame."""
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.moments
+    central = RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
+    return SpatialInertia.MakeFromCentralInertia(
+        inertia.mass,
+        inertia.X_LB.translation(),
+        central.ReExpress(inertia.X_LB.rotation()),
+    )

@@ -27,7 +27,6 @@ from crar_drake.equations.vectors import (
     cross_rows,
     product,
     sparse_product,
-    times,
     transposed,
 )
 
@@ -414,34 +413,6 @@ def row_distances(measured: Measured, r: Robot) -> np.ndarray:
 def evaluate_state(measured: Measured, robot: Held) -> State:
     """`find_state`, of a held `Robot`."""
     return find_state(measured, robot.value)
-
-
-@compiled
-def task_motion(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, robot: Held
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The motion of the tasks that a motion of the joints is: Eqs. (5), (6).
-
-    Args:
-        q, v, a: (K, nq), (K, nv), (K, nv) at K samples, in the plant's order.
-        robot: holds a `Robot` in one configuration, without watched pairs.
-
-    Returns:
-        (K, Na, 3, 3) orientations, (K, Nl, 3) positions [m], (K, m) velocities and
-        (K, m) accelerations of the tasks.
-    """
-    r = robot.value
-    rows = r.rows.value
-    K, m = len(q), len(r.tasks.value.fixed)
-    R = np.empty((K, len(rows.angular_tasks), 3, 3))
-    p = np.empty((K, len(rows.linear_tasks), 3))
-    velocity, acceleration = np.empty((K, m)), np.empty((K, m))
-    for k in range(K):
-        state = find_state(Measured(q[k : k + 1], v[k], np.zeros((0, 7))), r)
-        R[k], p[k] = state.R, state.p
-        velocity[k] = times(state.J, state.v)
-        acceleration[k] = times(state.J, a[k][r.order]) + state.Jdot_qdot
-    return R, p, velocity, acceleration
 
 
 @compiled

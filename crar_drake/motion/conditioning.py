@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.math import BsplineBasis
 from pydrake.trajectories import BsplineTrajectory
 from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, sosfiltfilt
 
 from crar_drake.errors import MotionError
 
@@ -61,6 +60,9 @@ def low_pass(
             f"a low-pass cutoff of {cutoff:g} Hz does not fit a frame rate of "
             f"{frame_rate:g} Hz; it must lie between 0 and {frame_rate / 2.0:g} Hz"
         )
+    # It takes most of a second, which nobody waits for who has no motion.
+    from scipy.signal import butter, sosfiltfilt
+
     sections = butter(order, cutoff, fs=frame_rate, output="sos")
     pad = math.ceil(_PAD_PERIODS * frame_rate / cutoff)
     widths = [(pad, pad)] + [(0, 0)] * (np.ndim(samples) - 1)

@@ -6,9 +6,7 @@ import os
 import textwrap
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from crar_drake.figures import save_figure
 from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.joint_centres import JointCentres, joint_centres
 from crar_drake.motion.performer import PARENTS, Performer
@@ -36,6 +34,11 @@ def plot_motion(motion: Performer | Clip, path: str | os.PathLike[str]) -> None:
     performer = as_performer(motion)
     centres = joint_centres(performer)
     report = inspect(performer)
+    # As long as all else of a motion takes to be imported.
+    from matplotlib.figure import Figure
+
+    from crar_drake.figures import save_figure
+
     figure = Figure(figsize=(8.3, 11.7), layout="constrained")
     grid = figure.add_gridspec(3, 3, height_ratios=[1.0, 1.4, 1.0])
     heights, speeds = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[2, :])

@@ -233,16 +233,14 @@ class Moves:
         self._positions, self._velocities = np.array(rates, dtype=int).reshape(-1, 2).T
 
     def along(self, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Where constant velocities, x (nv,) in all, lead to from q (nq,)."""
-        moved = q.copy()
-        moved[self._positions] += x[self._velocities]
+        """Where constant velocities, x (nv,) or (K, nv) in all, lead from q (nq,)."""
+        moved = np.broadcast_to(q, (*x.shape[:-1], len(q))).copy()
+        moved[..., self._positions] += x[..., self._velocities]
         for at, by in self._free:
             w, *vector = q[at : at + 4]
-            turned = Rotation.from_rotvec(x[by : by + 3]) * Rotation.from_quat(
-                [*vector, w]
-            )
-            x_y_z_w = turned.as_quat()
-            moved[at : at + 4] = x_y_z_w[[3, 0, 1, 2]]
+            turn = Rotation.from_rotvec(x[..., by : by + 3])
+            x_y_z_w = (turn * Rotation.from_quat([*vector, w])).as_quat()
+            moved[..., at : at + 4] = x_y_z_w[..., [3, 0, 1, 2]]
         return moved
 
     def step(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
@@ -310,10 +308,9 @@ class _Paths:
     ) -> Place:
         found, pair = math.inf, None
         bound = max(bound, self._smallest)
-        for u in np.linspace(0.0, 1.0, PATH_POINTS):
-            d, which = self._referee.nearest(
-                self._moves.along(q, u * self._horizon * v), min(bound, found)
-            )
+        ahead = np.linspace(0.0, 1.0, PATH_POINTS) * self._horizon
+        for there in self._moves.along(q, np.outer(ahead, v)):
+            d, which = self._referee.nearest(there, min(bound, found))
             if d < found:
                 found, pair = d, which
         self._smallest = min(self._smallest, found)

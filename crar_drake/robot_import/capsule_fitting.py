@@ -475,18 +475,19 @@ def _capsule_at(x, frame, centre, corners):
     direction = frame @ np.array([x[0], x[1], 1.0])
     direction /= np.linalg.norm(direction)
     origin = centre + frame[:, :2] @ x[2:]
-    t = (corners - origin) @ direction
-    square = np.sum((corners - origin) ** 2, axis=1) - t**2
+    from_origin = corners - origin
+    t = from_origin @ direction
+    square = np.sum(from_origin**2, axis=1) - t**2
     least = np.sqrt(max(square.max(), 1e-10))
     radius = least * _WIDER
     reach = np.sqrt(np.maximum(radius[:, np.newaxis] ** 2 - square, 0.0))
     low, high = (t + reach).min(axis=1), (t - reach).max(axis=1)
-    # Wider than a sphere needs: the sphere about the middle.
-    middle = (low + high) / 2.0
-    sphere = np.sqrt(np.max(square + (t - middle[:, np.newaxis]) ** 2, axis=1))
     crossed = low > high
-    low, high = np.where(crossed, middle, low), np.where(crossed, middle, high)
-    radius = np.where(crossed, sphere, radius)
+    if crossed.any():  # wider than a sphere needs: the sphere about the middle
+        middle = (low[crossed] + high[crossed]) / 2.0
+        low[crossed] = high[crossed] = middle
+        apart = square + (t - middle[:, np.newaxis]) ** 2
+        radius[crossed] = np.sqrt(np.max(apart, axis=1))
     best = np.argmin(_volume(high - low, radius))
     return origin + low[best] * direction, origin + high[best] * direction, radius[best]
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+from pydrake.multibody.tree import RotationalInertia
 
 from crar_drake.robot_import.meshes import Part, convex_hulls
 from crar_drake.robot_import.source_robot import Link
@@ -113,14 +113,3 @@ def _is_possible(moments: np.ndarray) -> bool:
         return bool(inertia.CouldBePhysicallyValid())
     except RuntimeError:
         return False
-
-
-def spatial_inertia(inertia: Inertia) -> SpatialInertia:
-    """The inertia as Drake's, about the link's origin, in its frame."""
-    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.moments
-    central = RotationalInertia(ixx, iyy, izz, ixy, ixz, iyz)
-    return SpatialInertia.MakeFromCentralInertia(
-        inertia.mass,
-        inertia.X_LB.translation(),
-        central.ReExpress(inertia.X_LB.rotation()),
-    )

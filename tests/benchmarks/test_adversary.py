@@ -502,7 +502,7 @@ def test_a_law_that_takes_slides_for_short_is_caught(monkeypatch):
 
     find_reaches = lookahead.find_reaches
     monkeypatch.setattr(lookahead, "find_reaches", shorter)
-    result = run_case(Case("slides", "beyond", 0.02, steps=6000))
+    result = run_case(Case("slides", "beyond", 0.02, steps=2500))
     assert not result.error and result.violated > 0 and result.blocked > 0
 
 

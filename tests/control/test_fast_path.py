@@ -43,7 +43,7 @@ MODES = {
     "lookahead, 20 ms": {"period": 0.02},
     "lookahead, posture": {"nominal_posture_gain": 20.0},
 }
-STATES = 50
+STATES = 35
 DENSELY = 2  # of these are sampled, for the admission: a calm one and a fast one
 
 

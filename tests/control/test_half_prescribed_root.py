@@ -290,8 +290,8 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     ]
 
     def nearest(judge, q, v):
-        path = np.linspace(0.0, T, 25)
-        return min(judge.distances(moves.along(q, t * v)).min() for t in path)
+        path = moves.along(q, np.outer(np.linspace(0.0, T, 25), v))
+        return judge.violations(path).smallest_distance
 
     joints, positions = model.controlled[: model.num_joints], model.joint_positions
     within = slice(model.num_joints)

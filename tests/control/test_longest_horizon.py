@@ -77,12 +77,11 @@ def actuators(plant):
     return [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
 
 
-def is_clear(model: ControlModel, x: np.ndarray, horizon: float) -> bool:
+def is_clear(referee: Referee, model: ControlModel, x, horizon: float) -> bool:
     """Whether 40 places of the braking path keep 4 mm, by the referee, and its end the
     limits."""
     nq = model.plant.num_positions()
     q, v = x[:nq], x[nq:]
-    referee = Referee(model.plant, model.scene_graph, DESCRIPTION.pairs)
     path = q + np.linspace(0.0, horizon, 40)[:, np.newaxis] * v
     ends = path[-1][model.controlled_positions]
     inside = (ends > model.lower - 1e-9) & (ends < model.upper + 1e-9)
@@ -103,20 +102,22 @@ def test_a_torso_is_not_slowed_where_nothing_is_in_the_way(model):
     assert max(braking_use(model, x, LONGEST) for x in states) < 1.0
 
 
-@pytest.mark.parametrize(("targets", "amount"), [(turned, 1.0), (jumping, 30)])
+@pytest.mark.parametrize(("targets", "amount"), [(turned, 0.9), (jumping, 15)])
 def test_some_way_to_brake_is_always_clear_and_within_the_limits(
     model, targets, amount
 ):
     """Either the short one, or the longer one: Drake's torques, the referee's path."""
     states, answers = follow(model, PARAMETERS, targets(model, amount))
     assert all(each.admission[3] == 1.0 for each in answers)
+    referee = Referee(model.plant, model.scene_graph, DESCRIPTION.pairs)
     slower = 0
     for x in states:
-        assert is_clear(model, x, T)
+        assert is_clear(referee, model, x, T)
         if braking_use(model, x, T) > 1.0:
             slower += 1
             assert any(
-                braking_use(model, x, longer) <= 1.0 and is_clear(model, x, longer)
+                braking_use(model, x, longer) <= 1.0
+                and is_clear(referee, model, x, longer)
                 for longer in LONGER
             )
     assert slower > 5

@@ -113,17 +113,16 @@ def test_what_is_found_clear_is_so_at_every_place(robot):
             line, Levels(floor, floor), False, one, law.robot.value, world
         )
         sigma = (links.reach + links.turned) @ np.abs(v)
+        u_end = numbers.kappa * (1.0 - numbers.kappa * V_OK / np.maximum(sigma, 1e-12))
+        fast = sigma > numbers.kappa * V_OK
+        until = np.where(fast, PERIOD + numbers.T * u_end, -np.inf)
         lacks, low = -np.inf, np.inf
         for t in np.linspace(0.0, PERIOD + numbers.T, 120):
             d, _ = witness.look(q + t * v, v, *shape)
-            for i in range(len(sigma)):
-                need = FLOOR
-                if sigma[i] > numbers.kappa * V_OK:
-                    u_end = numbers.kappa * (1.0 - numbers.kappa * V_OK / sigma[i])
-                    if t <= PERIOD + numbers.T * u_end:
-                        need += V * required(numbers, t)
-                lacks = max(lacks, need - d[i, 0])
-                low = min(low, d[i, 0] - (need - FLOOR))
+            still_fast = t <= until
+            grown = still_fast * V * (required(numbers, t) if still_fast.any() else 0.0)
+            lacks = max(lacks, (FLOOR + grown - d[:, 0]).max())
+            low = min(low, (d[:, 0] - grown).min())
         if answer.clear:
             found += 1
             assert lacks < 1e-8

@@ -667,7 +667,7 @@ class Judge:
         """The smallest distance on the path, and by how much a limit is passed."""
         c = self.model.controlled
         path = q + np.linspace(0.0, T, samples)[:, None] * v
-        d = min(self.referee.distances(x).min() for x in path)
+        d = self.referee.violations(path).smallest_distance
         return d, max(self.referee.limit_excess(x)[c].max() for x in path[[0, -1]])
 
     def is_clear(self, q, v) -> bool:
@@ -901,7 +901,7 @@ def test_a_forgotten_constraint_is_noticed(
 ) -> None:
     replace_function(monkeypatch, function, sabotage)
     make, period = CASES[case]
-    run = Run(make(), period).by_admission_alone(starts=5, steps=10)
+    run = Run(make(), period).by_admission_alone(starts=3, steps=6)
     assert (run.excess if function == "velocity_bounds" else run.short) > 1e-4
     with pytest.raises(AssertionError):
         assert_nothing_was_violated(run)

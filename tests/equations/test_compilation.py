@@ -10,11 +10,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import crar_drake
 from crar_drake.equations import compilation
 from crar_drake.equations.compilation import IS_COMPILED
+from crar_drake.equations.free_joints import quaternion_product
 
 # A function that calls others.
 _CALL = """
@@ -144,18 +146,25 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 @pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_is_damaged_is_compiled_again(warm, tmp_path, damage, suffix):
+def test_what_is_damaged_is_compiled_again(
+    warm, tmp_path, monkeypatch, caplog, damage, suffix
+):
+    """And kept: the next one of the same function finds it."""
     cache = tmp_path / "cache"
     shutil.copytree(warm, cache)
     files = list(cache.rglob(f"*.{suffix}"))
     assert files
     for file in files:
         file.write_bytes(DAMAGES[damage](file.read_bytes()))
-    told, said = call(cache)
-    assert (told["hits"], told["misses"], said) == (0, 1, "")
-    assert told["turned"] == [0.0, 0.0, 0.0, 1.0]
-    told, said = call(cache)
-    assert (told["hits"], told["misses"], said) == (1, 0, "")
+    monkeypatch.setattr(compilation, "_CACHE_FOLDER", next(cache.iterdir()))
+    i, j = np.eye(4)[1:3]
+    for hits in (0, 1):
+        product = compilation.compiled(quaternion_product.py_func)
+        assert product(i, j).tolist() == [0.0, 0.0, 0.0, 1.0]
+        found = product.stats
+        assert sum(found.cache_hits.values()) == hits
+        assert sum(found.cache_misses.values()) == 1 - hits
+    assert caplog.messages == []
 
 
 @pytest.mark.skipif(not IS_COMPILED, reason="needs Numba, not disabled")

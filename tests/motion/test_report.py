@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -411,6 +412,7 @@ def _all_trials(cmu: Path) -> list[Path]:
     return found
 
 
+@cache
 def _load(amc: Path, **options) -> Clip:
     return read_amc(amc, read_asf(amc.parent / f"{amc.parent.name}.asf"), **options)
 
@@ -433,6 +435,6 @@ def test_fast_trials_are_doubted_at_a_wrong_rate(cmu: Path) -> None:
     doubted = [
         amc.stem
         for amc in _all_trials(cmu)
-        if any("m/s" in d for d in inspect(_load(amc, frame_rate=480.0)).doubts)
+        if any("m/s" in d for d in inspect(_at(_load(amc), 480.0)).doubts)
     ]
     assert len(doubted) >= 0.6 * len(_all_trials(cmu))

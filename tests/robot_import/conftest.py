@@ -4,7 +4,31 @@ from pathlib import Path
 
 import pytest
 
+from crar_drake.robot_import import fit_cache, robot_folder
 from crar_drake.robot_import.robot_files import robot_data_folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_link_fitted_once():
+    """The robots of these tests share links; `fit_link` has tests of its own."""
+    fit, known = fit_cache.fit_link, {}
+
+    def remembered(parts, most, excess, image=()):
+        shapes = [(p.vertices.tobytes(), p.faces.tobytes()) for p in (*parts, *image)]
+        key = (most, excess, len(parts), *shapes)
+        if key not in known:
+            known[key] = fit(parts, most, excess, image)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(fit_cache, "fit_link", remembered)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def no_picture_of_every_robot(monkeypatch):
+    """They take as long as the rest; the robot of the session has one."""
+    monkeypatch.setattr(robot_folder, "draw_robot", lambda path, *_: path.touch())
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """Real robots of example-robot-data: close fits, and some of a real motion."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -59,32 +60,31 @@ def test_shipped_choices_fit_the_urdf(robot_data, robot):
 @pytest.fixture(scope="module")
 def imported(robot_data, tmp_path_factory):
     """The folder of a shipped robot's choices, imported once."""
-    folders: dict[str, Path] = {}
 
-    def folder(robot: str) -> Path:
-        if robot not in folders:
-            folders[robot] = tmp_path_factory.mktemp(robot)
-            text = import_file(robot).read_text()
-            (folders[robot] / "import.yaml").write_text(text + "most_capsules: 3\n")
-            import_robot("", folders[robot])
-        return folders[robot]
+    @cache
+    def folder(robot: str, most: int) -> Path:
+        made = tmp_path_factory.mktemp(robot)
+        text = import_file(robot).read_text()
+        (made / "import.yaml").write_text(text + f"most_capsules: {most}\n")
+        import_robot("", made)
+        return made
 
     return folder
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "robot, name, duration",
+    "robot, most, name, duration",
     [
-        pytest.param("g1", "g1_dance", 1.0, marks=pytest.mark.long),
-        ("g1", "g1_dance_hands", 0.4),
-        pytest.param("talos", "talos_boxing", 1.0, marks=pytest.mark.long),
+        pytest.param("g1", 3, "g1_dance", 1.0, marks=pytest.mark.long),
+        ("g1", 1, "g1_dance_hands", 0.4),
+        pytest.param("talos", 3, "talos_boxing", 1.0, marks=pytest.mark.long),
     ],
 )
-def test_some_of_a_real_motion(imported, cmu, robot, name, duration):
+def test_some_of_a_real_motion(imported, cmu, robot, most, name, duration):
     """Untouched by referee and real meshes, within limits, and efforts if asked for."""
     scenario: Scenario = load_scenario(name)
-    scenario.robot, scenario.duration = str(imported(robot)), duration
+    scenario.robot, scenario.duration = str(imported(robot, most)), duration
     result = run_scenario(scenario, record=False)
     model, q = result.setup.model, result.log.q
     judged = Referee(model.plant, model.scene_graph, model.description.pairs)

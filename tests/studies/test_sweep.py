@@ -489,6 +489,8 @@ def test_a_frame_rate_is_that_of_all_motions(tmp_path, monkeypatch, capsys):
 
 def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    # What runs cases is tested above.
+    monkeypatch.setattr(sweep, "FreshProcesses", ThreadPoolExecutor)
     bad, _ = tiny_cases(tmp_path)
     argv = ["sweep", "dance", bad.motion, "--experiment", "wrists", "--jobs", "1"]
     argv += ["--duration", "0.1", "--period", "0.005", "--out", "it/all.csv"]

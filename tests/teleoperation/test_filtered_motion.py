@@ -54,7 +54,7 @@ def loop(made, monkeypatch):
     server = TeleoperationServer(made, Gate(), tracking_error=0.2)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.connect(server.address)
-        client.settimeout(5.0)
+        client.settimeout(60.0)
         loop = Loop(server, client)
         monkeypatch.setattr(module.time, "monotonic", lambda: loop.now)
         yield loop

@@ -87,9 +87,10 @@ def test_a_reader_that_crashes_or_does_not_end_is_told(tmp_path, monkeypatch) ->
     with pytest.raises(MotionError, match="a.c3d: .*ezc3d crashes"):
         read_c3d(file)
     child.write_text("import time; time.sleep(1000)")
-    monkeypatch.setattr(c3d, "_PATIENCE", 0.2)
-    with pytest.raises(MotionError, match="a.c3d: .*does not come to an end"):
-        read_c3d(file)
+    with monkeypatch.context() as hasty:
+        hasty.setattr(c3d, "_PATIENCE", 0.2)
+        with pytest.raises(MotionError, match="a.c3d: .*does not come to an end"):
+            read_c3d(file)
     child.write_text("import sys; sys.exit('no points\\x1b in it')")
     with pytest.raises(MotionError, match=r"a.c3d: .*: no points\\x1b in it"):
         read_c3d(file)

@@ -2,9 +2,11 @@
 
 Root and joints of all frames are found at once, with the unknowns y of `body_points`:
 
-    minimise    1/2 sum_k [ |w y_k|^2 + |W (poses of feet and hands - the reference's)|^2
-                            + |tau^2 y''_k|^2 + |steps of what stands|^2
-                            + u |how far the centre of pressure is outside|^2 ].
+    minimise    1/2 sum_k [ |w x_k|^2 + |W (pose_k(y_k) - pose_k of the reference)|^2
+                            + |w tau^2 x''_k|^2 + |v (steps of what stands)|^2
+                            + |u (how far the centre of pressure is outside)|^2 ],
+
+with x the change, and the poses those of feet and hands in the world.
 
 What is kept is kept as `cleaning` does: distances of watched pairs, limits and speeds,
 and meshes are parted. Balance is a wish, since no change may fulfil it: squares of how
@@ -37,7 +39,7 @@ from crar_drake.trajectory.balance import (
     point_masses,
 )
 from crar_drake.trajectory.body_points import ROOT, Placed
-from crar_drake.trajectory.optimiser import AtFrames, Effort, Problem
+from crar_drake.trajectory.optimiser import AtFrames, Problem
 
 
 @dataclass(frozen=True)
@@ -66,20 +68,7 @@ class BalancingParameters:
     carrying_weight: float = 35.0
     smoothing: float = 0.03  # [s]
     balance_weight: float = 60.0
-    margin: float = 0.01  # [m]
-
-
-@dataclass(frozen=True)
-class Balanced:
-    """A motion that was changed for balance.
-
-    Attributes:
-        motion: it.
-        effort: that it took.
-    """
-
-    motion: RobotMotion
-    effort: Effort
+    margin: float = 0.015  # [m]
 
 
 class Balancer:
@@ -119,7 +108,7 @@ class Balancer:
         motion: RobotMotion,
         carries: np.ndarray,
         progress: Callable[[int], None] | None = None,
-    ) -> Balanced:
+    ) -> RobotMotion:
         """The motion, balanced.
 
         Args:
@@ -132,7 +121,7 @@ class Balancer:
         y = np.zeros((motion.num_frames, ROOT + len(columns)))
         y[:, ROOT:] = motion.joint_positions[:, columns]
         problem = self.problem(motion, support, carries, y)
-        found, _, effort = cleaner.keeper.keep(problem, y, progress=progress)
+        found, _, _ = cleaner.keeper.keep(problem, y, progress=progress)
         changed = (found != y).any(axis=1)
         joints, places = motion.joint_positions.copy(), motion.root_positions.copy()
         quaternions = motion.root_quaternions.copy()
@@ -143,14 +132,11 @@ class Balancer:
         # As the file has their signs.
         turned *= np.where((turned * quaternions).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
         quaternions[changed] = turned[changed]
-        return Balanced(
-            replace(
-                motion,
-                root_positions=places,
-                root_quaternions=quaternions,
-                joint_positions=joints,
-            ),
-            effort,
+        return replace(
+            motion,
+            root_positions=places,
+            root_quaternions=quaternions,
+            joint_positions=joints,
         )
 
     def problem(

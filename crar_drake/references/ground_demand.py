@@ -21,7 +21,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.errors import ModelError
 
-ON_THE_FLOOR = 0.01  # [m] above the floor that points of a planted foot support, at most
+ON_THE_FLOOR = (
+    0.01  # [m] above the floor that points of a planted foot support, at most
+)
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
 
 

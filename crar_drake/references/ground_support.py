@@ -25,6 +25,8 @@ from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_root
 
+_MOST = 0.95  # share of the frames whose worst is told
+
 
 @dataclass(frozen=True, eq=False)
 class Support:
@@ -52,17 +54,14 @@ class Support:
     def outside(self, wrench: GroundWrench) -> np.ndarray:
         """(T,) how far the centre of pressure is outside [m]; infinite where the ground
         had to pull, NaN where the frame is not judged."""
-        outside = outside_support(
-            wrench.centres(self.floor), self.soles, self.planted
-        )
+        outside = outside_support(wrench.centres(self.floor), self.soles, self.planted)
         outside[np.isnan(outside)] = np.inf
         outside[~self.stands] = np.nan
         return outside
 
-
     def points(self) -> list[np.ndarray]:
-        """(T) of each frame that is judged (V, 2) the points that it stands on [m]; none
-        of others."""
+        """(T) of each frame that is judged (V, 2) the points that it stands on [m];
+        none of others."""
         found = []
         for t, stands in enumerate(self.stands):
             on = [
@@ -153,3 +152,12 @@ def given_share(outside: np.ndarray) -> float:
     """
     stands = ~np.isnan(outside)
     return float(np.mean(outside[stands] <= 0.0)) if stands.any() else np.nan
+
+
+def worst_outside(outside: np.ndarray) -> float:
+    """How far outside the centre of pressure is in the worst of 95 % of the frames that
+    stand [m]; NaN if none stands."""
+    stands = outside[~np.isnan(outside)]
+    if not len(stands):
+        return np.nan
+    return float(np.quantile(stands, _MOST, method="inverted_cdf"))

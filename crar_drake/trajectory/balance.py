@@ -32,7 +32,6 @@ from crar_drake.trajectory.optimiser import Wishes
 
 # Corners of a tetrahedron whose mean is 0, and whose mean square is 1 along each axis.
 _CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
-_LOOK = 0.02  # [m]: what is as far inside is no row
 _SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
 
 
@@ -227,7 +226,7 @@ class Balance:
         # (R, N); infinite where there are fewer sides: a force may be downwards.
         d = np.where(np.isfinite(b), b, 0.0) * found[:, :1] - (n * H).sum(axis=2)
         d -= self._support.margins[t, None]
-        row, side = np.nonzero((d < _LOOK) & np.isfinite(b))
+        row, side = np.nonzero(np.isfinite(b))
         share = np.column_stack([b[row, side], -n[row, side]])[:, :, None, None]
         gradient = (share * G[row]).sum(axis=1)
         return Wishes(middle[row], d[row, side], gradient)

@@ -348,8 +348,9 @@ class Part:
         return new
 
     def _wish_weight(self, penalty: float) -> float:
-        """It grows with the penalty."""
-        return self.problem.wish_weight * (penalty / _PENALTIES[-1]) ** _WISH_GROWTH
+        """It grows with the penalty; without rows it is what it is in the end."""
+        share = penalty / _PENALTIES[-1] if penalty else 1.0
+        return self.problem.wish_weight * share**_WISH_GROWTH
 
     def _wishes(self, y: np.ndarray, live: _Live) -> Wishes:
         if self.problem.wishes is None:

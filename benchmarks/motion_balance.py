@@ -1,0 +1,90 @@
+"""What `--balance` changes in reference motions, and what the ground could give then.
+
+python -m benchmarks.motion_balance g1_whole_body dance.csv cmu:05_02 ...
+    [--page docs/measurements/motion-balance.md]
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.page import Benchmark, Table, run
+from crar_drake.references.clean_file import CleanedClip, clean_file
+from crar_drake.references.retarget_file import retarget_file
+from crar_drake.robot.description import whole_body_name
+
+_DEGREE = 57.29577951308232
+HEADER = [
+    "motion",
+    "frames",
+    "that stand",
+    "of these the ground could give",
+    "outside, in 95 %",
+    "joints, rms / worst",
+    "root, rms / worst",
+    "feet, rms / worst",
+    "hands, rms / worst",
+    "jerk, after / before",
+    "violated",
+    "× real time",
+]
+
+
+def row(motion: str, clip: CleanedClip) -> list[str]:
+    """The figures of a motion."""
+    return [
+        motion,
+        f"{clip.frames} at {clip.rate:g} Hz",
+        str(clip.stands),
+        f"{100 * clip.given_before:.0f} → {100 * clip.given:.0f} %",
+        f"{_outside(clip.outside_before)} → {_outside(clip.outside)} mm",
+        f"{_DEGREE * clip.joints_rms:.2f}° / {_DEGREE * clip.joints_worst:.1f}°",
+        _lengths(clip.root_rms, clip.root_worst),
+        _lengths(clip.feet_rms, clip.feet_worst),
+        _lengths(clip.hands_rms, clip.hands_worst),
+        f"{clip.jerk / clip.jerk_before:.3f}" if clip.jerk_before else "–",
+        "yes" if clip.violated else "no",
+        f"{clip.times_real_time:.1f}",
+    ]
+
+
+def _outside(length: float) -> str:
+    """Inside is 0, and where the ground had to pull, infinite."""
+    return f"{1e3 * max(length, 0.0):.0f}".replace("inf", "∞")
+
+
+def _lengths(rms: float, worst: float) -> str:
+    return f"{1e3 * rms:.1f} / {1e3 * worst:.1f} mm"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Cleans or retargets, balances what comes of it, and prints the table."""
+    benchmark = Benchmark("benchmarks.motion_balance", __doc__, "motion-balance")
+    benchmark.parser.add_argument("robot", help="name or folder")
+    benchmark.parser.add_argument(
+        "motions", nargs="+", help="robot motions (.csv, .npz, .pkl), or of people"
+    )
+    arguments = benchmark.parse(argv, lambda given: "balance")
+    robot, rows = whole_body_name(arguments.robot), []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, motion in enumerate(arguments.motions):
+            path = Path(motion)
+            suffix = path.suffix if path.is_file() else ".csv"
+            before = Path(folder) / f"{number}{suffix}"
+            if suffix == path.suffix:
+                clean_file(motion, before, robot)
+            else:
+                retarget_file(motion, before, robot)
+            after = before.with_name(f"balanced_{before.name}")
+            # The second time, with nothing left to compile.
+            for name in (f"first_{after.name}", after.name)[bool(rows) :]:
+                (clip,) = clean_file(before, after.with_name(name), robot, balance=True)
+            rows.append(row(path.stem, clip))
+            print(" | ".join(rows[-1]), flush=True)
+    benchmark.report([Table(HEADER, rows)])
+
+
+if __name__ == "__main__":
+    run(main)

@@ -66,7 +66,7 @@ class BalancingParameters:
     standing_weight: float = 200.0
     hand_weight: float = 1.0
     carrying_weight: float = 35.0
-    smoothing: float = 0.03  # [s]
+    smoothing: float = 0.08  # [s]
     balance_weight: float = 60.0
     margin: float = 0.015  # [m]
 

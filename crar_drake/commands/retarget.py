@@ -7,7 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.commands.clean import clip_lines, violations
+from crar_drake.commands.clean import (
+    add_balance,
+    balance_lines,
+    clip_lines,
+    violations,
+)
 from crar_drake.commands.folders import files_bar, frames_bar, report_files
 from crar_drake.commands.options import (
     FILE_OPTIONS,
@@ -72,6 +77,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         metavar="HZ",
         help="frames per second to write (default: 30)",
     )
+    add_balance(parser)
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
@@ -110,6 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
             options=options,
             layout=arguments.layout,
             rate=arguments.rate,
+            balance=arguments.balance,
             progress=progress,
         )
     for line in _lines(clip):
@@ -136,6 +143,7 @@ def _retarget_folder(arguments: argparse.Namespace, options) -> int:
             options=options,
             layout=arguments.layout,
             rate=arguments.rate,
+            balance=arguments.balance,
             jobs=arguments.jobs,
             progress=progress,
         )
@@ -190,4 +198,5 @@ def _lines(clip: RetargetedClip) -> list[str]:
         f"{1e3 * clip.lowest:+.1f} mm over the floor",
         f"nearest links {1e3 * cleaned.nearest:.1f} mm apart, on ways between frames "
         f"at least {1e3 * cleaned.between:.1f} mm",
+        *balance_lines(cleaned),
     ]

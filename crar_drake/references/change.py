@@ -24,7 +24,8 @@ class Change:
     Attributes:
         joints_rms, joints_worst: of the joints [rad].
         feet_rms, feet_worst, hands_rms, hands_worst: of the positions of the feet's and
-            the hands' links in the root's frame [m]; NaN without.
+            the hands' links in the world [m]; NaN without.
+        root_rms, root_worst: of the root's [m].
         jerk_before, jerk: root mean square of the joints' [rad/s^3].
     """
 
@@ -34,6 +35,8 @@ class Change:
     feet_worst: float
     hands_rms: float
     hands_worst: float
+    root_rms: float
+    root_worst: float
     jerk_before: float
     jerk: float
 
@@ -91,6 +94,7 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
     """
     joints = after.joint_positions - before.joint_positions
     feet, hands = (_moved(before, after, robot, frames) for frames in (FEET, HANDS))
+    root = np.linalg.norm(after.root_positions - before.root_positions, axis=1)
     return Change(
         joints_rms=rms(joints),
         joints_worst=float(np.abs(joints).max()),
@@ -98,6 +102,8 @@ def find_change(before: RobotMotion, after: RobotMotion, robot: WholeBody) -> Ch
         feet_worst=float(feet.max()),
         hands_rms=rms(hands),
         hands_worst=float(hands.max()),
+        root_rms=rms(root),
+        root_worst=float(root.max()),
         jerk_before=rms(joint_jerks(before)),
         jerk=rms(joint_jerks(after)),
     )
@@ -116,7 +122,12 @@ def _moved(
     if not links:
         return np.full((1, 1), np.nan)
     was, now = (
-        robot.poses_in_root(motion.joint_positions, links)[0]
+        motion.root_positions[:, None]
+        + np.einsum(
+            "tij,tlj->tli",
+            motion.root_rotations.as_matrix(),
+            robot.poses_in_root(motion.joint_positions, links)[0],
+        )
         for motion in (before, after)
     )
     return np.linalg.norm(now - was, axis=2)

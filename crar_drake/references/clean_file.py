@@ -19,6 +19,7 @@ from crar_drake.references.adjusting import (
     set_on_ground,
     trimmed,
 )
+from crar_drake.references.balancing import Balancer
 from crar_drake.references.change import (
     ANY_CHANGE,
     AtMost,
@@ -28,6 +29,11 @@ from crar_drake.references.change import (
 )
 from crar_drake.references.cleaning import Cleaner, CleaningParameters
 from crar_drake.references.ground_contact import CarryingHands, Outline
+from crar_drake.references.ground_support import (
+    Ground,
+    given_share,
+    worst_outside,
+)
 from crar_drake.references.layouts import LAYOUTS, check_written
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import (
@@ -76,6 +82,12 @@ class CleanedClip(Change):
             without reading, writing and measuring [s].
         raised: by how much it was set on the ground; 0 if that was not asked for [m].
         slowed: by how much longer it takes; 0 if that was not asked for [s].
+        stands: frames that stand, in which balance was looked at; -1 if that was not
+            asked for (`ground_support`).
+        given_before, given: share of these in which the ground could give what the
+            motion takes; NaN without any.
+        outside_before, outside: how far outside the support the centre of pressure is
+            in them, in the worst of 95 % [m]; negative inside.
         deepest: frame and pair of the deepest penetration, in words; "" without one.
         exceeded: what changed by more than was allowed, in words; "" if nothing did.
     """
@@ -100,6 +112,11 @@ class CleanedClip(Change):
     seconds: float
     raised: float
     slowed: float
+    stands: int
+    given_before: float
+    given: float
+    outside_before: float
+    outside: float
     deepest: str
     exceeded: str
 
@@ -159,6 +176,8 @@ class FileOptions:
         ground: whether motions are then set on the ground (`set_on_ground`).
         retime: whether motions are slowed down first where joints are too fast
             (`retimed`).
+        balance: whether root and joints are changed so that the ground could give what
+            motions take (`balancing`).
         at_most: how far they may change; one that changed by more is written as well.
     """
 
@@ -167,6 +186,7 @@ class FileOptions:
     frames: Frames = (1, None)
     ground: bool = False
     retime: bool = False
+    balance: bool = False
     at_most: AtMost = ANY_CHANGE
 
     def certified(self) -> dict:
@@ -178,6 +198,7 @@ class FileOptions:
             "frames": kept,
             "ground": self.ground,
             "retime": self.retime,
+            "balance": self.balance,
         }
 
 
@@ -205,7 +226,11 @@ class FileCleaner:
         if self._options.ground:
             self._outline = Outline(self._robot)
             check_feet(self._outline, self._robot.description.name)
-        self._cleaner = MotionCleaner(self._robot, parameters or CleaningParameters())
+        self._cleaner = MotionCleaner(
+            self._robot,
+            parameters or CleaningParameters(),
+            balance=self._options.balance,
+        )
 
     def __call__(
         self,
@@ -253,6 +278,7 @@ class MotionCleaner:
         robot: WholeBody,
         parameters: CleaningParameters,
         part_meshes: bool = True,
+        balance: bool = False,
     ) -> None:
         """
         Args:
@@ -260,13 +286,17 @@ class MotionCleaner:
             parameters: what changing the least means, and what is kept.
             part_meshes: whether meshes that touch are parted; else that was tried
                 before.
+            balance: whether motions are balanced (`balancing`), after which meshes are
+                parted anyway.
 
         Raises:
-            ModelError: as `Cleaner`.
+            ModelError: as `Cleaner`, and as `Ground` if motions are to be balanced.
         """
+        self._ground = Ground(robot) if balance else None
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
-        self._meshes = self.uncovered.meshes if part_meshes else None
+        self._meshes = self.uncovered.meshes if part_meshes or balance else None
+        self._balancers: dict[float, Balancer] = {}
         self._cleaners: dict[float, Cleaner] = {}
 
     def _of_rate(self, rate: float) -> Cleaner:
@@ -333,9 +363,13 @@ class MotionCleaner:
                 margins = [_margins(motion, cleaner) for motion in (before, after)]
                 meshes = self.uncovered.look_at(after)
                 clips.append(CertifiedClip(after.clip, after.rate, margins[1], meshes))
-                row = _row(before, after, margins, meshes, cleaner, robot)
+                up = before.root_positions + [0.0, 0.0, rise]
+                raised_before = replace(before, root_positions=up)
+                row = _row(raised_before, after, margins, meshes, cleaner, robot)
                 slowed = before.duration - duration
                 row = replace(row, seconds=took, raised=rise, slowed=slowed)
+                if self._ground is not None:
+                    row = replace(row, **_ground_shares(self._ground, before, after))
                 rows.append(replace(row, exceeded=at_most.exceeded(row)))
             certificate = make_certificate(
                 folder / out.name,
@@ -348,6 +382,8 @@ class MotionCleaner:
             certificate["parameters"] = asdict(self._parameters)
             certificate["motion"] |= {"layout": to.name, "rate": rate_given}
             certificate["options"] = options
+            if self._ground is not None:
+                certificate["notes"] = {row.clip: _note_of_balance(row) for row in rows}
             write_certificate(folder / place.name, certificate)
         return rows
 
@@ -357,17 +393,23 @@ class MotionCleaner:
         """A motion cleaned, and how long a processor took [s]."""
         cleaner = self._of_rate(motion.rate)
         columns = _columns(motion, cleaner)
+        carries = self._carrying.shares(motion, cleaner.hands)
+        done = None if progress is None else lambda k: progress(k, motion.num_frames)
         began = time.process_time()
         found = cleaner.clean(
             np.ascontiguousarray(motion.joint_positions[:, columns]),
             motion.root_rotations.as_matrix(),
-            self._carrying.shares(motion, cleaner.hands),
-            None if progress is None else lambda k: progress(k, motion.num_frames),
+            carries,
+            done,
         )
-        seconds = time.process_time() - began
         joints = motion.joint_positions.copy()
         joints[:, columns] = found.q
-        return replace(motion, joint_positions=joints), seconds
+        cleaned = replace(motion, joint_positions=joints)
+        if self._ground is not None:
+            if motion.rate not in self._balancers:
+                self._balancers[motion.rate] = Balancer(cleaner, self._ground)
+            cleaned = self._balancers[motion.rate].balance(cleaned, carries, done)
+        return cleaned, time.process_time() - began
 
     def _speeds(self, motion: RobotMotion) -> Callable[[np.ndarray], np.ndarray]:
         """The largest share of what speeds may be used, as `retimed` asks for it."""
@@ -438,8 +480,36 @@ def _row(
         seconds=0.0,
         raised=0.0,
         slowed=0.0,
+        stands=-1,
+        given_before=np.nan,
+        given=np.nan,
+        outside_before=np.nan,
+        outside=np.nan,
         deepest=_deepest(now, cleaner),
         exceeded="",
+    )
+
+
+def _ground_shares(ground: Ground, before: RobotMotion, after: RobotMotion) -> dict:
+    """What a row has of balance."""
+    was, now = ground.outside(before), ground.outside(after)
+    return {
+        "stands": _count(~np.isnan(now)),
+        "given_before": given_share(was),
+        "given": given_share(now),
+        "outside_before": worst_outside(was),
+        "outside": worst_outside(now),
+    }
+
+
+def _note_of_balance(row: CleanedClip) -> str:
+    """What a certificate says of balance, which it does not certify."""
+    if not row.stands:
+        return "balance: no foot is planted in any frame"
+    return (
+        "balance, a note on feasibility: the ground could give what the motion takes "
+        f"in {row.given:.4f} of the {row.stands} frames that stand, by inverse "
+        f"dynamics; in {row.given_before:.4f} before"
     )
 
 

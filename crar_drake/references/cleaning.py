@@ -110,6 +110,7 @@ class Cleaner:
         parameters: what is asked for.
         description: of the robot.
         model: the robot with its root fixed, and its watched pairs.
+        keeper: of what is kept.
         feet, hands: task frames that are kept,
         frames: and both.
         rate: frames per second [Hz].
@@ -159,7 +160,7 @@ class Cleaner:
         other = [Task(frame=next(iter(known), "world"))]
         p = self.parameters
         model = ControlModel.FromDescription(description, kept or other)
-        self._keeper = Keeper(
+        self.keeper = Keeper(
             model,
             rate,
             p.floor,
@@ -183,7 +184,7 @@ class Cleaner:
 
         Speeds are shares of the robot's own limits, whatever share may be used.
         """
-        return self._keeper.margins(q)
+        return self.keeper.margins(q)
 
     def clean(
         self,
@@ -202,7 +203,7 @@ class Cleaner:
             progress: is called with the number of frames that are done.
         """
         problem = self._problem(reference, root_rotations, carries)
-        return Cleaned(*self._keeper.keep(problem, reference, progress=progress))
+        return Cleaned(*self.keeper.keep(problem, reference, progress=progress))
 
     def _problem(self, reference, root_rotations, carries) -> Problem:
         p, model = self.parameters, self.model
@@ -217,8 +218,8 @@ class Cleaner:
             lower=model.lower,
             upper=model.upper,
             fastest=self.fastest,
-            near_rows=self._keeper.near_rows,
-            num_rows=self._keeper.num_rows,
+            near_rows=self.keeper.near_rows,
+            num_rows=self.keeper.num_rows,
         )
 
     def _tasks(self, reference, root_rotations, carries) -> KeptPoses | _Nothing:

@@ -21,7 +21,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.errors import ModelError
 
-_SUPPORT = 0.01  # [m] above the floor that points of a planted foot support, at most
+ON_THE_FLOOR = (
+    0.01  # [m] above the floor that points of a planted foot support, at most
+)
 _LEAST_FORCE = 0.05  # of the weight, below which there is no centre of pressure
 
 
@@ -39,9 +41,9 @@ class GroundWrench:
     moment: np.ndarray
     weight: float
 
-    def centres(self, floor: float = 0.0) -> np.ndarray:
-        """(T, 2) centres of pressure on the floor [m]; NaN where hardly anything pushes
-        upwards."""
+    def centres(self, floor: float | np.ndarray = 0.0) -> np.ndarray:
+        """(T, 2) centres of pressure on the floor [m], which may be at another height
+        in each frame (T,); NaN where hardly anything pushes upwards."""
         f, n = self.force, self.moment
         up = np.where(f[:, 2] > _LEAST_FORCE * self.weight, f[:, 2], np.nan)
         # n - c x f has no x and no y, with c on the floor.
@@ -114,7 +116,7 @@ def outside_support(
     outside = np.full(len(centres), np.nan)
     for t in np.flatnonzero(np.isfinite(centres).all(axis=1)):
         points = [
-            p[t][p[t][:, 2] <= floor + _SUPPORT][:, :2]
+            p[t][p[t][:, 2] <= floor + ON_THE_FLOOR][:, :2]
             for foot, p in soles.items()
             if planted[foot][t]
         ]

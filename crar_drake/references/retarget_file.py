@@ -95,6 +95,7 @@ def retarget_file(
     layout: str | None = None,
     rate: float = RATE,
     parameters: RetargetingParameters | None = None,
+    balance: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> RetargetedClip:
     """Retargets a person's motion, and writes it and its certificate, or neither.
@@ -107,6 +108,7 @@ def retarget_file(
         layout: of `out`; by default the usual one of its suffix.
         rate: frames per second of `out` [Hz].
         parameters: what is wanted.
+        balance: whether the motion is balanced then (`balancing`).
         progress: is called with the frame that was reached, and of how many.
 
     Raises:
@@ -119,7 +121,12 @@ def retarget_file(
     layout = _layout_of(out, layout)
     _check_place(out)
     return FileRetargeter(
-        robot, options, layout=layout, rate=rate, parameters=parameters
+        robot,
+        options,
+        layout=layout,
+        rate=rate,
+        parameters=parameters,
+        balance=balance,
     )(motion, out, progress)
 
 
@@ -138,10 +145,11 @@ class FileRetargeter:
         layout: str,
         rate: float = RATE,
         parameters: RetargetingParameters | None = None,
+        balance: bool = False,
     ) -> None:
         """
         Args:
-            robot, options, layout, rate, parameters: as of `retarget_file`.
+            robot, options, layout, rate, parameters, balance: as of `retarget_file`.
 
         Raises:
             ModelError: as `retarget_file`.
@@ -150,7 +158,10 @@ class FileRetargeter:
         description = load_robot_description(robot).without_ground()
         self._robot = WholeBody(description)
         self.retargeter = Retargeter(description, parameters)
-        self._cleaner = MotionCleaner(self._robot, CLEANING, part_meshes=False)
+        self._cleaner = MotionCleaner(
+            self._robot, CLEANING, part_meshes=False, balance=balance
+        )
+        self._balance = balance
         self._outline = Outline(self._robot)
 
     def __call__(
@@ -188,7 +199,12 @@ class FileRetargeter:
             reference=motion_files(motion, self._options)[0],
             layout=self._layout,
             options=certified_options(
-                motion, self._options, self._layout, rate, retargeter.parameters
+                motion,
+                self._options,
+                self._layout,
+                rate,
+                retargeter.parameters,
+                self._balance,
             ),
         )
         given = None if layout_named(self._layout).has_rate else rate
@@ -211,6 +227,7 @@ def certified_options(
     layout: str,
     rate: float,
     parameters: RetargetingParameters,
+    balance: bool = False,
 ) -> dict:
     """What a certificate has of how a motion was read and retargeted.
 
@@ -224,6 +241,7 @@ def certified_options(
         "read with": {path.name: file_hash(path) for path in besides},
         "layout": layout,
         "rate": rate,
+        "balance": balance,
     }
 
 

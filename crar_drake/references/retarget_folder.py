@@ -121,6 +121,7 @@ def retarget_folder(
     layout: str | None = None,
     rate: float = RATE,
     parameters: RetargetingParameters | None = None,
+    balance: bool = False,
     jobs: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int, FileResult], None] | None = None,
@@ -132,7 +133,7 @@ def retarget_folder(
     Args:
         folder: with people's motions in it or below; of an AMC with its ASF beside it.
         out: another folder.
-        robot, options, rate, parameters: as of `retarget_file`, of all files.
+        robot, options, rate, parameters, balance: as of `retarget_file`, of all files.
         layout: of what is written; by default LAYOUT.
         jobs, executor, progress: as of `work_through`.
 
@@ -151,12 +152,14 @@ def retarget_folder(
             path: (out / path.relative_to(folder)).with_suffix(suffix)
             for path in find_people(folder)
         },
-        begin=partial(_RowOfFile, robot, options, layout, rate, parameters),
+        begin=partial(_RowOfFile, robot, options, layout, rate, parameters, balance),
         figures=FIGURES,
         note=lambda row: row.deepest or f"farthest off: {row.farthest}",
         robot=robot,
         parameters=asdict(CLEANING),
-        options=lambda path: certified_options(path, options, layout, rate, parameters),
+        options=lambda path: certified_options(
+            path, options, layout, rate, parameters, balance
+        ),
     )
     return work_through(
         work, folder, out, jobs=jobs, executor=executor, progress=progress
@@ -166,9 +169,14 @@ def retarget_folder(
 class _RowOfFile:
     """From a file and its place to its row."""
 
-    def __init__(self, robot, options, layout, rate, parameters) -> None:
+    def __init__(self, robot, options, layout, rate, parameters, balance) -> None:
         self._retargeter = FileRetargeter(
-            robot, options, layout=layout, rate=rate, parameters=parameters
+            robot,
+            options,
+            layout=layout,
+            rate=rate,
+            parameters=parameters,
+            balance=balance,
         )
 
     def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedRow]:

@@ -6,13 +6,13 @@ Of L frames with m unknowns each the matrix is
     S_0  D_1  S_1' E_1
     E_0  S_1  D_2  ...
 
-with E diagonal. A Cholesky factorisation of its 2 m bands takes a time that is linear
-in L.
+with E diagonal, but where rows are of three frames in a row (`add_wide`). A Cholesky
+factorisation of its 2 m bands, or 3 m, takes a time that is linear in L.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg.blas import dsbmv
@@ -30,12 +30,14 @@ class Normal:
         S: (L - 1, m, m) below them: of frame k + 1 with frame k.
         E: (L - 2, m) the diagonals of the blocks below these.
         b: (L, m).
+        F: (L - 2, m, m) what is added to these blocks in full; (0, m, m) for nothing.
     """
 
     D: np.ndarray
     S: np.ndarray
     E: np.ndarray
     b: np.ndarray
+    F: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     def of_frames(self, some: np.ndarray, b: np.ndarray) -> Normal:
         """Of some frames, in ascending order, the others held; to be added to.
@@ -62,8 +64,9 @@ class Normal:
         self.D[frames[:, None], n, n] += values
 
     def bands(self) -> np.ndarray:
-        """(2 m + 1, L m) as LAPACK has them: from the diagonal down."""
-        return fill_bands(self.D, self.S, self.E).reshape(self.b.size, -1).T
+        """(2 m + 1, L m), or (3 m, L m), as LAPACK has them: from the diagonal down."""
+        filled = fill_bands(self.D, self.S, self.E, self.F)
+        return filled.reshape(self.b.size, -1).T
 
     def solve(self) -> np.ndarray | None:
         """x (L, m); None if H is not positive definite."""
@@ -80,10 +83,13 @@ def times(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 @compiled(loops=True)
-def fill_bands(D: np.ndarray, S: np.ndarray, E: np.ndarray) -> np.ndarray:
-    """(L, m, 2 m + 1) of a `Normal`: of each column the diagonal and what is below."""
+def fill_bands(
+    D: np.ndarray, S: np.ndarray, E: np.ndarray, F: np.ndarray
+) -> np.ndarray:
+    """(L, m, 2 m + 1), or (L, m, 3 m) with F, of a `Normal`: of each column the
+    diagonal and what is below."""
     L, m = D.shape[:2]
-    columns = np.zeros((L, m, 2 * m + 1))
+    columns = np.zeros((L, m, 3 * m if len(F) else 2 * m + 1))
     for k in range(L):
         for c in range(m):
             for i in range(c, m):
@@ -93,6 +99,9 @@ def fill_bands(D: np.ndarray, S: np.ndarray, E: np.ndarray) -> np.ndarray:
                     columns[k, c, m - c + i] = S[k, i, c]
             if k + 2 < L:
                 columns[k, c, 2 * m] = E[k, c]
+            if k < len(F):
+                for i in range(m):
+                    columns[k, c, 2 * m - c + i] += F[k, i, c]
     return columns
 
 
@@ -239,6 +248,48 @@ def add_rows(
     both = (left >= 0) & (right >= 0)
     by = (share * (1.0 - share))[both]
     np.add.at(S, left[both], by[:, None, None] * squares[both])
+
+
+@compiled(loops=True)
+def add_wide(
+    D: np.ndarray,
+    S: np.ndarray,
+    F: np.ndarray,
+    b: np.ndarray,
+    places: np.ndarray,
+    g: np.ndarray,
+    weight: float,
+    target: np.ndarray,
+) -> None:
+    """Adds the rows of least squares weight |g_0 x_j + g_1 x_k + g_2 x_l - target|^2 of
+    three frames in a row.
+
+    Args:
+        D, S, F, b: of a `Normal`.
+        places: (R, 3) the frames j, k = j + 1 and l = k + 1; -1 where one is held.
+        g: (R, 3, m).
+        weight: of all.
+        target: (R,).
+    """
+    m = g.shape[2]
+    for r in range(len(g)):
+        for a in range(3):
+            k = places[r, a]
+            if k < 0:
+                continue
+            for i in range(m):
+                x = weight * g[r, a, i]
+                if x == 0.0:
+                    continue
+                b[k, i] += x * target[r]
+                for j in range(i + 1):
+                    D[k, i, j] += x * g[r, a, j]
+                if a > 0 and places[r, a - 1] >= 0:
+                    for j in range(m):
+                        S[k - 1, i, j] += x * g[r, a - 1, j]
+                if a > 1 and places[r, 0] >= 0:
+                    for j in range(m):
+                        F[k - 2, i, j] += x * g[r, 0, j]
 
 
 def _along_rows_loops(g, left, right, share, x):

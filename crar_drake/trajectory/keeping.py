@@ -242,6 +242,7 @@ class Keeper:
         problem = _within(problem)
         margins = self.margins(q)
         violating = self._violating(margins) | _below(problem, y, self.floor)
+        violating |= _unfulfilled(problem, y)
         moves = np.abs(np.diff(q, axis=0, append=q[-1:])).max(axis=1)
         state = _State(
             at_frames=np.full(frames, self.floor + _MORE_AT_FRAMES),
@@ -471,6 +472,7 @@ def _of_each(problem: Problem, every: int) -> Problem:
         about=problem.about[::every],
         smoothness=problem.smoothness / every**2,
         fastest=problem.fastest * every,
+        wishes=None,
     )
 
 
@@ -499,6 +501,15 @@ def _below(problem: Problem, y: np.ndarray, floor: float) -> np.ndarray:
     below = np.zeros(len(y), dtype=bool)
     below[rows.sample] = True
     return below
+
+
+def _unfulfilled(problem: Problem, y: np.ndarray) -> np.ndarray:
+    """(T,) frames whose wishes are not fulfilled."""
+    found = np.zeros(len(y), dtype=bool)
+    if problem.wishes is not None:
+        wishes = problem.wishes(np.arange(len(y)), y)
+        found[wishes.middle[wishes.d < -_LACKS]] = True
+    return found
 
 
 def _samples(

@@ -4,13 +4,15 @@ With y_k in R^m the unknowns of frame k, over the T frames of a motion:
 
     minimise    1/2 sum_k [ |r_k(y_k)|^2 + |w (y_k - c_k)|^2
                             + |s (x_(k-1) - 2 x_k + x_(k+1))|^2
-                            + |v_k (f(y_(k+1)) - f(y_k) - g_k)|^2 ],    x = y - a
+                            + |v_k (f(y_(k+1)) - f(y_k) - g_k)|^2
+                            + u |max(0, -b(y_(k-1), y_k, y_(k+1)))|^2 ],   x = y - a
     such that   d((1 - t) y_k + t y_(k+1)) >= asked       at samples (k, t),
                 lower <= y_k <= upper,    |y_(k+1) - y_k| <= fastest.
 
 The tasks r, the posture c, the smoothness about a, and the steps g of f (0 of what
 stands still), are the caller's: for a reference motion that is to change the least, c =
-a is the reference.
+a is the reference. So are the *wishes* b of three frames in a row, which are wanted to
+be 0 or more, such as balance: one-sided squares, since no change may fulfil them.
 
 *Solver*. An augmented Lagrangian (J. Nocedal and S. J. Wright, "Numerical
 Optimization", 2nd ed., Alg. 17.4): with multipliers lambda of rows c(y) >= 0, minimise
@@ -40,6 +42,7 @@ from crar_drake.trajectory.bands import (
     add_rows,
     add_squares,
     add_steps,
+    add_wide,
     along_rows,
     times,
 )
@@ -48,6 +51,9 @@ from crar_drake.trajectory.distance_rows import NearRows, no_rows
 # rho of the distances [1/m^2], stage by stage; of joint limits and speeds [1/rad^2].
 _PENALTIES = (1e2, 3e3, 1e5)
 _PENALTY_OF_JOINTS = 1e5
+
+# The wishes' weight grows with this power of the penalty.
+_WISH_GROWTH = 0.5
 
 _STEPS = 40  # Gauss-Newton steps of a minimisation, at most
 _HALVINGS = 8
@@ -110,6 +116,20 @@ class Tasks(Protocol):
         """
 
 
+class Wishes(NamedTuple):
+    """What is wanted to be 0 or more, of three frames in a row each.
+
+    Attributes:
+        middle: (R,) which of the frames that were given is the second.
+        d: (R,) what it is [m].
+        gradient: (R, 3, m) of d by the unknowns of the three frames.
+    """
+
+    middle: np.ndarray
+    d: np.ndarray
+    gradient: np.ndarray
+
+
 @dataclass(frozen=True)
 class Samples:
     """Places on the motion where rows are asked for: (1 - t) y_k + t y_(k+1).
@@ -141,6 +161,8 @@ class Problem:
             and a length: the rows that keep less than that beyond what they are asked,
             which is what their `d` says.
         num_rows: number of rows that a sample may have.
+        wishes: of some frames in ascending order, and their y; None if there are none.
+        wish_weight: u [1/m^2].
     """
 
     tasks: Tasks
@@ -153,6 +175,8 @@ class Problem:
     fastest: np.ndarray
     near_rows: Callable[[Samples, np.ndarray, float], NearRows]
     num_rows: int
+    wishes: Callable[[np.ndarray, np.ndarray], Wishes] | None = None
+    wish_weight: float = 1.0
 
 
 @dataclass
@@ -176,6 +200,8 @@ class _Live:
     steps: np.ndarray  # from these frames to the next
     step_left: np.ndarray
     step_right: np.ndarray
+    near: np.ndarray  # frames of wishes that concern live ones
+    place: np.ndarray  # of each frame among the live ones
 
 
 @dataclass
@@ -185,6 +211,7 @@ class _Linearised:
     y: np.ndarray
     done: AtFrames  # at the frames that are seen
     rows: NearRows  # whose `sample` counts live ones
+    wishes: Wishes  # whose `middle` counts the part's frames
     merit: float = 0.0
 
 
@@ -299,6 +326,8 @@ class Part:
             steps,
             place[steps],
             place[steps + 1],
+            np.flatnonzero(spread(mask, 2)),
+            place[:-1],
         )
 
     def _linearise(
@@ -314,9 +343,23 @@ class Part:
         rows = no_rows(y.shape[1])
         if penalty:
             rows = problem.near_rows(samples, at, look)
-        new = _Linearised(y, done, rows)
+        new = _Linearised(y, done, rows, self._wishes(y, live))
         new.merit = self._merit(new, live, penalty)
         return new
+
+    def _wish_weight(self, penalty: float) -> float:
+        """It grows with the penalty; without rows it is what it is in the end."""
+        share = penalty / _PENALTIES[-1] if penalty else 1.0
+        return self.problem.wish_weight * share**_WISH_GROWTH
+
+    def _wishes(self, y: np.ndarray, live: _Live) -> Wishes:
+        if self.problem.wishes is None:
+            nothing = np.zeros(0, dtype=int)
+            return Wishes(nothing, np.zeros(0), np.zeros((0, 3, y.shape[1])))
+        found = self.problem.wishes(self.first + live.near, y[live.near])
+        middle = live.near[found.middle]
+        moves = (live.place[middle[:, None] + [-1, 0, 1]] >= 0).any(axis=1)
+        return Wishes(middle[moves], found.d[moves], found.gradient[moves])
 
     def _limits(self, y: np.ndarray, live: _Live) -> tuple[np.ndarray, np.ndarray]:
         """(2, L, m), (2, K, m) what is left to limits and speeds, either way."""
@@ -343,6 +386,7 @@ class Part:
             ),
             (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits),
             (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds),
+            (self._wish_weight(penalty), 0.0, at.wishes.d),
         ):
             lacks = np.maximum(0.0, lam / rho - c)
             sums.append(rho * np.vdot(lacks, lacks))
@@ -362,7 +406,9 @@ class Part:
         limits = self._of_limits[:, live.frames] / rho - limits
         speeds = self._of_speeds[:, live.steps] / rho - speeds
         frames, m = base.b.shape
-        bands, weights = base.bands(), (penalty, rho, rho)
+        wish = self._wish_weight(penalty)
+        threes = live.place[at.wishes.middle[:, None] + [-1, 0, 1]]  # (R, 3)
+        bands, weights = base.bands(), (penalty, rho, rho, wish)
 
         def moved(step: np.ndarray) -> tuple[np.ndarray, ...]:
             wide = np.vstack([step, np.zeros(m)])  # -1: a frame that is held
@@ -371,9 +417,11 @@ class Part:
                 along_rows(rows.gradient, left, right, t, step),
                 np.stack([step, -step]),
                 np.stack([-change, change]),
+                (at.wishes.gradient * wide[threes]).sum(axis=(1, 2)),
             )
 
-        step, slope, lacks = np.zeros((frames, m)), -base.b, (shift, limits, speeds)
+        step, slope = np.zeros((frames, m)), -base.b
+        lacks = shift, limits, speeds, -at.wishes.d
         before, share = None, 0.0
         for _ in range(_ACTIVE_SETS):
             on = tuple(c > 0.0 for c in lacks)
@@ -386,6 +434,8 @@ class Part:
                 for side in sides:
                     turned[side[side >= 0]] = True
                 turned |= (on[1] != before[1]).any(axis=(0, 2))
+                other = threes[on[3] != before[3]]
+                turned[other[other >= 0]] = True
                 if not turned.any():
                     break
             before = on
@@ -417,6 +467,18 @@ class Part:
             for places, sign in zip(ends, (-1.0, 1.0), strict=True):
                 there = places >= 0
                 normal.b[places[there]] += sign * push[there]
+            if len(threes) and len(some) > 2:
+                normal.F = np.zeros((len(some) - 2, m, m))
+                add_wide(
+                    normal.D,
+                    normal.S,
+                    normal.F,
+                    normal.b,
+                    place[threes[on[3]]],
+                    at.wishes.gradient[on[3]],
+                    wish,
+                    lacks[3][on[3]],
+                )
             self.effort.factorised += 1
             found = normal.solve()
             if found is None:

@@ -8,6 +8,7 @@ from crar_drake.trajectory.bands import (
     add_rows,
     add_squares,
     add_steps,
+    add_wide,
     times,
 )
 
@@ -148,3 +149,32 @@ def _gaps(H: np.ndarray, some: np.ndarray) -> np.ndarray:
             if abs(some[a] - some[b]) == 2 and abs(a - b) == 1:
                 H[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = 0.0
     return H
+
+
+def test_squares_of_three_frames_in_a_row_are_those_of_the_dense_matrix():
+    """Of frames 0 to 4, and of some whose first, middle or last is held."""
+    rng = np.random.default_rng(8)
+    places = np.array([[0, 1, 2], [2, 3, 4], [-1, 0, 1], [3, 4, -1], [1, -1, -1]])
+    g, target = rng.normal(size=(5, 3, 2)), rng.normal(size=5)
+    g[0, 1, 0] = 0.0
+    A = np.zeros((5, 5, 2))
+    for r, some in enumerate(places):
+        for a, k in enumerate(some):
+            if k >= 0:
+                A[r, k] += g[r, a]
+    A = A.reshape(5, 10)
+    for form in forms(add_wide):
+        normal = some_normal(5, 2, 4)
+        before, pull = dense(normal), normal.b.copy()
+        normal.F = np.zeros((3, 2, 2))
+        form(normal.D, normal.S, normal.F, normal.b, places, g, 1.7, target)
+        H = dense(normal)
+        for k in range(3):
+            H[2 * k + 4 : 2 * k + 6, 2 * k : 2 * k + 2] += normal.F[k]
+            H[2 * k : 2 * k + 2, 2 * k + 4 : 2 * k + 6] += normal.F[k].T
+        np.testing.assert_allclose(H - before, 1.7 * A.T @ A, atol=1e-12)
+        np.testing.assert_allclose(
+            (normal.b - pull).ravel(), 1.7 * A.T @ target, atol=1e-12
+        )
+        expected = np.linalg.solve(H, normal.b.ravel())
+        np.testing.assert_allclose(normal.solve().ravel(), expected, rtol=1e-8)

@@ -7,8 +7,15 @@ import pytest
 from scipy.optimize import minimize
 
 from crar_drake.trajectory import optimiser
-from crar_drake.trajectory.distance_rows import NearRows
-from crar_drake.trajectory.optimiser import AtFrames, Part, Problem, Samples, spread
+from crar_drake.trajectory.distance_rows import NearRows, no_rows
+from crar_drake.trajectory.optimiser import (
+    AtFrames,
+    Part,
+    Problem,
+    Samples,
+    Wishes,
+    spread,
+)
 
 FRAMES, M = 12, 2
 
@@ -211,3 +218,47 @@ def test_the_least_along_a_way_is_that_of_dense_samples():
         assert best - 1e-5 <= found <= best + 0.5**optimiser._HALVINGS + 1e-5
         inner += 0.0 < best < 1.0
     assert inner > 5
+
+
+def bent(frames, y):
+    """That y_0 bends by -0.002 at most, or less where y_1 is high: of three frames."""
+    inner = np.zeros(len(frames), dtype=bool)
+    inner[1:-1] = frames[2:] - frames[:-2] == 2
+    middle = np.flatnonzero(inner)
+    bend = y[middle - 1, 0] - 2.0 * y[middle, 0] + y[middle + 1, 0]
+    gradient = np.zeros((len(middle), 3, M))
+    gradient[:, :, 0] = [1.0, -2.0, 1.0]
+    gradient[:, 1, 1] = -0.2 * y[middle, 1]
+    return Wishes(middle, bend + 0.002 - 0.1 * y[middle, 1] ** 2, gradient)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_wishes_of_three_frames_are_one_sided_squares(held):
+    """Whose minimum, without rows, is that which SciPy finds; with frames that are held
+    beside them as well."""
+    weight = 50.0
+    of = problem(
+        wishes=bent,
+        wish_weight=weight**2,
+        fastest=np.full(M, np.inf),
+        lower=np.full(M, -np.inf),
+        upper=np.full(M, np.inf),
+        near_rows=lambda at, y, look: no_rows(M),
+    )
+    free = np.ones(FRAMES, dtype=bool)
+    if held:
+        free[[0, 1, 2, 10, 11]] = False
+    part = Part(of, 0, of.posture.copy(), free, samples())
+    part.solve(FRAMES)
+
+    def merit(x):
+        y = of.posture.copy()
+        y[free] = x.reshape(-1, M)
+        lacks = np.minimum(0.0, bent(np.arange(FRAMES), y).d)
+        return cost(of, y) + 0.5 * weight**2 * float((lacks**2).sum())
+
+    assert bent(np.arange(FRAMES), of.posture).d.min() < -0.01
+    found = minimize(merit, part.y[free].ravel(), options={"gtol": 1e-9})
+    assert merit(part.y[free].ravel()) < 1.01 * found.fun
+    assert found.fun < 0.5 * merit(of.posture[free].ravel())
+    np.testing.assert_array_equal(part.y[~free], of.posture[~free])

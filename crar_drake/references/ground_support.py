@@ -1,0 +1,163 @@
+"""Whether the ground could give what a reference motion takes, frame by frame.
+
+A frame *stands* while a foot, or a hand, is planted on the floor; its *support* is the
+hull of what is planted. The ground could give what it takes if the centre of pressure
+(`ground_demand`, by Drake's inverse dynamics) is inside. Flights have no support, the
+first and the last frame no acceleration: they are not judged. Velocities and
+accelerations are differences of neighbouring frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crar_drake.errors import ModelError
+from crar_drake.references.ground_contact import FEET, HANDS, Outline
+from crar_drake.references.ground_demand import (
+    ON_THE_FLOOR,
+    GroundWrench,
+    ground_wrench,
+    outside_support,
+)
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import find_root
+
+_MOST = 0.95  # share of the frames whose worst is told
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """What a motion of T frames stands on.
+
+    Attributes:
+        floor: (T,) height of the lowest that is planted; motions float by centimetres
+            [m].
+        soles: foot or hand to (T, V, 3) points of its surface [m], their heights over
+            its own lowest one.
+        planted: foot or hand to (T,) whether it is planted.
+    """
+
+    floor: np.ndarray
+    soles: dict[str, np.ndarray]
+    planted: dict[str, np.ndarray]
+
+    @property
+    def stands(self) -> np.ndarray:
+        """(T,) frames that are judged."""
+        stands = np.any(list(self.planted.values()), axis=0)
+        stands[[0, -1]] = False
+        return stands
+
+    def outside(self, wrench: GroundWrench) -> np.ndarray:
+        """(T,) how far the centre of pressure is outside [m]; infinite where the ground
+        had to pull, NaN where the frame is not judged."""
+        outside = outside_support(wrench.centres(self.floor), self.soles, self.planted)
+        outside[np.isnan(outside)] = np.inf
+        outside[~self.stands] = np.nan
+        return outside
+
+    def points(self) -> list[np.ndarray]:
+        """(T) of each frame that is judged (V, 2) the points that it stands on [m];
+        none of others."""
+        found = []
+        for t, stands in enumerate(self.stands):
+            on = [
+                p[t][p[t][:, 2] <= ON_THE_FLOOR][:, :2]
+                for foot, p in self.soles.items()
+                if stands and self.planted[foot][t]
+            ]
+            found.append(np.concatenate([np.empty((0, 2)), *on]))
+        return found
+
+
+class Ground:
+    """The ground under motions of one robot."""
+
+    def __init__(self, robot: WholeBody) -> None:
+        """
+        Args:
+            robot: that moves.
+
+        Raises:
+            ModelError: its base does not float, or its feet have no shape.
+        """
+        name = robot.description.name
+        root = find_root(robot.plant, robot.description)
+        if root is None:
+            raise ModelError(
+                f"robot {name}: its base is fixed, and needs no ground to carry it; "
+                "write root: prescribed into its robot.yaml, or leave --balance away"
+            )
+        self._robot, self._root = robot, root
+        self._feet = Outline(robot)
+        self._outline = Outline(robot, (*FEET, *HANDS))
+        links = self._feet.links
+        if not any(link in links for of in self._feet.feet.values() for link in of):
+            raise ModelError(
+                f"robot {name}: no foot has a shape, so that there is no sole to stand "
+                f"on; add task_frames {' and '.join(FEET)} to its robot.yaml, or leave "
+                "--balance away"
+            )
+
+    def support(self, motion: RobotMotion) -> Support:
+        """What a motion stands on; its joints in the robot's order."""
+        floor = self._feet.ground_contact(motion).floor
+        contact = self._outline.ground_contact(motion, floor)
+        planted = {foot.foot: foot.planted for foot in contact.feet}
+        soles = self._outline.soles(motion)
+        lowest = np.full(motion.num_frames, np.inf)
+        for foot, points in soles.items():
+            low = points[..., 2].min(axis=1)
+            lowest[planted[foot]] = np.minimum(lowest, low)[planted[foot]]
+            points[..., 2] -= low[:, None]
+        return Support(np.where(lowest < np.inf, lowest, floor), soles, planted)
+
+    def wrench(self, motion: RobotMotion) -> GroundWrench:
+        """What a motion takes, by Drake's inverse dynamics; its first and last frame as
+        those beside them."""
+        rate, T = motion.rate, motion.num_frames
+        plant, root = self._robot.plant, self._root
+        q = self._robot.configurations(motion.joint_positions)
+        at = root.position_start()
+        rotations = motion.root_rotations
+        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
+        q[:, at + 4 : at + 7] = motion.root_positions
+        v, vdot = np.zeros((2, T, plant.num_velocities()))
+        if T > 2:
+            steps = self._robot.velocities(np.diff(motion.joint_positions, axis=0))
+            at = root.velocity_start()
+            turned = rotations[1:] * rotations[:-1].inv()
+            steps[:, at : at + 3] = turned.as_rotvec()
+            steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
+            v[1:-1] = 0.5 * rate * (steps[1:] + steps[:-1])
+            vdot[1:-1] = rate**2 * np.diff(steps, axis=0)
+            for x in (v, vdot):
+                x[0], x[-1] = x[1], x[-2]
+        return ground_wrench(plant, q, v, vdot)
+
+    def outside(self, motion: RobotMotion) -> np.ndarray:
+        """(T,) as of `Support.outside`."""
+        return self.support(motion).outside(self.wrench(motion))
+
+
+def given_share(outside: np.ndarray) -> float:
+    """Share of the frames that stand in which the ground could give what they take; NaN
+    if none stands.
+
+    Args:
+        outside: (T,) of `Support.outside`.
+    """
+    stands = ~np.isnan(outside)
+    return float(np.mean(outside[stands] <= 0.0)) if stands.any() else np.nan
+
+
+def worst_outside(outside: np.ndarray) -> float:
+    """How far outside the centre of pressure is in the worst of 95 % of the frames that
+    stand [m]; NaN if none stands."""
+    stands = outside[~np.isnan(outside)]
+    if not len(stands):
+        return np.nan
+    return float(np.quantile(stands, _MOST, method="inverted_cdf"))

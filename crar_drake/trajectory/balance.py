@@ -1,0 +1,232 @@
+"""What the ground would have to give, from positions of three frames in a row.
+
+A rigid body moves as any points do that have its mass, centre and inertia: here four of
+a quarter of its mass, at the corners of a tetrahedron. Of points m_i at p_i = (x, y, z)
+over a floor at height f,
+
+    F_z = sum_i m_i (z_i'' + g),    H = sum_i m_i [(z_i'' + g) p_i - (z_i - f) p_i'']
+
+are the vertical force and, but for a quarter turn, the moment on the floor; the centre
+of pressure is the horizontal part of H / F_z (M. Vukobratovic and B. Borovac,
+"Zero-moment point: thirty-five years of its life", Int. J. Humanoid Robotics 1(1),
+2004, with point masses). It is inside a support {p: n_j . p <= b_j} by a margin e if
+
+    d_j = [(b_j - e) F_z - n_j . H] / (M g) >= 0,
+
+which divides by nothing, and asks for F_z >= 0 with it. Accelerations are second
+differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.equations.compilation import compiled
+from crar_drake.trajectory.body_points import Placed
+from crar_drake.trajectory.optimiser import Wishes
+
+# Corners of a tetrahedron whose mean is 0, and whose mean square is 1 along each axis.
+_CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+_SHARE_OF_WIDTH = 0.8  # of a narrow support's half width, that its margin is at most
+
+
+@dataclass(frozen=True)
+class PointMasses:
+    """P points that move as a robot's links do.
+
+    Attributes:
+        links: (P,) which of some links each is on.
+        offsets: (P, 3) p_LP in its frame [m].
+        masses: (P,) [kg].
+        gravity: [m/s^2].
+    """
+
+    links: np.ndarray
+    offsets: np.ndarray
+    masses: np.ndarray
+    gravity: float
+
+
+def point_masses(plant: MultibodyPlant, links: list[str]) -> PointMasses:
+    """Of some of a plant's links; those without a mass have none."""
+    context = plant.CreateDefaultContext()
+    which, offsets, masses = [], [], []
+    for number, link in enumerate(links):
+        inertia = plant.GetBodyByName(link).CalcSpatialInertiaInBodyFrame(context)
+        mass, centre = inertia.get_mass(), inertia.get_com()
+        if not mass > 0.0:
+            continue
+        about = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+        # The second moments of mass, about the link's origin and then its centre.
+        second = 0.5 * np.trace(about) * np.eye(3) - about
+        second = second / mass - np.outer(centre, centre)
+        squares, axes = np.linalg.eigh(second)
+        spread = axes * np.sqrt(np.maximum(squares, 0.0))
+        which += 4 * [number]
+        offsets.append(centre + _CORNERS @ spread.T)
+        masses += 4 * [0.25 * mass]
+    gravity = float(np.linalg.norm(plant.gravity_field().gravity_vector()))
+    return PointMasses(
+        np.array(which, dtype=int), np.concatenate(offsets), np.array(masses), gravity
+    )
+
+
+@compiled(loops=True)
+def demand(
+    p: np.ndarray,
+    J: np.ndarray,
+    masses: np.ndarray,
+    middle: np.ndarray,
+    floor: np.ndarray,
+    rate: float,
+    gravity: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """F_z, H_x and H_y over the weight, (R, 3) [1, m, m], and their gradients by the
+    unknowns of the three frames, (R, 3, 3, m).
+
+    Args:
+        p, J: (K, P, 3) [m], (K, P, 3, m) places of points and their Jacobians.
+        masses: (P,) [kg].
+        middle: (R,) the second of each three frames.
+        floor: (R,) its height [m].
+        rate: frames per second [Hz].
+        gravity: [m/s^2].
+    """
+    m, square = J.shape[3], rate * rate
+    found, G = np.zeros((len(middle), 3)), np.zeros((len(middle), 3, 3, m))
+    weight = masses.sum() * gravity
+    for r in range(len(middle)):
+        k = middle[r]
+        for i in range(p.shape[1]):
+            share = masses[i] / weight
+            x, y, z = p[k, i, 0], p[k, i, 1], p[k, i, 2] - floor[r]
+            ax = square * (p[k - 1, i, 0] - 2.0 * p[k, i, 0] + p[k + 1, i, 0])
+            ay = square * (p[k - 1, i, 1] - 2.0 * p[k, i, 1] + p[k + 1, i, 1])
+            up = square * (p[k - 1, i, 2] - 2.0 * p[k, i, 2] + p[k + 1, i, 2])
+            up += gravity
+            found[r, 0] += share * up
+            found[r, 1] += share * (up * x - z * ax)
+            found[r, 2] += share * (up * y - z * ay)
+            for a in range(3):
+                by = share * square * (-2.0 if a == 1 else 1.0)
+                for j in range(m):
+                    G[r, 0, a, j] += by * J[k + a - 1, i, 2, j]
+                    Jx, Jy, Jz = J[k + a - 1, i, :, j]
+                    G[r, 1, a, j] += by * (x * Jz - z * Jx)
+                    G[r, 2, a, j] += by * (y * Jz - z * Jy)
+            for j in range(m):
+                Jx, Jy, Jz = J[k, i, :, j]
+                G[r, 1, 1, j] += share * (up * Jx - ax * Jz)
+                G[r, 2, 1, j] += share * (up * Jy - ay * Jz)
+    return found, G
+
+
+@dataclass(frozen=True)
+class HalfPlanes:
+    """The supports of T frames, n . p <= b each.
+
+    Attributes:
+        normals: (T, N, 2) n, outwards.
+        bounds: (T, N) b [m]; infinite where there are fewer.
+        margins: (T,) by how much they are shrunk [m].
+        floor: (T,) height of the floor [m].
+    """
+
+    normals: np.ndarray
+    bounds: np.ndarray
+    margins: np.ndarray
+    floor: np.ndarray
+
+    @property
+    def supported(self) -> np.ndarray:
+        """(T,) frames that have one."""
+        return np.isfinite(self.bounds).any(axis=1)
+
+
+def half_planes(
+    points: list[np.ndarray], floor: np.ndarray, margin: float
+) -> HalfPlanes:
+    """The hulls of points on the floor.
+
+    Args:
+        points: (T) of each frame (V, 2) [m]. Where there are none, or all in a line, it
+            has no support.
+        floor: (T,) its height [m].
+        margin: by which hulls are shrunk [m]; of narrow ones half their half width.
+    """
+    hulls, margins = [], np.full(len(points), margin)
+    for t, some in enumerate(points):
+        hulls.append(np.zeros((0, 3)))
+        if len(some) < 3:
+            continue
+        try:
+            hull = ConvexHull(some)
+        except QhullError:
+            continue
+        # Of a side between many points there are several pieces.
+        equations = np.unique(hull.equations.round(9), axis=0)
+        centre = some[hull.vertices].mean(axis=0)
+        room = -(equations[:, :2] @ centre + equations[:, 2]).max()
+        margins[t] = min(margin, _SHARE_OF_WIDTH * room)
+        hulls[-1] = equations
+    most = max((len(hull) for hull in hulls), default=0)
+    normals = np.zeros((len(hulls), most, 2))
+    bounds = np.full((len(hulls), most), np.inf)
+    for t, hull in enumerate(hulls):
+        normals[t, : len(hull)], bounds[t, : len(hull)] = hull[:, :2], -hull[:, 2]
+    return HalfPlanes(normals, bounds, margins, floor)
+
+
+class Balance:
+    """The wish that centres of pressure are inside the supports; see the module."""
+
+    def __init__(
+        self,
+        placed: Callable[[np.ndarray, np.ndarray], Placed],
+        masses: PointMasses,
+        support: HalfPlanes,
+        rate: float,
+    ) -> None:
+        """
+        Args:
+            placed: the links at some frames, of their unknowns.
+            masses: of these links.
+            support: of each frame of the motion.
+            rate: frames per second [Hz].
+        """
+        self._placed, self._masses = placed, masses
+        self._support, self._rate = support, rate
+        self._supported = support.supported
+
+    def __call__(self, frames: np.ndarray, y: np.ndarray) -> Wishes:
+        """See `optimiser.Problem`."""
+        inner = np.zeros(len(frames), dtype=bool)
+        inner[1:-1] = frames[2:] - frames[:-2] == 2
+        middle = np.flatnonzero(inner & self._supported[frames])
+        if not len(middle):
+            return Wishes(middle, np.zeros(0), np.zeros((0, 3, y.shape[1])))
+        masses, t = self._masses, frames[middle]
+        p, J = self._placed(frames, y).points(masses.links, masses.offsets)
+        found, G = demand(
+            p,
+            J,
+            masses.masses,
+            middle,
+            self._support.floor[t],
+            self._rate,
+            masses.gravity,
+        )
+        n, b = self._support.normals[t], self._support.bounds[t]
+        H = found[:, None, 1:]
+        # (R, N); infinite where there are fewer sides: a force may be downwards.
+        d = np.where(np.isfinite(b), b, 0.0) * found[:, :1] - (n * H).sum(axis=2)
+        d -= self._support.margins[t, None]
+        row, side = np.nonzero(np.isfinite(b))
+        share = np.column_stack([b[row, side], -n[row, side]])[:, :, None, None]
+        gradient = (share * G[row]).sum(axis=1)
+        return Wishes(middle[row], d[row, side], gradient)

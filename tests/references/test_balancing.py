@@ -1,0 +1,181 @@
+"""Balanced motions of a small humanoid, judged by Drake's inverse dynamics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_biped import biped
+from small_reference_robots import write_csv, write_robot
+from small_walker import ANKLE_HEIGHT, HIP, SHANK, THIGH, walker
+
+from crar_drake.commands import main
+from crar_drake.errors import ModelError
+from crar_drake.references.balancing import Balancer
+from crar_drake.references.change import find_change
+from crar_drake.references.cleaning import Cleaner
+from crar_drake.references.ground_support import Ground, given_share, worst_outside
+from crar_drake.references.motion_certificate import read_certificate
+from crar_drake.references.motion_files import read_motion
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import load_robot_description
+
+RATE, FRAMES = 30.0, 61
+LEG = THIGH + SHANK  # [m]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("walker")
+    walker(folder, knee=0.06)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(folder):
+    robot = WholeBody(load_robot_description(folder))
+    ground = Ground(robot)
+    return robot, ground, Balancer(Cleaner(robot.description, RATE), ground)
+
+
+def standing(robot, joint: str, angle: np.ndarray) -> RobotMotion:
+    """Both feet stand, legs straight; ankles turn to and fro by an angle (T,), by what
+    of them: "pitch", the body leans with them, or "roll", the hips turn against them.
+
+    The pelvis goes on a circle about the ankles.
+    """
+    q = np.zeros((len(angle), robot.n))
+    p = np.zeros((len(angle), 3))
+    turns = np.zeros((len(angle), 4))
+    turns[:, 0] = 1.0
+    for side in ("left", "right"):
+        foot = {"pitch": "ankle", "roll": "foot"}[joint]
+        q[:, robot.joint_names.index(f"{side}_{foot}_j")] = -angle
+        if joint == "roll":
+            q[:, robot.joint_names.index(f"{side}_hip_roll_j")] = angle
+    arm = LEG + (0.0 if joint == "roll" else -HIP[2])
+    height = ANKLE_HEIGHT + arm * np.cos(angle)
+    if joint == "roll":
+        p[:, 1], p[:, 2] = -arm * np.sin(angle), height - HIP[2]
+    else:
+        p[:, 0], p[:, 2] = arm * np.sin(angle), height
+        turns[:, 0], turns[:, 2] = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    return RobotMotion(robot.joint_names, p, turns, q, RATE)
+
+
+def sway(size: float, frequency: float) -> np.ndarray:
+    return size * np.sin(2.0 * np.pi * frequency * np.arange(FRAMES) / RATE)
+
+
+def balanced(made, motion: RobotMotion) -> RobotMotion:
+    return made[2].balance(motion, np.zeros((motion.num_frames, 0)))
+
+
+def feet(robot, motion: RobotMotion) -> np.ndarray:
+    p, _ = robot.poses_in_root(motion.joint_positions, ("left_foot", "right_foot"))
+    R = motion.root_rotations.as_matrix()
+    return motion.root_positions[:, None] + np.einsum("tij,tlj->tli", R, p)
+
+
+def test_the_motions_of_these_tests_stand(made):
+    robot, ground, _ = made
+    for motion in (
+        standing(robot, "roll", sway(0.15, 1.0)),
+        standing(robot, "pitch", sway(0.1, 0.5)),
+    ):
+        assert np.ptp(feet(robot, motion), axis=0).max() < 1e-9
+        support = ground.support(motion)
+        np.testing.assert_array_equal(np.flatnonzero(~support.stands), [0, FRAMES - 1])
+        np.testing.assert_allclose(support.floor, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "joint, angle",
+    [
+        ("roll", sway(0.15, 1.2)),  # 10 cm to and fro, too fast
+        ("pitch", sway(0.1, 1.0)),
+        ("pitch", np.full(FRAMES, 0.23)),  # at rest, beyond the toes
+    ],
+)
+def test_what_leaves_the_soles_comes_back_inside(made, joint, angle):
+    robot, ground, _ = made
+    motion = standing(robot, joint, angle)
+    was = ground.outside(motion)
+    assert given_share(was) < 0.7 and worst_outside(was) > 0.02
+    found = balanced(made, motion)
+    now = ground.outside(found)
+    assert given_share(now) == 1.0 and worst_outside(now) < 0.0
+    change = find_change(motion, found, robot)
+    assert change.feet_worst < 2e-3
+    assert 0.0 < change.root_worst < 0.15
+
+
+def test_what_the_ground_could_give_comes_back_to_the_last_bit(made):
+    robot, ground, _ = made
+    motion = standing(robot, "roll", sway(0.05, 0.4))
+    assert worst_outside(ground.outside(motion)) < -0.02
+    found = balanced(made, motion)
+    for name in ("root_positions", "root_quaternions", "joint_positions"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(motion, name))
+
+
+def test_a_second_away_from_it_a_motion_stays_to_the_last_bit(made):
+    robot, ground, _ = made
+    still = np.zeros(60)
+    bump = 0.15 * np.sin(np.linspace(0.0, np.pi, 12)) ** 2
+    motion = standing(robot, "pitch", np.concatenate([still, bump, still]))
+    found = balanced(made, motion)
+    same = (found.joint_positions == motion.joint_positions).all(axis=1)
+    assert same[:30].all() and same[-30:].all() and not same[60:72].any()
+    assert given_share(ground.outside(found)) > given_share(ground.outside(motion))
+
+
+def test_flights_are_left_as_they_are(made):
+    robot, ground, _ = made
+    motion = standing(robot, "pitch", sway(0.3, 2.0))
+    away = np.linspace(0.0, 4.0, FRAMES)[:, None] * [1.0, 0.0, 0.0]  # 2 m/s
+    motion = replace(motion, root_positions=motion.root_positions + away)
+    outside = ground.outside(motion)
+    assert np.isnan(outside).all() and np.isnan(given_share(outside))
+    found = balanced(made, motion)
+    np.testing.assert_array_equal(found.joint_positions, motion.joint_positions)
+
+
+def test_who_needs_no_ground_or_has_no_soles_is_told(tmp_path):
+    robot = WholeBody(load_robot_description(write_robot(tmp_path)))
+    with pytest.raises(ModelError, match="base is fixed"):
+        Ground(robot)
+    place = biped(tmp_path / "biped")
+    text = (place / "robot.yaml").read_text()
+    frames = "task_frames: {left_foot: left_shin, right_foot: right_shin}\n"
+    assert frames in text
+    text = text.replace(frames, "root: prescribed\n")
+    (place / "robot.yaml").write_text(text)
+    with pytest.raises(ModelError, match="no foot has a shape"):
+        Ground(WholeBody(load_robot_description(place)))
+
+
+def test_the_command_says_what_became_of_it(made, folder, tmp_path, capsys):
+    robot, ground, _ = made
+    motion = standing(robot, "pitch", sway(0.1, 1.0))
+    path = write_csv(tmp_path / "sway.csv", motion.joint_positions)
+    rows = np.loadtxt(path, delimiter=",")
+    rows[:, :3], rows[:, 3:7] = motion.root_positions, motion.root_quaternions
+    np.savetxt(path, rows, delimiter=",", fmt="%.10g")
+    out = tmp_path / "out.csv"
+    given = ["clean", str(path), "--robot", str(folder), "--layout", "wxyz-csv"]
+    given += ["--out", str(out), "--no-page"]
+    assert main([*given, "--balance"]) == 0
+    said = capsys.readouterr().out
+    written = read_motion(out, "wxyz-csv", None, robot=robot)
+    shares = [given_share(ground.outside(m)) for m in (motion, written)]
+    assert shares[0] < 0.7 and shares[1] == 1.0
+    assert f"{100 * shares[0]:.0f} % and 100 % of the frames that stand" in said
+    certificate = read_certificate(tmp_path / "out.certificate.json")
+    assert certificate["options"]["balance"] is True
+    assert "in 1.0000 of the 59 frames" in certificate["notes"][""]
+    judged = ["judge", str(out), "--robot", str(folder), "--layout", "wxyz-csv"]
+    assert main([*judged, "--certificate"]) == 0
+    capsys.readouterr()
+    assert main(given) == 0
+    assert "balance" not in capsys.readouterr().out

@@ -1,0 +1,177 @@
+"""The centre of pressure from positions, against Drake's inverse dynamics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floating_robots import write_floater
+from pydrake.multibody.tree import JointIndex
+from scipy.spatial.transform import Rotation
+
+from crar_drake.references.ground_demand import ground_wrench
+from crar_drake.references.whole_body import WholeBody
+from crar_drake.robot.description import find_body, load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import Task
+from crar_drake.robot_import.link_outlines import links_outward
+from crar_drake.trajectory.balance import (
+    Balance,
+    demand,
+    half_planes,
+    point_masses,
+)
+from crar_drake.trajectory.body_points import ROOT, Placed
+
+AXIS = np.array([0.36, -0.48, 0.8])
+FLOOR = -0.4  # [m]
+
+
+class Floater:
+    """The robot whose inertias are skew, moving smoothly: unknowns of some frames, and
+    what Drake says of the same states by their derivatives in closed form."""
+
+    def __init__(self, folder):
+        write_floater(folder, "prescribed", "[0.3, -0.5, 0.8]")
+        self.robot = WholeBody(load_robot_description(folder / "robot.yaml"))
+        fixed = replace(self.robot.description, root="fixed", pairs=[])
+        plant = self.robot.plant
+        body = find_body(plant, "body")
+        self.links = list(links_outward(plant, body.body_frame()))
+        tasks = [Task(frame=link, kind="pose") for link in self.links]
+        self.model = ControlModel.FromDescription(fixed, tasks)
+        self.masses = point_masses(plant, self.links)
+        self.rest = self.model.rest_positions()
+        X_WB = fixed.rest_pose()
+        self.base = X_WB.translation(), X_WB.rotation().matrix()
+        self.R_0 = Rotation.from_rotvec([0.2, 0.1, -0.3]).as_matrix()
+
+    def motion(self, t):
+        """Root's place, turn about AXIS, and joints, with two derivatives each."""
+        of_place, of_turn, of_joints = (
+            [0.3, -0.2, 0.1],
+            0.4,
+            np.linspace(-0.5, 0.6, 6),
+        )
+        w = 3.0
+        phase = w * t[:, None] + np.arange(10)
+        size = np.concatenate([of_place, [of_turn], of_joints])
+        x, v = size * np.sin(phase), w * size * np.cos(phase)
+        return x, v, -(w**2) * x
+
+    def unknowns(self, t):
+        x, _, _ = self.motion(t)
+        y = np.zeros((len(t), ROOT + 6))
+        y[:, :3], y[:, ROOT:] = x[:, :3], x[:, 4:]
+        y[:, 3:ROOT] = x[:, 3:4] * AXIS
+        return y
+
+    def placed(self, frames, y):
+        K = len(y)
+        p_0, R_0 = np.tile([0.1, 0.2, 0.5], (K, 1)), np.tile(self.R_0, (K, 1, 1))
+        return Placed(self.model, self.rest, self.base, p_0, R_0, y)
+
+    def wrench(self, t):
+        plant = self.robot.plant
+        x, v, a = self.motion(t)
+        names = self.model.joint_names
+        columns = [names.index(name) for name in self.robot.joint_names]
+        q = self.robot.configurations(x[:, 4:][:, columns])
+        qd, qdd = (self.robot.velocities(z[:, 4:][:, columns]) for z in (v, a))
+        joints = [plant.get_joint(JointIndex(k)) for k in range(plant.num_joints())]
+        (root,) = (j for j in joints if j.num_velocities() == 6)
+        at, first = root.position_start(), root.velocity_start()
+        turned = Rotation.from_rotvec(x[:, 3:4] * AXIS) * Rotation.from_matrix(self.R_0)
+        q[:, at : at + 4] = turned.as_quat()[:, [3, 0, 1, 2]]
+        q[:, at + 4 : at + 7] = x[:, :3] + [0.1, 0.2, 0.5]
+        for z, of in ((qd, v), (qdd, a)):
+            z[:, first : first + 3] = of[:, 3:4] * AXIS
+            z[:, first + 3 : first + 6] = of[:, :3]
+        return ground_wrench(plant, q, qd, qdd)
+
+
+@pytest.fixture(scope="module")
+def floater(tmp_path_factory):
+    return Floater(tmp_path_factory.mktemp("floater"))
+
+
+def test_it_is_what_inverse_dynamics_says(floater):
+    """With differences over 1 ms, whose error goes with their square."""
+    errors = []
+    for rate in (500.0, 1000.0):
+        times = np.concatenate(
+            [t + np.array([-1, 0, 1]) / rate for t in (0.1, 0.7, 1.9)]
+        )
+        middle = np.array([1, 4, 7])
+        p, J = floater.placed(np.arange(9), floater.unknowns(times)).points(
+            floater.masses.links, floater.masses.offsets
+        )
+        found, _ = demand(
+            p,
+            J,
+            floater.masses.masses,
+            middle,
+            np.full(3, FLOOR),
+            rate,
+            floater.masses.gravity,
+        )
+        wrench = floater.wrench(times[middle])
+        np.testing.assert_allclose(
+            found[:, 0], wrench.force[:, 2] / wrench.weight, atol=1e-4
+        )
+        centres = wrench.centres(FLOOR)
+        assert np.ptp(centres, axis=0).min() > 0.1  # they do move
+        errors.append(np.abs(found[:, 1:] / found[:, :1] - centres).max())
+    assert errors[1] < 1e-5 and errors[1] < 0.3 * errors[0]
+
+
+def test_its_gradient_is_that_of_finite_differences(floater):
+    """Of all sides of a triangle, by the unknowns of three frames."""
+    triangle = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
+    support = half_planes([triangle] * 5, np.full(5, FLOOR), 0.01)
+    wish = Balance(floater.placed, floater.masses, support, 50.0)
+    frames = np.arange(5)
+    y = floater.unknowns(0.3 + frames / 50.0)
+    at = wish(frames, y)
+    assert set(at.middle) == {1, 2, 3} and (at.d < 0.0).any()
+    step = 1e-5
+    for k in range(5):
+        for j in range(y.shape[1]):
+            ahead, behind = y.copy(), y.copy()
+            ahead[k, j] += step
+            behind[k, j] -= step
+            ahead, behind = wish(frames, ahead), wish(frames, behind)
+            if len(ahead.d) != len(at.d) or len(behind.d) != len(at.d):
+                continue  # a side that has just come into view
+            slope = (ahead.d - behind.d) / (2.0 * step)
+            own = k - at.middle + 1
+            near = (own >= 0) & (own < 3)
+            gradient = np.where(
+                near, at.gradient[np.arange(len(own)), np.clip(own, 0, 2), j], 0.0
+            )
+            np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-5)
+
+
+def test_frames_that_are_no_neighbours_or_do_not_stand_wish_nothing(floater):
+    triangle = np.array([[-0.1, -0.1], [0.2, 0.0], [0.0, 0.15]])
+    nothing = np.zeros((0, 2))
+    points = [triangle, triangle, nothing, triangle, triangle, triangle, triangle]
+    support = half_planes(points, np.full(7, FLOOR), 0.01)
+    wish = Balance(floater.placed, floater.masses, support, 50.0)
+    y = floater.unknowns(0.3 + np.arange(7) / 50.0)
+    every = wish(np.arange(7), y)
+    assert set(every.middle) <= {1, 3, 4, 5} and 4 in every.middle
+    some = np.array([0, 1, 3, 4, 5])
+    assert set(wish(some, y[some]).middle) == {3}  # which of `some` frame 4 is
+
+
+def test_half_planes_are_the_hull():
+    square = np.array([[0, 0], [1, 0], [1, 2], [0, 2], [0.5, 1.0]], dtype=float)
+    narrow, line = square * [0.01, 1.0], square * [0.0, 1.0]
+    found = half_planes([square, narrow, line, square[:2]], np.zeros(4), 0.1)
+    np.testing.assert_array_equal(found.supported, [True, True, False, False])
+    sides = {
+        (*n.round(6), round(b, 6))
+        for n, b in zip(found.normals[0], found.bounds[0], strict=True)
+    }
+    assert sides == {(1, 0, 1), (-1, 0, 0), (0, 1, 2), (0, -1, 0)}
+    assert found.margins[0] == 0.1 and 0.0 < found.margins[1] < 0.005

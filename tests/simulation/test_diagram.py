@@ -266,6 +266,7 @@ def test_subsystems_and_ports_are_as_documented(built):
     outputs = {
         diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())
     }
+    controller = diagram.GetSubsystemByName("crar_controller")
     of_controller = {
         controller.get_output_port(i).get_name()
         for i in range(controller.num_output_ports())
@@ -284,6 +285,7 @@ def test_it_starts_at_rest_and_valid(built):
     model = diagram.GetSubsystemByName("crar_controller").law.model
     plant_context = plant.GetMyContextFromRoot(context)
     assert not plant.GetVelocities(plant_context).any()
+    controller = diagram.GetSubsystemByName("crar_controller")
     controller_context = controller.GetMyContextFromRoot(context)
     state = controller.get_input_port_estimated_state().Eval(controller_context)
     q = state[model.controlled_positions]

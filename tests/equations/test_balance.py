@@ -1,0 +1,232 @@
+"""(B1)-(B5): wrenches, the ground's cone, and their bounds on braking paths."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable
+from scipy.optimize import nnls
+from standing_robots import standing_robot
+
+from crar_drake.equations.balance import (
+    BalanceLaw,
+    balance_excess,
+    balance_level,
+    balance_rows,
+    examine_braking,
+    examine_step,
+    next_state,
+    wrenches,
+)
+from crar_drake.equations.compilation import hold
+from crar_drake.errors import ModelError
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.soles import find_masses, ground_cone, shrunk, sole_corners
+from crar_drake.robot.standing import standing_description
+
+T, PERIOD = 0.1, 0.01
+
+
+class Standing:
+    """A robot of the tests that stands, and Drake's own of it."""
+
+    def __init__(self, folder):
+        description = standing_description(standing_robot(folder))
+        self.model = ControlModel.FromDescription(description, [], time_step=0.0)
+        self.masses = find_masses(self.model)
+        self.soles = sole_corners(self.model, description.soles)
+        self.ground = ground_cone(self.soles, 0.5, 0.02)
+        self.plant = self.model.plant
+        self.context = self.plant.CreateDefaultContext()
+        self.weight = self.masses.mass.sum() * self.masses.g
+
+    def state(self, rng, fast=1.0):
+        """Positions, velocities and accelerations, legs at rest."""
+        q = self.model.rest_positions()
+        v, a = np.zeros((2, self.plant.num_velocities()))
+        at = self.model.controlled
+        q[at] += rng.normal(0.0, 0.4, len(at))
+        v[at] = rng.normal(0.0, fast, len(at))
+        a[at] = rng.normal(0.0, 10.0 * fast, len(at))
+        return q, v, a
+
+    def asked(self, q, v, a):
+        """(6,) what Newton and Euler ask of the ground, by Drake's accelerations."""
+        plant, context = self.plant, self.context
+        plant.SetPositions(context, q)
+        plant.SetVelocities(context, v)
+        W = plant.world_frame()
+        found = np.zeros(6)
+        for index in range(1, plant.num_bodies()):
+            body = plant.get_body(BodyIndex(index))
+            M = body.CalcSpatialInertiaInBodyFrame(context)
+            m, c = M.get_mass(), M.get_com()
+            if not m:
+                continue
+            J = plant.CalcJacobianSpatialVelocity(
+                context, JacobianWrtVariable.kV, body.body_frame(), c, W, W
+            )
+            bias = plant.CalcBiasSpatialAcceleration(
+                context, JacobianWrtVariable.kV, body.body_frame(), c, W, W
+            ).get_coeffs()
+            moved = J @ a + bias
+            X = plant.EvalBodyPoseInWorld(context, body)
+            R = X.rotation().matrix()
+            inertia = M.Shift(c).CalcRotationalInertia().CopyToFullMatrix3()
+            inertia = R @ inertia @ R.T
+            w = (J @ v)[:3]
+            f = m * (moved[3:] + [0.0, 0.0, self.masses.g])
+            turn = inertia @ moved[:3] + np.cross(w, inertia @ w)
+            found += np.append(np.cross(X.multiply(c), f) + turn, f)
+        return found
+
+    def law(self, step=0.0):
+        return hold(
+            BalanceLaw(
+                self.masses, self.ground, self.model.controlled, T, PERIOD, step,
+                2e-4 * self.weight,
+            )
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory) -> Standing:
+    return Standing(tmp_path_factory.mktemp("robot") / "stander")
+
+
+def test_wrenches_are_newtons_and_eulers(robot):
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q, v, a = robot.state(rng)
+        found = wrenches(q, v, robot.masses)
+        pushed = wrenches(q, a, robot.masses).momentum
+        expected = robot.asked(q, v, a)
+        np.testing.assert_allclose(
+            found.weight + found.turning + pushed, expected, rtol=0, atol=1e-9
+        )
+
+
+def test_the_cone_is_what_forces_at_the_corners_can_give(robot):
+    edges = []
+    for sole in robot.soles:
+        for p in shrunk(sole, 0.02):
+            for way in ([1, 0], [-1, 0], [0, 1], [0, -1]):
+                # The pyramid's edges are along the sole's diagonals.
+                turned = np.array([way[0] - way[1], way[0] + way[1]]) / np.sqrt(2.0)
+                f = np.append(0.5 * turned, 1.0)
+                edges.append(np.append(np.cross(p, f), f))
+    edges = np.array(edges).T
+    rng, inside = np.random.default_rng(1), 0
+    for _ in range(300):
+        w = edges @ rng.exponential(1.0, edges.shape[1]) ** 4
+        w += rng.normal(0.0, 0.03, 6) * w[5]
+        _, lacks = nnls(edges, w)
+        value = (robot.ground.rows @ w).max()
+        if abs(value) > 1e-6 * w[5]:
+            assert (lacks < 1e-7 * w[5]) == (value < 0.0)
+            inside += value < 0.0
+    assert 50 < inside < 250
+
+
+@pytest.mark.parametrize("fast", [0.3, 1.0, 4.0])
+def test_no_wrench_of_a_braking_path_is_above_its_bound(robot, fast):
+    rng, h = np.random.default_rng(2), PERIOD / T
+    for _ in range(4):
+        q, v, _ = robot.state(rng, fast)
+        found = examine_braking(
+            q, v, T, h, 2e-4 * robot.weight, robot.ground, robot.masses
+        )
+        most = np.full(len(found.values), -np.inf)
+        for _ in range(400):
+            u = rng.uniform()
+            kappa = (1.0 - u) * rng.uniform() ** 0.3
+            share = rng.uniform(kappa, min(1.0, kappa / (1.0 - h)))
+            w = robot.asked(q + u * T * v, kappa * v, -share * v / T)
+            most = np.maximum(most, robot.ground.rows @ w)
+        assert (most <= found.values + 1e-9 * robot.weight).all()
+        assert (found.seen <= found.values).all()
+        # And the bound is no idle one: corners of (B2) come near it.
+        assert (found.values - found.seen).max() < 0.02 * robot.weight * max(1, fast)
+
+
+@pytest.mark.parametrize("step", [0.0, PERIOD])
+def test_no_wrench_of_a_step_is_above_its_bound(robot, step):
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        q, v, a = robot.state(rng, 2.0)
+        found = examine_step(q, v, a, PERIOD, step, robot.ground, robot.masses)
+        for t in np.linspace(0.0, PERIOD, 13):
+            there = q + t * v + 0.5 * t * (t + step) * a
+            w = robot.asked(there, v + t * a, a)
+            assert (robot.ground.rows @ w <= found.values + 1e-9 * robot.weight).all()
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5 * PERIOD, PERIOD])
+def test_braking_from_a_balanced_state_stays_balanced(robot, step):
+    rng, law, tried = np.random.default_rng(4), robot.law(step), 0
+    while tried < 30:
+        q, v, _ = robot.state(rng, 0.2)
+        found = examine_braking(
+            q, v, T, PERIOD / T, 2e-4 * robot.weight, robot.ground, robot.masses
+        )
+        if found.values.max() > 0.0:
+            continue
+        tried += 1
+        for _ in range(5):
+            a = -v / T
+            q, v = next_state(q, v, a, law.value)
+            assert not balance_level(q, v, law).any()
+
+
+@pytest.mark.parametrize("at", ["in the step", "on the path"])
+def test_rows_are_the_derivatives_of_the_faces(robot, at):
+    rng, law = np.random.default_rng(5), robot.law()
+    F = len(robot.ground.rows)
+    q, v, a = robot.state(rng, 0.5)
+    level = np.zeros(F)
+    g, b = balance_rows(q, v, a, level, law)
+
+    def values(more):
+        if at == "in the step":
+            ground, masses = robot.ground, robot.masses
+            return examine_step(q, v, more, PERIOD, 0.0, ground, masses).seen
+        q_next, v_next = next_state(q, v, more, law.value)
+        return examine_braking(
+            q_next, v_next, T, PERIOD / T, 2e-4 * robot.weight, robot.ground,
+            robot.masses,
+        ).seen  # fmt: skip
+
+    rows = g[:F] if at == "in the step" else g[F:]
+    checked = 0
+    for j, joint in enumerate(robot.model.controlled):
+        e = np.zeros(len(a))
+        e[joint] = 1e-3
+        up, down = values(a + e), values(a - e)
+        slopes = (up - down) / 2e-3
+        smooth = np.abs(up + down - 2.0 * values(a)) < 1e-7 * robot.weight
+        np.testing.assert_allclose(
+            rows[smooth, j], slopes[smooth], rtol=0.02, atol=2e-3
+        )
+        checked += smooth.sum()
+    assert checked > F
+
+
+def test_an_excess_is_the_larger_of_step_and_path(robot):
+    law, still = robot.law(), np.zeros(robot.plant.num_velocities())
+    q = robot.model.rest_positions()
+    level = balance_level(q, still, law)
+    assert not level.any() and balance_excess(q, still, still, level, law) < 0.0
+    lift = still.copy()
+    lift[robot.model.controlled] = 200.0
+    assert balance_excess(q, still, lift, level, law) > 0.0
+
+
+def test_soles_that_cannot_stand(robot):
+    with pytest.raises(ModelError, match="leaves nothing of a sole"):
+        ground_cone(robot.soles, 0.5, 0.06)
+    line = [np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]])]
+    with pytest.raises(ModelError, match="in one line"):
+        ground_cone(line, 0.5, 0.0)
+    wall = [np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0, 0.1], [0, 0, 0.1]])]
+    with pytest.raises(ModelError, match="stands on edge"):
+        ground_cone(wall, 0.5, 0.0)
+    with pytest.raises(ModelError, match="forearm is moved by elbow, shoulder"):
+        sole_corners(robot.model, {"forearm": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]})

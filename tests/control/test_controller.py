@@ -434,7 +434,7 @@ def test_ports(lone):
         "actuation": (lone.get_output_port_actuation(), 4),
         "desired_acceleration": (lone.get_output_port_desired_acceleration(), 4),
         "position_command": (lone.get_output_port_position_command(), 8),
-        "diagnostics": (lone.get_output_port_diagnostics(), 35),
+        "diagnostics": (lone.get_output_port_diagnostics(), 38),
     }
     for name, (port, size) in sizes.items():
         assert (port.get_name(), port.size()) == (name, size)
@@ -457,6 +457,7 @@ def test_diagnostics_have_names(lone):
         "torque_limit": 2,
         "resting_margins": 2,
         "admission": 4,
+        "balance": 3,
     }
     np.testing.assert_array_equal(np.concatenate(list(parts.values())), everything)
     for name in ("actuation", "desired_acceleration", "position_command"):

@@ -117,6 +117,7 @@ def log_of(folder: Path, q: np.ndarray):
         status=np.zeros((size, 1)),
         resting_margins=np.full((size, 2), np.nan),
         admission=np.full((size, 4), np.nan),
+        obstacles=np.empty((size, 0)),
         torque_limit=np.tile([1.0, 0.0], (size, 1)),
         position_names=np.array(names_by_joint(model.plant)),
         velocity_names=np.array(names_by_joint(model.plant)),
@@ -331,3 +332,5 @@ def test_an_ellipsoid_is_judged_by_its_own_shape():
     mesh = trimesh.Trimesh(part.vertices, part.faces)
     assert mesh.extents == pytest.approx([0.2, 0.4, 0.6], rel=0.01)
     assert mesh.volume == pytest.approx(np.pi * 4 / 3 * 0.006, rel=0.02)
+
+

@@ -1,0 +1,262 @@
+"""Does what a standing robot is told ever take what the ground cannot give?
+
+    python -m benchmarks.balance [--steps 100000] [--seed 1] [--page PAGE]
+
+Wrists of robots that stand on their soles are asked for anything: swings of up to 3 Hz
+and 30 cm, jumps, targets out of reach, numbers that are none or overflow. The law runs
+on its own command, with `balance`. A violation is a centre of pressure outside the
+soles less the margin, a force outside the cone of friction, a watched pair below its
+floor, or a joint beyond its limit.
+
+What is judged is Drake's inverse dynamics of the robot with a floating root, at three
+instants of each step, and Drake's distances once: nothing of the law takes part.
+Episodes alternate with those of the same law without balance.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from benchmarks.page import Benchmark, Table, run
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import BalanceParameters, CrarParameters
+from crar_drake.errors import ModelError
+from crar_drake.judging.referee import Referee
+from crar_drake.references.ground_demand import ground_wrench
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.soles import shrunk, sole_corners
+from crar_drake.robot.standing import standing_description
+from crar_drake.robot.task import position_tasks
+
+ROBOTS = ("g1_whole_body", "talos_whole_body")
+PERIOD = 0.005  # [s]
+EPISODE = 600  # periods
+INSTANTS = (0.0, 0.5, 1.0)  # of each step
+TRACKED = ["left_wrist", "right_wrist"]
+HEADER = (
+    *("robot", "law", "steps", "admitted as nominal, corrected, scaled"),
+    *("outside the soles", "farthest outside", "beyond friction", "pairs", "limits"),
+    *("rms error", "fastest joint"),
+)
+
+
+class Subject:
+    """A robot that stands, its law, and Drake's own of it with a root that floats."""
+
+    def __init__(self, name: str, balance: BalanceParameters | None) -> None:
+        whole = load_robot_description(name)
+        standing = standing_description(whole)
+        tasks = position_tasks(TRACKED)
+        self.model = model = ControlModel.FromDescription(
+            standing, tasks, time_step=0.0
+        )
+        self.law = ControlLaw(model, CrarParameters(period=PERIOD, balance=balance))
+        self.law.compile()
+        margins = balance or BalanceParameters()
+        corners = sole_corners(model, standing.soles)
+        small = [shrunk(sole, margins.margin)[:, :2] for sole in corners]
+        self.hull = ConvexHull(np.concatenate(small)).equations
+        self.friction = margins.friction
+        self.floor = float(np.mean([sole[:, 2].mean() for sole in corners]))
+        self.referee = Referee(model.plant, model.scene_graph, standing.pairs)
+        self._floating = floating = ControlModel.FromDescription(whole, tasks)
+        self._rest = floating.rest_positions()
+        ours = list(model.position_names)
+        theirs = list(floating.position_names), list(floating.velocity_names)
+        self._q_at, self._v_at = ([names.index(n) for n in ours] for names in theirs)
+
+    def demand(self, q: np.ndarray, v: np.ndarray, a: np.ndarray):
+        """How far (T,) centres of pressure are outside the soles less the margin [m],
+        and (T,) the slope of the force."""
+        whole = np.tile(self._rest, (len(q), 1))
+        whole[:, self._q_at] = q
+        rates = np.zeros((2, len(q), self._floating.plant.num_velocities()))
+        rates[0][:, self._v_at], rates[1][:, self._v_at] = v, a
+        wrench = ground_wrench(self._floating.plant, whole, *rates)
+        centres = wrench.centres(self.floor)
+        outside = (centres @ self.hull[:, :2].T + self.hull[:, 2]).max(axis=1)
+        return np.where(np.isnan(outside), np.inf, outside), wrench.friction
+
+
+def swings(home: np.ndarray, rng: np.random.Generator) -> Callable:
+    """Each coordinate at a frequency and a width of its own."""
+    wide = rng.uniform(0.05, 0.3) * rng.uniform(0.3, 1.0, len(home))
+    w = 2.0 * np.pi * rng.uniform(0.3, 3.0, len(home))
+    phase = rng.uniform(0.0, 2.0 * np.pi, len(home))
+
+    def targets(t: float) -> np.ndarray:
+        at = w * t + phase
+        return np.concatenate(
+            (
+                home + wide * np.sin(at),
+                wide * w * np.cos(at),
+                -wide * w * w * np.sin(at),
+            )
+        )
+
+    return targets
+
+
+def jumps(home: np.ndarray, rng: np.random.Generator) -> Callable:
+    """Stands, and is elsewhere: near, or out of reach."""
+    far, every = rng.choice([0.12, 0.3, 1.0, 10.0]), rng.uniform(0.02, 0.6)
+    dice = int(rng.integers(2**31))
+
+    def targets(t: float) -> np.ndarray:
+        place = np.random.default_rng([dice, int(t / every)])
+        at = home + place.normal(0.0, far, len(home))
+        return np.concatenate((at, np.zeros(2 * len(home))))
+
+    return targets
+
+
+def wild(home: np.ndarray, rng: np.random.Generator) -> Callable:
+    """Numbers of any size, and some that are none."""
+    dice, size = int(rng.integers(2**31)), rng.choice([1.0, 1e3, 1e12, 1e300])
+
+    def targets(t: float) -> np.ndarray:
+        place = np.random.default_rng([dice, int(t / 0.05)])
+        found = place.normal(0.0, size, 3 * len(home))
+        found[: len(home)] += home
+        if place.random() < 0.2:
+            found[place.integers(len(found))] = np.nan
+        return found
+
+    return targets
+
+
+ATTACKS = {"swings": swings, "jumps": jumps, "wild": wild}
+
+
+@dataclass
+class Tally:
+    """What was seen of a robot and a law."""
+
+    steps: int = 0
+    hows: np.ndarray = field(default_factory=lambda: np.zeros(3, dtype=int))
+    outside: int = 0
+    farthest: float = -np.inf
+    slips: int = 0
+    pairs: int = 0
+    limits: int = 0
+    squares: float = 0.0
+    followed: int = 0
+    fastest: float = 0.0
+
+    def cells(self, robot: str, law: str) -> list[str]:
+        hows = " ".join(f"{n / max(self.hows.sum(), 1):.0%}" for n in self.hows)
+        error = np.sqrt(self.squares / max(self.followed, 1))
+        return [
+            *(robot, law, f"{self.steps:,}", hows if law == "balance" else "–"),
+            *(f"{self.outside:,}", f"{1e3 * self.farthest:.2f} mm"),
+            *(f"{self.slips:,}", f"{self.pairs:,}", f"{self.limits:,}"),
+            *(f"{1e3 * error:.0f} mm", f"{self.fastest:.1f} rad/s"),
+        ]
+
+
+def run_at(
+    subject: Subject, attack: str, seed: int, tally: Tally, steps: int = EPISODE
+) -> Tally:
+    """An episode from rest.
+
+    Args:
+        subject: begun anew here.
+        attack: of `ATTACKS`.
+        seed: of the dice.
+        tally: that is gone on with.
+        steps: periods.
+    """
+    model, law = subject.model, subject.law
+    rng = np.random.default_rng(seed)
+    q = model.rest_positions()
+    v = np.zeros(model.plant.num_velocities())
+    home = model.layout.unpack(model.tasks_at(q)).p.ravel().copy()
+    targets, prescribed = ATTACKS[attack](home, rng), model.prescribed_at(q)
+    law.reset()
+    Q, V, A = [], [], []
+    with np.errstate(all="ignore"):
+        for k in range(steps):
+            try:
+                solution = law.step(q, v, targets(k * PERIOD), prescribed)
+            except FloatingPointError:  # an overflow of the targets is told
+                break
+            a = solution.acceleration
+            for share in INSTANTS:
+                t = share * PERIOD
+                Q.append(q + t * v + 0.5 * t * t * a)
+                V.append(v + t * a)
+                A.append(a)
+            if "balance" in solution.of_mode:
+                tally.hows[int(solution.of_mode["balance"][0])] += 1
+            if attack == "swings":
+                tally.squares += float(solution.task_error @ solution.task_error)
+                tally.followed += len(TRACKED)
+            q, v = Q[-1], V[-1]
+            tally.fastest = max(tally.fastest, float(np.abs(v).max()))
+            tally.steps += 1
+    Q, V, A = map(np.array, (Q, V, A))
+    outside, slope = subject.demand(Q, V, A)
+    tally.outside += int((outside > 1e-8).sum())
+    tally.farthest = max(tally.farthest, float(outside.max()))
+    tally.slips += int((slope > subject.friction * (1.0 + 1e-8)).sum())
+    tally.pairs += subject.referee.violations(Q[:: len(INSTANTS)]).num_violated
+    at = model.controlled_positions[: model.n]
+    beyond = (Q[:, at] < model.lower - 1e-6) | (Q[:, at] > model.upper + 1e-6)
+    tally.limits += int(beyond.any(axis=1).sum())
+    return tally
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Attacks both robots in turn, and prints or writes the table."""
+    benchmark = Benchmark("benchmarks.balance", __doc__, "balance")
+    parser = benchmark.parser
+    parser.add_argument("--steps", type=int, default=100_000, help="with balance")
+    parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    options = benchmark.parse(argv, lambda options: "attacks")
+    subjects = {}
+    for robot in ROBOTS:
+        try:
+            for name, given in (("balance", BalanceParameters()), ("without", None)):
+                subjects[robot, name] = Subject(robot, given)
+        except ModelError as error:
+            print(f"left out: {error}", file=sys.stderr)
+    if not subjects:
+        raise ModelError("benchmarks.balance needs g1_whole_body or talos_whole_body")
+    tallies = {key: Tally() for key in subjects}
+    robots = list(dict.fromkeys(robot for robot, _ in subjects))
+    episode = 0
+    while (
+        sum(t.steps for (_, n), t in tallies.items() if n == "balance") < options.steps
+    ):
+        robot = robots[episode % len(robots)]
+        attack = list(ATTACKS)[episode // len(robots) % len(ATTACKS)]
+        dice = int(np.random.default_rng([options.seed, episode]).integers(2**31))
+        # The same attack without balance, of some: it is only there to compare.
+        for law in ("balance", "without") if episode % 5 == 0 else ("balance",):
+            tally = tallies[robot, law]
+            before = tally.outside + tally.slips + tally.pairs + tally.limits
+            run_at(subjects[robot, law], attack, dice, tally)
+            after = tally.outside + tally.slips + tally.pairs + tally.limits
+            if law == "balance" and after > before:
+                print(f"violated: {episode}, {robot}, {attack}", file=sys.stderr)
+        episode += 1
+        if episode % 20 == 0:
+            print(f"{episode} episodes", file=sys.stderr)
+    rows = [tally.cells(*key) for key, tally in tallies.items()]
+    kept = [t for (_, name), t in tallies.items() if name == "balance"]
+    bad = sum(t.outside + t.slips + t.pairs + t.limits for t in kept)
+    found = (
+        f"{episode} episodes, {sum(t.steps for t in kept):,} steps with balance, each "
+        f"judged at {len(INSTANTS)} instants: {bad} violations. Errors are of swings."
+    )
+    benchmark.report([Table(HEADER, rows)], found)
+
+
+if __name__ == "__main__":
+    run(main)

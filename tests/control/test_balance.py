@@ -1,0 +1,174 @@
+"""A law that keeps a standing robot balanced, and what cannot stand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+from standing_robots import standing_robot
+
+from crar_drake.control.law import ControlLaw
+from crar_drake.control.parameters import (
+    BalanceParameters,
+    CrarParameters,
+    LookaheadParameters,
+)
+from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.references.ground_demand import ground_wrench
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.soles import shrunk, sole_corners
+from crar_drake.robot.standing import standing_description
+from crar_drake.robot.task import position_tasks
+
+PERIOD = 0.01
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return standing_robot(tmp_path_factory.mktemp("robot") / "stander")
+
+
+def model_of(description, time_step=0.0) -> ControlModel:
+    return ControlModel.FromDescription(
+        description, position_tasks(["hand"]), time_step=time_step
+    )
+
+
+def parameters(**changes) -> CrarParameters:
+    ahead = LookaheadParameters(horizon=0.1)
+    given = {"period": PERIOD, "balance": BalanceParameters(), "lookahead": ahead}
+    return CrarParameters(**(given | changes))
+
+
+def motion_of(law: ControlLaw, seed: int, steps: int):
+    """Positions, velocities, accelerations at both ends of each step; how admitted."""
+    rng, model = np.random.default_rng(seed), law.model
+    q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
+    home, prescribed = model.tasks_at(q), model.prescribed_at(q)
+    law.reset()
+    Q, V, A, hows, tasks = [], [], [], [], home
+    for k in range(steps):
+        if k % 20 == 10:
+            tasks = home.copy()
+            tasks[:3] += rng.normal(0.0, 0.5, 3)
+        solution = law.step(q, v, tasks, prescribed)
+        a = solution.acceleration
+        for t in (0.0, PERIOD):
+            Q.append(q + t * v + 0.5 * t * t * a)
+            V.append(v + t * a)
+            A.append(a)
+        q, v = Q[-1], V[-1]
+        hows.append(solution.of_mode.get("balance", [np.nan])[0])
+    return *map(np.array, (Q, V, A)), np.array(hows)
+
+
+def outside(whole, model, Q, V, A) -> np.ndarray:
+    """How far centres of pressure are outside the soles less 2 cm, by Drake [m]."""
+    floating = model_of(whole)
+    q = np.tile(floating.rest_positions(), (len(Q), 1))
+    rates = np.zeros((2, len(Q), floating.plant.num_velocities()))
+    names = list(floating.position_names), list(floating.velocity_names)
+    ours = model.position_names
+    q[:, [names[0].index(name) for name in ours]] = Q
+    at = [names[1].index(name) for name in ours]
+    rates[0][:, at], rates[1][:, at] = V, A
+    soles = sole_corners(model, model.description.soles)
+    flat = np.concatenate([shrunk(sole, 0.02)[:, :2] for sole in soles])
+    faces = ConvexHull(flat).equations
+    centres = ground_wrench(floating.plant, q, *rates).centres(soles[0][0, 2])
+    return (centres @ faces[:, :2].T + faces[:, 2]).max(axis=1)
+
+
+def test_whatever_is_asked_the_ground_can_give_it(whole):
+    model = model_of(standing_description(whole))
+    law = ControlLaw(model, parameters())
+    assert law.effort_limits is not None
+    without = ControlLaw(model, parameters(balance=None))
+    Q, V, A, hows = motion_of(law, 1, 200)
+    assert outside(whole, model, Q, V, A).max() < 1e-9
+    assert {0.0, 1.0} <= set(hows)
+    moved = np.abs(V).max()
+    Q, V, A, hows = motion_of(without, 1, 200)
+    assert outside(whole, model, Q, V, A).max() > 0.01 and np.isnan(hows).all()
+    assert moved > 0.2 * np.abs(V).max()  # a robot that stands still would be safe, too
+
+
+def test_a_law_that_is_balanced_anyway_is_left_as_it_is(whole):
+    model = model_of(standing_description(whole))
+    q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
+    tasks = model.tasks_at(q)
+    tasks[:3] += 1e-3
+    both = [
+        ControlLaw(model, parameters(balance=given)).step(
+            q, v, tasks, model.prescribed_at(q)
+        )
+        for given in (None, BalanceParameters())
+    ]
+    np.testing.assert_array_equal(both[0].acceleration, both[1].acceleration)
+    np.testing.assert_array_equal(both[0].actuation, both[1].actuation)
+    assert both[1].of_mode["balance"][0] == 0.0
+
+
+def test_what_cannot_be_balanced(whole):
+    standing = standing_description(whole)
+    held = {**standing.prescribed_joints}
+    knee = "left_knee"
+    cases = [
+        (replace(standing, soles={}), {}, ModelError, "needs soles"),
+        (
+            replace(standing, prescribed_joints=held | {knee: "waist.x"}),
+            {},
+            ScenarioError,
+            "left_knee: the motion moves the base",
+        ),
+        (
+            replace(standing, soles={"left_foot": standing.soles["left_foot"]}),
+            {},
+            ScenarioError,
+            "not balanced in its rest posture",
+        ),
+        (
+            standing,
+            {"lookahead": LookaheadParameters(horizon=0.05, longest_horizon=0.1)},
+            ScenarioError,
+            "longest_horizon: with balance",
+        ),
+        (
+            standing,
+            {"constraints": "paper"},
+            ScenarioError,
+            "balance: constraints 'paper' look at no braking path",
+        ),
+        (
+            standing,
+            {"balance": BalanceParameters(friction=-1.0)},
+            ScenarioError,
+            "controller.balance.friction: -1.0 must be positive",
+        ),
+        (
+            standing,
+            {"balance": BalanceParameters(margin=0.06)},
+            ModelError,
+            "leaves nothing of a sole",
+        ),
+    ]
+    for description, changes, error, words in cases:
+        with pytest.raises(error, match=words):
+            ControlLaw(model_of(description), parameters(**changes))
+
+
+def test_a_push_is_told_and_nothing_gets_worse(whole):
+    """From a state that no law of ours would have come to."""
+    model = model_of(standing_description(whole))
+    law = ControlLaw(model, parameters())
+    q, v = model.rest_positions(), np.zeros(model.plant.num_velocities())
+    v[model.controlled] = [14.0, 4.0]
+    tasks, prescribed = model.tasks_at(q), model.prescribed_at(q)
+    first = None
+    for _ in range(30):
+        a = law.step(q, v, tasks, prescribed).acceleration
+        lacks = outside(whole, model, q[None], v[None], a[None])[0]
+        first = lacks if first is None else first
+        assert lacks <= max(first, 0.0) + 1e-3
+        q, v = q + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
+    assert first > 0.0 and lacks < 0.0

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from crar_drake.control.law import ControlLaw
     from crar_drake.control.obstacles import Obstacles
     from crar_drake.control.parameters import (
+        BalanceParameters,
         CrarParameters,
         LookaheadParameters,
         TargetGovernor,
@@ -25,15 +26,19 @@ if TYPE_CHECKING:
         filter_parameters,
     )
     from crar_drake.control.safety_filter_system import SafetyFilterSystem
+    from crar_drake.control.standing_law import StandingLaw
     from crar_drake.equations.tasks import TaskLayout
     from crar_drake.errors import CrarError, ModelError, MotionError, ScenarioError
     from crar_drake.results.log import SimulationLog
     from crar_drake.robot.description import RobotDescription, load_robot_description
     from crar_drake.robot.model import ControlModel
+    from crar_drake.robot.standing import standing_description
     from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
+    from crar_drake.simulation.contact_ground import add_contact_ground
     from crar_drake.simulation.diagram import (
         AddCrarController,
         AddRobot,
+        AddStandingController,
         MakeCrarDiagram,
     )
     from crar_drake.simulation.scenario import Scenario, load_scenario
@@ -44,6 +49,8 @@ if TYPE_CHECKING:
 _MODULES = {
     "AddCrarController": "simulation.diagram",
     "AddRobot": "simulation.diagram",
+    "AddStandingController": "simulation.diagram",
+    "BalanceParameters": "control.parameters",
     "ControlLaw": "control.law",
     "ControlModel": "robot.model",
     "CrarController": "control.controller",
@@ -65,19 +72,24 @@ _MODULES = {
     "ScenarioError": "errors",
     "SimulationLog": "results.log",
     "Solution": "control.records",
+    "StandingLaw": "control.standing_law",
     "TargetGovernor": "control.parameters",
     "Task": "robot.task",
     "TaskLayout": "equations.tasks",
+    "add_contact_ground": "simulation.contact_ground",
     "filter_parameters": "control.safety_filter",
     "load_robot_description": "robot.description",
     "load_scenario": "simulation.scenario",
     "position_tasks": "robot.task",
     "solve_start_pose": "targets.start_pose",
+    "standing_description": "robot.standing",
 }
 
 __all__ = [
     "AddCrarController",
     "AddRobot",
+    "AddStandingController",
+    "BalanceParameters",
     "ControlLaw",
     "ControlModel",
     "CrarController",
@@ -99,14 +111,17 @@ __all__ = [
     "ScenarioError",
     "SimulationLog",
     "Solution",
+    "StandingLaw",
     "TargetGovernor",
     "Task",
     "TaskLayout",
+    "add_contact_ground",
     "filter_parameters",
     "load_robot_description",
     "load_scenario",
     "position_tasks",
     "solve_start_pose",
+    "standing_description",
 ]
 
 

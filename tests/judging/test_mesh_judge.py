@@ -332,5 +332,3 @@ def test_an_ellipsoid_is_judged_by_its_own_shape():
     mesh = trimesh.Trimesh(part.vertices, part.faces)
     assert mesh.extents == pytest.approx([0.2, 0.4, 0.6], rel=0.01)
     assert mesh.volume == pytest.approx(np.pi * 4 / 3 * 0.006, rel=0.02)
-
-

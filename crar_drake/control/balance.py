@@ -177,6 +177,15 @@ class Balance:
                 failed = middle
         return best
 
+    def compile(self, measured: Measured) -> None:
+        """Compiles what has yet to be, at a state."""
+        q, v = measured.q[0], measured.v
+        level = balance_level(q, v, self._law)
+        balance_excess(q, v, np.zeros_like(v), level, self._law)
+        g, b = balance_rows(q, v, np.zeros_like(v), level, self._law)
+        root = np.linalg.cholesky(self._norm(measured))
+        self._nearest(root, np.zeros_like(v), g, np.minimum(b, -self.weight))
+
     def _norm(self, measured: Measured) -> np.ndarray:
         """(n, n) in which accelerations are changed the least: by what that does to the
         tasks, and a little by itself."""

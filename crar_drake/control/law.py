@@ -157,6 +157,8 @@ class ControlLaw:
         if self._efforts.finite:
             measured = self._measure(workspace, q, v)
             self._efforts.compile(workspace, measured, np.ones_like(v))
+        if self._balance is not None:
+            self._balance.compile(self._measure(workspace, q, v))
         self.hold(workspace, memory, 1, q, v)
 
     def default_posture(self, q: np.ndarray) -> np.ndarray:

@@ -106,7 +106,7 @@ def test_some_of_a_real_motion(imported, cmu, robot, most, name, duration):
 def test_a_real_robot_stands(imported, cmu, robot, name):
     """On its soles, in contact, while its hands begin to follow a person's."""
     scenario: Scenario = load_scenario(name)
-    scenario.robot, scenario.duration = str(imported(robot)), 1.0
+    scenario.robot, scenario.duration = str(imported(robot, 3)), 1.0
     result = run_scenario(scenario, record=False)
     stood = result.summary.stance
     assert stood.fell is None

@@ -299,6 +299,9 @@ def test_it_starts_at_rest_and_valid(built):
     whole_body = "left_foot" in {task.frame for task in model.tasks}
     if whole_body:
         least = np.minimum(least, 0.004)
+    # What is reported is what is left for a robot that errs.
+    if scenario.controller.lookahead.tracking_error:
+        least -= controller.law.mode.losses.max()
     assert (d >= least - 1e-9).all()
     acceleration = diagram.GetOutputPort("desired_acceleration").Eval(context)
     np.testing.assert_allclose(acceleration, 0.0, atol=3.0 if whole_body else 1e-6)

@@ -14,6 +14,7 @@ from crar_drake.control.safety_filter import SafetyFilter, filter_parameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.standing import standing_description
 from crar_drake.simulation.scenario import check_experiment, load_scenario
 from crar_drake.teleoperation.filtered_motion import FilteredMotion
 from crar_drake.teleoperation.safe_motion import SafeMotion
@@ -146,6 +147,8 @@ def _make_motion(
     except ScenarioError as error:
         raise ScenarioError(f"--rate {rate:g}: {error}") from error
     description = load_robot_description(robot or loaded.robot)
+    if loaded.standing is not None:
+        description = standing_description(description)
     check_experiment(loaded.experiment, description)
     model = ControlModel.FromDescription(
         description,

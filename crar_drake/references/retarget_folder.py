@@ -152,7 +152,15 @@ def retarget_folder(
             path: (out / path.relative_to(folder)).with_suffix(suffix)
             for path in find_people(folder)
         },
-        begin=partial(_RowOfFile, robot, options, layout, rate, parameters, balance),
+        begin=partial(
+            _RowOfFile,
+            robot,
+            options,
+            layout=layout,
+            rate=rate,
+            parameters=parameters,
+            balance=balance,
+        ),
         figures=FIGURES,
         note=lambda row: row.deepest or f"farthest off: {row.farthest}",
         robot=robot,
@@ -167,17 +175,10 @@ def retarget_folder(
 
 
 class _RowOfFile:
-    """From a file and its place to its row."""
+    """From a file and its place to its row; made as a `FileRetargeter` is."""
 
-    def __init__(self, robot, options, layout, rate, parameters, balance) -> None:
-        self._retargeter = FileRetargeter(
-            robot,
-            options,
-            layout=layout,
-            rate=rate,
-            parameters=parameters,
-            balance=balance,
-        )
+    def __init__(self, robot, options, **given) -> None:
+        self._retargeter = FileRetargeter(robot, options, **given)
 
     def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedRow]:
         return [row_of(self._retargeter(motion, out))]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydrake.multibody.tree import BodyIndex
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from crar_drake.equations.balance import Ground, Masses
 from crar_drake.equations.compilation import hold
@@ -117,29 +117,31 @@ def sole_corners(
 
 
 def shrunk(corners: np.ndarray, margin: float) -> np.ndarray:
-    """A sole's polygon scaled about its middle, so that each edge is `margin` farther
-    inside.
+    """(V, 3) a sole's polygon with each edge `margin` farther inside.
 
     Args:
-        corners: (V, 3) of a flat sole [m].
+        corners: (V, 3) of a flat sole, which is convex [m].
         margin: [m].
 
     Raises:
-        ModelError: there is nothing left, or the corners span no area.
+        ModelError: its middle is no farther than that from an edge, or the corners span
+            no area.
     """
     middle = corners.mean(axis=0)
     _, _, axes = np.linalg.svd(corners - middle)
-    flat = (corners - middle) @ axes[:2].T
     try:
-        inside = -ConvexHull(flat).equations[:, 2].max()  # of the middle
+        edges = ConvexHull((corners - middle) @ axes[:2].T).equations
     except QhullError:
         raise ModelError("soles: the corners of a sole are all in one line") from None
+    inside = -edges[:, 2].max()  # of the middle
     if inside <= margin:
         raise ModelError(
             f"balance: a margin of {1e3 * margin:g} mm leaves nothing of a sole whose "
             f"middle is {1e3 * inside:.0f} mm from its edge"
         )
-    return middle + (1.0 - margin / inside) * (corners - middle)
+    edges[:, 2] += margin
+    found = HalfspaceIntersection(edges, np.zeros(2)).intersections
+    return middle + found @ axes[:2]
 
 
 def ground_cone(soles: Sequence[np.ndarray], friction: float, margin: float) -> Ground:

@@ -219,6 +219,16 @@ def test_an_excess_is_the_larger_of_step_and_path(robot):
     assert balance_excess(q, still, lift, level, law) > 0.0
 
 
+def test_a_sole_is_smaller_by_the_margin_at_each_edge_and_by_no_more():
+    corners = np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1], [0.2, 0.06, 0.1]])
+    corners = np.vstack([corners, [0.0, 0.06, 0.1]])
+    found = shrunk(corners, 0.02)
+    assert sorted(map(tuple, found.round(12).tolist())) == [
+        *((0.02, 0.02, 0.1), (0.02, 0.04, 0.1)),
+        *((0.18, 0.02, 0.1), (0.18, 0.04, 0.1)),
+    ]
+
+
 def test_soles_that_cannot_stand(robot):
     with pytest.raises(ModelError, match="leaves nothing of a sole"):
         ground_cone(robot.soles, 0.5, 0.06)

@@ -22,6 +22,8 @@ _LINES = 8  # that are printed, at most
 _PLACE = re.compile(r"(?P<place>.*?:\d+): (?:warning|error): ", re.DOTALL)
 # What is said of every ground, and matters to soft bodies alone.
 _SOFT_BODIES = "not currently supported for deformable contact"
+# What Drake 1.58 logs of an exception that it raises as well.
+_RAISED_TOO = "Could not initialize pydrake: "
 # A function's name tells the user nothing, and rows of a matrix little.
 _NOISE = re.compile(r"\b\w+\(\): |^\s*\[.*\]\s*$", re.MULTILINE)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -41,7 +43,7 @@ class DrakeWarnings(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Takes a message of Drake's."""
         text = record.getMessage()
-        if _SOFT_BODIES not in text:
+        if _SOFT_BODIES not in text and not text.startswith(_RAISED_TOO):
             self.texts[text] += 1
 
     def lines(self) -> list[str]:

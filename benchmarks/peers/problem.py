@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers import motions, robot_files
+from benchmarks.peers.peers import MARGIN
 from crar_drake import (
     EXPERIMENTS,
     ControlModel,
@@ -112,8 +113,12 @@ def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
     )
     workspace, rest = model.MakeWorkspace(), model.rest_positions()
 
+    # Neighbours that are never farther apart need no more than the margin.
+    near = model.evaluate_distances(workspace, rest).d < motions.APART
+    less = np.where(near, motions.APART - MARGIN, 0.0)
+
     def smallest(q: np.ndarray) -> float:
-        return float(model.evaluate_distances(workspace, q).d.min())
+        return float((model.evaluate_distances(workspace, q).d + less).min())
 
     names = []
     for seed in seeds:

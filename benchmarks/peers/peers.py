@@ -76,6 +76,8 @@ def barriers(**choices: tuple) -> tuple[dict, ...]:
         posture_gain=(1.0,),
         margin=(MARGIN,),
         nearest=(12,),
+        # Its default, 1e3, gives way; null stands for barriers that never do.
+        penalty=(1e6,),
         tolerance=(1e-3,),
         **choices,
     )
@@ -203,8 +205,7 @@ PEERS = (
             order=(1,),
             gain=(60.0, 200.0),
             damping=(1e-3,),
-            alpha=(20.0, 50.0, 100.0, 190.0),
-            penalty=(1e4, 1e6),
+            alpha=(10.0, 20.0, 50.0, 75.0, 100.0, 140.0, 190.0),
         ),
         python=False,
     ),
@@ -216,8 +217,7 @@ PEERS = (
             order=(2,),
             gain=(30.0, 60.0),
             damping=(1e-3,),
-            alpha=(10.0, 20.0, 40.0, 80.0),
-            penalty=(1e4, 1e6),
+            alpha=(10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0),
         ),
         python=False,
     ),

@@ -9,9 +9,12 @@ as functions that JAX differentiates.
 from __future__ import annotations
 
 import copy
+import json
 import os
 import tempfile
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -102,6 +105,35 @@ class Body:
         _, chosen = jax.lax.top_k(-everything, count)
         return _distances(X, *(_taken(x, chosen) for x in (self.first, self.second)))
 
+    def from_spheres(
+        self,
+        q: jax.Array,
+        links: list[Shape],
+        centres: jax.Array,
+        radii: jax.Array,
+        count: int,
+    ) -> jax.Array:
+        """(count,) the least distances of shapes from N spheres [m].
+
+        Args:
+            q: (n,).
+            links: the shapes.
+            centres, radii: (N, 3), (N,) [m].
+            count: at most all pairs.
+        """
+        X, shapes = self.frames(q), _stacked(links)
+        one, other = (x.ravel() for x in np.indices((len(links), len(radii))))
+
+        def apart(X, centres, one, other):
+            points = jnp.stack([centres[other]] * 2, axis=1)
+            shape = _taken(shapes, one)
+            away = segment_distances(_moved(X, shape), points)
+            return away - shape.radii - radii[other]
+
+        fixed = [jax.lax.stop_gradient(x) for x in (X, centres)]
+        _, chosen = jax.lax.top_k(-apart(*fixed, one, other), min(count, len(one)))
+        return apart(X, centres, jnp.asarray(one)[chosen], jnp.asarray(other)[chosen])
+
 
 def _distances(X: jax.Array, first: Stack, second: Stack) -> jax.Array:
     """(N,) of pairs of shapes, with the joints' frames at X [m]."""
@@ -124,7 +156,11 @@ def segment_distances(first: jax.Array, second: jax.Array) -> jax.Array:
 
 
 class Velocities(cbfpy.config.cbf_config.CBFConfig):
-    """z = q, u = q_dot; barriers: distances, and limits of the joints."""
+    """z = q, u = q_dot; barriers: distances, and limits of the joints.
+
+    What all are given besides z is alpha [1/s], so that it is no part of what is
+    compiled.
+    """
 
     def __init__(self, body: Body, problem: Problem, settings: dict) -> None:
         self.body, self.settings = body, settings
@@ -134,8 +170,8 @@ class Velocities(cbfpy.config.cbf_config.CBFConfig):
         self.lower, self.upper = problem.lower[self.low], problem.upper[self.high]
         self.set_limits(problem.velocity_limits)
         super().__init__(
-            n=self.states * n,
             m=n,
+            **({"n": self.states * n} | self.extra()),
             relax_qp=settings["penalty"] is not None,
             cbf_relaxation_penalty=settings["penalty"] or 0.0,
             control_relaxation_penalty=1e2 * (settings["penalty"] or 0.0),
@@ -145,27 +181,31 @@ class Velocities(cbfpy.config.cbf_config.CBFConfig):
 
     states = 1
 
+    def extra(self) -> dict:
+        """What else cbfpy is told."""
+        return {"init_args": (1.0,)}
+
     def set_limits(self, fastest: np.ndarray) -> None:
         """Of the joints' speed (n,) [rad/s]."""
         self.fastest, self.bounds = fastest, {"u_min": -fastest, "u_max": fastest}
 
-    def f(self, z):
+    def f(self, z, alpha):
         return jnp.zeros_like(z)
 
-    def g(self, z):
+    def g(self, z, alpha):
         return jnp.eye(len(z))
 
-    def h_1(self, z):
+    def h_1(self, z, alpha):
         return self.barriers(z)
 
-    def alpha(self, h):
-        return self.settings["alpha"] * h
+    def alpha(self, h, alpha):
+        return alpha * h
 
-    def P(self, z, u_des):
+    def P(self, z, u_des, alpha):
         return 2.0 * metric(self.body, z[: self.m], self.settings["damping"])
 
-    def q(self, z, u_des):
-        return -self.P(z, u_des) @ u_des
+    def q(self, z, u_des, alpha):
+        return -self.P(z, u_des, alpha) @ u_des
 
     def barriers(self, q):
         """The least distances less the margin [m], and the ways to the limits [rad]."""
@@ -187,22 +227,22 @@ class Accelerations(Velocities):
     def set_limits(self, fastest: np.ndarray) -> None:
         self.fastest, self.bounds = fastest, {}
 
-    def f(self, z):
+    def f(self, z, alpha):
         return jnp.concatenate([z[len(z) // 2 :], jnp.zeros(len(z) // 2)])
 
-    def g(self, z):
+    def g(self, z, alpha):
         n = len(z) // 2
         return jnp.concatenate([jnp.zeros((n, n)), jnp.eye(n)])
 
-    def h_1(self, z):
+    def h_1(self, z, alpha):
         v = z[len(z) // 2 :]
         return jnp.concatenate([self.fastest - v, self.fastest + v])
 
-    def h_2(self, z):
+    def h_2(self, z, alpha):
         return self.barriers(z[: len(z) // 2])
 
-    def alpha_2(self, h_2):
-        return self.settings["alpha"] * h_2
+    def alpha_2(self, h_2, alpha):
+        return alpha * h_2
 
 
 def metric(body: Body, q: jax.Array, damping: float) -> jax.Array:
@@ -220,35 +260,11 @@ class Oscbf(Controller):
     packages = ("cbfpy", "frax", "jax", "jaxlib", "qpax", "numpy")
 
     def __init__(self, problem: Problem, period: float, settings: dict) -> None:
-        self.second_order = settings["order"] == 2
-        self.commands = "acceleration" if self.second_order else "velocity"
+        self.commands = "acceleration" if settings["order"] == 2 else "velocity"
         self.tasks = len(problem.links)
-        body = Body(problem)
-        config = (Accelerations if self.second_order else Velocities)(
-            body, problem, settings
-        )
-        cbf = cbfpy.CBF.from_config(config)
-        gain, posture = settings["gain"], settings["posture_gain"]
-        damping, rest = settings["damping"], problem.rest
-
-        def velocities(q, v, p_d, v_step, v_d, a_d):
-            J = jax.jacfwd(body.task_points)(q)
-            wanted = v_step + gain * (p_d - body.task_points(q))
-            u = _nearest(J, wanted, posture * (rest - q), damping)
-            return cbf.safety_filter(q, u)
-
-        def accelerations(q, v, p_d, v_step, v_d, a_d):
-            J = jax.jacfwd(body.task_points)(q)
-            _, bias = jax.jvp(
-                lambda x: jax.jvp(body.task_points, (x,), (v,))[1], (q,), (v,)
-            )
-            error, drift = p_d - body.task_points(q), v_d - J @ v
-            wanted = a_d + 2.0 * gain * drift + gain**2 * error - bias
-            rests = posture**2 * (rest - q) - 2.0 * posture * v
-            u = _nearest(J, wanted, rests, damping)
-            return cbf.safety_filter(jnp.concatenate([q, v]), u)
-
-        self.step = jax.jit(accelerations if self.second_order else velocities)
+        self.numbers = np.array([settings["gain"], settings["alpha"]])
+        fixed = settings | {"gain": 0.0, "alpha": 0.0}
+        self.step = compiled_step(problem.folder, json.dumps(fixed, sort_keys=True))
 
     def reset(self, q: np.ndarray) -> None:
         still = np.zeros((self.tasks, 3))
@@ -256,7 +272,50 @@ class Oscbf(Controller):
 
     def solve(self, q: np.ndarray, v: np.ndarray, targets: Targets) -> np.ndarray:
         given = (targets.p, targets.v_step, targets.v, targets.a)
-        return np.asarray(self.step(q, v, *(x.ravel() for x in given)))
+        return np.asarray(self.step(q, v, *(x.ravel() for x in given), self.numbers))
+
+
+@cache
+def compiled_step(folder: Path, settings: str) -> Callable[..., jax.Array]:
+    """A step: q, v, the targets of `Targets`, and gain and alpha, to the command.
+
+    Args:
+        folder: of the problem.
+        settings: the others, as JSON.
+    """
+    problem, settings = Problem(folder), json.loads(settings)
+    body = Body(problem)
+    second_order = settings["order"] == 2
+    config = (Accelerations if second_order else Velocities)(body, problem, settings)
+    cbf = cbfpy.CBF.from_config(config)
+    posture, damping, rest = (
+        settings["posture_gain"],
+        settings["damping"],
+        problem.rest,
+    )
+
+    def velocities(q, v, p_d, v_step, v_d, a_d, numbers):
+        gain, alpha = numbers
+        J = jax.jacfwd(body.task_points)(q)
+        wanted = v_step + gain * (p_d - body.task_points(q))
+        u = _nearest(J, wanted, posture * (rest - q), damping)
+        return cbf.safety_filter(q, u, alpha)
+
+    def accelerations(q, v, p_d, v_step, v_d, a_d, numbers):
+        gain, alpha = numbers
+
+        def velocity(x):
+            return jax.jvp(body.task_points, (x,), (v,))[1]
+
+        J = jax.jacfwd(body.task_points)(q)
+        drift, bias = jax.jvp(velocity, (q,), (v,))
+        error = p_d - body.task_points(q)
+        wanted = a_d + 2.0 * gain * (v_d - drift) + gain**2 * error - bias
+        rests = posture**2 * (rest - q) - 2.0 * posture * v
+        u = _nearest(J, wanted, rests, damping)
+        return cbf.safety_filter(jnp.concatenate([q, v]), u, alpha)
+
+    return jax.jit(accelerations if second_order else velocities)
 
 
 def _nearest(J, wanted, rests, damping):

@@ -197,10 +197,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
     parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
+    parser.add_argument(
+        "--only", nargs="+", default=[], help="controllers whose names contain one"
+    )
     arguments = benchmark.parse(
         argv,
         lambda given: (
-            f"fastest {given.fastest:g}" if given.fastest else "shipped limits"
+            (f"fastest {given.fastest:g}" if given.fastest else "shipped limits")
+            + (", some" if given.only else "")
         ),
     )
     if arguments.fastest is not None and not arguments.fastest > 0.0:
@@ -219,7 +223,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     found: dict[str, dict[str, Harm]] = {}
     every = [name for names in cases.values() for name in names]
     each = dict.fromkeys(every, arguments.period)
-    for entry, results in recorded(entries(every), each, arguments, folder):
+    chosen = [
+        entry
+        for entry in entries(every)
+        if not arguments.only or any(part in entry.name for part in arguments.only)
+    ]
+    if not chosen:
+        parser.error(f"--only {' '.join(arguments.only)}: no such controller")
+    for entry, results in recorded(chosen, each, arguments, folder):
         found[entry.name] = {attack: Harm() for attack in cases}
         for attack, names in cases.items():
             for name in names:

@@ -122,6 +122,12 @@ def on_a_base(robot: ET.Element, reach: float, fastest: float) -> None:
         ("base_x", "prismatic", "1 0 0", reach),
     ):
         link = ET.Element("link", {"name": f"{name}_under"})
+        inertial = ET.SubElement(link, "inertial")  # MuJoCo moves nothing without
+        ET.SubElement(inertial, "origin", {"xyz": "0 0 0", "rpy": "0 0 0"})
+        ET.SubElement(inertial, "mass", {"value": "1"})
+        moments = dict.fromkeys(("ixx", "iyy", "izz"), "1e-3")
+        products = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+        ET.SubElement(inertial, "inertia", moments | products)
         joint = ET.Element("joint", {"name": name, "type": kind})
         ET.SubElement(joint, "parent", {"link": f"{name}_under"})
         ET.SubElement(joint, "child", {"link": below})

@@ -12,9 +12,9 @@ robot, so that one on a fixed base may be hit.
 
     python -m benchmarks.peers.scenes --tune --seeds 2
 
-tries the grids on other scenes and keeps `scene_settings.json`: of each filter that one
-is taken which is touched the least while fast, then touched the least, then reaches the
-most.
+tries the grids on other scenes with a fixed base and keeps `scene_settings.json`: of
+each filter that one is taken which is touched the least while fast, then touched the
+least, then reaches the most.
 """
 
 from __future__ import annotations
@@ -349,6 +349,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     first = TUNED_ON if arguments.tune else 0
     cases: dict[str, list[str]] = {}
     for scene, (moves, spheres, speed) in SCENES.items():
+        if moves not in stages:
+            continue
         kind = f"{'moving' if moves else 'fixed'}_{spheres}_{speed:g}"
         cases[scene] = [f"{kind}_{first + i}" for i in range(arguments.seeds)]
         for i, name in enumerate(cases[scene]):
@@ -416,6 +418,7 @@ def judged(
         # In one process, so that what is compiled is so once.
         jobs = {
             (name, i): job(name, one, runs / f"{guard.name} {i} {name}.npz", PERIOD)
+            | {"keep": arguments.tune}
             for each in of.values()
             for name in each
             for i, one in enumerate(grid)

@@ -26,7 +26,7 @@ from benchmarks.adversary.attacks import make_episode
 from benchmarks.adversary.judge import Judge, Verdict
 from benchmarks.page import Benchmark, Table
 from benchmarks.peers.compare import PERIOD, add_peer_options, recorded, run_command
-from benchmarks.peers.crossings import entries
+from benchmarks.peers.crossings import add_only, entries, only
 from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
 from crar_drake import (
@@ -197,9 +197,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
     parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
-    parser.add_argument(
-        "--only", nargs="+", default=[], help="controllers whose names contain one"
-    )
+    add_only(benchmark)
     arguments = benchmark.parse(
         argv,
         lambda given: (
@@ -223,13 +221,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     found: dict[str, dict[str, Harm]] = {}
     every = [name for names in cases.values() for name in names]
     each = dict.fromkeys(every, arguments.period)
-    chosen = [
-        entry
-        for entry in entries(every)
-        if not arguments.only or any(part in entry.name for part in arguments.only)
-    ]
-    if not chosen:
-        parser.error(f"--only {' '.join(arguments.only)}: no such controller")
+    chosen = only(entries(every), arguments, benchmark)
     for entry, results in recorded(chosen, each, arguments, folder):
         found[entry.name] = {attack: Harm() for attack in cases}
         for attack, names in cases.items():

@@ -35,6 +35,7 @@ from frax.core.robot import Robot
 
 from benchmarks.peers.driver import Controller, Problem, Targets, main
 
+STOPS_IN = 0.01  # [s] an acceleration that is wanted would stop the fastest joint
 SMALL = 1e-12  # [m^2] below which two points are one, for derivatives
 
 
@@ -293,12 +294,15 @@ def compiled_step(folder: Path, settings: str) -> Callable[..., jax.Array]:
         settings["damping"],
         problem.rest,
     )
+    # The solver finds nothing near a wish that is beyond all sense.
+    fastest = problem.velocity_limits
 
     def velocities(q, v, p_d, v_step, v_d, a_d, numbers):
         gain, alpha = numbers
         J = jax.jacfwd(body.task_points)(q)
         wanted = v_step + gain * (p_d - body.task_points(q))
         u = _nearest(J, wanted, posture * (rest - q), damping)
+        u = jnp.clip(u, -fastest, fastest)
         return cbf.safety_filter(q, u, alpha)
 
     def accelerations(q, v, p_d, v_step, v_d, a_d, numbers):
@@ -313,6 +317,7 @@ def compiled_step(folder: Path, settings: str) -> Callable[..., jax.Array]:
         wanted = a_d + 2.0 * gain * (v_d - drift) + gain**2 * error - bias
         rests = posture**2 * (rest - q) - 2.0 * posture * v
         u = _nearest(J, wanted, rests, damping)
+        u = jnp.clip(u, -fastest / STOPS_IN, fastest / STOPS_IN)
         return cbf.safety_filter(jnp.concatenate([q, v]), u, alpha)
 
     return jax.jit(accelerations if second_order else velocities)

@@ -57,20 +57,26 @@ def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/peers"))
     parser.add_argument("--tune", action="store_true", help="try all grids first")
-    parser.add_argument("--only", help="names that contain this")
+    parser.add_argument(
+        "--only", nargs="+", default=[], help="controllers whose names contain one"
+    )
     parser.add_argument("--rounds", type=int, default=3, help="runs for the step times")
     parser.add_argument("--page", type=Path, help="write the result to this file")
     arguments = parser.parse_args(argv)
-    chosen = [peer for peer in (*PEERS, OURS) if (arguments.only or "") in peer.name]
+    parts = arguments.only or [""]
+    chosen = [
+        peer for peer in (*PEERS, OURS) if any(part in peer.name for part in parts)
+    ]
     if not chosen:
         names = ", ".join(peer.name for peer in (*PEERS, OURS))
         parser.error(
-            f"--only {arguments.only!r}: no such controller; there are {names}"
+            f"--only {' '.join(parts)!r}: no such controller; there are {names}"
         )
     if arguments.rounds < 1:
         parser.error(f"--rounds {arguments.rounds}: must be at least 1")
+    part = "compare, some" if arguments.only else "compare"
     if arguments.page:
-        check_part(arguments.page, "compare")
+        check_part(arguments.page, part)
     out = arguments.out.resolve()
     folder = out / "problem"
     write_problem(folder)
@@ -93,7 +99,7 @@ def main(argv: list[str] | None = None) -> None:
     if arguments.page:
         given = sys.argv[1:] if argv is None else argv
         command = command_line("benchmarks.peers.compare", given, "peers")
-        write_part(arguments.page, "compare", page_part(rows, load_settings(), command))
+        write_part(arguments.page, part, page_part(rows, load_settings(), command))
         console.print(f"{arguments.page} written")
 
 

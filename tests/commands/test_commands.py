@@ -757,8 +757,7 @@ def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
         progress(f"{trial}.amc", 10, 20)
         return MotionFiles(f"cmu:{trial}", Path(f"x/{trial}.amc"), Path("x/05.asf"))
 
-    # crar_drake.motion has a function of the same name.
-    monkeypatch.setattr(sys.modules["crar_drake.motion.fetch"], "fetch", fetch)
+    monkeypatch.setattr("crar_drake.motion.fetch.fetch", fetch)
     assert main(["fetch", "05_02", "05_07", "--force"]) == 0
     assert asked == [("05_02", True), ("05_07", True)]
     output = capsys.readouterr().out

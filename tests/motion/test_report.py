@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import (
+from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
-    MotionReport,
     Skeleton,
-    describe,
-    inspect,
-    plot_motion,
     read_amc,
     read_asf,
     write_amc,
     write_asf,
 )
+from crar_drake.motion.picture import plot_motion
+from crar_drake.motion.report import MotionReport, describe, inspect
 
 T = 120
 

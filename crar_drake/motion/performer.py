@@ -67,9 +67,9 @@ class Fact:
         return f"{subject} ({said}{': ' if self.why else ''}{self.why})"
 
 
-@dataclass(frozen=True)
-class Performer:
-    """A person in motion, in the robot's world W: z up, x forward, y left.
+@dataclass(frozen=True, kw_only=True)
+class Described:
+    """What is known of a recording, whatever its axes and unit.
 
     A joint that the recording does not have is in none of the mappings.
 
@@ -78,6 +78,39 @@ class Performer:
         format: of the file, e.g. "BVH".
         frame_rate: samples per second [Hz].
         rate_source: where that comes from, one of SOURCES.
+        joints: name of JOINTS to what it is taken from in the file.
+        guessed: names of JOINTS whose position the file does not have as such (a mean
+            of others, or by a regression).
+        bones: number of the file's bones, markers or points.
+        bones_called: which of these they are.
+        turns: bone to the (T - 1,) angles by which it turns against its parent from
+            one frame to the next [rad].
+        carriers: name of JOINTS to the bones whose rotations move it.
+        same: (T - 1,) whether a frame's numbers are all the same as the one's before.
+        notes: what was mended, e.g. gaps that were filled.
+        hands_obstacle: why nothing tells how the hands are turned, or "".
+    """
+
+    name: str
+    format: str
+    frame_rate: float  # [Hz]
+    rate_source: str
+    joints: Mapping[str, str] = field(default_factory=dict)
+    guessed: frozenset[str] = frozenset()
+    bones: int = 0
+    bones_called: str = "bones"
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # [rad]
+    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    notes: tuple[str, ...] = ()
+    hands_obstacle: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performer(Described):
+    """A person in motion, in the robot's world W: z up, x forward, y left.
+
+    Attributes:
         positions: name of JOINTS to (T, 3) p_WJ [m].
         orientations: name of JOINTS to (T, 3, 3) R_WJ, of the part of the body that
             begins there. It is the identity as the skeleton stands at rest, where
@@ -89,26 +122,11 @@ class Performer:
         height: of the standing performer [m].
         up: the file's axis that points up, e.g. "+y"; "" if W's own are the file's.
         facing: the file's axis that becomes W's x.
-        joints: name of JOINTS to what it is taken from in the file.
-        guessed: names of JOINTS whose position the file does not have as such (a mean
-            of others, or by a regression).
         facts: what the file says, and what was inferred or assumed.
-        bones: number of the file's bones, markers or points.
-        bones_called: which of these they are.
-        turns: bone to the (T - 1,) angles by which it turns against its parent from
-            one frame to the next [rad].
-        carriers: name of JOINTS to the bones whose rotations move it.
-        same: (T - 1,) whether a frame's numbers are all the same as the one's before.
         doubts: what is implausible as a whole, each with what would explain it.
-        notes: what was mended, e.g. gaps that were filled.
         obstacle: why it cannot drive a robot, or "".
-        hands_obstacle: why there are no `hands`, or "".
     """
 
-    name: str
-    format: str
-    frame_rate: float  # [Hz]
-    rate_source: str
     positions: Mapping[str, np.ndarray]  # [m]
     heading: np.ndarray  # [rad]
     hip_height: float  # [m]
@@ -117,18 +135,9 @@ class Performer:
     hands: Mapping[str, np.ndarray] = field(default_factory=dict)
     up: str = ""
     facing: str = ""
-    joints: Mapping[str, str] = field(default_factory=dict)
-    guessed: frozenset[str] = frozenset()
     facts: tuple[Fact, ...] = ()
-    bones: int = 0
-    bones_called: str = "bones"
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # [rad]
-    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     doubts: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
     obstacle: str = ""
-    hands_obstacle: str = ""
 
     @property
     def num_frames(self) -> int:

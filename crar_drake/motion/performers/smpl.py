@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.errors import MotionError
 from crar_drake.motion.formats.smpl import SmplMotion, read_smpl_offsets
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated, turning
@@ -34,15 +33,9 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
     Raises:
         MotionError: the file says no rate, or an option is given that it does not need.
     """
-    for option in ("unit", "joints"):
-        if getattr(options, option):
-            raise MotionError(
-                f"{option}: motion {name} is of {motion.model}, which says that "
-                f"itself; leave {option} {getattr(options, option)} away"
-            )
-    rate = options.frame_rate or motion.frame_rate
-    if not rate:
-        raise MotionError(f"motion {name}: the file says no rate: give --frame-rate HZ")
+    options.refuse(("unit", "joints"), f"motion {name} is of {motion.model}")
+    rate, rate_source = options.rate_of(name, motion.frame_rate)
+    assumed = motion.rate_assumed and rate_source == "file"
     if options.skeleton:
         offsets = read_smpl_offsets(options.skeleton, motion.betas)
         lengths = Fact("lengths", "of the body's shape", "given", options.skeleton)
@@ -65,11 +58,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
             name=name,
             format=motion.model,
             frame_rate=rate,
-            rate_source=(
-                "given"
-                if options.frame_rate
-                else ("assumed" if motion.rate_assumed else "file")
-            ),
+            rate_source="assumed" if assumed else rate_source,
             positions={joint: p[:, i] for joint, i in index.items()},
             joints={joint: NAMES[i] for joint, i in index.items()},
             rotations={joint: R[:, i] for joint, i in index.items()},

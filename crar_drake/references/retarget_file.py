@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -86,17 +87,48 @@ class RetargetedClip:
         return duration / self.seconds if self.seconds else 0.0
 
 
+@dataclass(frozen=True)
+class RetargetOptions:
+    """How motions are read, retargeted and written.
+
+    Attributes:
+        options: what is known of a motion beyond its file.
+        layout: to be written; "": the usual one of the file's suffix.
+        rate: frames per second to be written [Hz].
+        parameters: what is wanted.
+        balance: whether motions are balanced then (`balancing`).
+    """
+
+    options: MotionOptions = MotionOptions()
+    layout: str = ""
+    rate: float = RATE
+    parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
+    balance: bool = False
+
+    def certified(self, motion: str | os.PathLike[str]) -> dict:
+        """What a certificate has of them, of one motion.
+
+        Raises:
+            MotionError: as `motion_files`.
+        """
+        _, *besides = motion_files(motion, self.options)
+        return {
+            "retargeted": asdict(self.parameters),
+            "motion": asdict(self.options),
+            "read with": {path.name: file_hash(path) for path in besides},
+            "layout": self.layout,
+            "rate": self.rate,
+            "balance": self.balance,
+        }
+
+
 def retarget_file(
     motion: str | os.PathLike[str],
     out: str | os.PathLike[str],
     robot: str,
     *,
-    options: MotionOptions | None = None,
-    layout: str | None = None,
-    rate: float = RATE,
-    parameters: RetargetingParameters | None = None,
-    balance: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    **options: Any,
 ) -> RetargetedClip:
     """Retargets a person's motion, and writes it and its certificate, or neither.
 
@@ -104,12 +136,8 @@ def retarget_file(
         motion: a file, `cmu:` and a trial, or a built-in name.
         out: to be written.
         robot: name or folder of a robot with legs, imported as a whole body.
-        options: what is known of the motion beyond its file.
-        layout: of `out`; by default the usual one of its suffix.
-        rate: frames per second of `out` [Hz].
-        parameters: what is wanted.
-        balance: whether the motion is balanced then (`balancing`).
         progress: is called with the frame that was reached, and of how many.
+        options: see `RetargetOptions`.
 
     Raises:
         MotionError: the motion cannot be read, or lacks something that a whole body
@@ -117,17 +145,10 @@ def retarget_file(
         ModelError: the robot is not there, or lacks something.
         WriteError, CrarError: as of `clean_file`.
     """
-    out = Path(out)
-    layout = _layout_of(out, layout)
+    out, given = Path(out), RetargetOptions(**options)
+    given = replace(given, layout=_layout_of(out, given.layout))
     _check_place(out)
-    return FileRetargeter(
-        robot,
-        options,
-        layout=layout,
-        rate=rate,
-        parameters=parameters,
-        balance=balance,
-    )(motion, out, progress)
+    return FileRetargeter(robot, given)(motion, out, progress)
 
 
 class FileRetargeter:
@@ -137,31 +158,22 @@ class FileRetargeter:
         retargeter: of the robot.
     """
 
-    def __init__(
-        self,
-        robot: str,
-        options: MotionOptions | None = None,
-        *,
-        layout: str,
-        rate: float = RATE,
-        parameters: RetargetingParameters | None = None,
-        balance: bool = False,
-    ) -> None:
+    def __init__(self, robot: str, options: RetargetOptions) -> None:
         """
         Args:
-            robot, options, layout, rate, parameters, balance: as of `retarget_file`.
+            robot: as of `retarget_file`.
+            options: of all motions; their layout is named.
 
         Raises:
             ModelError: as `retarget_file`.
         """
-        self._options, self._layout, self._rate = options, layout, rate
+        self._options = options
         description = load_robot_description(robot).without_ground()
         self._robot = WholeBody(description)
-        self.retargeter = Retargeter(description, parameters)
+        self.retargeter = Retargeter(description, options.parameters)
         self._cleaner = MotionCleaner(
-            self._robot, CLEANING, part_meshes=False, balance=balance
+            self._robot, CLEANING, part_meshes=False, balance=options.balance
         )
-        self._balance = balance
         self._outline = Outline(self._robot)
 
     def __call__(
@@ -172,8 +184,9 @@ class FileRetargeter:
     ) -> RetargetedClip:
         """Retargets a motion; see `retarget_file`."""
         _check_place(out)
-        robot, retargeter, rate = self._robot, self.retargeter, self._rate
-        performer = load_performer(motion, self._options)
+        robot, retargeter, options = self._robot, self.retargeter, self._options
+        rate, layout = options.rate, options.layout
+        performer = load_performer(motion, options.options)
         frames = int(performer.duration * rate) + 1
         meshes = self._cleaner.uncovered.meshes
         began = time.process_time()
@@ -196,19 +209,12 @@ class FileRetargeter:
         (cleaned,) = self._cleaner.clean(
             [made],
             out,
-            reference=motion_files(motion, self._options)[0],
-            layout=self._layout,
-            options=certified_options(
-                motion,
-                self._options,
-                self._layout,
-                rate,
-                retargeter.parameters,
-                self._balance,
-            ),
+            reference=motion_files(motion, options.options)[0],
+            layout=layout,
+            options=options.certified(motion),
         )
-        given = None if layout_named(self._layout).has_rate else rate
-        written = read_motion(out, self._layout, given, robot=robot)
+        given = None if layout_named(layout).has_rate else rate
+        written = read_motion(out, layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
         limbs, knees = likeness(retargeter, found.targets, written)
         return RetargetedClip(
@@ -221,31 +227,7 @@ class FileRetargeter:
         )
 
 
-def certified_options(
-    motion: str | os.PathLike[str],
-    options: MotionOptions | None,
-    layout: str,
-    rate: float,
-    parameters: RetargetingParameters,
-    balance: bool = False,
-) -> dict:
-    """What a certificate has of how a motion was read and retargeted.
-
-    Raises:
-        MotionError: as `motion_files`.
-    """
-    _, *besides = motion_files(motion, options)
-    return {
-        "retargeted": asdict(parameters),
-        "motion": asdict(options or MotionOptions()),
-        "read with": {path.name: file_hash(path) for path in besides},
-        "layout": layout,
-        "rate": rate,
-        "balance": balance,
-    }
-
-
-def _layout_of(out: Path, layout: str | None) -> str:
+def _layout_of(out: Path, layout: str) -> str:
     """The layout of a file that is to be written, if there is such a one.
 
     Raises:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,8 +10,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, MotionError
 from crar_drake.files import whole_file
+from crar_drake.motion.array_files import load_arrays
 from crar_drake.results import LOG
 from crar_drake.robot.description import GROUND
 
@@ -165,8 +164,6 @@ class SimulationLog:
             log = SimulationLog(**arrays)
             log._check()
             return log
-        except PermissionError as error:
-            raise CrarError(f"{path}: may not be read") from error
         except _Unfit as error:
             raise CrarError(
                 f"{path}: not a log of crar-drake run, or of another version: {error}"
@@ -244,38 +241,16 @@ _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a log's archive.
-
-    Raises:
-        _Unfit: the file is something else, or damaged.
-        PermissionError: it may not be read.
-    """
-    if not zipfile.is_zipfile(path):
-        # NumPy would take it for a pickle, and advise to load it as one.
-        path.open("rb").close()
-        raise _Unfit("it is no NumPy archive, or only the beginning of one")
-    known = {field.name for field in fields(SimulationLog)}
+    """The arrays of a log's archive; _Unfit if it is something else, or damaged."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            for name in sorted(known.symmetric_difference(archive.files)):
-                if name in _LATER:
-                    continue
-                word = "misses" if name in known else "has"
-                raise _Unfit(f"it {word} an array {name!r}")
-            arrays = {name: archive[name] for name in archive.files}
-    except ValueError as error:
-        # What NumPy says of arrays that are objects is how to run their code.
-        why = "an array holds Python objects" if "pickle" in str(error) else error
-        raise _Unfit(why) from error
-    except (
-        OSError,
-        EOFError,
-        KeyError,
-        RuntimeError,  # it is encrypted, or compressed in another way
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise _Unfit(f"it is damaged: {error}") from error
+        arrays = load_arrays(path)
+    except MotionError as error:
+        raise _Unfit(str(error).removeprefix(f"{path}: ")) from error
+    known = {field.name for field in fields(SimulationLog)}
+    for name in sorted(known.symmetric_difference(arrays)):
+        if name not in _LATER:
+            word = "misses" if name in known else "has"
+            raise _Unfit(f"it {word} an array {name!r}")
     for name, usual in _LATER.items():
         if name not in arrays:
             arrays[name] = usual(arrays)

@@ -356,11 +356,11 @@ def test_output_that_nobody_can_take_is_no_traceback():
     "name, told",
     [
         (".", "this is a folder; name log.npz"),
-        ("text.npz", "it is no NumPy archive"),
-        ("picture.png", "it is no NumPy archive"),
-        ("short.npz", "only the beginning of one"),
+        ("text.npz", "it is no NPZ file"),
+        ("picture.png", "it is no NPZ file"),
+        ("short.npz", "damaged, cut off"),
         ("random.npz", "it misses an array 'actuation'"),
-        ("pickled.npz", "an array holds Python objects"),
+        ("pickled.npz", "holds objects, which are not"),
         ("shapes.npz", "array 'q' is of shape (2,)"),
     ],
 )

@@ -47,7 +47,7 @@ class SegmentLengths:
 
 
 # (from, to, field of SegmentLengths), from the waist outwards.
-_SEGMENTS = (
+SEGMENTS = (
     ("waist", "neck", "waist_neck"),
     ("neck", "left_shoulder", "left_neck_shoulder"),
     ("left_shoulder", "left_elbow", "left_shoulder_elbow"),
@@ -161,7 +161,7 @@ def retarget(
         waist = smooth["waist"] * (lengths.waist_height / centres.hip_height)
         waist[:, :2] -= waist[0, :2].copy()
     positions = {"waist": waist}
-    for start, end, field in _SEGMENTS:
+    for start, end, field in SEGMENTS:
         _check_segment(centres, centres.positions, start, end)
         norm = _check_segment(centres, smooth, start, end)
         direction = (smooth[end] - smooth[start]) / norm[:, None]

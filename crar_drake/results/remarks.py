@@ -143,8 +143,8 @@ def _of_limbs(limb_directions: Mapping[str, LimbDirection]) -> list[str]:
     return _first(found)
 
 
-def _first(found: list[str], most: int = 2) -> list[str]:
-    """A short list: the first, and how many more there are."""
-    if len(found) <= most:
+def _first(found: list[str]) -> list[str]:
+    """The first two, and how many more there are."""
+    if len(found) <= 2:
         return found
-    return [*found[: most - 1], f"{found[most - 1]}; and {len(found) - most} more so"]
+    return [found[0], f"{found[1]}; and {len(found) - 2} more so"]

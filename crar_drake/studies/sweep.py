@@ -12,14 +12,13 @@ import io
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.errors import CrarError, WriteError
 from crar_drake.files import sole_writer, whole_file
-from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.nearest import nearest
 from crar_drake.simulation.scenario import Scenario, parse_scenario
 
@@ -299,9 +298,7 @@ def _run_sweep(
     _start_file(out, finished.values())
     done = len(set(cases)) - len(waiting)
     total = len(set(cases))
-    # An executor that was given is the caller's to close.
-    own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
-    with own as pool, open(out, "ab", buffering=0) as stream:
+    with given_or_fresh(executor, jobs) as pool, open(out, "ab", buffering=0) as stream:
         futures: dict[Future, Case] = {
             pool.submit(run_case, case, text): case for case in waiting
         }

@@ -67,6 +67,33 @@ class Fact:
         return f"{subject} ({said}{': ' if self.why else ''}{self.why})"
 
 
+class Sampled:
+    """What has samples of a heading, evenly spaced in time.
+
+    Attributes:
+        frame_rate: samples per second [Hz].
+        heading: (T,) [rad].
+    """
+
+    frame_rate: float  # [Hz]
+    heading: np.ndarray  # [rad]
+
+    @property
+    def num_frames(self) -> int:
+        """Number of samples T."""
+        return len(self.heading)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return (self.num_frames - 1) / self.frame_rate
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T,) sample times, from 0 [s]."""
+        return np.arange(self.num_frames) / self.frame_rate
+
+
 @dataclass(frozen=True, kw_only=True)
 class Described:
     """What is known of a recording, whatever its axes and unit.
@@ -107,7 +134,7 @@ class Described:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Performer(Described):
+class Performer(Described, Sampled):
     """A person in motion, in the robot's world W: z up, x forward, y left.
 
     Attributes:
@@ -138,21 +165,6 @@ class Performer(Described):
     facts: tuple[Fact, ...] = ()
     doubts: tuple[str, ...] = ()
     obstacle: str = ""
-
-    @property
-    def num_frames(self) -> int:
-        """Number of samples T."""
-        return len(self.heading)
-
-    @property
-    def duration(self) -> float:
-        """Time from the first sample to the last [s]."""
-        return (self.num_frames - 1) / self.frame_rate
-
-    @property
-    def time(self) -> np.ndarray:
-        """(T,) sample times, from 0 [s]."""
-        return np.arange(self.num_frames) / self.frame_rate
 
     def matches(self) -> Iterator[str]:
         """Yields "joint: what of the file", a line for each joint of JOINTS."""

@@ -47,14 +47,13 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Case):
     """One line of the CSV file: a case and what came of it.
 
     `error` is empty for a case that ran; the figures of one that did not are NaN.
     Distances and limits are the referee's, at every logged sample.
 
     Attributes:
-        motion, experiment, constraints, level, period: the case.
         duration: simulated [s].
         samples: logged and judged.
         penetrating, beyond_limit: samples with a pair at d < 0, or with a joint
@@ -79,11 +78,6 @@ class Result:
         error: why the case could not be run.
     """
 
-    motion: str
-    experiment: str
-    constraints: str
-    level: str
-    period: float
     duration: float = float("nan")
     samples: int = 0
     penetrating: int = 0

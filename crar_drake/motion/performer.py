@@ -176,6 +176,26 @@ class Performer(Described, Sampled):
                 yield f"{joint}: not in the file"
 
 
+def heading_of(R_WP: np.ndarray) -> np.ndarray:
+    """(T,) the twist about z, unwrapped [rad], of (T, 3, 3) rotations.
+
+    It is 2 atan2(q_z, q_w): unlike the direction of the belly it is defined for a
+    performer who bends over by 90 degrees.
+    """
+    sine = R_WP[:, 1, 0] - R_WP[:, 0, 1]
+    cosine = R_WP[:, 0, 0] + R_WP[:, 1, 1]
+    return np.unwrap(np.arctan2(sine, cosine))
+
+
+def hung_on(part: T, parents: Mapping[T, T]) -> frozenset[T]:
+    """What a part hangs on, and what that does, and so on."""
+    found = []
+    while part in parents:
+        part = parents[part]
+        found.append(part)
+    return frozenset(found)
+
+
 def turning(R: np.ndarray) -> np.ndarray:
     """The (T - 1,) angles between neighbours of (T, 3, 3) rotations [rad]."""
     # trace(RᵀS) is the sum of the products of the elements.

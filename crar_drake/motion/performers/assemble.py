@@ -24,6 +24,7 @@ from crar_drake.motion.performer import (
     Described,
     Fact,
     Performer,
+    heading_of,
 )
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.rates import rate_doubt
@@ -157,7 +158,7 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
             hand: _frames(*(v @ R_WF.T for v in vectors))
             for hand, vectors in recording.hands.items()
         },
-        heading=_heading(R_WP),
+        heading=heading_of(R_WP),
         hip_height=drop + leg * (1.0 + ANKLE_SHARE / LEG_SHARE),
         height=leg / LEG_SHARE,
         up=frame.up,
@@ -262,7 +263,7 @@ def _orientations(
         axis=0,
     )
     k = int(np.argmax(upright))
-    c, s = np.cos(_heading(R_WP)[k]), np.sin(_heading(R_WP)[k])
+    c, s = np.cos(heading_of(R_WP)[k]), np.sin(heading_of(R_WP)[k])
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     orientations = {joint: R @ R[k].T @ yaw for joint, R in turned.items()}
     why = f"against frame {k + 1}, the most upright: the zero pose is not standing"
@@ -279,13 +280,3 @@ def _pelvis_frames(y: np.ndarray, z: np.ndarray) -> np.ndarray:
     z = z - np.sum(z * y, axis=1, keepdims=True) * y
     z = z / np.linalg.norm(z, axis=1, keepdims=True)
     return np.stack([np.cross(y, z), y, z], axis=2)
-
-
-def _heading(R_WP: np.ndarray) -> np.ndarray:
-    """(T,) the twist about the vertical, unwrapped [rad].
-
-    It is 2 atan2(q_z, q_w): defined for a performer who bends over by 90 degrees.
-    """
-    sine = R_WP[:, 1, 0] - R_WP[:, 0, 1]
-    cosine = R_WP[:, 0, 0] + R_WP[:, 1, 1]
-    return np.unwrap(np.arctan2(sine, cosine))

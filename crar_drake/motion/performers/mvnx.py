@@ -10,7 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from crar_drake.motion.formats.mvnx import Mvnx
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import SIDES, Fact, Performer, repeated, turning
+from crar_drake.motion.performer import (
+    SIDES,
+    Fact,
+    Performer,
+    hung_on,
+    repeated,
+    turning,
+)
 from crar_drake.motion.performers.assemble import Recording, assemble
 
 _LIMBS = {
@@ -93,7 +100,7 @@ def mvnx_performer(mvnx: Mvnx, name: str, options: MotionOptions) -> Performer:
                 label: turning(_against(R, index.get(_PARENT.get(label)), i))
                 for label, i in index.items()
             },
-            carriers={joint: _moved_by(s) for joint, s in found.items()},
+            carriers={joint: hung_on(s, _PARENT) for joint, s in found.items()},
             same=repeated(Q.reshape(len(Q), -1)),
             notes=(f"other subjects in the file: {others}",) if mvnx.others else (),
         ),
@@ -106,12 +113,3 @@ def _against(R: np.ndarray, parent: int | None, index: int) -> np.ndarray:
     if parent is None:
         return R[:, index]
     return np.swapaxes(R[:, parent], 1, 2) @ R[:, index]
-
-
-def _moved_by(segment: str) -> frozenset[str]:
-    """Labels of the segments whose turns move one's origin."""
-    found = set()
-    while segment in _PARENT:
-        segment = _PARENT[segment]
-        found.add(segment)
-    return frozenset(found)

@@ -6,7 +6,14 @@ import numpy as np
 
 from crar_drake.motion.formats.smpl import SmplMotion, read_smpl_offsets
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated, turning
+from crar_drake.motion.performer import (
+    JOINTS,
+    Fact,
+    Performer,
+    hung_on,
+    repeated,
+    turning,
+)
 from crar_drake.motion.performers.assemble import Recording, assemble
 from crar_drake.motion.point_layouts import joints_of_layout
 from crar_drake.motion.smpl_skeleton import (
@@ -16,6 +23,8 @@ from crar_drake.motion.smpl_skeleton import (
     PARENTS,
     smpl_kinematics,
 )
+
+_PARENT = {NAMES[i]: NAMES[p] for i, p in enumerate(PARENTS) if p >= 0}
 
 
 def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Performer:
@@ -69,7 +78,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
             bones=len(NAMES),
             bones_called="joints",
             turns={name: turning(local[:, i]) for i, name in enumerate(NAMES)},
-            carriers={joint: _moved_by(i) for joint, i in index.items()},
+            carriers={joint: hung_on(NAMES[i], _PARENT) for joint, i in index.items()},
             same=repeated(
                 np.hstack(
                     [motion.translations, motion.turns.reshape(len(motion.turns), -1)]
@@ -80,12 +89,3 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
         ),
         options,
     )
-
-
-def _moved_by(index: int) -> frozenset[str]:
-    """Names of the joints whose turns move one."""
-    found = []
-    while PARENTS[index] >= 0:
-        index = PARENTS[index]
-        found.append(NAMES[index])
-    return frozenset(found)

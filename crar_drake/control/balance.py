@@ -29,8 +29,8 @@ from crar_drake.robot.soles import find_masses, ground_cone, sole_corners
 
 # How often a correction is tried, with rows about the one before.
 _CORRECTIONS = 4
-# A row weighs so much more than an acceleration [1/m of the weight's arm], and a joint's
-# bound than its acceleration.
+# A row weighs so much more than an acceleration [1/m of the weight's arm], and so much
+# a joint's bound.
 _ROW_WEIGHT = 1e6
 # What the pieces of a path may add to a face's value, and what a correction leaves to
 # spare [m of the weight's arm]: small beside a sole.

@@ -161,8 +161,8 @@ class Balance:
             excess, g, b = balance_rows(q, v, there, level, asked, self._law)
             if excess <= asked:
                 return there, {**found[1], **self._report(CORRECTED, 1.0, excess)}
-        # Braking needs no check: that is the theorem.
-        best = brake, self._report(SCALED, 0.0, excess_of(brake))
+        # Braking is balanced by the theorem, where the bounds do not show it, too.
+        best = brake, self._report(SCALED, 0.0, min(excess_of(brake), 0.0))
         share, failed = 0.0, 1.0
         for _ in range(BISECTIONS):
             middle = 0.5 * (share + failed)

@@ -30,7 +30,7 @@ from crar_drake.judging.referee import Referee
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.soles import shrunk, sole_corners
+from crar_drake.robot.soles import sole_corners
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
 
@@ -60,8 +60,9 @@ class Subject:
         self.law.compile()
         margins = balance or BalanceParameters()
         corners = sole_corners(model, standing.soles)
-        small = [shrunk(sole, margins.margin)[:, :2] for sole in corners]
-        self.hull = ConvexHull(np.concatenate(small)).equations
+        # Of all soles, and inside it by the margin.
+        self.hull = ConvexHull(np.concatenate(corners)[:, :2]).equations
+        self.hull[:, 2] += margins.margin
         self.friction = margins.friction
         self.floor = float(np.mean([sole[:, 2].mean() for sole in corners]))
         self.referee = Referee(model.plant, model.scene_graph, standing.pairs)

@@ -42,6 +42,11 @@ class SimulationLog:
             clear, else 0, the last two NaN where a watched pair is not examined; all
             NaN unless "lookahead", while the robot brakes without targets, and in logs
             of versions that did not keep it.
+        balance: (T, 3) how the control step was admitted for balance (0 nominal, 1
+            corrected, 2 scaled towards braking), the share of it, and what the ground
+            has left on the next braking path [m of the weight's arm]; all NaN without
+            controller.balance, while the robot brakes without targets, and in logs of
+            versions that did not keep it.
         obstacles: (T, 4 N) x, y, z and radius of each sphere that moves by itself [m],
             in the order of the scenario's; (T, 0) where there are none, and in logs of
             versions that did not keep them.
@@ -79,6 +84,7 @@ class SimulationLog:
     status: np.ndarray
     resting_margins: np.ndarray
     admission: np.ndarray
+    balance: np.ndarray
     torque_limit: np.ndarray
     obstacles: np.ndarray
     position_names: np.ndarray
@@ -208,6 +214,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "status": ("T", "1"),
     "resting_margins": ("T", "2"),
     "admission": ("T", "4"),
+    "balance": ("T", "3"),
     "torque_limit": ("T", "2"),
     "obstacles": ("T", "4N"),
     "position_names": ("nq",),
@@ -236,6 +243,7 @@ _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
     "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
     "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
+    "balance": lambda arrays: np.full((*arrays["time"].shape[:1], 3), np.nan),
     "obstacles": lambda arrays: np.empty((*arrays["time"].shape[:1], 0)),
 }
 

@@ -182,7 +182,8 @@ def test_rows_are_the_derivatives_of_the_faces(robot, at):
     F = len(robot.ground.rows)
     q, v, a = robot.state(rng, 0.5)
     level = np.zeros(F)
-    g, b = balance_rows(q, v, a, level, law)
+    excess, g, b = balance_rows(q, v, a, level, -np.inf, law)
+    assert excess == balance_excess(q, v, a, level, law)
 
     def values(more):
         if at == "in the step":

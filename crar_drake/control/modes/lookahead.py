@@ -276,7 +276,7 @@ class LookaheadMode(Mode):
             solution = before.solution
             last = (before.v, solution.acceleration, solution.kept)
         found = lookahead_or_scaled(
-            *hand_over(measured, targets), *last, _NOT_GIVEN, self._law
+            *hand_over(measured, targets), *last, _NOT_GIVEN, False, self._law
         )
         vdot, error, W, qdot_c, kept, margins, admission = map(
             found.__getitem__, self._parts
@@ -305,11 +305,11 @@ class LookaheadMode(Mode):
         return bool(inside.all() and reported["admission"][3] == 1.0)
 
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray
+        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         last = (measured.v, self._still, self._kept_first)
         found = lookahead_or_scaled(
-            *hand_over(measured, _NO_TARGETS), *last, vdot, self._law
+            *hand_over(measured, _NO_TARGETS), *last, vdot, guarded, self._law
         )
         return found[: len(vdot)], {"admission": self._reported(found[len(vdot) :])}
 

@@ -188,11 +188,6 @@ class EffortLimits:
         actuation = self._model.inverse_dynamics(workspace, vdot)
         return bool(np.all(np.abs(actuation) <= self.limits))
 
-    def _near(self, workspace: Workspace, vdot: np.ndarray, limits: np.ndarray) -> bool:
-        """Whether accelerations (nv,) take as good as no more than limits (nu,)."""
-        actuation = self._model.inverse_dynamics(workspace, vdot)
-        return bool(np.all(np.abs(actuation) <= (1.0 + NO_EXCESS) * limits))
-
     def take(
         self,
         workspace: Workspace,
@@ -311,19 +306,29 @@ class EffortLimits:
         share, excess = found.torque_limit.tolist()
         if excess > NO_EXCESS:
             return False, 0.0, -excess
-        T = braking.horizon
+        if self._may_go_on(braking, measured, nominal, found.vdot, found.actuation):
+            return True, 0.0, share
+        return False, braking.horizon, share
+
+    def _may_go_on(
+        self,
+        braking: _Braking,
+        measured: Measured,
+        nominal: _Nominal,
+        vdot: np.ndarray,
+        actuation: np.ndarray,
+    ) -> bool:
+        """Whether braking is within the limits after a step of accelerations (nv,)."""
         tau = next_braking_torque(
-            found.vdot,
-            found.actuation,
+            vdot,
+            actuation,
             nominal.inertia,
             measured.v,
             self._model.controlled,
-            T,
+            braking.horizon,
             self._period,
         )
-        if np.all(np.abs(tau) <= _SURE * self.limits):
-            return True, 0.0, share
-        return False, T, share
+        return bool(np.all(np.abs(tau) <= _SURE * self.limits))
 
     def _with(
         self,
@@ -404,11 +409,18 @@ class EffortLimits:
         """What the mode admits of accelerations within the limits."""
         model = self._model
         actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
-        # The rows of longer horizons have yet to be looked at.
-        guarded = braking is not self._braking
-        vdot, reported = braking.mode.admit_again(measured, slowed.vdot, guarded)
-        if guarded and not self._near(workspace, vdot, limits):
-            vdot, reported = braking.mode.admit_again(measured, slowed.vdot)
+        vdot, reported = slowed.vdot, None
+        if braking is not self._braking:
+            # Whose rows have yet to be looked at; but what the guard makes of them may
+            # be beyond the limits.
+            vdot, reported = braking.mode.admit_again(measured, vdot, True)
+            tau = model.inverse_dynamics(workspace, vdot)
+            if np.any(np.abs(tau) > (1.0 + NO_EXCESS) * limits) or not self._may_go_on(
+                braking, measured, nominal, vdot, tau
+            ):
+                vdot, reported = slowed.vdot, None
+        if reported is None:
+            vdot, reported = braking.mode.admit_again(measured, vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)

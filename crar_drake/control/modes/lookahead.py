@@ -146,8 +146,8 @@ class LookaheadMode(Mode):
         self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
         preview = make_preview(
-            ahead.preview or 0.0,
-            ahead.smoothness,
+            ahead.planned_time or 0.0,
+            ahead.planned_smoothness,
             parameters.null_space_gain,
             parameters.posture_gain,
             parameters.period,
@@ -250,7 +250,7 @@ class LookaheadMode(Mode):
                     f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
                     f"within a period; choose at most {1.0 / parameters.period:g}/s"
                 )
-        bounds = ahead.approach_rate is not None or ahead.preview is not None
+        bounds = ahead.approach_rate is not None or ahead.planned_time is not None
         if ahead.limit_approach_rate is not None and not bounds:
             raise ScenarioError(
                 "controller.lookahead.limit_approach_rate: without approach_rate or "

@@ -122,7 +122,7 @@ class LookaheadParameters:
     preview: float | None = None  # [s]
     null_space_damping: float = 0.02  # [m]
     smoothness: float | None = None  # [m s^2]
-    farthest_pull: float = 0.02  # [m or rad]
+    farthest_pull: float = 0.01  # [m or rad]
     tracking_error: float | None = None  # [rad or m]
     tracking_errors: dict[str, float] = field(default_factory=dict)  # [rad or m]
 

@@ -22,8 +22,8 @@ _SAME = 1e-7
 def find_masses(model: ControlModel) -> Masses:
     """The masses of a robot whose base is fixed.
 
-    What stands on the soles counts, those bodies that nothing moves among them: a table,
-    a frame on wheels. What is welded to the world beside it does not.
+    What stands on the soles counts, those bodies that nothing moves among them, as a
+    table or a frame on wheels. What is welded to the world beside it does not.
 
     Args:
         model: of the robot, whose description has soles.
@@ -107,8 +107,7 @@ def _on_soles(model: ControlModel) -> set[int]:
     if apart := [link for i, link in feet.items() if i not in found]:
         raise ModelError(
             f"{what}: {', '.join(apart)}: nothing but the world joins it to "
-            f"{next(iter(soles))}, so that each would stand for itself; weld one to the "
-            "other"
+            f"{next(iter(soles))}, so that each stands alone; weld one to the other"
         )
     for i in set(range(plant.num_bodies())) - found:
         body = plant.get_body(BodyIndex(i))
@@ -159,7 +158,7 @@ def sole_corners(
 
 
 def shrunk(corners: np.ndarray, margin: float) -> np.ndarray:
-    """(V, 3) the polygon about points of a plane with each edge `margin` farther inside.
+    """(V, 3) the polygon about points of a plane, each edge `margin` farther inside.
 
     Args:
         corners: (P, 3), those inside the polygon may be among them [m].

@@ -6,12 +6,13 @@ numbers are chosen here.
 
 from pathlib import Path
 
-from urdf_text import Joint, Link, capsule, sphere, urdf
+from urdf_text import Joint, Link, capsule, urdf
 
 from crar_drake.files import whole_file
 
 HALF = 0.13  # of a foot beside the middle, along x and along y [m]
-PAD = 0.02  # half the width of a foot, and its height [m]
+PAD = 0.02  # half the width of a foot, and the radius of foot and bar [m]
+HEIGHT = 0.12  # of the bars' upper side, where the upper body stands [m]
 BAR_MASS, FOOT_MASS = 3.0, 0.25  # of each [kg]
 
 COLORS = {"graphite": (0.17, 0.18, 0.20, 1), "amber": (0.96, 0.62, 0.16, 1)}
@@ -24,8 +25,9 @@ FEET = {
 
 def frame_urdf() -> str:
     """Returns the text of frame.urdf."""
+    z = HEIGHT - PAD
     bars = [
-        capsule(PAD, (-HALF, -sign * HALF, 1.5 * PAD), (HALF, sign * HALF, 1.5 * PAD))
+        capsule(PAD, (-HALF, -sign * HALF, z), (HALF, sign * HALF, z))
         for sign in (1, -1)
     ]
     frame = Link(
@@ -34,8 +36,8 @@ def frame_urdf() -> str:
         bars,
         [(bar, "amber") for bar in bars],
     )
-    pad = sphere(PAD, (0.0, 0.0, PAD))
-    feet = [Link(name, [(pad, FOOT_MASS)], [], [(pad, "graphite")]) for name in FEET]
+    leg = capsule(PAD, (0.0, 0.0, PAD), (0.0, 0.0, z))
+    feet = [Link(name, [(leg, FOOT_MASS)], [], [(leg, "graphite")]) for name in FEET]
     joints = [
         Joint(f"{name}_mount", "fixed", "frame", name, at) for name, at in FEET.items()
     ]

@@ -80,7 +80,7 @@ class BalanceParameters:
     """What a robot that stands may ask of the ground.
 
     Attributes:
-        margin: that the soles are taken smaller by at each edge [m].
+        margin: that the hull of all soles is taken smaller by at each edge [m].
         friction: coefficient between soles and ground that may be used.
     """
 

@@ -202,7 +202,7 @@ def _check_standing_tasks(model: ControlModel) -> None:
         raise ScenarioError(
             f"tasks: {', '.join(others)}: a robot that stands follows positions of "
             f"{', '.join(JOINT_CENTRES)}, as seen from the person's hips; leave the "
-            "others out, or take standing out"
+            "others out, or take standing out (soles, where the root is fixed)"
         )
 
 

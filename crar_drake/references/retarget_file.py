@@ -52,16 +52,20 @@ class RetargetedClip:
             of the frames [rad].
         knees: side to how much more a knee bends than the person's, in the median
             (negative: less), and how far apart they are in 95 % of the frames [rad].
-        slip: the longest way that a planted foot slips [m].
+        slip: the longest way that a foot slips in one contact [m]. It is planted while
+            the performer's heel or ball is on the floor, from the first such frame to
+            the last: in the step in which both leave it is not.
+        leaving: the same as `crar-drake judge` has it, which does not know the contacts
+            and takes a foot for planted until it is 30 mm high, or fast [m].
         lowest: the lowest point of all links, over the floor [m].
-        seconds: of a processor, from the performer to the certified motion, asking and
-            parting meshes with it, without their certificate [s].
+        seconds: of a processor, from the file to the certified motion [s].
     """
 
     cleaned: CleanedClip
     limbs: dict[str, tuple[float, float]]
     knees: dict[str, tuple[float, float]]
     slip: float
+    leaving: float
     lowest: float
     seconds: float
 
@@ -186,17 +190,16 @@ class FileRetargeter:
         _check_place(out)
         robot, retargeter, options = self._robot, self.retargeter, self._options
         rate, layout = options.rate, options.layout
+        began = time.process_time()
         performer = load_performer(motion, options.options)
         frames = int(performer.duration * rate) + 1
         meshes = self._cleaner.uncovered.meshes
-        began = time.process_time()
         found = retargeter.retarget(
             performer,
             rate,
             None if progress is None else lambda k: progress(k, frames),
             None if meshes is None else MeshRows(meshes, retargeter.model.joint_names),
         )
-        seconds = time.process_time() - began
         quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
         names = retargeter.model.joint_names
         made = RobotMotion(
@@ -213,17 +216,23 @@ class FileRetargeter:
             layout=layout,
             options=options.certified(motion),
         )
+        seconds = time.process_time() - began
         given = None if layout_named(layout).has_rate else rate
         written = read_motion(out, layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
         limbs, knees = likeness(retargeter, found.targets, written)
+        planted = {
+            f"{side}_foot": foot.on_heel | foot.on_ball
+            for side, foot in found.targets.feet.items()
+        }
         return RetargetedClip(
             cleaned,
             limbs,
             knees,
+            self._outline.slip_of_planted(written, planted),
             max((foot.worst for foot in ground.feet), default=0.0),
             float(ground.lowest.min()),
-            seconds + cleaned.seconds,
+            seconds,
         )
 
 

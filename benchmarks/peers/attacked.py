@@ -26,7 +26,7 @@ from benchmarks.adversary.attacks import make_episode
 from benchmarks.adversary.judge import Judge, Verdict
 from benchmarks.page import Benchmark, Table
 from benchmarks.peers.compare import PERIOD, add_peer_options, recorded, run_command
-from benchmarks.peers.crossings import entries
+from benchmarks.peers.crossings import add_only, entries, only
 from benchmarks.peers.peers import MARGIN
 from benchmarks.peers.problem import ROBOT, SAMPLE, describe, write_problem
 from crar_drake import (
@@ -197,10 +197,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=12, help="episodes an attack")
     parser.add_argument("--period", type=float, default=PERIOD, help="of control [s]")
     parser.add_argument("--fastest", type=float, help="of every joint [rad/s]")
+    add_only(benchmark)
     arguments = benchmark.parse(
         argv,
         lambda given: (
-            f"fastest {given.fastest:g}" if given.fastest else "shipped limits"
+            (f"fastest {given.fastest:g}" if given.fastest else "shipped limits")
+            + (", some" if given.only else "")
         ),
     )
     if arguments.fastest is not None and not arguments.fastest > 0.0:
@@ -219,7 +221,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     found: dict[str, dict[str, Harm]] = {}
     every = [name for names in cases.values() for name in names]
     each = dict.fromkeys(every, arguments.period)
-    for entry, results in recorded(entries(every), each, arguments, folder):
+    chosen = only(entries(every), arguments, benchmark)
+    for entry, results in recorded(chosen, each, arguments, folder):
         found[entry.name] = {attack: Harm() for attack in cases}
         for attack, names in cases.items():
             for name in names:

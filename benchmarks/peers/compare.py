@@ -1,4 +1,4 @@
-"""Compares the lookahead with PlaCo, Pink, mink and Drake's differential IK.
+"""Compares the lookahead with PlaCo, Pink, mink, Drake, OSCBF and embodik.
 
     python -m benchmarks.peers.compare               # run and print
     python -m benchmarks.peers.compare --tune        # choose settings.json anew
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +27,7 @@ from rich.progress import track
 
 from benchmarks.page import check_part, command_line, write_part
 from benchmarks.peers.judge import Figures, Judge
-from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS, Peer
+from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS, PYTHONS, Peer
 from benchmarks.peers.problem import CASES, write_problem
 from benchmarks.peers.report import Row, page_part, tables
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
@@ -118,8 +119,11 @@ def environment(folder: Path, name: str, requirements: tuple[str, ...]) -> str:
     wanted = "\n".join(requirements)
     if stamp.is_file() and stamp.read_text() == wanted:
         return str(python)
+    base = shutil.which(PYTHONS[name]) if name in PYTHONS else sys.executable
+    if base is None:
+        raise PeerError(f"{name}: needs {PYTHONS[name]} on the path")
     for command in (
-        [sys.executable, "-m", "venv", "--clear", str(folder / name)],
+        [base, "-m", "venv", "--clear", str(folder / name)],
         [str(python), "-m", "pip", "install", "--quiet", *requirements],
     ):
         finished = subprocess.run(command, capture_output=True, text=True)

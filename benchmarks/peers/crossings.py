@@ -67,7 +67,10 @@ HEADER = (
 
 def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.crossings", __doc__, "crossings")
-    arguments, out, cases, judge = asked(benchmark, argv, lambda given: given.robot)
+    add_only(benchmark)
+    arguments, out, cases, judge = asked(
+        benchmark, argv, lambda given: given.robot + (", some" if given.only else "")
+    )
     folder = out / "problem"
     figures = {}
     each = dict.fromkeys(cases, PERIOD)
@@ -76,6 +79,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         Entry("lookahead, calm", OURS, dict.fromkeys(cases, CALM | COMPILED)),
         Entry("lookahead, preview", OURS, dict.fromkeys(cases, PREVIEWED | COMPILED)),
     ]
+    compared = only(compared, arguments, benchmark)
     for entry, found in recorded(compared, each, arguments, folder):
         figures[entry.name] = [judge.figures(found[case]) for case in cases]
     told = {
@@ -88,6 +92,24 @@ def main(argv: Sequence[str] | None = None) -> None:
     best = best_errors(figures)
     rows = [row(name, each, best) for name, each in figures.items()]
     benchmark.report([Table(HEADER, rows)])
+
+
+def add_only(benchmark: Benchmark) -> None:
+    """The option that `only` reads."""
+    benchmark.parser.add_argument(
+        "--only", nargs="+", default=[], help="controllers whose names contain one"
+    )
+
+
+def only(
+    rows: Sequence[Entry], arguments: argparse.Namespace, benchmark: Benchmark
+) -> list[Entry]:
+    """Those that are asked for; all if none is."""
+    parts = arguments.only
+    chosen = [row for row in rows if not parts or any(p in row.name for p in parts)]
+    if not chosen:
+        benchmark.parser.error(f"--only {' '.join(parts)}: no such controller")
+    return chosen
 
 
 def asked(

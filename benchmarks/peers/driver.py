@@ -62,6 +62,7 @@ class Problem:
         links: links whose origins are the task points.
         pairs: watched pairs of links.
         rest: (n,) rest posture [rad].
+        guarded: links that are kept from obstacles that move, in their scenes.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -76,6 +77,7 @@ class Problem:
         self.links: list[str] = data["task_links"]
         self.pairs: list[list[str]] = data["pairs"]
         self.rest = np.array(data["rest"])
+        self.guarded: list[str] = data.get("guarded", [])
 
 
 class Controller:
@@ -206,6 +208,74 @@ class Filter(Controller):
             q[k + 1], v[k + 1] = here, speed
         return {
             "time": clock,
+            "q": q,
+            "v": v,
+            "step_time": step_time,
+            "no_answer": no_answer,
+        }
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """N obstacles as they are measured at t_k.
+
+    Attributes:
+        centres: (N, 3) [m].
+        velocities: (N, 3) of the last period [m/s].
+        radii, speeds: (N,) and the bounds of their speeds [m], [m/s].
+    """
+
+    centres: np.ndarray
+    velocities: np.ndarray
+    radii: np.ndarray
+    speeds: np.ndarray
+
+
+class Guard(Controller):
+    """Passes wanted joint velocities among spheres that move; `solve` answers joint
+    velocities.
+
+    A case has time (T,) [s], q_start (n,), the postures that are wanted, q (T, n) [rad
+    or m], how fast at most, fastest (n,), and the spheres, as `Spheres` calls them,
+    with centres (T, N, 3). What is wanted is the same for all:
+
+        v_d = GAIN (q_wanted - q), each joint at most as fast as that.
+    """
+
+    GAIN = 3.0  # [1/s]
+
+    def guard(self, q: np.ndarray, v: np.ndarray, spheres: Spheres) -> np.ndarray:
+        """The command (n,) in place of v (n,) for one period; raises NoAnswer."""
+        raise NotImplementedError
+
+    def record(
+        self, case: Path, period: float, seconds: float | None
+    ) -> dict[str, np.ndarray]:
+        """Runs a case; what `run` returns, without targets."""
+        data = dict(np.load(case))
+        steps = len(data["time"]) - 1
+        q = np.empty((steps + 1, len(data["q_start"])))
+        v, step_time = np.zeros_like(q), np.empty(steps)
+        no_answer = np.zeros(steps, dtype=bool)
+        q[0], before = data["q_start"], data["centres"][0]
+        self.reset(q[0])
+        for k in range(steps):
+            centres = data["centres"][k]
+            moved = (centres - before) / period
+            seen = Spheres(centres, moved, data["radii"], data["speeds"])
+            wanted = self.GAIN * (data["q"][k] - q[k])
+            wanted = np.clip(wanted, -data["fastest"], data["fastest"])
+            start = time.process_time()
+            try:
+                v[k + 1] = self.guard(q[k], wanted, seen)
+            except NoAnswer:
+                no_answer[k] = True
+            step_time[k] = time.process_time() - start
+            if not np.isfinite(v[k + 1]).all():
+                v[k + 1], no_answer[k] = 0.0, True
+            q[k + 1], before = q[k] + period * v[k + 1], centres
+        return {
+            "time": data["time"],
             "q": q,
             "v": v,
             "step_time": step_time,

@@ -37,7 +37,12 @@ ENVIRONMENTS = {
     "placo": ("placo==0.10.2",),
     "pink": ("pin-pink==4.4.0", "pin==4.1.0", "daqp==0.11.0", "qpsolvers==4.13.0"),
     "mink": ("mink==1.3.0", "mujoco==4.0.0", "daqp==0.11.0", "qpsolvers==4.13.0"),
+    "drake": ("drake==1.58.0",),
+    "oscbf": ("cbfpy==0.1.0", "frax==0.1.0", "jax==0.10.2", "jaxlib==0.10.2"),
+    "embodik": ("embodik==0.23.2",),
 }
+# Those of their packages that are not for every Python of this project.
+PYTHONS = {"drake": "python3.12", "embodik": "python3.12"}
 
 
 def every(**choices: tuple) -> tuple[dict, ...]:
@@ -61,6 +66,19 @@ def placo_dynamics(**choices: tuple) -> tuple[dict, ...]:
         qdd_safe=(20.0, 80.0, 200.0),
         margin=(MARGIN,),
         trigger=(0.1,),
+        **choices,
+    )
+
+
+def barriers(**choices: tuple) -> tuple[dict, ...]:
+    """The grid of OSCBF, with choices besides."""
+    return every(
+        posture_gain=(1.0,),
+        margin=(MARGIN,),
+        nearest=(12,),
+        # Its default, 1e3, gives way; null stands for barriers that never do.
+        penalty=(1e6,),
+        tolerance=(1e-3,),
         **choices,
     )
 
@@ -167,7 +185,7 @@ PEERS = (
     Peer(
         "Drake, differential IK",
         "run_drake_diffik",
-        "",
+        "drake",
         every(
             gain=(15.0, 30.0, 60.0, 200.0),
             cartesian_weight=(1.0, 100.0),
@@ -178,6 +196,47 @@ PEERS = (
             limit_influence=(0.1,),
         ),
         python=True,
+    ),
+    Peer(
+        "OSCBF, velocities",
+        "run_oscbf",
+        "oscbf",
+        barriers(
+            order=(1,),
+            gain=(60.0, 200.0),
+            damping=(1e-3,),
+            alpha=(10.0, 20.0, 50.0, 75.0, 100.0, 140.0, 190.0),
+        ),
+        python=False,
+    ),
+    Peer(
+        "OSCBF, accelerations",
+        "run_oscbf",
+        "oscbf",
+        barriers(
+            order=(2,),
+            gain=(30.0, 60.0),
+            damping=(1e-3,),
+            alpha=(10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0),
+        ),
+        python=False,
+    ),
+    Peer(
+        "embodik",
+        "run_embodik",
+        "embodik",
+        every(
+            gain=(60.0, 200.0),
+            posture=(1.0,),
+            damping=(0.03,),
+            tolerance=(1e-3, 1e-2, 1e-1),
+            mode=("MIN_ERROR", "SCALE"),
+            tuning=("PRECISE",),
+            margin=(MARGIN,),
+            constraints=(10,),
+            recovery=(0.2, 1.0),
+        ),
+        python=False,
     ),
 )
 

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers import motions, robot_files
+from benchmarks.peers.peers import MARGIN
 from crar_drake import (
     EXPERIMENTS,
     ControlModel,
@@ -37,6 +38,7 @@ ROBOTS = {
     "g1": EXPERIMENTS["upper-body"],
     "obstacle_arm": ["tool"],
 }  # to the points that are tasks
+BASE = {"reach": 1.0, "fastest": 0.5}  # [m], [m/s and rad/s]
 SAMPLE = 1e-3  # [s]
 START_DEPTH = 0.015  # [m] of the start in penetration
 CASES = {
@@ -46,12 +48,18 @@ CASES = {
 }
 
 
-def write_problem(folder: Path, robot: str = ROBOT) -> None:
-    """Writes a robot of `ROBOTS`, and all cases if it is `ROBOT`."""
+def write_problem(folder: Path, robot: str = ROBOT, on_a_base: bool = False) -> None:
+    """Writes a robot of `ROBOTS`, and all cases if it is `ROBOT`.
+
+    Args:
+        folder: is made.
+        robot: which.
+        on_a_base: whether it slides and turns on the floor, as `BASE` says.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     shipped, tasks = load_robot_description(robot), ROBOTS[robot]
     links = [robot_files.unscoped(shipped.task_frames[task]) for task in tasks]
-    base = write_robot(folder, shipped, links)
+    base = write_robot(folder, shipped, links, on_a_base)
     description = describe(folder, shipped)
     model = ControlModel.FromDescription(description, position_tasks(tasks))
     problem = {
@@ -74,13 +82,19 @@ def write_problem(folder: Path, robot: str = ROBOT) -> None:
         _write_case(folder / f"{name}.npz", model, motion)
 
 
-def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> str:
+def write_robot(
+    folder: Path,
+    robot: RobotDescription,
+    links: Sequence[str],
+    on_a_base: bool = False,
+) -> str:
     """Writes the robot for every peer, its prescribed joints welded at rest.
 
     Args:
         folder: is there.
         robot: whose shapes are capsules and spheres.
         links: whose origins are tasks.
+        on_a_base: as of `write_problem`.
 
     Returns:
         Its root link.
@@ -93,6 +107,8 @@ def write_robot(folder: Path, robot: RobotDescription, links: Sequence[str]) -> 
         },
         links,
     )
+    if on_a_base:
+        robot_files.on_a_base(urdf, **BASE)
     _write(folder / "robot.urdf", robot_files.drake_urdf(urdf))
     _write(folder / "robot_pinocchio.urdf", robot_files.pinocchio_urdf(urdf))
     _write(folder / "robot_mujoco.xml", robot_files.mjcf(urdf, links))
@@ -112,8 +128,12 @@ def write_crossings(folder: Path, seeds: Iterable[int]) -> list[str]:
     )
     workspace, rest = model.MakeWorkspace(), model.rest_positions()
 
+    # Neighbours that are never farther apart need no more than the margin.
+    near = model.evaluate_distances(workspace, rest).d < motions.APART
+    less = np.where(near, motions.APART - MARGIN, 0.0)
+
     def smallest(q: np.ndarray) -> float:
-        return float(model.evaluate_distances(workspace, q).d.min())
+        return float((model.evaluate_distances(workspace, q).d + less).min())
 
     names = []
     for seed in seeds:

@@ -61,6 +61,12 @@ NOTES = {
     "hand with its own upper arm), and its bound on a displacement is divided by the "
     "period, so that gains as small as the period are in the grid besides those that "
     "its documentation names",
+    "OSCBF, velocities": "barriers of velocities by cbfpy over frax's kinematics, a "
+    "step compiled by JAX; distances of capsules are written for it here, and the "
+    "twelve nearest become rows",
+    "OSCBF, accelerations": "the same with barriers of second order, as for torques",
+    "embodik": "prioritised velocities in C++, called from Python once a step; all "
+    "points in the first priority",
     "lookahead, defaults": "what `CrarParameters()` has",
     "lookahead, tuned, compiled": "the same law where Numba is installed",
     "lookahead, defaults, compiled": "likewise",

@@ -40,8 +40,9 @@ def retarget(problem: Problem, data: dict, settings: dict) -> dict[str, np.ndarr
         problem: the robot, with its root free.
         data: points (T, P, 3) where the problem's links are to be [m], costs (P,);
             root_positions (T, 3) [m], root_quaternions (T, 4) w x y z.
-        settings: steps per frame, the costs root, turn, posture, and lm_damping; and of
-            the bound of distances, if `collisions`, those of `collision_limit`.
+        settings: stages, those of GMR's law; or steps per frame, the costs root, turn,
+            posture, and lm_damping; and of the bound of distances, if `collisions`,
+            those of `collision_limit`.
 
     Returns:
         qpos (T, 7 + n), seconds of a processor, and the number of frames without an
@@ -69,7 +70,14 @@ def retarget(problem: Problem, data: dict, settings: dict) -> dict[str, np.ndarr
     identity = mink.SO3.identity()
     configuration.update(q)
     made, unsolved, began = [], 0, time.process_time()
+    stages = [Stage(model, problem, data, one) for one in settings.get("stages", ())]
     for k in range(len(data["points"])):
+        if stages:
+            for stage in stages:
+                stage.aim(k)
+                unsolved += not stage.solve(configuration)
+            made.append(configuration.q.copy())
+            continue
         turn = mink.SO3(data["root_quaternions"][k])
         root.set_target(
             mink.SE3.from_rotation_and_translation(turn, data["root_positions"][k])
@@ -91,6 +99,83 @@ def retarget(problem: Problem, data: dict, settings: dict) -> dict[str, np.ndarr
         "seconds": np.array(time.process_time() - began),
         "unsolved": np.array(unsolved),
     }
+
+
+class Stage:
+    """One of the two problems that GMR solves of each frame, one after the other: the
+    turns of links with where the feet are, and then where all points are besides.
+
+    Its law is that of https://github.com/YanjieZe/GMR, `motion_retarget.py`, written
+    anew: damping 0.5 and Levenberg-Marquardt damping 1, joint limits, and at most
+    eleven steps, until the errors fall by no more than 1e-3.
+    """
+
+    DAMPING, LM_DAMPING, STEPS, ENOUGH = 0.5, 1.0, 11, 1e-3
+
+    def __init__(
+        self, model: mujoco.MjModel, problem: Problem, data: dict, costs: dict
+    ) -> None:
+        """
+        Args:
+            model: MuJoCo's.
+            problem: the robot, with its root free.
+            data: as of `retarget`, with link_names (L,) and link_quaternions (T, L, 4).
+            costs: root, turn of the root; points, as many; links, as many.
+        """
+        self.data, self.dt = data, model.opt.timestep
+        damping = {"lm_damping": self.LM_DAMPING}
+        self.root = mink.FrameTask(
+            problem.base, "body", costs["root"], costs["turn"], **damping
+        )
+        self.points = [
+            (i, mink.FrameTask(link, "site", cost, 0.0, **damping))
+            for i, (link, cost) in enumerate(
+                zip(problem.links, costs["points"], strict=True)
+            )
+            if cost
+        ]
+        self.links = [
+            mink.FrameTask(str(link), "body", 0.0, cost, **damping)
+            for link, cost in zip(data["link_names"], costs["links"], strict=True)
+        ]
+        self.tasks = [self.root, *(task for _, task in self.points), *self.links]
+        self.limits = [mink.ConfigurationLimit(model)]
+
+    def aim(self, k: int) -> None:
+        """At frame k."""
+        data, pose = self.data, mink.SE3.from_rotation_and_translation
+        turn = mink.SO3(data["root_quaternions"][k])
+        self.root.set_target(pose(turn, data["root_positions"][k]))
+        for i, task in self.points:
+            task.set_target(pose(mink.SO3.identity(), data["points"][k, i]))
+        for task, turned in zip(self.links, data["link_quaternions"][k], strict=True):
+            task.set_target(pose(mink.SO3(turned), np.zeros(3)))
+
+    def solve(self, configuration: mink.Configuration) -> bool:
+        """Moves the configuration; whether every step had an answer."""
+        before = self._error(configuration)
+        for _ in range(self.STEPS):
+            try:
+                v = mink.solve_ik(
+                    configuration,
+                    self.tasks,
+                    self.dt,
+                    "daqp",
+                    damping=self.DAMPING,
+                    limits=self.limits,
+                )
+            except mink.NoSolutionFound:
+                return False
+            configuration.integrate_inplace(v, self.dt)
+            after = self._error(configuration)
+            if before - after <= self.ENOUGH:
+                break
+            before = after
+        return True
+
+    def _error(self, configuration: mink.Configuration) -> float:
+        errors = [task.compute_error(configuration) for task in self.tasks]
+        return float(np.linalg.norm(np.concatenate(errors)))
 
 
 if __name__ == "__main__":

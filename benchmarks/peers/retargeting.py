@@ -6,7 +6,8 @@ python -m benchmarks.peers.retargeting g1_whole_body dance cmu:05_02 some.bvh ..
 Both are asked for the same root, directions of limbs and feet, at 30 frames a second.
 For mink the directions become points: each limb as long as the robot's, from the root
 on. It runs without a bound of distances, as retargeters that solve frame by frame do,
-and with it. What comes out is judged alike.
+and with it; and by the law of GMR in two stages, turns of links first. What comes out
+is judged alike.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from pydrake.multibody.tree import RigidBody
 from scipy.spatial.transform import Rotation
 
 from benchmarks.page import ROOT, Benchmark, Table, run
@@ -70,7 +72,12 @@ SETTINGS = {
     "relaxation": 0.0,
 }
 _OWN = "crar-drake retarget"
-_WAYS = {"mink": False, "mink, distances bounded": True}
+_GMR = "GMR's law"
+_WAYS = (
+    ("mink", {"collisions": False}),
+    ("mink, distances bounded", {"collisions": True}),
+    (_GMR, {"collisions": False}),
+)
 _SOLE = 5.0  # cost of heels and balls, the other points' being 1
 
 
@@ -113,8 +120,9 @@ class Comparison:
         own = read_motion(out, robot=self._judge.robot)
         rows = [self._row(motion, _OWN, targets, own, clip.times_real_time)]
         self._write_case(targets)
-        for name, bounded in _WAYS.items():
-            made, seconds = self._by_mink(own, bounded)
+        for name, more in _WAYS:
+            more = more | ({"stages": self._stages()} if name == _GMR else {})
+            made, seconds = self._by_mink(own, more)
             rows.append(self._row(motion, name, targets, made, own.duration / seconds))
         return rows
 
@@ -243,7 +251,85 @@ class Comparison:
             costs=costs,
             root_positions=targets.root_positions,
             root_quaternions=quaternions[:, [3, 0, 1, 2]],
+            **self._turned_links(targets, turned),
         )
+
+    def _turned_links(
+        self, targets: PerformerTargets, turned: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """How GMR would have links turned: as at rest with the root, and from there
+        the shortest way to the direction of their limbs.
+
+        Args:
+            targets: of the person.
+            turned: (T, 3, 3) of the root, from rest.
+        """
+        plant = self._retargeter.model.plant
+        frames = self._retargeter.description.task_frames
+        asked = {}  # link to its direction at rest (3,) and in each frame (T, 3)
+
+        def ask(link: RigidBody, at_rest: np.ndarray, wanted: np.ndarray) -> None:
+            lengths = np.linalg.norm(wanted, axis=1, keepdims=True)
+            asked[link.name()] = at_rest / np.linalg.norm(at_rest), wanted / lengths
+
+        def body(name: str) -> RigidBody:
+            return find_frame(plant, frames[name]).body()
+
+        above = {}
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            above[joint.child_body().name()] = joint.parent_body()
+        for side in ("left", "right"):
+            for limb, link in (
+                ("shoulder-elbow", above[body(f"{side}_elbow").name()]),
+                ("elbow-wrist", body(f"{side}_elbow")),
+                ("hip-knee", body(f"{side}_hip")),
+                ("knee-ankle", body(f"{side}_knee")),
+            ):
+                a, b = LIMBS[f"{side}_{limb}"][1]
+                way = self._place(b) - self._place(a)
+                ask(link, way, targets.directions[f"{side}_{limb}"])
+            leg, foot = self._retargeter.legs[side], targets.feet[side]
+            ask(body(f"{side}_foot"), leg.ball - leg.heel, foot.ball - foot.heel)
+        up = self._place("neck") - self._place("waist")
+        ask(body("neck"), up, targets.directions["trunk"])
+        quaternions = []
+        for name, (at_rest, wanted) in asked.items():
+            link = plant.GetBodyByName(name)
+            R = link.EvalPoseInWorld(self._at_rest).rotation().matrix()
+            way = turned @ at_rest
+            axis = np.cross(way, wanted)
+            angle = np.arctan2(np.linalg.norm(axis, axis=1), (way * wanted).sum(axis=1))
+            axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12)
+            shortest = Rotation.from_rotvec(angle[:, None] * axis)
+            placed = shortest * Rotation.from_matrix(turned @ R)
+            quaternions.append(placed.as_quat()[:, [3, 0, 1, 2]])
+        self._links = list(asked)
+        return {
+            "link_names": np.array(self._links),
+            "link_quaternions": np.stack(quaternions, axis=1),
+        }
+
+    def _stages(self) -> list[dict]:
+        """Costs like those that GMR publishes for this kind of robot: turns and where
+        the soles are, and then where points are; trunk and upper arms turn foremost."""
+        soles = [50.0] * (2 * len(self._retargeter.legs))
+        frames = self._retargeter.description.task_frames
+        plant = self._retargeter.model.plant
+        trunk = find_frame(plant, frames["neck"]).body().name()
+        first = [100.0 if name == trunk else 10.0 for name in self._links]
+        last = [10.0 if name == trunk else 5.0 for name in self._links]
+        far = ("elbow", "wrist", "knee", "hip")
+        points = [10.0 if name.endswith(far) else 0.0 for name in self._points]
+        points = [
+            5.0 if name.endswith("shoulder") else cost
+            for name, cost in zip(self._points, points, strict=True)
+        ]
+        none = [0.0] * len(points)
+        return [
+            {"root": 0.0, "turn": 10.0, "points": none + soles, "links": first},
+            {"root": 100.0, "turn": 5.0, "points": points + soles, "links": last},
+        ]
 
     def _place(self, name: str) -> np.ndarray:
         """(3,) where a task frame is as the robot stands [m]."""
@@ -251,11 +337,11 @@ class Comparison:
         frame = find_frame(plant, self._retargeter.description.task_frames[name])
         return frame.CalcPoseInWorld(self._at_rest).translation()
 
-    def _by_mink(self, like: RobotMotion, bounded: bool) -> tuple[RobotMotion, float]:
+    def _by_mink(self, like: RobotMotion, more: dict) -> tuple[RobotMotion, float]:
         """The motion, and how long a processor took [s]."""
         case = {
             "case": "case.npz",
-            "settings": {**SETTINGS, "collisions": bounded},
+            "settings": SETTINGS | more,
             "out": "made.npz",
         }
         command = [self._python, "-m", "benchmarks.peers.retarget_mink"]

@@ -107,6 +107,42 @@ def simplified_urdf(
     return robot
 
 
+def on_a_base(robot: ET.Element, reach: float, fastest: float) -> None:
+    """Puts the robot on a base that slides along x and y and turns about z.
+
+    Args:
+        robot: is changed; its root link then moves.
+        reach: how far the base may go [m].
+        fastest: [m/s] and [rad/s].
+    """
+    below = root_link(robot)
+    for name, kind, axis, most in (
+        ("base_yaw", "revolute", "0 0 1", np.pi),
+        ("base_y", "prismatic", "0 1 0", reach),
+        ("base_x", "prismatic", "1 0 0", reach),
+    ):
+        link = ET.Element("link", {"name": f"{name}_under"})
+        inertial = ET.SubElement(link, "inertial")  # MuJoCo moves nothing without
+        ET.SubElement(inertial, "origin", {"xyz": "0 0 0", "rpy": "0 0 0"})
+        ET.SubElement(inertial, "mass", {"value": "1"})
+        moments = dict.fromkeys(("ixx", "iyy", "izz"), "1e-3")
+        products = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+        ET.SubElement(inertial, "inertia", moments | products)
+        joint = ET.Element("joint", {"name": name, "type": kind})
+        ET.SubElement(joint, "parent", {"link": f"{name}_under"})
+        ET.SubElement(joint, "child", {"link": below})
+        ET.SubElement(joint, "axis", {"xyz": axis})
+        limit = {"lower": f"{-most}", "upper": f"{most}", "velocity": f"{fastest}"}
+        ET.SubElement(joint, "limit", limit | {"effort": "1000"})
+        robot.insert(0, joint)
+        robot.insert(0, link)
+        motor = ET.SubElement(robot, "transmission", {"name": f"{name}_motor"})
+        ET.SubElement(motor, "type").text = "transmission_interface/SimpleTransmission"
+        ET.SubElement(motor, "joint", {"name": name})
+        ET.SubElement(motor, "actuator", {"name": f"{name}_motor"})
+        below = f"{name}_under"
+
+
 def drake_urdf(robot: ET.Element) -> str:
     """The URDF for Drake: as it is."""
     return _text(robot)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mink
 import mujoco
 import numpy as np
@@ -62,17 +64,27 @@ def load_model(problem: Problem) -> mujoco.MjModel:
     return model
 
 
-def collision_limit(
-    model: mujoco.MjModel, problem: Problem, settings: dict
-) -> mink.CollisionAvoidanceLimit:
-    """Of the watched pairs, by the settings that runs and filters share."""
+def geoms_of(model: mujoco.MjModel) -> dict[str, list[str]]:
+    """Link to its geoms."""
     geoms: dict[str, list[str]] = {}
     for i in range(model.ngeom):
         body = model.body(model.geom_bodyid[i]).name
         geoms.setdefault(body, []).append(model.geom(i).name)
+    return geoms
+
+
+def collision_limit(
+    model: mujoco.MjModel,
+    problem: Problem,
+    settings: dict,
+    others: Sequence[tuple[list[str], list[str]]] = (),
+) -> mink.CollisionAvoidanceLimit:
+    """Of the watched pairs, and of other pairs of geoms, by the settings that runs and
+    filters share."""
+    geoms = geoms_of(model)
     return mink.CollisionAvoidanceLimit(
         model,
-        [(geoms[a], geoms[b]) for a, b in problem.pairs],
+        [*((geoms[a], geoms[b]) for a, b in problem.pairs), *others],
         gain=settings["collision_gain"],
         minimum_distance_from_collisions=settings["collision_distance"],
         collision_detection_distance=settings["detection_distance"],

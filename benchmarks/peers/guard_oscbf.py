@@ -14,6 +14,8 @@ import numpy as np
 from benchmarks.peers.driver import Guard, Problem, Spheres, main
 from benchmarks.peers.run_oscbf import Body, Velocities, cbfpy
 
+OPEN = ("alpha", "keep", "told")  # settings that are no part of what is compiled
+
 
 class Among(Velocities):
     """z = (q, centres), u = q_dot; the spheres' velocities and radii besides."""
@@ -41,7 +43,7 @@ class Among(Velocities):
     def h_1(self, z, alpha, velocities, radii):
         q, centres = z[: self.n_joints], z[self.n_joints :].reshape(-1, 3)
         apart = self.body.from_spheres(q, self.guarded, centres, radii, self.nearest)
-        return jnp.concatenate([self.barriers(q), apart - self.settings["keep"]])
+        return jnp.concatenate([self.barriers(q), apart])
 
     def h_2(self, z, alpha, velocities, radii):
         return jnp.zeros(0)
@@ -69,15 +71,15 @@ class OscbfGuard(Guard):
         self.problem, self.settings = problem, settings
 
     def guard(self, q: np.ndarray, v: np.ndarray, spheres: Spheres) -> np.ndarray:
-        fixed = {k: v for k, v in self.settings.items() if k not in ("alpha", "told")}
+        fixed = {k: v for k, v in self.settings.items() if k not in OPEN}
         step = compiled_step(
             self.problem.folder,
             json.dumps(fixed, sort_keys=True),
             len(spheres.radii),
         )
         told = spheres.velocities if self.settings["told"] else 0.0 * spheres.centres
-        alpha = self.settings["alpha"]
-        return np.asarray(step(q, v, spheres.centres, told, spheres.radii, alpha))
+        alpha, radii = self.settings["alpha"], spheres.radii + self.settings["keep"]
+        return np.asarray(step(q, v, spheres.centres, told, radii, alpha))
 
 
 @cache

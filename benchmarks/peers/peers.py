@@ -37,6 +37,11 @@ ENVIRONMENTS = {
     "placo": ("placo==0.10.2",),
     "pink": ("pin-pink==4.4.0", "pin==4.1.0", "daqp==0.11.0", "qpsolvers==4.13.0"),
     "mink": ("mink==1.3.0", "mujoco==4.0.0", "daqp==0.11.0", "qpsolvers==4.13.0"),
+    # The newest wheel that has its library in it, with the versions it was built with.
+    "tsid": (
+        *("tsid==1.7.1", "pin==3.4.0", "numpy==2.3.5"),
+        *("cmeel-urdfdom==4.0.1", "cmeel-tinyxml2==10.0.0"),
+    ),
 }
 
 

@@ -38,8 +38,9 @@ class Tsid(Floating):
         for sole in standing["soles"]:
             corners = np.array(sole["corners"]).T
             middle = corners.mean(axis=1, keepdims=True)
-            shrink = 1.0 - 2.0 * settings["inside"] / sole["width"]
-            corners[1] = middle[1] + shrink * (corners[1] - middle[1])
+            sizes = np.array([[sole["length"]], [sole["width"]]])
+            shrink = 1.0 - 2.0 * settings["inside"] / sizes
+            corners[:2] = middle[:2] + shrink * (corners[:2] - middle[:2])
             contact = tsid.Contact6d(
                 *(f"stand_{sole['link']}", robot, sole["link"], corners),
                 *(np.array([0.0, 0.0, 1.0]), self.pyramid, 0.0, 3.0 * weight),

@@ -76,7 +76,7 @@ HEADER = (
 TOLERANCE = 1e-4  # [m] outside the soles that a solver of a program may be
 OFF = 2.0  # [m] of a root from its rest, beyond which a robot is not judged any more
 
-LAW = {"horizon": (0.05, 0.083, 0.15), "Kp": (300.0, 900.0), "Gv": (30.0, 60.0)}
+LAW = {"horizon": (0.05, 0.083, 0.15), "Kp": (300.0, 900.0), "Gv": (30.0,)}
 CONTROLLERS = (
     Peer(
         "law, balance",

@@ -114,6 +114,8 @@ class Floating(Controller):
             (T,) [s]; no_answer (T,).
         """
         data = np.load(case)
+        stride = round(period / (data["time"][1] - data["time"][0]))
+        data = {key: data[key][::stride] for key in ("time", "p", "v", "a")}
         steps = len(data["time"]) - 1
         if seconds is not None:
             steps = min(steps, round(seconds / period))

@@ -57,8 +57,10 @@ from crar_drake.robot.task import position_tasks
 from crar_drake.targets.motion import load_motion_targets
 
 SETTINGS = Path(__file__).parent / "standing-settings.json"
+SAMPLE = 1e-3  # [s] of the targets
 BEGIN = 1.0  # [s] over which targets leave the rest posture
 SWING, MOTION = 4.0, 8.0  # [s] of a case
+EVERY = 4  # steps apart, pairs are looked at: Drake's distances take the longest
 WARM_UP = 20  # first steps of a run, not timed
 MOTIONS = {"traffic 14_25": "cmu:14_25", "boxing 13_17": "cmu:13_17"}
 # Widths [m] and frequencies [Hz] of swings; the last are those of `benchmarks.balance`.
@@ -68,8 +70,10 @@ SWINGS = {
     "wild swings": ((0.15, 0.3), (0.5, 3.0)),
 }
 TUNING = ("middling swings", "wild swings")
+QUICK = ("TSID",)  # with a row at `SAMPLE` besides, for which its step is short enough
 HEADER = (
-    *("targets", "controller", "outside the soles", "farthest outside"),
+    *("targets", "controller", "outside the soles: at steps, in all"),
+    "farthest outside",
     *("beyond friction", "pairs", "limits", "failed", "rms error", "largest q̈"),
     *("pelvis moves", "soles move", "step (p99)"),
 )
@@ -98,7 +102,7 @@ CONTROLLERS = (
         "placo",
         every(
             kp=(100.0, 400.0),
-            com=(1.0, 10.0, 100.0),
+            com=(10.0, 100.0, 1000.0),
             posture=(1e-2,),
             inside=(0.0, 0.003),
             collisions=(True,),
@@ -111,7 +115,7 @@ CONTROLLERS = (
         "tsid",
         every(
             kp=(100.0, 400.0),
-            com=(1.0, 10.0, 100.0),
+            com=(10.0, 100.0, 1000.0),
             posture=(1e-2,),
             inside=(0.0, 0.003),
         ),
@@ -125,8 +129,9 @@ class Figures:
     """Of one run.
 
     Attributes:
-        outside: share of instants with the centre of pressure outside the soles less
-            the margin, or without one.
+        outside_at: share of the steps at whose begin the centre of pressure is outside
+            the soles less the margin, or there is none.
+        outside: the same share, of three instants of each step.
         farthest: outside [m]; infinite without a centre.
         slips: share of instants with a force beyond friction.
         pairs: share of samples with a watched pair in penetration.
@@ -139,6 +144,7 @@ class Figures:
         lost: share of samples after which the robot is off, not judged otherwise.
     """
 
+    outside_at: float
     outside: float
     farthest: float
     slips: float
@@ -197,33 +203,48 @@ class Judge:
         points, self._soles = self._places(self.rest[None])
         self.home = points[0]
 
-    def figures(self, found: dict[str, np.ndarray], p: np.ndarray) -> Figures:
-        """Judges what a driver recorded, for targets p (T, tasks, 3)."""
+    def figures(
+        self, found: dict[str, np.ndarray], p: np.ndarray, every: int = EVERY
+    ) -> Figures:
+        """Judges what a driver recorded.
+
+        Args:
+            found: by the driver.
+            p: (T, tasks, 3) targets at its times [m].
+            every: so many steps apart, pairs are looked at; 0 for never.
+        """
         Q, V, A = found["q"], found["v"], found["a"]
         away = np.linalg.norm(Q[:, 4:7] - self.rest[4:7], axis=1)
         off = ~(away < OFF)
         on = int(np.argmax(off)) if off.any() else len(Q)
-        Q, V, A = Q[:on], V[:on], A[:on]
-        shares = [share * PERIOD for share in INSTANTS]
+        period = found["time"][1] - found["time"][0]
+        # The same instants of all, of a quicker loop too.
+        some = slice(0, on, round(PERIOD / period))
+        peak, failed = float(np.abs(A[:on, 6:]).max()), float(found["no_answer"].mean())
+        Q, V, A, p = Q[some], V[some], A[some], p[some]
+        shares = [share * period for share in INSTANTS]
         q = np.array([after(*x, t) for x in zip(Q, V, A, strict=True) for t in shares])
         v = np.array([v + t * a for v, a in zip(V, A, strict=True) for t in shares])
         outside, slope = self.demand(q, v, np.repeat(A, len(shares), axis=0))
         whole = self._whole(Q)
-        seen = self._referee.violations(whole)
         lower, upper = self._referee.lower, self._referee.upper
         beyond = np.maximum(lower - whole, whole - upper) > LIMIT_TOLERANCE
-        beyond_count = beyond.sum(axis=1)
+        beyond_count, pairs = beyond.sum(axis=1), 0.0
+        if every:
+            seen = self._referee.violations(whole[::every])
+            pairs = float((seen.count > beyond_count[::every]).mean())
         points, soles = self._places(Q)
         moved = np.linalg.norm(soles - self._soles, axis=2)
         return Figures(
+            outside_at=float((outside[:: len(shares)] > TOLERANCE).mean()),
             outside=float((outside > TOLERANCE).mean()),
             farthest=float(outside.max()),
             slips=float((~(slope <= self.margins.friction * (1.0 + 1e-3))).mean()),
-            pairs=float((seen.count > beyond_count).mean()),
+            pairs=pairs,
             limits=float((beyond_count > 0).mean()),
-            failed=float(found["no_answer"].mean()),
-            error=float(np.sqrt(np.mean(np.sum((points - p[:on]) ** 2, axis=2)))),
-            acceleration=float(np.abs(A[:, 6:]).max()),
+            failed=failed,
+            error=float(np.sqrt(np.mean(np.sum((points - p) ** 2, axis=2)))),
+            acceleration=peak,
             pelvis=float(away[:on].max()),
             soles=float(moved.max()),
             lost=float(off.mean()),
@@ -352,7 +373,7 @@ def write_case(path: Path, home: np.ndarray, targets: Callable, seconds: float) 
         targets: time to positions, velocities and accelerations, one after the other.
         seconds: its length.
     """
-    time = PERIOD * np.arange(round(seconds / PERIOD) + 1)
+    time = SAMPLE * np.arange(round(seconds / SAMPLE) + 1)
     given = np.array([targets(t) for t in time]).reshape(len(time), 3, *home.shape)
     s = np.minimum(time / BEGIN, 1.0)
     share = (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)[:, None, None]
@@ -427,15 +448,21 @@ class Runs:
         self._folder, self._judge = folder, judge
 
     def of(
-        self, peer: Peer, settings: dict, cases: Sequence[str], what: str = ""
+        self,
+        peer: Peer,
+        settings: dict,
+        cases: Sequence[str],
+        what: str = "",
+        every: int = EVERY,
     ) -> tuple[Figures, np.ndarray]:
         """Figures of the cases together, and step times [s] of all."""
         python = environment(
             self._environments, peer.environment, ENVIRONMENTS[peer.environment]
         )
+        period = settings.get("period", PERIOD)
         entry = Entry(peer.name, peer, dict.fromkeys(cases, settings))
         jobs = [
-            job(case, settings, self._out / f"{entry.name} {what} {case}.npz", PERIOD)
+            job(case, settings, self._out / f"{entry.name} {what} {case}.npz", period)
             for case in cases
         ]
         drive(peer, {peer.environment: python}, self._folder, jobs)
@@ -443,7 +470,8 @@ class Runs:
         for case, one in zip(cases, jobs, strict=True):
             found = dict(np.load(one["out"]))
             p = np.load(self._folder / f"{case}.npz")["p"]
-            figures.append(self._judge.figures(found, p))
+            p = p[:: round(period / SAMPLE)]
+            figures.append(self._judge.figures(found, p, every))
             times.append(found["step_time"][WARM_UP:])
         return merged(figures), np.concatenate(times)
 
@@ -453,7 +481,7 @@ def tune(runs: Runs, peers: Sequence[Peer], cases: Sequence[str]) -> None:
     for peer in peers:
         judged = []
         for i, settings in enumerate(peer.grid):
-            judged.append(runs.of(peer, settings, cases, f"tuning {i}")[0])
+            judged.append(runs.of(peer, settings, cases, f"tuning {i}", 0)[0])
             print(peer.name, settings, judged[-1], file=sys.stderr, flush=True)
         taken = best(judged)
         kept = json.loads(SETTINGS.read_text()) if SETTINGS.is_file() else {}
@@ -471,7 +499,8 @@ def cells(group: str, name: str, f: Figures, times: np.ndarray) -> list[str]:
     far = "no centre" if np.isinf(f.farthest) else f"{1e3 * f.farthest:.1f} mm"
     median, p99 = 1e3 * np.median(times), 1e3 * np.percentile(times, 99)
     return [
-        *(group, name, f"{f.outside:.2%}", far, f"{f.slips:.2%}", f"{f.pairs:.2%}"),
+        *(group, name, f"{f.outside_at:.2%}, {f.outside:.2%}", far),
+        *(f"{f.slips:.2%}", f"{f.pairs:.2%}"),
         *(f"{f.limits:.2%}", f"{f.failed:.2%}", f"{1e3 * f.error:.1f} mm"),
         *(f"{f.acceleration:.0f} rad/s²", f"{1e3 * f.pelvis:.0f} mm"),
         *(f"{1e3 * f.soles:.1f} mm", f"{median:.2f} ({p99:.2f}) ms"),
@@ -497,7 +526,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         cases = [
             name
             for kind in TUNING
-            for name in write_swings(folder, judge, kind, (1000, 1001))
+            for name in write_swings(folder, judge, kind, (1000,))
         ]
         tune(runs, peers, cases)
     if not SETTINGS.is_file():
@@ -511,9 +540,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         for peer in peers:
             if peer.name not in kept:
                 raise CrarError(f"{SETTINGS}: has no {peer.name!r}; run with --tune")
-            found = runs.of(peer, kept[peer.name]["settings"], cases)
-            rows.append(cells(group, peer.name, *found))
-            print(*rows[-1], found[0].lost, sep=" | ", file=sys.stderr, flush=True)
+            settings = kept[peer.name]["settings"]
+            quick = {"period": SAMPLE} if peer.name in QUICK else None
+            for name, more in ((peer.name, {}), (f"{peer.name}, 1 ms", quick)):
+                if more is None:
+                    continue
+                found = runs.of(peer, settings | more, cases, "quick" if more else "")
+                rows.append(cells(group, name, *found))
+                told = [*rows[-1], found[0].lost]
+                print(*told, sep=" | ", file=sys.stderr, flush=True)
     taken = "; ".join(
         f"{peer.name}: "
         + ", ".join(f"{k} {v:g}" for k, v in kept[peer.name]["settings"].items())

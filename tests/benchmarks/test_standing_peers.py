@@ -140,7 +140,7 @@ def test_targets_are_a_smooth_path_from_rest(tmp_path):
     targets = standing.swings(home.ravel(), rng, (0.1, 0.2), (1.0, 2.0))
     standing.write_case(tmp_path / "case.npz", home, targets, 2.0)
     case = np.load(tmp_path / "case.npz")
-    p, v, a, h = case["p"], case["v"], case["a"], standing.PERIOD
+    p, v, a, h = case["p"], case["v"], case["a"], standing.SAMPLE
     assert np.allclose(p[0], home) and np.allclose([v[0], a[0]], 0.0)
     assert np.allclose((p[2:] - p[:-2]) / (2 * h), v[1:-1], atol=0.02)
     assert np.allclose((v[2:] - v[:-2]) / (2 * h), a[1:-1], atol=0.4)
@@ -197,7 +197,7 @@ def test_a_step_without_an_answer_stops_the_robot(judge, folder):
 
 
 def test_the_best_settings_have_nothing_wrong():
-    good = standing.Figures(0, -0.01, 0, 0, 0, 0, 0.05, 10, 0, 0, 0)
+    good = standing.Figures(0, 0, -0.01, 0, 0, 0, 0, 0.05, 10, 0, 0, 0)
     near = replace(good, error=0.01, outside=0.2)
     better = replace(good, error=0.04, pairs=0.1)
     assert standing.best([good, near, better]) == 2
@@ -207,8 +207,8 @@ def test_the_best_settings_have_nothing_wrong():
 
 
 def test_figures_of_several_runs_are_merged():
-    one = standing.Figures(0.2, 0.3, 0, 0, 0, 0, 0.03, 10, 0.1, 0, 0)
-    two = standing.Figures(0.0, -0.1, 0, 0, 0, 0, 0.04, 30, 0.0, 0, 0)
+    one = standing.Figures(0.1, 0.2, 0.3, 0, 0, 0, 0, 0.03, 10, 0.1, 0, 0)
+    two = standing.Figures(0.0, 0.0, -0.1, 0, 0, 0, 0, 0.04, 30, 0.0, 0, 0)
     both = standing.merged([one, two])
     assert both.outside == pytest.approx(0.1) and both.farthest == 0.3
     assert both.error == pytest.approx(np.sqrt(0.5 * (0.03**2 + 0.04**2)))

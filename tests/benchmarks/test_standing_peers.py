@@ -165,9 +165,7 @@ def test_a_push_sideways_is_seen_as_friction_and_outside(judge, folder):
     """The whole robot, accelerated as one: slope and centre by Newton."""
     a = np.zeros(len(judge.rest) - 1)
     a[3] = 6.0  # along x
-    figures = judge.figures(
-        found := recorded(judge, folder, [a]), found_p(judge, len(found["q"]))
-    )
+    figures = judge.figures(recorded(judge, folder, [a, a]), found_p(judge, 2))
     assert figures.slips == 1.0 and figures.outside == 1.0  # 6 / 9.81 > 0.5
     a[3] = 1.0
     plant = judge.model.plant

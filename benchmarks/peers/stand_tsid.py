@@ -15,7 +15,8 @@ SOLVED = 0
 
 class Tsid(Floating):
     """Settings besides: kp of the wrists [1/s^2]; com, weight of the centre of mass;
-    posture, weight of the rest posture. It has no task that keeps pairs apart."""
+    posture, weight of the rest posture. held, weight of the pelvis' whole pose instead
+    of its orientation alone. It has no task that keeps pairs apart."""
 
     packages = ("tsid", "pin", "eiquadprog", "numpy")
 
@@ -65,8 +66,9 @@ class Tsid(Floating):
             tsid.TrajectoryEuclidianConstant("c", robot.com(data)).computeNext()
         )
         trunk = tsid.TaskSE3Equality("trunk", robot, problem.base)
-        trunk.setMask(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
-        self._motion(trunk, 100.0 * np.ones(6), 0.1)
+        held = settings.get("held", 0.0)
+        trunk.setMask(np.array([held > 0.0] * 3 + [True] * 3, dtype=float))
+        self._motion(trunk, 100.0 * np.ones(6), held or 0.1)
         at = robot.framePosition(data, model.getFrameId(problem.base))
         trunk.setReference(tsid.TrajectorySE3Constant("t", at).computeNext())
         posture = tsid.TaskJointPosture("posture", robot)

@@ -22,6 +22,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from pydrake.multibody.tree import MultibodyForces
 from scipy.spatial import ConvexHull
 
 from benchmarks.balance import INSTANTS, PERIOD, TRACKED, swings
@@ -52,7 +53,7 @@ from crar_drake.robot.description import (
 )
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import shrunk, sole_corners
-from crar_drake.robot.standing import standing_description
+from crar_drake.robot.standing import leg_joints, standing_description
 from crar_drake.robot.task import position_tasks
 from crar_drake.targets.motion import load_motion_targets
 
@@ -70,17 +71,27 @@ SWINGS = {
     "wild swings": ((0.15, 0.3), (0.5, 3.0)),
 }
 TUNING = ("middling swings", "wild swings")
-QUICK = ("TSID",)  # with a row at `SAMPLE` besides, for which its step is short enough
+# Rows besides: TSID's step is short enough for another period; and with the pelvis held
+# it may do no more than the law.
+VARIANTS = {"TSID": {"1 ms": {"period": SAMPLE}, "pelvis held": {"held": 1e4}}}
 HEADER = (
     *("targets", "controller", "outside the soles: at steps, in all"),
     "farthest outside",
-    *("beyond friction", "pairs", "limits", "failed", "rms error", "largest q̈"),
+    *(
+        "beyond friction",
+        "pairs",
+        "limits",
+        "failed",
+        "beyond motors",
+        "rms error",
+        "largest q̈",
+    ),
     *("pelvis moves", "soles move", "step (p99)"),
 )
 TOLERANCE = 1e-4  # [m] outside the soles that a solver of a program may be
 OFF = 2.0  # [m] of a root from its rest, beyond which a robot is not judged any more
 
-LAW = {"horizon": (0.05, 0.083, 0.15), "Kp": (300.0, 900.0), "Gv": (30.0,)}
+LAW = {"horizon": (0.02, 0.03, 0.05), "Kp": (300.0, 900.0), "Gv": (30.0,)}
 CONTROLLERS = (
     Peer(
         "law, balance",
@@ -137,6 +148,8 @@ class Figures:
         pairs: share of samples with a watched pair in penetration.
         limits: share of samples with a joint beyond its limit.
         failed: share of steps without an answer.
+        motors: share of steps in which a joint above the legs takes more torque than
+            its motor has; what legs take depends on how both feet share a load.
         error: rms over time and wrists [m].
         acceleration: the largest of a joint [rad/s^2].
         pelvis: the farthest that it goes from its rest [m].
@@ -151,6 +164,7 @@ class Figures:
     pairs: float
     limits: float
     failed: float
+    motors: float
     error: float
     acceleration: float
     pelvis: float
@@ -198,6 +212,13 @@ class Judge:
         rates = [n for n in velocities if n not in self.joints]
         self._q_at = [positions.index(n) for n in (*root, *self.joints)]
         self._v_at = [velocities.index(n) for n in (*rates, *self.joints)]
+        self._efforts = np.full(model.plant.num_velocities(), np.inf)
+        legs = {joint.name() for joint in leg_joints(model.plant, whole)}
+        for index in model.plant.GetJointActuatorIndices():
+            actuator = model.plant.get_joint_actuator(index)
+            joint = actuator.joint()
+            if joint.name() not in legs:
+                self._efforts[joint.velocity_start()] = actuator.effort_limit()
         self._context = model.plant.CreateDefaultContext()
         self.rest = model.rest_positions()[self._q_at]
         points, self._soles = self._places(self.rest[None])
@@ -243,6 +264,7 @@ class Judge:
             pairs=pairs,
             limits=float((beyond_count > 0).mean()),
             failed=failed,
+            motors=float(self.too_weak(Q, V, A).mean()),
             error=float(np.sqrt(np.mean(np.sum((points - p) ** 2, axis=2)))),
             acceleration=peak,
             pelvis=float(away[:on].max()),
@@ -262,6 +284,22 @@ class Judge:
         centres = wrench.centres(self.floor)
         outside = (centres @ self.hull[:, :2].T + self.hull[:, 2]).max(axis=1)
         return np.where(np.isnan(outside), np.inf, outside), wrench.friction
+
+    def too_weak(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """(T,) whether a joint above the legs takes more torque than its motor has."""
+        plant, found = self.model.plant, []
+        external = MultibodyForces(plant)
+        rates = np.zeros((2, len(q), plant.num_velocities()))
+        rates[0][:, self._v_at], rates[1][:, self._v_at] = v, a
+        for positions, speeds, accelerations in zip(
+            self._whole(q), *rates, strict=True
+        ):
+            plant.SetPositions(self._context, positions)
+            plant.SetVelocities(self._context, speeds)
+            plant.CalcForceElementsContribution(self._context, external)
+            torque = plant.CalcInverseDynamics(self._context, accelerations, external)
+            found.append((np.abs(torque) > self._efforts * (1.0 + 1e-3)).any())
+        return np.array(found)
 
     def _whole(self, q: np.ndarray) -> np.ndarray:
         whole = np.empty_like(q)
@@ -501,7 +539,12 @@ def cells(group: str, name: str, f: Figures, times: np.ndarray) -> list[str]:
     return [
         *(group, name, f"{f.outside_at:.2%}, {f.outside:.2%}", far),
         *(f"{f.slips:.2%}", f"{f.pairs:.2%}"),
-        *(f"{f.limits:.2%}", f"{f.failed:.2%}", f"{1e3 * f.error:.1f} mm"),
+        *(
+            f"{f.limits:.2%}",
+            f"{f.failed:.2%}",
+            f"{f.motors:.2%}",
+            f"{1e3 * f.error:.1f} mm",
+        ),
         *(f"{f.acceleration:.0f} rad/s²", f"{1e3 * f.pelvis:.0f} mm"),
         *(f"{1e3 * f.soles:.1f} mm", f"{median:.2f} ({p99:.2f}) ms"),
     ]
@@ -541,12 +584,10 @@ def main(argv: Sequence[str] | None = None) -> None:
             if peer.name not in kept:
                 raise CrarError(f"{SETTINGS}: has no {peer.name!r}; run with --tune")
             settings = kept[peer.name]["settings"]
-            quick = {"period": SAMPLE} if peer.name in QUICK else None
-            for name, more in ((peer.name, {}), (f"{peer.name}, 1 ms", quick)):
-                if more is None:
-                    continue
-                found = runs.of(peer, settings | more, cases, "quick" if more else "")
-                rows.append(cells(group, name, *found))
+            for name, more in ({"": {}} | VARIANTS.get(peer.name, {})).items():
+                found = runs.of(peer, settings | more, cases, name)
+                shown = f"{peer.name}, {name}" if name else peer.name
+                rows.append(cells(group, shown, *found))
                 told = [*rows[-1], found[0].lost]
                 print(*told, sep=" | ", file=sys.stderr, flush=True)
     taken = "; ".join(

@@ -179,6 +179,15 @@ def test_a_push_sideways_is_seen_as_friction_and_outside(judge, folder):
     assert outside[0] == pytest.approx(expected, abs=1e-4)
 
 
+def test_a_motor_that_is_too_weak_is_seen(judge):
+    """The elbow's is 60 Nm; the forearm is a kilogram 15 cm away from it."""
+    a = np.zeros((2, len(judge.rest) - 1))
+    a[0, -1], a[1, -1] = 1e3, 3e3  # 60 / (1 * 0.15^2 + 0.01) = 1.8e3
+    weak = judge.too_weak(np.tile(judge.rest, (2, 1)), 0.0 * a, a)
+    assert judge.joints[-1] == "elbow"
+    assert weak.tolist() == [False, True]
+
+
 def found_p(judge, steps: int) -> np.ndarray:
     return np.tile(judge.home, (steps, 1, 1))
 
@@ -195,7 +204,7 @@ def test_a_step_without_an_answer_stops_the_robot(judge, folder):
 
 
 def test_the_best_settings_have_nothing_wrong():
-    good = standing.Figures(0, 0, -0.01, 0, 0, 0, 0, 0.05, 10, 0, 0, 0)
+    good = standing.Figures(0, 0, -0.01, 0, 0, 0, 0, 0, 0.05, 10, 0, 0, 0)
     near = replace(good, error=0.01, outside=0.2)
     better = replace(good, error=0.04, pairs=0.1)
     assert standing.best([good, near, better]) == 2
@@ -205,8 +214,8 @@ def test_the_best_settings_have_nothing_wrong():
 
 
 def test_figures_of_several_runs_are_merged():
-    one = standing.Figures(0.1, 0.2, 0.3, 0, 0, 0, 0, 0.03, 10, 0.1, 0, 0)
-    two = standing.Figures(0.0, 0.0, -0.1, 0, 0, 0, 0, 0.04, 30, 0.0, 0, 0)
+    one = standing.Figures(0.1, 0.2, 0.3, 0, 0, 0, 0, 0, 0.03, 10, 0.1, 0, 0)
+    two = standing.Figures(0.0, 0.0, -0.1, 0, 0, 0, 0, 0, 0.04, 30, 0.0, 0, 0)
     both = standing.merged([one, two])
     assert both.outside == pytest.approx(0.1) and both.farthest == 0.3
     assert both.error == pytest.approx(np.sqrt(0.5 * (0.03**2 + 0.04**2)))

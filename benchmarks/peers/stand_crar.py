@@ -21,8 +21,8 @@ TRACKED = ["left_wrist", "right_wrist"]
 
 
 class Crar(Floating):
-    """Settings: balance, whether it is kept; horizon [s], Kp and Gv, of the law. Root
-    and legs stay."""
+    """Settings: balance, whether it is kept; horizon [s], Kp [1/s^2] and damping [m]
+    of the law. Root and legs stay."""
 
     packages = ("drake", "numpy", "scipy")
 
@@ -41,7 +41,7 @@ class Crar(Floating):
                 period=self.period,
                 balance=balance,
                 Kp=settings["Kp"],
-                Gv=settings["Gv"],
+                damping=settings["damping"],
                 lookahead=LookaheadParameters(horizon=settings["horizon"]),
             ),
         )

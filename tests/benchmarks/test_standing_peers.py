@@ -61,7 +61,7 @@ def state(rng: np.random.Generator, n: int = 3) -> tuple[np.ndarray, np.ndarray]
     return q, v
 
 
-def recorded(judge, folder, told, case_p=None) -> dict[str, np.ndarray]:
+def recorded(judge, folder, told) -> dict[str, np.ndarray]:
     """What a driver writes that is told these accelerations."""
     steps = len(told)
     time = standing.PERIOD * np.arange(steps + 1)
@@ -69,7 +69,7 @@ def recorded(judge, folder, told, case_p=None) -> dict[str, np.ndarray]:
     path = folder / "told.npz"
     np.savez(path, time=time, p=p, v=0.0 * p, a=0.0 * p)
     driver = Told(Problem(folder), standing.PERIOD, {"told": told})
-    return driver.record(path, standing.PERIOD, None) | {"p": p}
+    return driver.record(path, standing.PERIOD, None)
 
 
 def test_the_roots_turn_is_that_of_another_program():
@@ -149,7 +149,7 @@ def test_targets_are_a_smooth_path_from_rest(tmp_path):
 
 def test_a_robot_at_rest_is_judged_at_rest(judge, folder):
     found = recorded(judge, folder, [np.zeros(len(judge.rest) - 1)] * 4)
-    figures = judge.figures(found, found["p"])
+    figures = judge.figures(found, found_p(judge, 4))
     assert figures.wrong == 0.0 and figures.outside == 0.0
     assert figures.error == pytest.approx(0.0, abs=1e-9)
     # At rest the centre of pressure is below the centre of mass.

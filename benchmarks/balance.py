@@ -89,10 +89,22 @@ class Subject:
         return np.where(np.isnan(outside), np.inf, outside), wrench.friction
 
 
-def swings(home: np.ndarray, rng: np.random.Generator) -> Callable:
-    """Each coordinate at a frequency and a width of its own."""
-    wide = rng.uniform(0.05, 0.3) * rng.uniform(0.3, 1.0, len(home))
-    w = 2.0 * np.pi * rng.uniform(0.3, 3.0, len(home))
+def swings(
+    home: np.ndarray,
+    rng: np.random.Generator,
+    widths: tuple[float, float] = (0.05, 0.3),
+    rates: tuple[float, float] = (0.3, 3.0),
+) -> Callable:
+    """Each coordinate at a frequency and a width of its own.
+
+    Args:
+        home: that is swung about [m].
+        rng: the dice.
+        widths: least and largest of the widest coordinate [m].
+        rates: least and largest frequency [Hz].
+    """
+    wide = rng.uniform(*widths) * rng.uniform(0.3, 1.0, len(home))
+    w = 2.0 * np.pi * rng.uniform(*rates, len(home))
     phase = rng.uniform(0.0, 2.0 * np.pi, len(home))
 
     def targets(t: float) -> np.ndarray:

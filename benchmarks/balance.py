@@ -2,11 +2,11 @@
 
     python -m benchmarks.balance [--steps 100000] [--seed 1] [--page PAGE]
 
-Wrists of robots that stand on their soles are asked for anything: swings of up to 3 Hz
-and 30 cm, jumps, targets out of reach, numbers that are none or overflow. The law runs
-on its own command, with `balance`. A violation is a centre of pressure outside the
-soles less the margin, a force outside the cone of friction, a watched pair below its
-floor, or a joint beyond its limit.
+Wrists of robots that stand on their soles, or whose base stands on feet of its own, are
+asked for anything: swings of up to 3 Hz and 30 cm, jumps, targets out of reach, numbers
+that are none or overflow. The law runs on its own command, with `balance`. A violation
+is a centre of pressure outside the soles less the margin, a force outside the cone of
+friction, a watched pair below its floor, or a joint beyond its limit.
 
 What is judged is Drake's inverse dynamics of the robot with a floating root, at three
 instants of each step, and Drake's distances once: nothing of the law takes part.
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -30,11 +30,12 @@ from crar_drake.judging.referee import Referee
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.soles import shrunk, sole_corners
+from crar_drake.robot.soles import sole_corners
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
 
 ROBOTS = ("g1_whole_body", "talos_whole_body")
+ON_A_BASE = ("tipping_cell",)  # the base is fixed
 PERIOD = 0.005  # [s]
 EPISODE = 600  # periods
 INSTANTS = (0.0, 0.5, 1.0)  # of each step
@@ -50,8 +51,11 @@ class Subject:
     """A robot that stands, its law, and Drake's own of it with a root that floats."""
 
     def __init__(self, name: str, balance: BalanceParameters | None) -> None:
-        whole = load_robot_description(name)
-        standing = standing_description(whole)
+        whole = standing = load_robot_description(name)
+        if name in ON_A_BASE:
+            whole = replace(standing, root="prescribed")
+        else:
+            standing = standing_description(whole)
         tasks = position_tasks(TRACKED)
         self.model = model = ControlModel.FromDescription(
             standing, tasks, time_step=0.0
@@ -60,8 +64,9 @@ class Subject:
         self.law.compile()
         margins = balance or BalanceParameters()
         corners = sole_corners(model, standing.soles)
-        small = [shrunk(sole, margins.margin)[:, :2] for sole in corners]
-        self.hull = ConvexHull(np.concatenate(small)).equations
+        # Of all soles, and inside it by the margin.
+        self.hull = ConvexHull(np.concatenate(corners)[:, :2]).equations
+        self.hull[:, 2] += margins.margin
         self.friction = margins.friction
         self.floor = float(np.mean([sole[:, 2].mean() for sole in corners]))
         self.referee = Referee(model.plant, model.scene_graph, standing.pairs)
@@ -84,10 +89,22 @@ class Subject:
         return np.where(np.isnan(outside), np.inf, outside), wrench.friction
 
 
-def swings(home: np.ndarray, rng: np.random.Generator) -> Callable:
-    """Each coordinate at a frequency and a width of its own."""
-    wide = rng.uniform(0.05, 0.3) * rng.uniform(0.3, 1.0, len(home))
-    w = 2.0 * np.pi * rng.uniform(0.3, 3.0, len(home))
+def swings(
+    home: np.ndarray,
+    rng: np.random.Generator,
+    widths: tuple[float, float] = (0.05, 0.3),
+    rates: tuple[float, float] = (0.3, 3.0),
+) -> Callable:
+    """Each coordinate at a frequency and a width of its own.
+
+    Args:
+        home: that is swung about [m].
+        rng: the dice.
+        widths: least and largest of the widest coordinate [m].
+        rates: least and largest frequency [Hz].
+    """
+    wide = rng.uniform(*widths) * rng.uniform(0.3, 1.0, len(home))
+    w = 2.0 * np.pi * rng.uniform(*rates, len(home))
     phase = rng.uniform(0.0, 2.0 * np.pi, len(home))
 
     def targets(t: float) -> np.ndarray:
@@ -220,14 +237,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1, help="of all dice")
     options = benchmark.parse(argv, lambda options: "attacks")
     subjects = {}
-    for robot in ROBOTS:
+    for robot in (*ROBOTS, *ON_A_BASE):
         try:
             for name, given in (("balance", BalanceParameters()), ("without", None)):
                 subjects[robot, name] = Subject(robot, given)
         except ModelError as error:
             print(f"left out: {error}", file=sys.stderr)
-    if not subjects:
-        raise ModelError("benchmarks.balance needs g1_whole_body or talos_whole_body")
     tallies = {key: Tally() for key in subjects}
     robots = list(dict.fromkeys(robot for robot, _ in subjects))
     episode = 0

@@ -76,7 +76,7 @@ def variations() -> dict[str, CrarParameters]:
         ),
         "preview of 0.1 s": seen(),
         "the same, ρ = 3e-5 m s²": seen(smoothness=3e-5),
-        "the same, pulls as from 8 mm at most": seen(farthest_pull=0.008),
+        "the same, pulls as from 2 mm at most": seen(farthest_pull=0.002),
         "the same, T = 0.03 s": seen(horizon=0.03),
         "the same, T = 1/12 s": seen(horizon=1.0 / 12.0),
         "the same, no longer way to brake": seen(longest_horizon=0.012),

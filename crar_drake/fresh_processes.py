@@ -6,8 +6,8 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -75,6 +75,13 @@ class FreshProcesses(ThreadPoolExecutor):
         if not succeeded:
             raise value
         return value
+
+
+def given_or_fresh(
+    executor: Executor | None, jobs: int | None
+) -> AbstractContextManager[Executor]:
+    """An executor that was given, which is the caller's to close, or a new one."""
+    return FreshProcesses(jobs) if executor is None else nullcontext(executor)
 
 
 @contextmanager

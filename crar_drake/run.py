@@ -47,6 +47,7 @@ _LOGGED = (
     "status",
     "resting_margins",
     "admission",
+    "balance",
     "torque_limit",
 )
 

@@ -43,6 +43,7 @@ def small_log(**changes) -> SimulationLog:
         status=np.zeros((3, 1)),
         resting_margins=np.array([[0.2, 0.4], [0.1, 0.3], [0.15, 0.2]]),
         admission=np.full((3, 4), np.nan),
+        balance=np.full((3, 3), np.nan),
         torque_limit=np.array([[1.0, 0.0], [0.4, 0.0], [0.0, 0.25]]),
         obstacles=np.empty((3, 0)),
         position_names=np.array(["rail", "swing", "turn"]),

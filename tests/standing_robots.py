@@ -1,4 +1,4 @@
-"""A small robot on two soles, for tests of standing.
+"""A small robot on two soles, and a cell on four feet, for tests of standing.
 
 A trunk floats; each leg is a chain of six joints down to a flat foot (hip about z, x,
 y, knee and ankle about y, ankle about x), bent so that the sole is level; an arm of two
@@ -103,6 +103,50 @@ def standing_robot(
         "  [forearm, trunk], [forearm, ground]]",
         "ground: -0.005",
         more,
+    ]
+    (folder / "robot.yaml").write_text("\n".join(lines))
+    return load_robot_description(folder)
+
+
+PAD, APART = 0.015, 0.15  # of the cell's feet: half their width, from its middle [m]
+FEET = {f"foot_{i}": (x, y) for i, (x, y) in enumerate([(1, 1), (1, -1), (-1, 1)], 1)}
+FEET["foot_4"] = (-1, -1)
+
+
+def tipping_cell(folder: Path) -> RobotDescription:
+    """Writes an arm on a light table, its base fixed, with four small feet of their own
+    at the height 0.2 m, and loads it; a heavy post is welded to the world beside it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def fixed(parent: str, child: str, at: str) -> str:
+        return (
+            f'<joint name="{child}_weld" type="fixed"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="{at}"/></joint>'
+        )
+
+    ball = '<sphere radius="0.05"/>'
+    text = ['<robot name="cell"><link name="world"/>', _link("post", 50.0, "0 0 0.5")]
+    text += [fixed("world", "post", "1 1 0"), _link("table", 5.0, "0 0 0.4", ball)]
+    for name, (x, y) in FEET.items():
+        text.append(_link(name, 0.2, "0 0 0.01"))
+        text.append(fixed("table", name, f"{x * APART} {y * APART} 0"))
+    text.append(_link("upper_arm", 3.0, "0.15 0 0", ball))
+    text.append(_joint("shoulder", "table", "upper_arm", "y", "0 0 0.7", 200.0))
+    text.append(_link("forearm", 2.0, "0.15 0 0", ball))
+    text.append(_joint("elbow", "upper_arm", "forearm", "z", "0.3 0 0", 200.0))
+    text.append(f'<link name="hand"/>{fixed("forearm", "hand", "0.3 0 0")}</robot>')
+    (folder / "cell.urdf").write_text("".join(text))
+    corners = [[PAD, PAD, 0.0], [-PAD, PAD, 0.0], [-PAD, -PAD, 0.0], [PAD, -PAD, 0.0]]
+    lines = [
+        "name: cell",
+        "model: cell.urdf",
+        "base: table",
+        "root_pose: {xyz: [0.0, 0.0, 0.2]}",
+        f"soles: {{{', '.join(f'{foot}: {corners}' for foot in FEET)}}}",
+        "rest_posture: {shoulder: -1.2, elbow: 0.0}",
+        "task_frames: {hand: hand}",
+        "pairs: [[forearm, table]]",
     ]
     (folder / "robot.yaml").write_text("\n".join(lines))
     return load_robot_description(folder)

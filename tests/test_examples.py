@@ -75,10 +75,21 @@ def test_a_filter_before_a_robot_that_lags(run_example) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["filter_diff_ik", "filter_a_policy", "filter_a_lagging_robot"]
+    "name",
+    ["filter_diff_ik", "filter_a_policy", "filter_a_lagging_robot", "tipping_cell"],
 )
-def test_examples_of_the_filter_are_short(name) -> None:
+def test_these_examples_are_short(name) -> None:
     assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= 60
+
+
+@pytest.mark.slow
+def test_a_cell_that_would_tip(run_example) -> None:
+    """In contact with a floor it does so without balance, and not with it."""
+    without, kept = run_example("tipping_cell.py", "4").splitlines()
+    lean = [float(re.search(r"([\d.]+) degrees", line)[1]) for line in (without, kept)]
+    assert lean[0] > 20.0 and lean[1] < 2.0
+    assert kept.endswith("after 4.0 s")
+    assert millimetres(kept) < 150.0  # it does not stand still, either
 
 
 @pytest.mark.slow

@@ -40,6 +40,11 @@ ENVIRONMENTS = {
     "drake": ("drake==1.58.0",),
     "oscbf": ("cbfpy==0.1.0", "frax==0.1.0", "jax==0.10.2", "jaxlib==0.10.2"),
     "embodik": ("embodik==0.23.2",),
+    # The newest wheel that has its library in it, with the versions it was built with.
+    "tsid": (
+        *("tsid==1.7.1", "pin==3.4.0", "numpy==2.3.5"),
+        *("cmeel-urdfdom==4.0.1", "cmeel-tinyxml2==10.0.0"),
+    ),
 }
 # Those of their packages that are not for every Python of this project.
 PYTHONS = {"drake": "python3.12", "embodik": "python3.12"}

@@ -32,7 +32,11 @@ from crar_drake.motion.catalogue import load_performer
 from crar_drake.references.ground_contact import Outline
 from crar_drake.references.motion_files import read_motion
 from crar_drake.references.reference_judge import ReferenceJudge
-from crar_drake.references.retarget_file import FileRetargeter, likeness
+from crar_drake.references.retarget_file import (
+    FileRetargeter,
+    RetargetOptions,
+    likeness,
+)
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.robot.description import find_body, find_frame, whole_body_name
 from crar_drake.trajectory.performer_targets import (
@@ -87,7 +91,9 @@ class Comparison:
             folder: to work in.
             python: that has mink.
         """
-        self._own = FileRetargeter(robot, layout="mjlab-npz", rate=RATE)
+        self._own = FileRetargeter(
+            robot, RetargetOptions(layout="mjlab-npz", rate=RATE)
+        )
         self._retargeter = self._own.retargeter
         description, plant = self._retargeter.description, self._retargeter.model.plant
         self._folder, self._python = folder, python

@@ -100,10 +100,8 @@ def simplified_urdf(
         name = frame.get("name")
         if name in points:
             robot.remove(frame)
-            ET.SubElement(robot, "link", {"name": name})
-            joint = _fixed(robot, f"{name}_weld", frame.get("link"), name)
-            origin = {key: frame.get(key, "0 0 0") for key in ("xyz", "rpy")}
-            ET.SubElement(joint, "origin", origin)
+            at, turn = frame.get("xyz", "0 0 0"), frame.get("rpy", "0 0 0")
+            _add_point(robot, name, frame.get("link"), at, turn)
     return robot
 
 
@@ -141,6 +139,24 @@ def on_a_base(robot: ET.Element, reach: float, fastest: float) -> None:
         ET.SubElement(motor, "joint", {"name": name})
         ET.SubElement(motor, "actuator", {"name": f"{name}_motor"})
         below = f"{name}_under"
+
+
+def add_point(robot: ET.Element, name: str, link: str, at: Sequence[float]) -> None:
+    """Adds a link that is a point of another, in its axes.
+
+    Args:
+        robot: that gets it.
+        name: of the new link.
+        link: that carries it.
+        at: (3,) in the axes of `link` [m].
+    """
+    _add_point(robot, name, link, _numbers(at), "0 0 0")
+
+
+def _add_point(robot: ET.Element, name: str, link: str, at: str, turn: str) -> None:
+    ET.SubElement(robot, "link", {"name": name})
+    joint = _fixed(robot, f"{name}_weld", link, name)
+    ET.SubElement(joint, "origin", {"xyz": at, "rpy": turn})
 
 
 def drake_urdf(robot: ET.Element) -> str:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crar_drake.commands.output import counted, final_line
+from crar_drake.commands.output import continuing, counted, final_line
 
 if TYPE_CHECKING:
     from crar_drake.references.folders import FileResult
@@ -24,21 +24,14 @@ def files_bar(out: Path) -> Iterator[Callable[[int, int, FileResult], None]]:
     Args:
         out: folder in which it says that finished files are, if it is interrupted.
     """
-    with progress_bar() as bar:
+    with continuing(out), progress_bar() as bar:
         task = bar.add_task("", total=None)
 
         def show(done: int, total: int, newest: FileResult) -> None:
             what = f"{newest.source.name}{' failed' if newest.error else ''}"
             bar.update(task, completed=done, total=total, description=what)
 
-        try:
-            yield show
-        except KeyboardInterrupt:
-            print(
-                f"crar-drake: what is finished is in {out}; the same command continues",
-                file=sys.stderr,
-            )
-            raise
+        yield show
 
 
 @contextmanager

@@ -89,12 +89,38 @@ def add_command(
     return parser
 
 
-def add_scenario_robot(parser: Parser) -> None:
-    """Adds --robot, in the place of a scenario's."""
+def add_scenario(parser: Parser) -> None:
+    """Adds what is simulated: a scenario, and --robot, --motion and --experiment in the
+    place of what it says."""
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default=DEFAULT_SCENARIO,
+        help="a YAML file that says what to simulate, or the name of a shipped one, "
+        "see `crar-drake list` (default: %(default)s)",
+    )
     parser.add_argument(
         "--robot",
         metavar="ROBOT",
         help="name or folder of a robot instead of the scenario's",
+    )
+    parser.add_argument(
+        "--motion",
+        metavar="MOTION",
+        help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
+    )
+    parser.add_argument(
+        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
+    )
+
+
+def add_duration(parser: Parser) -> None:
+    """Adds --duration, of each of many motions."""
+    parser.add_argument(
+        "--duration",
+        type=positive,
+        metavar="S",
+        help="simulate S seconds of each motion (default: all of it)",
     )
 
 

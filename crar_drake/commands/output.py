@@ -100,6 +100,19 @@ def counted(number: int, what: str, does: str) -> list[str]:
 
 
 @contextmanager
+def continuing(out: Path) -> Iterator[None]:
+    """Says on stderr, if it is interrupted, that what is finished is in `out`."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(
+            f"crar-drake: what is finished is in {out}; the same command continues",
+            file=sys.stderr,
+        )
+        raise
+
+
+@contextmanager
 def sweep_bar(
     finished: int, total: int
 ) -> Iterator[Callable[[int, int, Result], None]]:

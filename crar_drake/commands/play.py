@@ -10,13 +10,8 @@ from typing import TYPE_CHECKING
 
 from crar_drake.commands.options import (
     CONSTRAINTS,
-    DEFAULT_SCENARIO,
-    EXPERIMENT_HELP,
-    EXPERIMENTS,
-    MOTION_HELP,
-    WHOLE_BODY,
     add_command,
-    add_scenario_robot,
+    add_scenario,
     chosen_scenario,
     override_motion,
     positive,
@@ -42,22 +37,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "Simulate a scenario live in a browser: drag targets, push the robot, change "
         "constraints and gains while it moves. Ctrl-C ends it and keeps a recording.",
     )
-    parser.add_argument(
-        "scenario",
-        nargs="?",
-        default=DEFAULT_SCENARIO,
-        help="a YAML file or the name of a shipped scenario, see `crar-drake list` "
-        "(default: %(default)s)",
-    )
-    add_scenario_robot(parser)
-    parser.add_argument(
-        "--motion",
-        metavar="MOTION",
-        help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
-    )
-    parser.add_argument(
-        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
-    )
+    add_scenario(parser)
     parser.add_argument(
         "--constraints",
         choices=CONSTRAINTS,

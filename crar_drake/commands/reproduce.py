@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 
-from crar_drake.commands.options import add_command, add_jobs, list_of, positive
-from crar_drake.commands.output import OUT, motion_label, sweep_bar
+from crar_drake.commands.options import add_command, add_duration, add_jobs, list_of
+from crar_drake.commands.output import OUT, continuing, motion_label, sweep_bar
 
 
 def add(subparsers: argparse._SubParsersAction) -> None:
@@ -29,12 +28,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "13_29, 14_07 and 13_17), or names of motions, the first of them a dance "
         "(default: builtin)",
     )
-    parser.add_argument(
-        "--duration",
-        type=positive,
-        metavar="S",
-        help="simulate S seconds of each motion (default: all of it)",
-    )
+    add_duration(parser)
     add_jobs(parser)
     parser.add_argument(
         "--out",
@@ -66,20 +60,14 @@ def run(arguments: argparse.Namespace) -> None:
     check_folder(out)
     plan = make_plan(found, duration=arguments.duration)
 
-    try:
-        with sweep_bar(len(finished(plan, out)), len(plan.simulations)) as show:
-            result = reproduce(
-                plan,
-                out,
-                jobs=arguments.jobs,
-                progress=lambda done, total, newest: show(done, total, newest.result),
-            )
-    except KeyboardInterrupt:
-        print(
-            f"crar-drake: what is finished is in {out}; the same command continues",
-            file=sys.stderr,
+    kept = len(finished(plan, out))
+    with continuing(out), sweep_bar(kept, len(plan.simulations)) as show:
+        result = reproduce(
+            plan,
+            out,
+            jobs=arguments.jobs,
+            progress=lambda done, total, newest: show(done, total, newest.result),
         )
-        raise
     table = Table(title="The paper's findings", title_justify="left")
     for column in ("paper", "finding", "here"):
         table.add_column(column)

@@ -94,7 +94,12 @@ def run(arguments: argparse.Namespace) -> int:
     from crar_drake.robot.description import whole_body_name
 
     given = {option: getattr(arguments, option) for option in FILE_OPTIONS}
-    options = MotionOptions(**{k: v for k, v in given.items() if v})
+    options = {
+        "options": MotionOptions(**{k: v for k, v in given.items() if v}),
+        "layout": arguments.layout or "",
+        "rate": arguments.rate,
+        "balance": arguments.balance,
+    }
     arguments.robot = whole_body_name(arguments.robot)
     if Path(arguments.motion).is_dir():
         return _retarget_folder(arguments, options)
@@ -113,11 +118,8 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.motion,
             out,
             arguments.robot,
-            options=options,
-            layout=arguments.layout,
-            rate=arguments.rate,
-            balance=arguments.balance,
             progress=progress,
+            **options,
         )
     for line in _lines(clip):
         print(line)
@@ -129,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     return final_line(_violations_of(row_of(clip)))
 
 
-def _retarget_folder(arguments: argparse.Namespace, options) -> int:
+def _retarget_folder(arguments: argparse.Namespace, options: dict) -> int:
     from crar_drake.references.folders import RETARGETED_TABLE
     from crar_drake.references.retarget_folder import retarget_folder
 
@@ -140,12 +142,9 @@ def _retarget_folder(arguments: argparse.Namespace, options) -> int:
             folder,
             out,
             arguments.robot,
-            options=options,
-            layout=arguments.layout,
-            rate=arguments.rate,
-            balance=arguments.balance,
             jobs=arguments.jobs,
             progress=progress,
+            **options,
         )
     rows = [row for file in files for row in file.clips]
     violated = sum(row.violated for row in rows)

@@ -12,18 +12,13 @@ from typing import TYPE_CHECKING
 from crar_drake.commands.options import (
     CONSTRAINTS,
     CONSTRAINTS_HELP,
-    DEFAULT_SCENARIO,
-    EXPERIMENT_HELP,
-    EXPERIMENTS,
     FILE_OPTIONS,
     LEVEL_HELP,
     LEVELS,
-    MOTION_HELP,
-    WHOLE_BODY,
     add_command,
     add_file_options,
     add_frame_rate,
-    add_scenario_robot,
+    add_scenario,
     add_skeleton,
     chosen_scenario,
     override_motion,
@@ -53,25 +48,10 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         "Simulate a scenario; write a recording, a log, a summary and a plot. The last "
         "line is OK, or VIOLATED and what, and the exit code then 1.",
     )
-    parser.add_argument(
-        "scenario",
-        nargs="?",
-        default=DEFAULT_SCENARIO,
-        help="a YAML file that says what to simulate, or the name of a shipped one, "
-        "see `crar-drake list` (default: %(default)s)",
-    )
-    add_scenario_robot(parser)
-    parser.add_argument(
-        "--motion",
-        metavar="MOTION",
-        help=f"follow this motion instead of the scenario's: {MOTION_HELP}",
-    )
+    add_scenario(parser)
     add_skeleton(parser)
     add_frame_rate(parser)
     add_file_options(parser)
-    parser.add_argument(
-        "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
-    )
     parser.add_argument("--level", choices=LEVELS, help=LEVEL_HELP)
     parser.add_argument("--constraints", choices=CONSTRAINTS, help=CONSTRAINTS_HELP)
     parser.add_argument(

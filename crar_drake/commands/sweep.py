@@ -20,13 +20,14 @@ from crar_drake.commands.options import (
     WHOLE_BODY,
     UsageError,
     add_command,
+    add_duration,
     add_frame_rate,
     add_jobs,
     list_of,
     one_of,
     positive,
 )
-from crar_drake.commands.output import OUT, sweep_bar
+from crar_drake.commands.output import OUT, continuing, sweep_bar
 
 if TYPE_CHECKING:
     from crar_drake.simulation.scenario import Scenario
@@ -73,12 +74,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="time between two computations of the torque [s], one or several "
         "(default: the scenario's)",
     )
-    parser.add_argument(
-        "--duration",
-        type=positive,
-        metavar="S",
-        help="simulate S seconds of each motion (default: all of it)",
-    )
+    add_duration(parser)
     add_frame_rate(parser)
     parser.add_argument(
         "--scenario",
@@ -144,17 +140,10 @@ def run(arguments: argparse.Namespace) -> None:
     from crar_drake.studies.sweep_report import failures, sweep_tables
 
     kept = len(finished.intersection(cases))
-    try:
-        with sweep_bar(kept, len(cases)) as progress:
-            results = run_sweep(
-                cases, out, scenario=scenario, jobs=arguments.jobs, progress=progress
-            )
-    except KeyboardInterrupt:
-        print(
-            f"crar-drake: what is finished is in {out}; the same command continues",
-            file=sys.stderr,
+    with continuing(out), sweep_bar(kept, len(cases)) as progress:
+        results = run_sweep(
+            cases, out, scenario=scenario, jobs=arguments.jobs, progress=progress
         )
-        raise
     console = Console()
     for table in sweep_tables(results):
         console.print(table)

@@ -27,9 +27,10 @@ from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import find_masses, ground_cone, sole_corners
 
-# How often rows are found anew where a correction is not balanced yet.
+# How often a correction is tried, with rows about the one before.
 _CORRECTIONS = 4
-# A row weighs so much more than an acceleration [1/m of the weight's arm].
+# A row weighs so much more than an acceleration [1/m of the weight's arm], and so much
+# a joint's bound.
 _ROW_WEIGHT = 1e6
 # What the pieces of a path may add to a face's value, and what a correction leaves to
 # spare [m of the weight's arm]: small beside a sole.
@@ -99,6 +100,7 @@ class Balance:
         self.weight = float(masses.mass.sum() * masses.g)
         self._controlled = model.controlled
         self._model = model
+        self._mode = mode
         self._T = float(mode.horizon)
         self._law = hold(
             BalanceLaw(
@@ -147,24 +149,20 @@ class Balance:
         brake = np.zeros_like(v)
         brake[self._controlled] = -v[self._controlled] / self._T
         root = np.linalg.cholesky(self._norm(measured))
-        aim, rows, bounds = vdot, [], []
+        bounds = self._mode.acceleration_bounds(measured)
+        # Rows about braking first: nearer to what comes out than the nominal is.
+        _, g, b = balance_rows(q, v, brake, level, -np.inf, self._law)
         for _ in range(_CORRECTIONS):
-            g, b = balance_rows(q, v, aim, level, self._law)
             # Not more is asked for than braking has, which is balanced.
-            braking = g @ brake[self._controlled]
-            rows.append(g)
-            bounds.append(np.maximum(b - _SPARE * self.weight, braking))
-            aim = self._nearest(
-                root, vdot, np.concatenate(rows), np.concatenate(bounds)
-            )
+            b = np.maximum(b - _SPARE * self.weight, g @ brake[self._controlled])
+            aim = self._nearest(root, vdot, g, b, bounds)
             found = admit(aim)
-            if found is None:
-                continue
-            excess = excess_of(found[0])
-            if excess <= enough:
-                return found[0], {**found[1], **self._report(CORRECTED, 1.0, excess)}
-        # Braking needs no check: that is the theorem.
-        best = brake, self._report(SCALED, 0.0, excess_of(brake))
+            there, asked = (aim, -np.inf) if found is None else (found[0], enough)
+            excess, g, b = balance_rows(q, v, there, level, asked, self._law)
+            if excess <= asked:
+                return there, {**found[1], **self._report(CORRECTED, 1.0, excess)}
+        # Braking is balanced by the theorem, where the bounds do not show it, too.
+        best = brake, self._report(SCALED, 0.0, min(excess_of(brake), 0.0))
         share, failed = 0.0, 1.0
         for _ in range(BISECTIONS):
             middle = 0.5 * (share + failed)
@@ -182,9 +180,10 @@ class Balance:
         q, v = measured.q[0], measured.v
         level = balance_level(q, v, self._law)
         balance_excess(q, v, np.zeros_like(v), level, self._law)
-        g, b = balance_rows(q, v, np.zeros_like(v), level, self._law)
+        _, g, b = balance_rows(q, v, np.zeros_like(v), level, -np.inf, self._law)
         root = np.linalg.cholesky(self._norm(measured))
-        self._nearest(root, np.zeros_like(v), g, np.minimum(b, -self.weight))
+        bounds = self._mode.acceleration_bounds(measured)
+        self._nearest(root, np.zeros_like(v), g, np.minimum(b, -self.weight), bounds)
 
     def _norm(self, measured: Measured) -> np.ndarray:
         """(n, n) in which accelerations are changed the least: by what that does to the
@@ -194,19 +193,25 @@ class Balance:
         return norm * (len(norm) / np.trace(norm))
 
     def _nearest(
-        self, root: np.ndarray, vdot: np.ndarray, g: np.ndarray, b: np.ndarray
+        self,
+        root: np.ndarray,
+        vdot: np.ndarray,
+        g: np.ndarray,
+        b: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray],
     ) -> np.ndarray:
         """The accelerations (nv,) nearest to others for which g . q_ddot <= b of the
-        controlled joints, in the norm of root root^T."""
-        controlled = self._controlled
-        near = np.flatnonzero(g @ vdot[controlled] > b - _FAR * self.weight)
-        scale = _ROW_WEIGHT / self.weight
-        rows = np.ascontiguousarray(np.linalg.solve(root, g[near].T).T)
-        y = one_sided_nearest(
-            root.T @ vdot[controlled], -scale * rows, -scale * b[near]
-        )
+        controlled joints and each is within its bounds, in the norm of root root^T."""
+        at, each = self._controlled, np.eye(len(self._controlled))
+        near = np.flatnonzero(g @ vdot[at] > b - _FAR * self.weight)
+        g, b = g[near] / self.weight, b[near] / self.weight
+        rows = _ROW_WEIGHT * np.vstack([-g, each, -each])
+        desired = _ROW_WEIGHT * np.concatenate([-b, bounds[0], -bounds[1]])
+        rows = np.ascontiguousarray(np.linalg.solve(root, rows.T).T)
         nearest = vdot.copy()
-        nearest[controlled] = np.linalg.solve(root.T, y)
+        nearest[at] = np.linalg.solve(
+            root.T, one_sided_nearest(root.T @ vdot[at], rows, desired)
+        )
         return nearest
 
     def _report(self, how: float, share: float, excess: float) -> dict[str, np.ndarray]:

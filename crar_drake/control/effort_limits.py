@@ -8,7 +8,7 @@ admits them again.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +42,10 @@ NO_EXCESS = 1e-4
 # The next braking torque is aimed to need 80 % of a limit at most, and to be possible
 # is judged by the accelerations alone: so much counts as possible [1].
 _SURE = 0.9
+
+# So much left of the nominal accelerations is as good as all: no other horizon is
+# tried [1].
+_ENOUGH = 0.95
 
 _NO_INERTIA = np.zeros((0, 0))
 
@@ -258,21 +262,37 @@ class EffortLimits:
         Where the motors have not the torque to brake within the horizon, they may have
         it for one of the mode's longer ones. That counts if this braking path is clear,
         too, as it then is after the step. Of those from which braking is possible for
-        the motors again, what leaves the most of them is taken.
+        the motors again, what leaves the most of them is taken; the first that leaves
+        nearly all. Horizons over which the motors cannot brake now are tried only if no
+        other will do.
         """
         args = (workspace, measured, nominal, limits)
-        found = self._with(self._braking, *args)
         if not self._slower:
-            return found
-        best = self._rank(self._braking, measured, nominal, found)
-        if best == (True, 0.0, 1.0):
-            return found
-        for slower in self._slower:
-            other = self._with(slower, *args)
-            rank = self._rank(slower, measured, nominal, other)
-            if rank > best and slower.mode.may_brake(measured, other.reported):
-                found, best = other, rank
+            return self._with(self._braking, *args)
+        every = (self._braking, *self._slower)
+        brakes = [self._brakes(braking, measured, nominal) for braking in every]
+        found, best = None, (False, -np.inf, -np.inf)
+        for possible in (True, False):
+            for braking in compress(every, [each == possible for each in brakes]):
+                other = self._with(braking, *args)
+                rank = self._rank(braking, measured, nominal, other)
+                if rank > best and (
+                    braking is self._braking
+                    or braking.mode.may_brake(measured, other.reported)
+                ):
+                    found, best = other, rank
+                    if best >= (True, 0.0, _ENOUGH):
+                        return found
+            if best[0]:
+                return found
         return found
+
+    def _brakes(self, braking: _Braking, measured: Measured, nominal: _Nominal) -> bool:
+        """Whether the motors have the torque to brake over this horizon now."""
+        joints = self._model.controlled
+        change = -measured.v[joints] / braking.horizon - nominal.vdot[joints]
+        tau = nominal.actuation + nominal.inertia[:, joints] @ change
+        return bool(np.all(np.abs(tau) <= self.limits))
 
     def _rank(
         self,
@@ -286,19 +306,29 @@ class EffortLimits:
         share, excess = found.torque_limit.tolist()
         if excess > NO_EXCESS:
             return False, 0.0, -excess
-        T = braking.horizon
+        if self._may_go_on(braking, measured, nominal, found.vdot, found.actuation):
+            return True, 0.0, share
+        return False, braking.horizon, share
+
+    def _may_go_on(
+        self,
+        braking: _Braking,
+        measured: Measured,
+        nominal: _Nominal,
+        vdot: np.ndarray,
+        actuation: np.ndarray,
+    ) -> bool:
+        """Whether braking is within the limits after a step of accelerations (nv,)."""
         tau = next_braking_torque(
-            found.vdot,
-            found.actuation,
+            vdot,
+            actuation,
             nominal.inertia,
             measured.v,
             self._model.controlled,
-            T,
+            braking.horizon,
             self._period,
         )
-        if np.all(np.abs(tau) <= _SURE * self.limits):
-            return True, 0.0, share
-        return False, T, share
+        return bool(np.all(np.abs(tau) <= _SURE * self.limits))
 
     def _with(
         self,
@@ -379,7 +409,18 @@ class EffortLimits:
         """What the mode admits of accelerations within the limits."""
         model = self._model
         actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
-        vdot, reported = braking.mode.admit_again(measured, slowed.vdot)
+        vdot, reported = slowed.vdot, None
+        if braking is not self._braking:
+            # Whose rows have yet to be looked at; but what the guard makes of them may
+            # be beyond the limits.
+            vdot, reported = braking.mode.admit_again(measured, vdot, True)
+            tau = model.inverse_dynamics(workspace, vdot)
+            if np.any(np.abs(tau) > (1.0 + NO_EXCESS) * limits) or not self._may_go_on(
+                braking, measured, nominal, vdot, tau
+            ):
+                vdot, reported = slowed.vdot, None
+        if reported is None:
+            vdot, reported = braking.mode.admit_again(measured, vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)

@@ -11,6 +11,11 @@ from crar_drake.errors import ScenarioError
 LOST_TARGET = ("brake", "error")
 GUARD_NORMS = ("joints", "tasks")
 
+# What presets plan ahead by [s], and how smoothly [m s^2].
+_PRESET_PREVIEW = 0.1
+_SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
+PRESETS = tuple(_SMOOTHNESS)
+
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
 
@@ -71,13 +76,15 @@ class LookaheadParameters:
             are bounds always, by default with 200/s, or 1 / period if that is less.
         limit_approach_rate: the same of joint limits alone [1/s]; by default the
             approach rate, and with a preview 10/s.
+        preset: "closest", "balanced" or "calm": a preview of 0.1 s and its
+            smoothness, where they are not given; by default neither.
         preview: how far ahead accelerations are planned [s], see `equations.preview`;
             by default not at all. K, Kp and Kv are then the gains of prescribed joints
             alone, and GvN damps what tasks leave free, with
         null_space_damping: lambda of the projection on that [m].
         smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
             beside a task error of 1 m [m s^2]: the less, the more closely targets are
-            followed.
+            followed; by default that of the preset, and without one of "balanced".
         farthest_pull: of the preview, the error from which on a task pulls no more than
             from there [m or rad].
         tracking_error: E, how far each joint of a robot that follows commanded
@@ -111,10 +118,11 @@ class LookaheadParameters:
     guard_damping: float | None = None  # [m]
     approach_rate: float | None = None  # [1/s]
     limit_approach_rate: float | None = None  # [1/s]
+    preset: str | None = None
     preview: float | None = None  # [s]
     null_space_damping: float = 0.02  # [m]
-    smoothness: float = 5.7e-5  # [m s^2]
-    farthest_pull: float = 0.002  # [m or rad]
+    smoothness: float | None = None  # [m s^2]
+    farthest_pull: float = 0.01  # [m or rad]
     tracking_error: float | None = None  # [rad or m]
     tracking_errors: dict[str, float] = field(default_factory=dict)  # [rad or m]
 
@@ -122,6 +130,8 @@ class LookaheadParameters:
         """Raises ScenarioError, naming the field and what it may be."""
         check_choice("controller.lookahead", self, "lost_target", LOST_TARGET)
         check_choice("controller.lookahead", self, "guard_norm", GUARD_NORMS)
+        if self.preset is not None:
+            check_choice("controller.lookahead", self, "preset", PRESETS)
         check_numbers("controller.lookahead", self, may_be_zero={"tracking_error"})
         for joint, error in self.tracking_errors.items():
             if not 0.0 <= error < math.inf:
@@ -146,11 +156,25 @@ class LookaheadParameters:
             )
 
     @property
+    def planned_time(self) -> float | None:
+        """How far ahead accelerations are planned [s]; None for not at all."""
+        if self.preview is None and self.preset is not None:
+            return _PRESET_PREVIEW
+        return self.preview
+
+    @property
+    def planned_smoothness(self) -> float:
+        """rho of the plan [m s^2]."""
+        if self.smoothness is not None:
+            return self.smoothness
+        return _SMOOTHNESS[self.preset or "balanced"]
+
+    @property
     def nominal_speed(self) -> float:
         """How fast q_s is asked to move at most [rad/s]."""
         if self.nominal_speed_limit is not None:
             return self.nominal_speed_limit
-        if self.preview is not None:
+        if self.planned_time is not None:
             return _PREVIEW_NOMINAL_SPEED_LIMIT
         return NOMINAL_SPEED_LIMIT
 
@@ -161,7 +185,7 @@ class LookaheadParameters:
             period: of the controller [s].
         """
         of_pairs, of_limits = self.approach_rate, self.limit_approach_rate
-        if self.preview is not None:
+        if self.planned_time is not None:
             fastest = 1.0 / period
             of_pairs = of_pairs or min(_PREVIEW_APPROACH, fastest)
             of_limits = of_limits or min(_PREVIEW_LIMIT_APPROACH, fastest)

@@ -27,10 +27,8 @@ METRICS = ("identity", "inertia")
 _TORQUE_PERIOD = 1e-3
 
 
-# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first. With a
-# preview less: what has evaded an obstacle may stay there, to evade it less next time.
+# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first.
 _POSTURE_GAIN = 30.0
-_PREVIEW_POSTURE_GAIN = 10.0
 
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
@@ -82,7 +80,7 @@ class BalanceParameters:
     """What a robot that stands may ask of the ground.
 
     Attributes:
-        margin: that the soles are taken smaller by at each edge [m].
+        margin: that the hull of all soles is taken smaller by at each edge [m].
         friction: coefficient between soles and ground that may be used.
     """
 
@@ -131,8 +129,8 @@ class CrarParameters:
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
             the robot's rest posture; 0 leaves the port out. By default 30 with
-            constraints "lookahead", 10 with its preview, and 0 with the others, which
-            are the paper to the letter.
+            constraints "lookahead", and 0 with the others, which are the paper to the
+            letter.
         respect_effort_limits: whether the commanded torque stays within the effort
             limits of the controlled joints, see `equations.torque_limit`; by default
             with constraints "lookahead" alone, for the others are the paper to the
@@ -298,8 +296,6 @@ class CrarParameters:
         """Stiffness towards the nominal posture [1/s^2]; 0 for none."""
         if self.nominal_posture_gain is not None:
             return self.nominal_posture_gain
-        if self._previews:
-            return _PREVIEW_POSTURE_GAIN
         return _POSTURE_GAIN if self.constraints == "lookahead" else 0.0
 
     @property
@@ -378,4 +374,6 @@ class CrarParameters:
 
     @property
     def _previews(self) -> bool:
-        return self.constraints == "lookahead" and self.lookahead.preview is not None
+        return (
+            self.constraints == "lookahead" and self.lookahead.planned_time is not None
+        )

@@ -278,7 +278,7 @@ class SafetyFilter:
         with self._refusing():
             gains.validate()
             LookaheadMode.check(gains)
-        if ahead.preview is not None:
+        if ahead.planned_time is not None:
             raise ScenarioError(
                 "filter.lookahead.preview: a filter of joints has no tasks to plan "
                 "for; leave it out"

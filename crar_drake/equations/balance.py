@@ -470,19 +470,32 @@ def balance_excess(
     Returns:
         The largest R w above its level [Nm]; negative is what is left of it.
     """
-    law = held.value
+    way, path = _examined(q, v, a, held.value)
+    return max((way.values - level).max(), (path.values - level).max())
+
+
+@compiled
+def _examined(
+    q: np.ndarray, v: np.ndarray, a: np.ndarray, law: BalanceLaw
+) -> tuple[Balanced, Balanced]:
+    """A step, and the braking path of the state that it leads to."""
     ground, masses = law.ground, law.masses
     way = examine_step(q, v, a, law.period, law.step, ground, masses)
     q_next, v_next = next_state(q, v, a, law)
     h = law.period / law.T
     path = examine_braking(q_next, v_next, law.T, h, law.finest, ground, masses)
-    return max((way.values - level).max(), (path.values - level).max())
+    return way, path
 
 
 @compiled(loops=True)
 def balance_rows(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, level: np.ndarray, held: Held
-) -> tuple[np.ndarray, np.ndarray]:
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    level: np.ndarray,
+    enough: float,
+    held: Held,
+) -> tuple[float, np.ndarray, np.ndarray]:
     """(B5): rows g and bounds b with g . q_ddot <= b, for the accelerations of the
     controlled joints, linear about a: of each face where it is largest in the step, and
     on the next braking path.
@@ -493,17 +506,20 @@ def balance_rows(
 
     Args:
         q, v, a, level, held: as of `balance_excess`.
+        enough: nobody asks for rows where the excess is not above it [Nm].
 
     Returns:
-        (2 F, n) and (2 F,).
+        `balance_excess`; and (2 F, n) and (2 F,), or none of either.
     """
     law = held.value
     ground, masses, T = law.ground, law.masses, law.T
     n, F = len(law.controlled), len(ground.rows)
+    way, path = _examined(q, v, a, law)
+    excess = max((way.values - level).max(), (path.values - level).max())
+    if excess <= enough:
+        return excess, np.zeros((0, n)), np.zeros(0)
     h = law.period / T
     q_next, v_next = next_state(q, v, a, law)
-    way = examine_step(q, v, a, law.period, law.step, ground, masses)
-    path = examine_braking(q_next, v_next, T, h, law.finest, ground, masses)
     g, b = np.zeros((2 * F, n)), np.empty(2 * F)
     bend = 0.5 * law.period * (law.period + law.step)
     for end in range(2):
@@ -551,7 +567,7 @@ def balance_rows(
     for row in range(2 * F):
         for j in range(n):
             b[row] += g[row, j] * a[law.controlled[j]]
-    return g, b
+    return excess, g, b
 
 
 @compiled(loops=True)

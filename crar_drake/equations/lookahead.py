@@ -33,6 +33,7 @@ from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.handover import take_over
 from crar_drake.equations.kinematics import (
     Measured,
+    State,
     find_state,
     join_joints,
     row_distances,
@@ -47,6 +48,9 @@ from crar_drake.equations.lookahead_guard import (
     step_bounds,
 )
 from crar_drake.equations.lookahead_rows import (
+    Constraints,
+    Limits,
+    LookaheadGains,
     join_constraints,
     limit_constraints,
     limit_margins,
@@ -62,7 +66,7 @@ from crar_drake.equations.lookahead_rows import (
 )
 from crar_drake.equations.preview import preview_plan, previewed_velocity
 from crar_drake.equations.references import Targets, find_references
-from crar_drake.equations.vectors import smallest, times
+from crar_drake.equations.vectors import identity, smallest, times
 
 
 class LookaheadMemory(NamedTuple):
@@ -110,21 +114,12 @@ def lookahead_step(
         before.slip, qdot, before.qdot, before.qddot, T, gains.period, gains.slip_share
     )
     h = pair_margins(state.d, state.dd_dv, v, T)
-    by_joint = state.dd_dv.reshape(len(h), len(v))
     s_p = resting_velocity(v[n:], references.qddot_p, T)
     by_pairs = weighed_margins(
         h,
         before.weighed[: len(h)],
         gains.distance_margin,
         gains.retreat_speed * gains.period,
-    )
-    pairs = pair_constraints(
-        h,
-        by_pairs,
-        np.ascontiguousarray(by_joint[:, :n]),
-        times(by_joint[:, n:], s_p) + margin_curvature(state.dd_dv, v),
-        slip,
-        gains,
     )
     to_limits = limit_margins(state.q[:n] + T * qdot, limits)
     by_limits = weighed_margins(
@@ -133,8 +128,9 @@ def lookahead_step(
         0.0,
         gains.joint_retreat_speed * gains.period,
     )
-    at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
-    constraints = join_constraints(pairs, that_weigh(at_limits))
+    constraints = find_constraints(
+        state, h, by_pairs, to_limits, by_limits, s_p, slip, limits, gains
+    )
     normal = damped_gram(references.J, gains)
     preview, plan = numbers.preview.value, before.plan
     if len(preview.times):
@@ -176,6 +172,42 @@ def lookahead_step(
     weighed = np.concatenate((by_pairs, by_limits))
     error = references.error
     return vdot, error, W, qdot_c, slip, weighed, plan, margins, admission, d
+
+
+@compiled
+def find_constraints(
+    state: State,
+    h: np.ndarray,
+    by_pairs: np.ndarray,
+    to_limits: np.ndarray,
+    by_limits: np.ndarray,
+    s_p: np.ndarray,
+    slip: np.ndarray,
+    limits: Limits,
+    gains: LookaheadGains,
+) -> Constraints:
+    """The rows of pairs and of limits that weigh.
+
+    Args:
+        state: of the robot.
+        h, by_pairs: (2 Nr,) margins of the pairs, and those by which they weigh [m].
+        to_limits, by_limits: (nl,) the same of limits [rad].
+        s_p: (n_p,) velocity of q_s of the prescribed joints.
+        slip: (n,) that is expected to go on [rad/s].
+        limits, gains: of the mode.
+    """
+    n, v = len(slip), state.v
+    by_joint = state.dd_dv.reshape(len(h), len(v))
+    pairs = pair_constraints(
+        h,
+        by_pairs,
+        np.ascontiguousarray(by_joint[:, :n]),
+        times(by_joint[:, n:], s_p) + margin_curvature(state.dd_dv, v),
+        slip,
+        gains,
+    )
+    at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
+    return join_constraints(pairs, that_weigh(at_limits))
 
 
 @compiled
@@ -229,6 +261,38 @@ def scale_acceleration(
     return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])
 
 
+@compiled
+def guard_acceleration(
+    measured: Measured, vdot: np.ndarray, robot: Held, mode: Held
+) -> tuple[np.ndarray, np.ndarray]:
+    """What guard and `admit` leave of accelerations that were chosen elsewhere.
+
+    For those of another horizon: the guard changes what this one's rows ask for, and
+    no joint besides, where `scale_acceleration` slows all of them down.
+
+    Args, returns: as of `scale_acceleration`.
+    """
+    r, numbers = robot.value, mode.value
+    limits, gains = numbers.limits.value, numbers.gains
+    n, T = r.n, gains.T
+    state = find_state(measured, r)
+    v, qdot = state.v, state.v[:n]
+    s = resting_velocity(v, vdot[r.order], T)
+    h = pair_margins(state.d, state.dd_dv, v, T)
+    to_limits = limit_margins(state.q[:n] + T * qdot, limits)
+    constraints = find_constraints(
+        state, h, h, to_limits, to_limits, s[n:], np.zeros(n), limits, gains
+    )
+    s_0, norm = s[:n], identity(n)
+    s_1, _ = guard(s_0, constraints, norm)
+    s_c, s_p, admission = admit(
+        s_0, s[n:], s_1, state.q, v, state.d, constraints, norm, r, numbers
+    )
+    if not (s_c == s_0).all() or admission[1] < 1.0:
+        vdot = join_joints((s_c - qdot) / T, (s_p - v[n:]) / T, r.order)
+    return vdot, admission
+
+
 class LookaheadLaw(NamedTuple):
     """All that stays from step to step."""
 
@@ -255,10 +319,12 @@ def lookahead_or_scaled(
     vdot_before: np.ndarray,
     kept: np.ndarray,
     accelerations: np.ndarray,
+    guarded: bool,
     law: Held,
 ) -> np.ndarray:
-    """`lookahead_step`, from arrays to one; or `scale_acceleration`, which is next to
-    nothing to compile beside it and would else be half as much again.
+    """`lookahead_step`, from arrays to one; or `scale_acceleration` or
+    `guard_acceleration`, which are next to nothing to compile beside it and would else
+    be half as much again.
 
     Args:
         q, v, asked: of the state, in the plant's order, see `handover.hand_over`; what
@@ -268,7 +334,8 @@ def lookahead_or_scaled(
         v_before, vdot_before: (nv,), (nv,) velocities one period ago, and what was
             commanded then, in the plant's order.
         kept: (n + 2 Nr + nl + N n,) slip, margins and plan of `LookaheadMemory`.
-        accelerations: (nv,) that are to be scaled; (0,) for a step.
+        accelerations: (nv,) that are to be scaled or guarded; (0,) for a step.
+        guarded: which of the two.
         law: holds `LookaheadLaw`.
 
     Returns:
@@ -278,6 +345,8 @@ def lookahead_or_scaled(
     robot, mode = law.value.robot, law.value.mode
     r, n = robot.value, robot.value.n
     measured = Measured(with_resting(q, v, r, mode.value.gains.T), v, asked)
+    if len(accelerations) and guarded:
+        return np.concatenate(guard_acceleration(measured, accelerations, robot, mode))
     if len(accelerations):
         return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
     controlled, planned = r.order[:n], n * len(mode.value.preview.value.times)

@@ -17,11 +17,12 @@ import numpy as np
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.free_joints import displaced
 from crar_drake.equations.kinematics import Robot, State
-from crar_drake.equations.lookahead_guard import LookaheadNumbers, bounded_velocity
+from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.lookahead_rows import (
     Limits,
     LookaheadGains,
     limit_margins,
+    resting_velocity,
 )
 from crar_drake.equations.one_sided import one_sided_minimum
 from crar_drake.equations.placed_shapes import distances_at
@@ -48,6 +49,8 @@ _ROW_WEIGHT = 300.0
 # and their limits [rad].
 _NEAR = 0.1
 _NEAR_LIMIT = 0.3
+# Joints that are slower than this share of the fastest at an instant have no row [1].
+_NEAR_SPEED = 0.7
 
 
 class Preview(NamedTuple):
@@ -283,6 +286,38 @@ def rows_ahead(
 
 
 @compiled
+def speed_rows(
+    qdot: np.ndarray, plan: np.ndarray, fastest: float, preview: Preview
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows as of `rows_ahead` of joints that the last plan makes nearly too fast.
+
+        |q_dot + sum_{j <= i} length_j q_ddot_j| <= fastest
+
+    times the whole preview, so that all rows are of distances. The others need not be
+    slower for them, as they would be if all were scaled.
+
+    Args:
+        qdot: (n,) velocities.
+        plan: (N, n) the last one.
+        fastest: [rad/s or m/s].
+        preview: of the law.
+    """
+    N, n = plan.shape
+    rows, least, found = np.zeros((N * n, N * n)), np.empty(N * n), 0
+    led = qdot.copy()
+    for i in range(N):
+        for k in range(n):
+            led[k] += preview.lengths[i] * plan[i, k]
+            if abs(led[k]) > _NEAR_SPEED * fastest:
+                slower = -np.sign(led[k]) * preview.times[-1]
+                for j in range(i + 1):
+                    rows[found, j * n + k] = slower * preview.lengths[j]
+                least[found] = -fastest * preview.times[-1] - slower * qdot[k]
+                found += 1
+    return rows[:found], least[:found]
+
+
+@compiled
 def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarray:
     """(L13): what rows count of tasks that are far off: (m,).
 
@@ -418,6 +453,7 @@ def preview_plan(
     x = expected_motion(state.v, references.qddot_p, plan, preview)
     x = possible_motion(x, state.q[:n], limits, gains.nominal_speed_limit, preview)
     rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
+    slow, least_slow = speed_rows(state.v[:n], plan, gains.nominal_speed_limit, preview)
     posture_error = np.zeros(n)
     if len(posture):
         posture_error = state.q[:n] - posture
@@ -428,8 +464,8 @@ def preview_plan(
         posture_error,
         state.v[:n],
         plan,
-        rows,
-        least,
+        np.concatenate((rows, slow)),
+        np.concatenate((least, least_slow)),
         preview,
     )
 
@@ -453,4 +489,4 @@ def previewed_velocity(
     n = len(qdot)
     first = plan[:n]
     planned = qdot + preview.lengths[0] * first
-    return bounded_velocity(qdot, first, gains), planned, np.ones(n)
+    return resting_velocity(qdot, first, gains.T), planned, np.ones(n)

@@ -6,7 +6,6 @@ without a common point it cannot tell apart from inside: winding numbers do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -171,15 +170,7 @@ def mesh_distance(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> flo
 
 
 def distance_apart(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:
-    """Distance of the nearest triangles; 0 where meshes meet (`meshes_meet`).
-
-    Args:
-        a, b: the meshes, each in its own frame, A and B.
-        X_AB: pose of B in A.
-
-    Returns:
-        The distance [m].
-    """
+    """Distance of the nearest triangles [m]; 0 where meshes meet (`meshes_meet`)."""
     gap = fcl.distance(
         a.placed(RigidTransform()),
         b.placed(X_AB),
@@ -192,12 +183,7 @@ def distance_apart(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> fl
 
 
 def meshes_meet(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> bool:
-    """Whether triangles of two meshes intersect, or one mesh is inside the other.
-
-    Args:
-        a, b: the meshes, each in its own frame, A and B.
-        X_AB: pose of B in A.
-    """
+    """Whether triangles of two meshes intersect, or one mesh is inside the other."""
     touch = fcl.collide(
         a.placed(RigidTransform()),
         b.placed(X_AB),
@@ -208,19 +194,12 @@ def meshes_meet(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> bool:
 
 
 def penetration_depth(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> float:
-    """Length of a short translation that parts two meshes which meet.
+    """Length of a short translation that parts two meshes which meet [m], positive.
 
     The penetration depth is that of the shortest one. Here only some directions are
     tried: the axes of both frames and the normals of intersecting triangles, so that
     the result is an upper bound. It is exact (to 0.01 mm) where the shortest way out is
     along one of them, as of boxes, or of a flat face.
-
-    Args:
-        a, b: the meshes, each in its own frame, A and B.
-        X_AB: pose of B in A.
-
-    Returns:
-        The length [m], positive.
     """
     R = X_AB.rotation().matrix()
     p_A, p_B = a.vertices, b.vertices @ R.T + X_AB.translation()
@@ -243,32 +222,18 @@ def penetration_depth(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) ->
     return max(depth, _DEPTH_TOLERANCE)
 
 
-@dataclass(frozen=True)
-class _Contacts:
-    faces_a: list[int]
-    faces_b: list[int]
-
-
-def _contacts(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> _Contacts:
-    result = fcl.CollisionResult()
-    request = fcl.CollisionRequest(num_max_contacts=_MOST_CONTACTS, enable_contact=True)
-    fcl.collide(a.placed(RigidTransform()), b.placed(X_AB), request, result)
-    return _Contacts(
-        [contact.b1 for contact in result.contacts],
-        [contact.b2 for contact in result.contacts],
-    )
-
-
 def _ways_out(a: TriangleMesh, b: TriangleMesh, X_AB: RigidTransform) -> np.ndarray:
     """(D, 3) different unit vectors in A along which b may leave a."""
     R = X_AB.rotation().matrix()
-    contacts = _contacts(a, b, X_AB)
+    result = fcl.CollisionResult()
+    request = fcl.CollisionRequest(num_max_contacts=_MOST_CONTACTS, enable_contact=True)
+    fcl.collide(a.placed(RigidTransform()), b.placed(X_AB), request, result)
     lines = np.concatenate(
         [
             np.eye(3),
             R.T,
-            _normals(a, contacts.faces_a),
-            _normals(b, contacts.faces_b) @ R.T,
+            _normals(a, [contact.b1 for contact in result.contacts]),
+            _normals(b, [contact.b2 for contact in result.contacts]) @ R.T,
         ]
     )
     both = np.concatenate([lines, -lines])

@@ -29,7 +29,8 @@ from crar_drake.robot.description import (
     find_joint,
     zero_positions,
 )
-from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
+from crar_drake.robot_import.link_meshes import read_link_meshes
+from crar_drake.robot_import.meshes import triangles_of
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ class MeshJudge:
         self.links = [link.name for link in of_links]
         self.coarse_links = [link.name for link in of_links if link.coarse]
         self._bodies = [link.body for link in of_links]
-        self._meshes = [_one_mesh(link) for link in of_links]
+        self._meshes = [TriangleMesh(*triangles_of(link.parts)) for link in of_links]
         self._indices = np.array(
             pairs_beyond_one_joint(self._plant, self._bodies), dtype=int
         ).reshape(-1, 2)
@@ -448,14 +449,3 @@ class _Tally:
         if mesh_distance < contact.mesh_distance:
             contact.index, contact.hull_distance = index, hull_distance
             contact.mesh_distance = mesh_distance
-
-
-def _one_mesh(link: LinkMesh) -> TriangleMesh:
-    """The triangles of all parts of a link."""
-    first = np.cumsum([0] + [len(part.vertices) for part in link.parts])
-    return TriangleMesh(
-        np.concatenate([part.vertices for part in link.parts]),
-        np.concatenate(
-            [part.faces + n for part, n in zip(link.parts, first, strict=False)]
-        ),
-    )

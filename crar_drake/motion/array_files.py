@@ -82,9 +82,11 @@ def load_arrays(
     except MotionError:
         raise
     except ValueError as error:
+        # What NumPy says of arrays that are objects is how to run their code.
+        why = "" if "pickle" in str(error) else f" ({error})"
         raise MotionError(
             f"{path}: one of its arrays is damaged or holds objects, which are not "
-            f"read ({error})"
+            f"read{why}"
         ) from None
     except MemoryError:
         raise MotionError(
@@ -94,7 +96,7 @@ def load_arrays(
         # Each unpacker, and NumPy's reader of headers, has errors of its own.
         if isinstance(error, OSError) and error.filename is not None:
             raise MotionError(f"{path}: cannot be read: {error.strerror}") from error
-        kind = path.suffix[1:].upper()
+        kind = "NPY" if path.suffix.lower() == ".npy" else "NPZ"
         raise MotionError(
             f"{path}: it is no {kind} file, or one that is damaged, cut off or "
             f"encrypted ({error})"

@@ -115,12 +115,7 @@ def load_performer(
     if _is_path(name):
         refuse_robot_motion(name)
     if suffix not in _FORMATS:
-        for option in ("unit", "up", "facing", "joints"):
-            if getattr(options, option):
-                raise MotionError(
-                    f"{option}: motion {text} is an AMC, which says that itself; leave "
-                    f"{option} {getattr(options, option)} away"
-                )
+        options.refuse(("unit", "up", "facing", "joints"), f"motion {text} is an AMC")
         clip = load_clip(name, options.skeleton or None, frame_rate=options.frame_rate)
         return asf_amc_performer(clip)
     held = _FORMATS[suffix](_existing_file(text, suffix, "motion"))

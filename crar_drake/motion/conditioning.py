@@ -19,7 +19,7 @@ DEFAULT_CUTOFF = 6.0  # [Hz]
 
 # Each pass rolls off with f^-4, both with f^-8: accelerations of what is above the
 # cutoff vanish although differentiating twice multiplies them by f^2.
-DEFAULT_ORDER = 4
+_ORDER = 4
 
 # The ends are extended until the filter's start has died out: its slowest pole falls
 # by e^(-2 pi sin(pi/8)), to a tenth, in one period of the cutoff.
@@ -32,7 +32,6 @@ def low_pass(
     samples: np.ndarray,
     frame_rate: float,
     cutoff: float = DEFAULT_CUTOFF,
-    order: int = DEFAULT_ORDER,
 ) -> np.ndarray:
     """Returns the samples after a zero-phase Butterworth low-pass.
 
@@ -45,7 +44,6 @@ def low_pass(
         samples: (T, ...) samples along the first axis, T >= 3.
         frame_rate: samples per second [Hz].
         cutoff: the filter's cutoff frequency [Hz].
-        order: the order of one pass.
 
     Raises:
         MotionError: too few samples, or a cutoff that the frame rate cannot have.
@@ -63,7 +61,7 @@ def low_pass(
     # It takes most of a second, which nobody waits for who has no motion.
     from scipy.signal import butter, sosfiltfilt
 
-    sections = butter(order, cutoff, fs=frame_rate, output="sos")
+    sections = butter(_ORDER, cutoff, fs=frame_rate, output="sos")
     pad = math.ceil(_PAD_PERIODS * frame_rate / cutoff)
     widths = [(pad, pad)] + [(0, 0)] * (np.ndim(samples) - 1)
     extended = np.pad(samples, widths, mode="reflect", reflect_type="odd")

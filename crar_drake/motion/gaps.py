@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from crar_drake.motion.planted_feet import runs
+
 # Longer than this a cubic spline says nothing of what a limb did meanwhile: voluntary
 # motion of up to 6 Hz has a period of 0.17 s. A straight line is put there instead.
 LONGEST_GAP = 0.2  # [s]
@@ -50,11 +52,8 @@ def fill_gaps(
         return np.full_like(samples, np.nan), [Gap(name, 1, len(samples), "held")]
     filled = samples.copy()
     cubic = CubicSpline(index[seen], samples[seen])
-    edges = np.diff(np.concatenate([[0], (~seen).astype(int), [0]]))
     gaps = []
-    for begin, end in zip(
-        np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
-    ):
+    for begin, end in runs(~seen):
         missing = index[begin:end]
         if begin == 0 or end == len(samples):
             how = "held"
@@ -66,7 +65,7 @@ def fill_gaps(
             how = "line"
             share = (missing - (begin - 1))[:, None] / (end - begin + 1)
             filled[missing] = (1 - share) * samples[begin - 1] + share * samples[end]
-        gaps.append(Gap(name, int(begin) + 1, int(end), how))
+        gaps.append(Gap(name, begin + 1, end, how))
     return filled, gaps
 
 

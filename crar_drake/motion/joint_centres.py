@@ -8,7 +8,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import Clip
-from crar_drake.motion.performer import ARM, SIDES, Performer
+from crar_drake.motion.performer import ARM, SIDES, Performer, Sampled
 from crar_drake.motion.performers.asf_amc import as_performer
 
 # What robots call the points: all but one as the performer's joints.
@@ -20,7 +20,7 @@ JOINT_CENTRES = (
 
 
 @dataclass(frozen=True)
-class JointCentres:
+class JointCentres(Sampled):
     """Joint centres of one motion in the robot's world W: z up, x forward, y left.
 
     Attributes:
@@ -37,16 +37,6 @@ class JointCentres:
     positions: dict[str, np.ndarray]  # [m]
     heading: np.ndarray  # [rad]
     hip_height: float  # [m]
-
-    @property
-    def num_frames(self) -> int:
-        """Number of samples T."""
-        return len(self.heading)
-
-    @property
-    def time(self) -> np.ndarray:
-        """(T,) sample times, from 0 [s]."""
-        return np.arange(self.num_frames) / self.frame_rate
 
 
 def file_joint(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from crar_drake.errors import MotionError
@@ -51,6 +52,32 @@ class MotionOptions:
                 raise MotionError(
                     f"facing: {self.facing} and up: {self.up} are along one axis"
                 )
+
+    def refuse(self, names: Sequence[str], motion: str) -> None:
+        """Raises MotionError if one of these options is given.
+
+        Args:
+            names: of options that a motion does not leave open.
+            motion: what it is, as in "motion a.amc is an AMC".
+        """
+        for name in names:
+            if given := getattr(self, name):
+                raise MotionError(
+                    f"{name}: {motion}, which says that itself; leave {name} {given} "
+                    "away"
+                )
+
+    def rate_of(self, motion: str, stated: float) -> tuple[float, str]:
+        """The rate that is given, else `stated` by the file [Hz]; "given" or "file".
+
+        Raises:
+            MotionError: neither is; `stated` is 0 then.
+        """
+        if not (self.frame_rate or stated):
+            raise MotionError(
+                f"motion {motion}: the file says no rate: give --frame-rate HZ"
+            )
+        return self.frame_rate or stated, "given" if self.frame_rate else "file"
 
 
 def metres_of(unit: str) -> float:

@@ -67,68 +67,16 @@ class Fact:
         return f"{subject} ({said}{': ' if self.why else ''}{self.why})"
 
 
-@dataclass(frozen=True)
-class Performer:
-    """A person in motion, in the robot's world W: z up, x forward, y left.
-
-    A joint that the recording does not have is in none of the mappings.
+class Sampled:
+    """What has samples of a heading, evenly spaced in time.
 
     Attributes:
-        name: what the user calls the motion.
-        format: of the file, e.g. "BVH".
         frame_rate: samples per second [Hz].
-        rate_source: where that comes from, one of SOURCES.
-        positions: name of JOINTS to (T, 3) p_WJ [m].
-        orientations: name of JOINTS to (T, 3, 3) R_WJ, of the part of the body that
-            begins there. It is the identity as the skeleton stands at rest, where
-            the file's rest pose is a standing person, else see `facts`. Empty where
-            the format has none.
-        hands: "left_hand", "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`.
-        heading: (T,) yaw of the pelvis about z, unwrapped [rad]; 0 faces x.
-        hip_height: the pelvis's height above the soles, standing [m].
-        height: of the standing performer [m].
-        up: the file's axis that points up, e.g. "+y"; "" if W's own are the file's.
-        facing: the file's axis that becomes W's x.
-        joints: name of JOINTS to what it is taken from in the file.
-        guessed: names of JOINTS whose position the file does not have as such (a mean
-            of others, or by a regression).
-        facts: what the file says, and what was inferred or assumed.
-        bones: number of the file's bones, markers or points.
-        bones_called: which of these they are.
-        turns: bone to the (T - 1,) angles by which it turns against its parent from
-            one frame to the next [rad].
-        carriers: name of JOINTS to the bones whose rotations move it.
-        same: (T - 1,) whether a frame's numbers are all the same as the one's before.
-        doubts: what is implausible as a whole, each with what would explain it.
-        notes: what was mended, e.g. gaps that were filled.
-        obstacle: why it cannot drive a robot, or "".
-        hands_obstacle: why there are no `hands`, or "".
+        heading: (T,) [rad].
     """
 
-    name: str
-    format: str
     frame_rate: float  # [Hz]
-    rate_source: str
-    positions: Mapping[str, np.ndarray]  # [m]
     heading: np.ndarray  # [rad]
-    hip_height: float  # [m]
-    height: float  # [m]
-    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
-    hands: Mapping[str, np.ndarray] = field(default_factory=dict)
-    up: str = ""
-    facing: str = ""
-    joints: Mapping[str, str] = field(default_factory=dict)
-    guessed: frozenset[str] = frozenset()
-    facts: tuple[Fact, ...] = ()
-    bones: int = 0
-    bones_called: str = "bones"
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # [rad]
-    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    doubts: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    obstacle: str = ""
-    hands_obstacle: str = ""
 
     @property
     def num_frames(self) -> int:
@@ -145,6 +93,79 @@ class Performer:
         """(T,) sample times, from 0 [s]."""
         return np.arange(self.num_frames) / self.frame_rate
 
+
+@dataclass(frozen=True, kw_only=True)
+class Described:
+    """What is known of a recording, whatever its axes and unit.
+
+    A joint that the recording does not have is in none of the mappings.
+
+    Attributes:
+        name: what the user calls the motion.
+        format: of the file, e.g. "BVH".
+        frame_rate: samples per second [Hz].
+        rate_source: where that comes from, one of SOURCES.
+        joints: name of JOINTS to what it is taken from in the file.
+        guessed: names of JOINTS whose position the file does not have as such (a mean
+            of others, or by a regression).
+        bones: number of the file's bones, markers or points.
+        bones_called: which of these they are.
+        turns: bone to the (T - 1,) angles by which it turns against its parent from
+            one frame to the next [rad].
+        carriers: name of JOINTS to the bones whose rotations move it.
+        same: (T - 1,) whether a frame's numbers are all the same as the one's before.
+        notes: what was mended, e.g. gaps that were filled.
+        hands_obstacle: why nothing tells how the hands are turned, or "".
+    """
+
+    name: str
+    format: str
+    frame_rate: float  # [Hz]
+    rate_source: str
+    joints: Mapping[str, str] = field(default_factory=dict)
+    guessed: frozenset[str] = frozenset()
+    bones: int = 0
+    bones_called: str = "bones"
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # [rad]
+    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    notes: tuple[str, ...] = ()
+    hands_obstacle: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performer(Described, Sampled):
+    """A person in motion, in the robot's world W: z up, x forward, y left.
+
+    Attributes:
+        positions: name of JOINTS to (T, 3) p_WJ [m].
+        orientations: name of JOINTS to (T, 3, 3) R_WJ, of the part of the body that
+            begins there. It is the identity as the skeleton stands at rest, where
+            the file's rest pose is a standing person, else see `facts`. Empty where
+            the format has none.
+        hands: "left_hand", "right_hand" to (T, 3, 3) R_WH, see `HandOrientations`.
+        heading: (T,) yaw of the pelvis about z, unwrapped [rad]; 0 faces x.
+        hip_height: the pelvis's height above the soles, standing [m].
+        height: of the standing performer [m].
+        up: the file's axis that points up, e.g. "+y"; "" if W's own are the file's.
+        facing: the file's axis that becomes W's x.
+        facts: what the file says, and what was inferred or assumed.
+        doubts: what is implausible as a whole, each with what would explain it.
+        obstacle: why it cannot drive a robot, or "".
+    """
+
+    positions: Mapping[str, np.ndarray]  # [m]
+    heading: np.ndarray  # [rad]
+    hip_height: float  # [m]
+    height: float  # [m]
+    orientations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    hands: Mapping[str, np.ndarray] = field(default_factory=dict)
+    up: str = ""
+    facing: str = ""
+    facts: tuple[Fact, ...] = ()
+    doubts: tuple[str, ...] = ()
+    obstacle: str = ""
+
     def matches(self) -> Iterator[str]:
         """Yields "joint: what of the file", a line for each joint of JOINTS."""
         for joint in JOINTS:
@@ -153,6 +174,26 @@ class Performer:
                 yield f"{joint}: {self.joints.get(joint, '?')}{guessed}"
             else:
                 yield f"{joint}: not in the file"
+
+
+def heading_of(R_WP: np.ndarray) -> np.ndarray:
+    """(T,) the twist about z, unwrapped [rad], of (T, 3, 3) rotations.
+
+    It is 2 atan2(q_z, q_w): unlike the direction of the belly it is defined for a
+    performer who bends over by 90 degrees.
+    """
+    sine = R_WP[:, 1, 0] - R_WP[:, 0, 1]
+    cosine = R_WP[:, 0, 0] + R_WP[:, 1, 1]
+    return np.unwrap(np.arctan2(sine, cosine))
+
+
+def hung_on(part: T, parents: Mapping[T, T]) -> frozenset[T]:
+    """What a part hangs on, and what that does, and so on."""
+    found = []
+    while part in parents:
+        part = parents[part]
+        found.append(part)
+    return frozenset(found)
 
 
 def turning(R: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from crar_drake.errors import MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, MIN_FRAMES, low_pass
 from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.joint_centres import file_joint, joint_centres
-from crar_drake.motion.performer import Fact, Performer
+from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import as_performer
+from crar_drake.motion.planted_feet import runs
 from crar_drake.motion.travel import pinned_pelvis
 
 # A bone turns by more than this against its parent in one frame: a flip. In the CMU
@@ -70,13 +71,7 @@ class MotionReport:
     """What a motion file holds.
 
     Attributes:
-        name: the motion's name.
-        frames: number of frames.
-        frame_rate: samples per second [Hz].
-        rate_source: where that comes from, one of `performer.SOURCES`.
-        duration: from the first to the last frame [s].
-        bones: number of the file's bones, markers or points.
-        height: of the skeleton at rest [m].
+        performer: whom the file shows.
         peak_speeds: joint centre to its largest speed in the raw data [m/s]; empty
             if the skeleton has no joint centres.
         flips: jumps of a bone's rotation, in frame order.
@@ -85,33 +80,15 @@ class MotionReport:
         doubts: what is implausible as a whole (unit of the angles, the performer's
             height, the frame rate), each with what would explain it.
         obstacle: why the motion cannot drive a robot, or "".
-        format: of the file.
-        facts: what the file says of itself, and what was inferred or assumed.
-        matches: joint and what it is taken from, a line each.
-        notes: what was mended in it.
-        hands_obstacle: why it has no orientations of hands, or "".
-        bones_called: what `bones` counts.
     """
 
-    name: str
-    frames: int
-    frame_rate: float  # [Hz]
-    rate_source: str
-    duration: float  # [s]
-    bones: int
-    height: float  # [m]
+    performer: Performer
     peak_speeds: dict[str, float]  # [m/s]
     flips: tuple[Flip, ...] = ()
     jumps: tuple[Jump, ...] = ()
     frozen: tuple[FrozenStretch, ...] = ()
     doubts: tuple[str, ...] = ()
     obstacle: str = ""
-    format: str = ""
-    facts: tuple[Fact, ...] = ()
-    matches: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    hands_obstacle: str = ""
-    bones_called: str = "bones"
 
     @property
     def looks_clean(self) -> bool:
@@ -141,14 +118,7 @@ def inspect(motion: Performer | Clip) -> MotionReport:
         doubts += _doubt_rate(performer, points, flips)
     watched = points or {"waist": performer.positions["pelvis"]}
     return MotionReport(
-        name=performer.name,
-        frames=performer.num_frames,
-        frame_rate=performer.frame_rate,
-        rate_source=performer.rate_source,
-        duration=performer.duration,
-        bones=performer.bones,
-        bones_called=performer.bones_called,
-        height=performer.height,
+        performer=performer,
         peak_speeds={
             name: float(step.max() * performer.frame_rate)
             for name, step in steps.items()
@@ -157,12 +127,7 @@ def inspect(motion: Performer | Clip) -> MotionReport:
         jumps=_find_jumps(watched, performer.frame_rate),
         frozen=_find_frozen(performer),
         doubts=tuple(doubts),
-        notes=performer.notes,
         obstacle=obstacle,
-        format=performer.format,
-        facts=performer.facts,
-        matches=tuple(performer.matches()),
-        hands_obstacle=performer.hands_obstacle,
     )
 
 
@@ -207,16 +172,11 @@ def _find_jumps(points: dict[str, np.ndarray], frame_rate: float) -> tuple[Jump,
 
 
 def _find_frozen(performer: Performer) -> tuple[FrozenStretch, ...]:
-    same = performer.same
-    # Edges of the runs of True.
-    edges = np.diff(np.concatenate([[0], same.astype(int), [0]]))
-    stretches = []
-    for begin, end in zip(
-        np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True
-    ):
-        if (end - begin) / performer.frame_rate > _FROZEN_TIME:
-            stretches.append(FrozenStretch(int(begin) + 1, int(end) + 1))
-    return tuple(stretches)
+    return tuple(
+        FrozenStretch(begin + 1, end + 1)
+        for begin, end in runs(performer.same)
+        if (end - begin) / performer.frame_rate > _FROZEN_TIME
+    )
 
 
 # --- implausible as a whole -------------------------------------------------------
@@ -287,26 +247,26 @@ def rate_text(frame_rate: float, rate_source: str) -> str:
 
 def describe(report: MotionReport) -> Iterator[str]:
     """Yields the report as lines for a person to read."""
+    person = report.performer
     yield (
-        f"{report.name}: {report.frames} frames at "
-        f"{rate_text(report.frame_rate, report.rate_source)}, "
-        f"{report.duration:.2f} s, {report.bones} {report.bones_called}, "
-        f"{report.height:.2f} m tall"
+        f"{person.name}: {person.num_frames} frames at "
+        f"{rate_text(person.frame_rate, person.rate_source)}, "
+        f"{person.duration:.2f} s, {person.bones} {person.bones_called}, "
+        f"{person.height:.2f} m tall"
     )
-    if report.facts:
-        facts = "; ".join(str(fact) for fact in report.facts)
-        yield f"{report.format}: {facts}"
-    if report.matches:
-        yield "joints: " + ", ".join(report.matches)
-    if report.rate_source == "assumed":
+    if person.facts:
+        facts = "; ".join(str(fact) for fact in person.facts)
+        yield f"{person.format}: {facts}"
+    yield "joints: " + ", ".join(person.matches())
+    if person.rate_source == "assumed":
         yield "the file states no frame rate; give --frame-rate HZ if it is another"
     if report.peak_speeds:
         yield "largest speeds: " + ", ".join(
             f"{name} {speed:.1f} m/s" for name, speed in report.peak_speeds.items()
         )
-    if report.hands_obstacle and not report.obstacle:
-        yield f"no orientations of hands: {report.hands_obstacle}"
-    yield from report.notes
+    if person.hands_obstacle and not report.obstacle:
+        yield f"no orientations of hands: {person.hands_obstacle}"
+    yield from person.notes
     for _, line in _findings(report):
         yield line
     if report.looks_clean:
@@ -317,7 +277,7 @@ def _findings(report: MotionReport) -> Iterator[tuple[str, str]]:
     """Yields what looks bad, the worst first: in few words, and as a whole line."""
 
     def at(frame: int) -> str:
-        return f"frame {frame} ({(frame - 1) / report.frame_rate:.2f} s)"
+        return f"frame {frame} ({(frame - 1) / report.performer.frame_rate:.2f} s)"
 
     for doubt in report.doubts:
         yield doubt, doubt

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import ModelError, MotionError
 from crar_drake.motion.conditioning import DEFAULT_CUTOFF, low_pass, spline
 from crar_drake.motion.joint_centres import JointCentres
+from crar_drake.motion.performer import Sampled
 
 # Below this a segment has no direction worth keeping.
 _SHORTEST_SEGMENT = 1e-3  # [m]
@@ -47,7 +48,7 @@ class SegmentLengths:
 
 
 # (from, to, field of SegmentLengths), from the waist outwards.
-_SEGMENTS = (
+SEGMENTS = (
     ("waist", "neck", "waist_neck"),
     ("neck", "left_shoulder", "left_neck_shoulder"),
     ("left_shoulder", "left_elbow", "left_shoulder_elbow"),
@@ -59,7 +60,7 @@ _SEGMENTS = (
 
 
 @dataclass(frozen=True)
-class RetargetedMotion:
+class RetargetedMotion(Sampled):
     """A motion filtered and scaled to a robot, in the world W: z up, x forward.
 
     Attributes:
@@ -73,21 +74,6 @@ class RetargetedMotion:
     frame_rate: float  # [Hz]
     positions: dict[str, np.ndarray]  # [m]
     heading: np.ndarray  # [rad]
-
-    @property
-    def num_frames(self) -> int:
-        """Number of samples T."""
-        return len(self.heading)
-
-    @property
-    def time(self) -> np.ndarray:
-        """(T,) sample times, from 0 [s]."""
-        return np.arange(self.num_frames) / self.frame_rate
-
-    @property
-    def duration(self) -> float:
-        """Time of the last sample, where every trajectory ends [s]."""
-        return (self.num_frames - 1) / self.frame_rate
 
     def standing_at(self, waist: np.ndarray) -> RetargetedMotion:
         """The motion as seen from the hips, which stay.
@@ -161,7 +147,7 @@ def retarget(
         waist = smooth["waist"] * (lengths.waist_height / centres.hip_height)
         waist[:, :2] -= waist[0, :2].copy()
     positions = {"waist": waist}
-    for start, end, field in _SEGMENTS:
+    for start, end, field in SEGMENTS:
         _check_segment(centres, centres.positions, start, end)
         norm = _check_segment(centres, smooth, start, end)
         direction = (smooth[end] - smooth[start]) / norm[:, None]

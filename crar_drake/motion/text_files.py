@@ -17,16 +17,12 @@ _MARKS = {b"\xff\xfe\x00\x00": "utf-32", b"\x00\x00\xfe\xff": "utf-32"} | {
 _OBEYED = re.compile("[\x01-\x08\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
-def read_motion_text(path: str | os.PathLike[str], kind: str = "motion") -> str:
+def read_motion_text(path: str | os.PathLike[str]) -> str:
     """The text of a file in UTF-8, UTF-16, UTF-32 or, if it is none, Latin-1.
 
     Numbers and keywords are ASCII in all of them; names may need the right one.
     Line ends become \\n; form feeds and the like are mere blanks, and stay. What a
     terminal would obey, in a name, is escaped.
-
-    Args:
-        path: of the file.
-        kind: what it is called where it cannot be read.
 
     Raises:
         MotionError: it cannot be read.
@@ -35,7 +31,7 @@ def read_motion_text(path: str | os.PathLike[str], kind: str = "motion") -> str:
         data = Path(path).read_bytes()
     except OSError as error:
         raise MotionError(
-            f"{path}: cannot read this {kind}: {error.strerror or error}"
+            f"{path}: cannot read this motion: {error.strerror or error}"
         ) from error
     text = _decoded(data).replace("\r\n", "\n").replace("\r", "\n")
     return _OBEYED.sub(lambda found: ascii(found[0])[1:-1], text)
@@ -54,3 +50,8 @@ def _decoded(data: bytes) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def shown(text: str) -> str:
+    """Foreign text as something short that is safe to print."""
+    return ascii(text if len(text) <= 24 else text[:21] + "...")

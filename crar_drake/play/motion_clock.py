@@ -59,15 +59,14 @@ class MotionClock:
         )
         return self.way + T * moved + self.goal * after, rate, slope / T
 
-    def toward(self, time: float, goal: float, ramp: float = _RAMP) -> MotionClock:
+    def toward(self, time: float, goal: float) -> MotionClock:
         """The clock that goes on from here, to another rate.
 
         Args:
             time: of the change [s].
             goal: the rate to go to.
-            ramp: how long that takes [s].
         """
-        return MotionClock(time, *self.at(time), goal, ramp)
+        return MotionClock(time, *self.at(time), goal)
 
     def to_vector(self) -> np.ndarray:
         """(6,) its attributes."""

@@ -55,7 +55,7 @@ from crar_drake.trajectory.margins import Margins
 _CHANGED = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CleanedClip(Change):
     """What cleaning made of one motion, with how far it changed.
 
@@ -109,16 +109,16 @@ class CleanedClip(Change):
     frozen: int
     meshes_penetrating: int
     meshes_unclear: int
-    seconds: float
-    raised: float
-    slowed: float
-    stands: int
-    given_before: float
-    given: float
-    outside_before: float
-    outside: float
-    deepest: str
-    exceeded: str
+    seconds: float = 0.0
+    raised: float = 0.0
+    slowed: float = 0.0
+    stands: int = -1
+    given_before: float = np.nan
+    given: float = np.nan
+    outside_before: float = np.nan
+    outside: float = np.nan
+    deepest: str = ""
+    exceeded: str = ""
 
     @property
     def times_real_time(self) -> float:
@@ -477,16 +477,7 @@ def _row(
         frozen=_count(find_frozen(before, after)),
         meshes_penetrating=-1 if meshes is None else meshes.num_touching,
         meshes_unclear=-1 if meshes is None else meshes.num_unclear,
-        seconds=0.0,
-        raised=0.0,
-        slowed=0.0,
-        stands=-1,
-        given_before=np.nan,
-        given=np.nan,
-        outside_before=np.nan,
-        outside=np.nan,
         deepest=_deepest(now, cleaner),
-        exceeded="",
     )
 
 

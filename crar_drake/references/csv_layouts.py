@@ -25,6 +25,7 @@ from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.robots_own import NAMED_ROOT, cells_of, is_named
 from crar_drake.motion.text_files import read_motion_text
+from crar_drake.references.held_values import check_quaternions
 from crar_drake.references.named_csv import read_named_csv
 from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
@@ -53,7 +54,7 @@ def read_csv(
     if heading:
         return read_named_csv(path, heading, table, rate)
     quaternions = table[:, 3:7]
-    _check_not_zero(path, quaternions)
+    check_quaternions(path, "the root's quaternion (columns 4 to 7)", quaternions)
     guesses = []
     order = _ORDERS.get(layout or "")
     if order is None:
@@ -139,15 +140,6 @@ def _read_table(path: Path) -> tuple[list[str], np.ndarray]:
             "finite number"
         )
     return heading, table
-
-
-def _check_not_zero(path: Path, quaternions: np.ndarray) -> None:
-    zero = np.flatnonzero(np.linalg.norm(quaternions, axis=1) < 1e-6)
-    if len(zero):
-        raise MotionError(
-            f"{path}, frame {zero[0] + 1}: the root's quaternion (columns 4 to 7) has "
-            "length zero"
-        )
 
 
 def _is_number(cell: str) -> bool:

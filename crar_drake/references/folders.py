@@ -12,7 +12,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing, nullcontext
+from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from typing import Any
 from crar_drake.batches import in_batches
 from crar_drake.errors import CrarError
 from crar_drake.files import sole_writer, whole_file
-from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.motion.robots_own import is_reference
 from crar_drake.references.folder_page import Figure, PageRow, write_folder_page
 from crar_drake.references.motion_certificate import (
@@ -162,8 +162,7 @@ def work_through(
         }
         finished |= _without_own_certificate(work.places)
         waiting = [path for path in work.places if path not in finished]
-        own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
-        with own as pool:
+        with given_or_fresh(executor, jobs) as pool:
             pairs = [(path, work.places[path]) for path in waiting]
             batches = in_batches(pool, _do_some, pairs, work.begin, jobs=jobs)
             with closing(batches):

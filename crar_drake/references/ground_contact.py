@@ -147,6 +147,19 @@ class Outline:
             ),
         )
 
+    def slip_of_planted(
+        self, motion: RobotMotion, planted: Mapping[str, np.ndarray]
+    ) -> float:
+        """The longest way that a foot slips in one contact, where contacts are known
+        [m].
+
+        Args:
+            motion: with its joints in the order of the robot.
+            planted: foot to (T,) whether it is on the floor.
+        """
+        soles = self.soles(motion).items()
+        return max((longest_slip(p, planted[foot]) for foot, p in soles), default=0.0)
+
     def soles(self, motion: RobotMotion) -> dict[str, np.ndarray]:
         """Foot to (T, V, 3) the lowest points of its balls, in the world [m].
 
@@ -256,6 +269,42 @@ def least_way(moves: np.ndarray, there: np.ndarray) -> np.ndarray:
     return found
 
 
+def step_slips(p_WS: np.ndarray, asked: np.ndarray) -> np.ndarray:
+    """(T - 1,) how far a foot slips from each frame to the next [m]; inf where that is
+    not asked.
+
+    Args:
+        p_WS: (T, V, 3) points of its surface in the world [m].
+        asked: (T - 1,) in which steps.
+    """
+    z = p_WS[..., 2]
+    # Points that are low in both frames of a step are what it could stand on.
+    low = z <= z.min(axis=1)[:, None] + _SOLE
+    both = low[1:] & low[:-1]
+    moves = np.diff(p_WS[..., :2], axis=0)
+    slips = np.full(len(moves), np.inf)
+    some = asked & both.any(axis=1)
+    slips[some] = least_way(moves[some], both[some])
+    # A foot that stands on other points than before has rolled from one to the other;
+    # the point that moves least tells.
+    other = asked & ~some
+    ways = np.linalg.norm(moves[other], axis=2)
+    slips[other] = ways.min(axis=1, initial=np.inf)
+    return slips
+
+
+def longest_slip(p_WS: np.ndarray, planted: np.ndarray) -> float:
+    """The longest way that a foot slips in one contact [m].
+
+    Args:
+        p_WS: (T, V, 3) points of its surface in the world [m].
+        planted: (T,) whether it is on the floor.
+    """
+    stands = planted[1:] & planted[:-1]
+    slips = step_slips(p_WS, stands)
+    return max((float(slips[a:b].sum()) for a, b in runs(stands)), default=0.0)
+
+
 def foot_slip(
     foot: str,
     p_WS: np.ndarray,
@@ -274,21 +323,9 @@ def foot_slip(
     """
     z = p_WS[..., 2]
     height = z.min(axis=1) - floor  # (T,)
-    # Points that are low in both frames of a step are what it could stand on.
-    low = z <= z.min(axis=1)[:, None] + _SOLE
-    both = low[1:] & low[:-1]
-    moves = np.diff(p_WS[..., :2], axis=0)
-    slips = np.full(len(moves), np.inf)
     # What is higher is not planted, however it moves.
     step_height = np.maximum(height[1:], height[:-1])
-    near = step_height <= thresholds.height_off
-    some = near & both.any(axis=1)
-    slips[some] = least_way(moves[some], both[some])  # (T - 1,)
-    # A foot that stands on other points than before has rolled from one to the other;
-    # the point that moves least tells.
-    other = near & ~some
-    ways = np.linalg.norm(moves[other], axis=2)
-    slips[other] = ways.min(axis=1, initial=np.inf)
+    slips = step_slips(p_WS, step_height <= thresholds.height_off)
     stands = standing(step_height, slips * rate, thresholds)
     planted = np.zeros(len(z), dtype=bool)
     every, worst, place, top = [], 0.0, None, 0.0

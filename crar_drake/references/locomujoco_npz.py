@@ -31,6 +31,7 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import load_arrays
+from crar_drake.references.held_values import stated_rate
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.root_speeds import difference, turning
 
@@ -75,15 +76,14 @@ def read_locomujoco(
             f"{path}: its first joint has to be free and all others of one degree of "
             f"freedom; jnt_type is {types.tolist()}"
         )
-    frequency = np.ravel(arrays["frequency"])
+    stated = stated_rate(path, arrays, "frequency")
     splits = np.ravel(arrays["split_points"])
     whole = (
         splits.dtype.kind in "iu" and len(splits) > 1 and (np.diff(splits) > 0).all()
     )
-    if frequency.size != 1 or not whole or splits[0] != 0 or splits[-1] != len(q):
+    if not whole or splits[0] != 0 or splits[-1] != len(q):
         raise MotionError(
-            f"{path}: frequency is {frequency}, not one number, or split_points "
-            f"{splits} do not go from 0 to the {len(q)} samples"
+            f"{path}: split_points {splits} do not go from 0 to the {len(q)} samples"
         )
     qvel = arrays.get("qvel")
     kept = qvel is not None and qvel.shape == (len(q), q.shape[1] - 1)
@@ -93,7 +93,7 @@ def read_locomujoco(
             root_positions=q[a:b, :3].astype(float),
             root_quaternions=q[a:b, 3:7].astype(float),
             joint_positions=q[a:b, 7:].astype(float),
-            rate=float(rate or frequency[0]),
+            rate=float(rate or stated),
             layout=LAYOUT,
             source=str(path),
             clip=str(k) if len(splits) > 2 else "",

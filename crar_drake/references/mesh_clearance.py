@@ -36,6 +36,9 @@ each other, and for min(d, h) in place of d
 with rho'_j the distance from the axis of j of the farthest of these parts
 (`near_parts`), which is found as rho_j is. So (M1) and (M2) hold of min(d, h), too.
 
+*Two joints.* The distance of links with two joints between them depends on both alone.
+It is kept in tables of these (`pair_tables`), which say more than (M2) and cost less.
+
 *Inside.* (M1) is of surfaces. As long as they do not meet, neither link gets into the
 other; on each stretch of the motion on which a pair's surfaces do not meet it is clear
 somewhere (a plane parts the hulls, or winding numbers say so), and so on all of it.
@@ -56,9 +59,11 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.references.mesh_pairs import CarriedMesh, MeshPairs, relative_poses
 from crar_drake.references.near_parts import near_approach
+from crar_drake.references.pair_tables import PairTable
 from crar_drake.references.whole_body import WholeBody
 
-# A bound is sought until it is half the distance, or so much, by default [m].
+# A bound is sought until it is half the distance, or so much, by default [m]; those of
+# tables are less close.
 _ENOUGH = 5e-3
 
 # Of pairs that are nearer, (M1) is asked of those parts alone that are near [m].
@@ -128,6 +133,63 @@ class ClearanceOfMeshes:
         a, b = self.meshes.rows.T
         self._a_alone = moved_by[a] & ~moved_by[b]  # (P, nv)
         self._b_alone = moved_by[b] & ~moved_by[a]
+        self._tables = self._find_tables()
+
+    def _find_tables(self) -> dict[int, PairTable]:
+        """Of the pairs with two joints between them, by number."""
+        joints, found = self.meshes.joints, {}
+        rest = self.robot.configurations(np.zeros((1, self.robot.n)))[0]
+        for row, (a, b) in enumerate(self.meshes.rows):
+            links = self.meshes.meshes[a], self.meshes.meshes[b]
+            from_a = self._outward(links[0], self._a_alone[row])
+            from_b = self._outward(links[1], self._b_alone[row])
+            between = [int(v) for v in (*from_a, *from_b[::-1])]
+            # Each in a frame of its own: a free joint's are in one.
+            moved = [joints.velocities[joints.frame_of_velocity[v]] for v in between]
+            if len(between) == 2 and all(len(each) == 1 for each in moved):
+                found[row] = PairTable(
+                    self.meshes, row, (between[0], between[1]), rest, _NEAR
+                )
+        return found
+
+    def from_tables(self, q: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What is known of pairs with two joints between them: (M5).
+
+        Args:
+            q: (T, nq) positions of the plant.
+
+        Returns:
+            (P, T) and (P, T - 1) no distance at a frame, or on the way to the next, is
+            smaller [m]: -inf of other pairs. And, as often, whether that is positive,
+            and close enough.
+        """
+        shape = len(self.meshes.rows), len(q)
+        at, at_done = np.full(shape, -np.inf), np.zeros(shape, dtype=bool)
+        on, on_done = at[:, 1:].copy(), at_done[:, 1:].copy()
+        for row, table in self._tables.items():
+            at[row], at_done[row] = table.bounds(q, q)
+            on[row], on_done[row] = table.bounds(q[:-1], q[1:])
+            table.keep()
+        return at, on, at_done, on_done
+
+    def one_inside(self, row: int, q: np.ndarray) -> bool:
+        """Whether one link of a pair is inside the other, where they do not touch.
+
+        Args:
+            row: which pair.
+            q: (nq,) positions of the plant.
+        """
+        if row in self._tables:
+            return self._tables[row].one_inside(q)
+        a, b = self.meshes.rows[row]
+        frames = [self.meshes.meshes[k].frame for k in (a, b)]
+        R, p = self.meshes.poses(q[None])
+        return self.meshes.one_inside(a, b, *relative_poses(R[0], p[0], *frames))
+
+    @property
+    def num_in_tables(self) -> int:
+        """Distances that were measured for tables."""
+        return sum(table.num_measured for table in self._tables.values())
 
     def find(
         self, joint_positions: np.ndarray, enough: float = _ENOUGH
@@ -271,8 +333,11 @@ class _Search:
         apart = np.linalg.norm(centres[:, a] - centres[:, b], axis=2).T
         self._low = apart - (radii[a] + radii[b])[:, None] - 1e-9
         self._parted = self._low > 0.0
+        before = robot.num_in_tables
+        at, self._on, self._at_done, self._on_done = robot.from_tables(q)
+        self._low = np.maximum(self._low, at)
         self._found = np.full_like(self._low, np.inf)  # that was measured
-        self._num_measured = 0
+        self._num_measured = robot.num_in_tables - before
 
     def clearance(self) -> MeshClearance:
         """The bounds, each close enough or of distances that were measured."""
@@ -281,8 +346,10 @@ class _Search:
             between = self._on_parts(
                 self._low[:, :-1], self._low[:, 1:], self._steps, self._near_steps
             )
+            between = np.maximum(between, self._on)
             way_open = between < np.minimum(aim[:, :-1], aim[:, 1:])
-            asked = self._low < aim
+            way_open &= ~self._on_done
+            asked = (self._low < aim) & ~self._at_done
             asked[:, :-1] |= way_open
             asked[:, 1:] |= way_open
             pair, frame = _middles(asked & np.isinf(self._found))
@@ -412,9 +479,8 @@ class _Search:
             ends = np.flatnonzero(touch_on[row] | (on_ways[row] <= 0.0)) + 1
             for stretch in np.split(np.arange(decided.shape[1]), ends):
                 k = int(stretch[0])
-                X = relative_poses(self._R[k], self._p[k], *self._frames[row])
-                if not decided[row, stretch].any() and self._meshes.one_inside(
-                    *self._rows[row], *X
+                if not decided[row, stretch].any() and self._robot.one_inside(
+                    row, self._q[k]
                 ):
                     touch_at[row, stretch] = touch_on[row, stretch[:-1]] = True
 

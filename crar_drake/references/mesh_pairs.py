@@ -24,6 +24,7 @@ from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_joint, zero_positions
 from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.link_meshes import LinkMesh, read_link_meshes
+from crar_drake.robot_import.meshes import triangles_of
 
 try:
     import fcl
@@ -54,11 +55,7 @@ class CarriedMesh:
     """
 
     def __init__(self, link: LinkMesh, frame: int, X_FB) -> None:
-        first = np.cumsum([0] + [len(part.vertices) for part in link.parts])
-        p_BV = np.concatenate([part.vertices for part in link.parts])
-        faces = np.concatenate(
-            [part.faces + n for part, n in zip(link.parts, first, strict=False)]
-        )
+        p_BV, faces = triangles_of(link.parts)
         # Files repeat a vertex for each of its triangles.
         p_BV, merged = np.unique(p_BV, axis=0, return_inverse=True)
         a, b, c = (faces := merged.reshape(-1)[faces]).T

@@ -41,6 +41,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import load_arrays, npz_names
+from crar_drake.references.held_values import check_frames, numbers, stated_rate
 from crar_drake.references.locomujoco_npz import LAYOUT as LOCOMUJOCO
 from crar_drake.references.locomujoco_npz import read_locomujoco
 from crar_drake.references.robot_motion import UNKNOWN_ORDER, RobotMotion
@@ -93,7 +94,7 @@ def read_npz(
     amp = "dof_positions" in arrays and "joint_pos" not in arrays
     if amp:
         for key, dimensions in _AMP_SHAPES.items():
-            _numbers(path, arrays, key, dimensions)
+            numbers(path, arrays, key, *[None] * dimensions)
         if "dof_names" not in arrays:
             raise MotionError(f"{path}: it has no dof_names, the joints' names")
         arrays = {_AMP_KEYS.get(key, key): array for key, array in arrays.items()}
@@ -104,8 +105,8 @@ def read_npz(
         )
     guesses = []
     if rate is None:
-        rate = _rate(path, arrays, guesses)
-    q = _numbers(path, arrays, "joint_pos", 2)
+        rate = stated_rate(path, arrays, usual=USUAL_RATE, guesses=guesses)
+    q = numbers(path, arrays, "joint_pos", None, None)
     if amp != (layout == _AMP) and layout is not None:
         raise MotionError(f"{path}: its keys are not those of {layout}")
     if not amp and _has_root(path, layout, arrays, q):
@@ -119,13 +120,10 @@ def read_npz(
         elif layout is None:
             layout, evidence = _guess_order(path, arrays)
             guesses.append(evidence)
-        p_WR = _numbers(path, arrays, "body_pos_w", 3)
-        Q_WR = _numbers(path, arrays, "body_quat_w", 3)
-        if len(p_WR) != len(q) or len(Q_WR) != len(q) or not p_WR.shape[1]:
-            raise MotionError(
-                f"{path}: joint_pos has {len(q)} frames, body_pos_w {len(p_WR)} and "
-                f"body_quat_w {len(Q_WR)}, or there is no link"
-            )
+        p_WR = numbers(path, arrays, "body_pos_w", None, None, 3)
+        Q_WR = numbers(path, arrays, "body_quat_w", None, None, 4)
+        links = {"joint_pos": q, "body_pos_w": p_WR, "body_quat_w": Q_WR}
+        check_frames(path, links)
         p_WR, Q_WR, joints = p_WR[:, 0], Q_WR[:, 0], q
     return (
         RobotMotion(
@@ -242,32 +240,6 @@ def _computed(
     }
 
 
-def _numbers(
-    path: Path, arrays: dict[str, np.ndarray], key: str, dimensions: int
-) -> np.ndarray:
-    if key not in arrays:
-        raise MotionError(f"{path}: it has no {key}")
-    array = arrays[key]
-    if array.dtype.kind not in "fiu" or array.ndim != dimensions:
-        raise MotionError(
-            f"{path}: {key} is an array {array.shape} of {array.dtype}; numbers in "
-            f"{dimensions} dimensions are expected"
-        )
-    return array if array.dtype.kind == "f" else array.astype(float)
-
-
-def _rate(path: Path, arrays: dict[str, np.ndarray], guesses: list[str]) -> float:
-    if "fps" not in arrays:
-        guesses.append(
-            f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps"
-        )
-        return USUAL_RATE
-    fps = arrays["fps"]
-    if fps.size != 1 or fps.dtype.kind not in "fiu":
-        raise MotionError(f"{path}: fps is {fps}, not one number")
-    return float(fps.reshape(()))
-
-
 def _has_root(
     path: Path, layout: str | None, arrays: dict[str, np.ndarray], q: np.ndarray
 ) -> bool:
@@ -300,7 +272,7 @@ def _has_root(
 
 def _guess_order(path: Path, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
     """Which of the kinds without names, by which links hang on the one before."""
-    p = _numbers(path, arrays, "body_pos_w", 3).astype(float)
+    p = numbers(path, arrays, "body_pos_w", None, None, 3).astype(float)
     apart = np.linalg.norm(np.diff(p[:, 1:], axis=1), axis=2)
     share = float((np.ptp(apart, axis=0) < _RIGID).mean()) if apart.size else 1.0
     evidence = f"{100 * share:.0f} % of the links hang on the one before"

@@ -40,6 +40,12 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.plain_pickle import read_plain_pickle, write_plain_pickle
+from crar_drake.references.held_values import (
+    check_frames,
+    check_quaternions,
+    numbers,
+    stated_rate,
+)
 from crar_drake.references.quaternion_order import guess_quaternion_order
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
@@ -167,21 +173,14 @@ def _motion(
     where = f"{path}, clip {clip!r}" if clip else str(path)
     keys, guesses = _KEYS[layout], []
     if rate is None:
-        rate = _rate(where, held, guesses)
-    columns = {"position": 3, "rotation": 4}
+        rate = stated_rate(where, held, usual=USUAL_RATE, guesses=guesses)
+    columns = {"position": 3, "rotation": 4, "joints": None}
     arrays = {
-        what: _numbers(where, key, held[key], columns.get(what))
+        what: numbers(where, held, key, None, columns[what])
         for what, key in keys.items()
     }
-    lengths = {key: len(arrays[what]) for what, key in keys.items()}
-    if len(set(lengths.values())) > 1 or not lengths[keys["position"]]:
-        reported = ", ".join(f"{key} {number}" for key, number in lengths.items())
-        raise MotionError(f"{where}: numbers of frames differ or are zero: {reported}")
-    zero = np.flatnonzero(np.linalg.norm(arrays["rotation"], axis=1) < 1e-6)
-    if len(zero):
-        raise MotionError(
-            f"{where}, frame {zero[0] + 1}: {keys['rotation']} has length zero"
-        )
+    check_frames(where, {key: arrays[what] for what, key in keys.items()})
+    check_quaternions(where, keys["rotation"], arrays["rotation"])
     quaternions = arrays["rotation"].astype(float)
     order, evidence = guess_quaternion_order(quaternions)
     if order == "wxyz" and evidence.startswith("sure") and not said:
@@ -211,36 +210,6 @@ def _motion(
         extras={str(k): value for k, value in held.items() if k not in used},
         computed={key: held[key] for key in _COMPUTED[layout] if key in held},
     ).as_read()
-
-
-def _rate(where: str, held: dict, guesses: list[str]) -> float:
-    fps = held.get("fps")
-    if fps is None:
-        guesses.append(
-            f"{USUAL_RATE:g} Hz, the usual rate of such files: it has no fps"
-        )
-        return USUAL_RATE
-    array = np.asarray(fps)
-    if array.size != 1 or array.dtype.kind not in "fiu":
-        raise MotionError(f"{where}: fps is {fps}, not one number")
-    return float(array.reshape(()))
-
-
-def _numbers(where: str, key: str, value: object, columns: int | None) -> np.ndarray:
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        array = np.empty(0, dtype=object)
-    if array.ndim == 3 and array.shape[-1] == 1:
-        array = array[..., 0]  # some tools keep an axis for a joint's angles
-    right = array.dtype.kind in "fiu" and array.ndim == 2
-    if not right or (columns is not None and array.shape[1] != columns):
-        wanted = "columns" if columns is None else f"{columns} columns"
-        raise MotionError(
-            f"{where}: {key} is an array {array.shape} of {array.dtype}; a row of "
-            f"numbers a frame is expected, with {wanted}"
-        )
-    return array if array.dtype.kind == "f" else array.astype(float)
 
 
 def clip_of_motion(

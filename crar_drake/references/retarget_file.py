@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -51,16 +52,20 @@ class RetargetedClip:
             of the frames [rad].
         knees: side to how much more a knee bends than the person's, in the median
             (negative: less), and how far apart they are in 95 % of the frames [rad].
-        slip: the longest way that a planted foot slips [m].
+        slip: the longest way that a foot slips in one contact [m]. It is planted while
+            the performer's heel or ball is on the floor, from the first such frame to
+            the last: in the step in which both leave it is not.
+        leaving: the same as `crar-drake judge` has it, which does not know the contacts
+            and takes a foot for planted until it is 30 mm high, or fast [m].
         lowest: the lowest point of all links, over the floor [m].
-        seconds: of a processor, from the performer to the certified motion, asking and
-            parting meshes with it, without their certificate [s].
+        seconds: of a processor, from the file to the certified motion [s].
     """
 
     cleaned: CleanedClip
     limbs: dict[str, tuple[float, float]]
     knees: dict[str, tuple[float, float]]
     slip: float
+    leaving: float
     lowest: float
     seconds: float
 
@@ -86,17 +91,48 @@ class RetargetedClip:
         return duration / self.seconds if self.seconds else 0.0
 
 
+@dataclass(frozen=True)
+class RetargetOptions:
+    """How motions are read, retargeted and written.
+
+    Attributes:
+        options: what is known of a motion beyond its file.
+        layout: to be written; "": the usual one of the file's suffix.
+        rate: frames per second to be written [Hz].
+        parameters: what is wanted.
+        balance: whether motions are balanced then (`balancing`).
+    """
+
+    options: MotionOptions = MotionOptions()
+    layout: str = ""
+    rate: float = RATE
+    parameters: RetargetingParameters = field(default_factory=RetargetingParameters)
+    balance: bool = False
+
+    def certified(self, motion: str | os.PathLike[str]) -> dict:
+        """What a certificate has of them, of one motion.
+
+        Raises:
+            MotionError: as `motion_files`.
+        """
+        _, *besides = motion_files(motion, self.options)
+        return {
+            "retargeted": asdict(self.parameters),
+            "motion": asdict(self.options),
+            "read with": {path.name: file_hash(path) for path in besides},
+            "layout": self.layout,
+            "rate": self.rate,
+            "balance": self.balance,
+        }
+
+
 def retarget_file(
     motion: str | os.PathLike[str],
     out: str | os.PathLike[str],
     robot: str,
     *,
-    options: MotionOptions | None = None,
-    layout: str | None = None,
-    rate: float = RATE,
-    parameters: RetargetingParameters | None = None,
-    balance: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    **options: Any,
 ) -> RetargetedClip:
     """Retargets a person's motion, and writes it and its certificate, or neither.
 
@@ -104,12 +140,8 @@ def retarget_file(
         motion: a file, `cmu:` and a trial, or a built-in name.
         out: to be written.
         robot: name or folder of a robot with legs, imported as a whole body.
-        options: what is known of the motion beyond its file.
-        layout: of `out`; by default the usual one of its suffix.
-        rate: frames per second of `out` [Hz].
-        parameters: what is wanted.
-        balance: whether the motion is balanced then (`balancing`).
         progress: is called with the frame that was reached, and of how many.
+        options: see `RetargetOptions`.
 
     Raises:
         MotionError: the motion cannot be read, or lacks something that a whole body
@@ -117,17 +149,10 @@ def retarget_file(
         ModelError: the robot is not there, or lacks something.
         WriteError, CrarError: as of `clean_file`.
     """
-    out = Path(out)
-    layout = _layout_of(out, layout)
+    out, given = Path(out), RetargetOptions(**options)
+    given = replace(given, layout=_layout_of(out, given.layout))
     _check_place(out)
-    return FileRetargeter(
-        robot,
-        options,
-        layout=layout,
-        rate=rate,
-        parameters=parameters,
-        balance=balance,
-    )(motion, out, progress)
+    return FileRetargeter(robot, given)(motion, out, progress)
 
 
 class FileRetargeter:
@@ -137,31 +162,22 @@ class FileRetargeter:
         retargeter: of the robot.
     """
 
-    def __init__(
-        self,
-        robot: str,
-        options: MotionOptions | None = None,
-        *,
-        layout: str,
-        rate: float = RATE,
-        parameters: RetargetingParameters | None = None,
-        balance: bool = False,
-    ) -> None:
+    def __init__(self, robot: str, options: RetargetOptions) -> None:
         """
         Args:
-            robot, options, layout, rate, parameters, balance: as of `retarget_file`.
+            robot: as of `retarget_file`.
+            options: of all motions; their layout is named.
 
         Raises:
             ModelError: as `retarget_file`.
         """
-        self._options, self._layout, self._rate = options, layout, rate
+        self._options = options
         description = load_robot_description(robot).without_ground()
         self._robot = WholeBody(description)
-        self.retargeter = Retargeter(description, parameters)
+        self.retargeter = Retargeter(description, options.parameters)
         self._cleaner = MotionCleaner(
-            self._robot, CLEANING, part_meshes=False, balance=balance
+            self._robot, CLEANING, part_meshes=False, balance=options.balance
         )
-        self._balance = balance
         self._outline = Outline(self._robot)
 
     def __call__(
@@ -172,18 +188,18 @@ class FileRetargeter:
     ) -> RetargetedClip:
         """Retargets a motion; see `retarget_file`."""
         _check_place(out)
-        robot, retargeter, rate = self._robot, self.retargeter, self._rate
-        performer = load_performer(motion, self._options)
+        robot, retargeter, options = self._robot, self.retargeter, self._options
+        rate, layout = options.rate, options.layout
+        began = time.process_time()
+        performer = load_performer(motion, options.options)
         frames = int(performer.duration * rate) + 1
         meshes = self._cleaner.uncovered.meshes
-        began = time.process_time()
         found = retargeter.retarget(
             performer,
             rate,
             None if progress is None else lambda k: progress(k, frames),
             None if meshes is None else MeshRows(meshes, retargeter.model.joint_names),
         )
-        seconds = time.process_time() - began
         quaternions = Rotation.from_matrix(found.root_rotations).as_quat()
         names = retargeter.model.joint_names
         made = RobotMotion(
@@ -196,56 +212,31 @@ class FileRetargeter:
         (cleaned,) = self._cleaner.clean(
             [made],
             out,
-            reference=motion_files(motion, self._options)[0],
-            layout=self._layout,
-            options=certified_options(
-                motion,
-                self._options,
-                self._layout,
-                rate,
-                retargeter.parameters,
-                self._balance,
-            ),
+            reference=motion_files(motion, options.options)[0],
+            layout=layout,
+            options=options.certified(motion),
         )
-        given = None if layout_named(self._layout).has_rate else rate
-        written = read_motion(out, self._layout, given, robot=robot)
+        seconds = time.process_time() - began
+        given = None if layout_named(layout).has_rate else rate
+        written = read_motion(out, layout, given, robot=robot)
         ground = self._outline.ground_contact(written, floor=0.0)
         limbs, knees = likeness(retargeter, found.targets, written)
+        planted = {
+            f"{side}_foot": foot.on_heel | foot.on_ball
+            for side, foot in found.targets.feet.items()
+        }
         return RetargetedClip(
             cleaned,
             limbs,
             knees,
+            self._outline.slip_of_planted(written, planted),
             max((foot.worst for foot in ground.feet), default=0.0),
             float(ground.lowest.min()),
-            seconds + cleaned.seconds,
+            seconds,
         )
 
 
-def certified_options(
-    motion: str | os.PathLike[str],
-    options: MotionOptions | None,
-    layout: str,
-    rate: float,
-    parameters: RetargetingParameters,
-    balance: bool = False,
-) -> dict:
-    """What a certificate has of how a motion was read and retargeted.
-
-    Raises:
-        MotionError: as `motion_files`.
-    """
-    _, *besides = motion_files(motion, options)
-    return {
-        "retargeted": asdict(parameters),
-        "motion": asdict(options or MotionOptions()),
-        "read with": {path.name: file_hash(path) for path in besides},
-        "layout": layout,
-        "rate": rate,
-        "balance": balance,
-    }
-
-
-def _layout_of(out: Path, layout: str | None) -> str:
+def _layout_of(out: Path, layout: str) -> str:
     """The layout of a file that is to be written, if there is such a one.
 
     Raises:

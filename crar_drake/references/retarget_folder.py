@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 from crar_drake.errors import CrarError
 from crar_drake.motion.catalogue import MOTION_SUFFIXES
-from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.robots_own import holds_reference
 from crar_drake.references.clean_file import CleanedClip
 from crar_drake.references.clean_folder import LEFT
@@ -28,12 +28,10 @@ from crar_drake.references.motion_certificate import SUFFIX
 from crar_drake.references.retarget_file import (
     CLEANING,
     MOST_BELOW,
-    RATE,
     FileRetargeter,
     RetargetedClip,
-    certified_options,
+    RetargetOptions,
 )
-from crar_drake.trajectory.retargeting import RetargetingParameters
 
 LAYOUT = "xyzw-csv"  # that is written if none is named
 
@@ -50,7 +48,7 @@ FIGURES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RetargetedRow(CleanedClip):
     """What became of a person's motion, in one line; `seconds` are of all.
 
@@ -117,14 +115,10 @@ def retarget_folder(
     out: Path,
     robot: str,
     *,
-    options: MotionOptions | None = None,
-    layout: str | None = None,
-    rate: float = RATE,
-    parameters: RetargetingParameters | None = None,
-    balance: bool = False,
     jobs: int | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int, FileResult], None] | None = None,
+    **options: Any,
 ) -> list[FileResult]:
     """Retargets each file of a folder into the same place below `out`.
 
@@ -133,18 +127,18 @@ def retarget_folder(
     Args:
         folder: with people's motions in it or below; of an AMC with its ASF beside it.
         out: another folder.
-        robot, options, rate, parameters, balance: as of `retarget_file`, of all files.
-        layout: of what is written; by default LAYOUT.
+        robot: as of `retarget_file`.
         jobs, executor, progress: as of `work_through`.
+        options: of all files, see `RetargetOptions`; the layout is LAYOUT by default.
 
     Raises:
         MotionError: there is no such layout, or it is not written.
         ModelError, CrarError: as `find_people` and `work_through`.
     """
-    layout = layout or LAYOUT
-    suffix = layout_named(layout).suffix
-    check_written(f"FILE{suffix}", layout)
-    parameters = parameters or RetargetingParameters()
+    given = RetargetOptions(**options)
+    given = replace(given, layout=given.layout or LAYOUT)
+    suffix = layout_named(given.layout).suffix
+    check_written(f"FILE{suffix}", given.layout)
     work = FolderWork(
         table=RETARGETED_TABLE,
         row=RetargetedRow,
@@ -152,22 +146,12 @@ def retarget_folder(
             path: (out / path.relative_to(folder)).with_suffix(suffix)
             for path in find_people(folder)
         },
-        begin=partial(
-            _RowOfFile,
-            robot,
-            options,
-            layout=layout,
-            rate=rate,
-            parameters=parameters,
-            balance=balance,
-        ),
+        begin=partial(_RowOfFile, robot, given),
         figures=FIGURES,
         note=lambda row: row.deepest or f"farthest off: {row.farthest}",
         robot=robot,
         parameters=asdict(CLEANING),
-        options=lambda path: certified_options(
-            path, options, layout, rate, parameters, balance
-        ),
+        options=given.certified,
     )
     return work_through(
         work, folder, out, jobs=jobs, executor=executor, progress=progress
@@ -177,8 +161,8 @@ def retarget_folder(
 class _RowOfFile:
     """From a file and its place to its row; made as a `FileRetargeter` is."""
 
-    def __init__(self, robot, options, **given) -> None:
-        self._retargeter = FileRetargeter(robot, options, **given)
+    def __init__(self, robot: str, options: RetargetOptions) -> None:
+        self._retargeter = FileRetargeter(robot, options)
 
     def __call__(self, motion: Path, out: Path) -> Sequence[RetargetedRow]:
         return [row_of(self._retargeter(motion, out))]

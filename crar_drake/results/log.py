@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,8 +10,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, MotionError
 from crar_drake.files import whole_file
+from crar_drake.motion.array_files import load_arrays
 from crar_drake.results import LOG
 from crar_drake.robot.description import GROUND
 
@@ -43,6 +42,11 @@ class SimulationLog:
             clear, else 0, the last two NaN where a watched pair is not examined; all
             NaN unless "lookahead", while the robot brakes without targets, and in logs
             of versions that did not keep it.
+        balance: (T, 3) how the control step was admitted for balance (0 nominal, 1
+            corrected, 2 scaled towards braking), the share of it, and what the ground
+            has left on the next braking path [m of the weight's arm]; all NaN without
+            controller.balance, while the robot brakes without targets, and in logs of
+            versions that did not keep it.
         obstacles: (T, 4 N) x, y, z and radius of each sphere that moves by itself [m],
             in the order of the scenario's; (T, 0) where there are none, and in logs of
             versions that did not keep them.
@@ -80,6 +84,7 @@ class SimulationLog:
     status: np.ndarray
     resting_margins: np.ndarray
     admission: np.ndarray
+    balance: np.ndarray
     torque_limit: np.ndarray
     obstacles: np.ndarray
     position_names: np.ndarray
@@ -165,8 +170,6 @@ class SimulationLog:
             log = SimulationLog(**arrays)
             log._check()
             return log
-        except PermissionError as error:
-            raise CrarError(f"{path}: may not be read") from error
         except _Unfit as error:
             raise CrarError(
                 f"{path}: not a log of crar-drake run, or of another version: {error}"
@@ -211,6 +214,7 @@ _SHAPES: dict[str, tuple[str, ...]] = {
     "status": ("T", "1"),
     "resting_margins": ("T", "2"),
     "admission": ("T", "4"),
+    "balance": ("T", "3"),
     "torque_limit": ("T", "2"),
     "obstacles": ("T", "4N"),
     "position_names": ("nq",),
@@ -239,43 +243,22 @@ _LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
     "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
     "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
+    "balance": lambda arrays: np.full((*arrays["time"].shape[:1], 3), np.nan),
     "obstacles": lambda arrays: np.empty((*arrays["time"].shape[:1], 0)),
 }
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a log's archive.
-
-    Raises:
-        _Unfit: the file is something else, or damaged.
-        PermissionError: it may not be read.
-    """
-    if not zipfile.is_zipfile(path):
-        # NumPy would take it for a pickle, and advise to load it as one.
-        path.open("rb").close()
-        raise _Unfit("it is no NumPy archive, or only the beginning of one")
-    known = {field.name for field in fields(SimulationLog)}
+    """The arrays of a log's archive; _Unfit if it is something else, or damaged."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            for name in sorted(known.symmetric_difference(archive.files)):
-                if name in _LATER:
-                    continue
-                word = "misses" if name in known else "has"
-                raise _Unfit(f"it {word} an array {name!r}")
-            arrays = {name: archive[name] for name in archive.files}
-    except ValueError as error:
-        # What NumPy says of arrays that are objects is how to run their code.
-        why = "an array holds Python objects" if "pickle" in str(error) else error
-        raise _Unfit(why) from error
-    except (
-        OSError,
-        EOFError,
-        KeyError,
-        RuntimeError,  # it is encrypted, or compressed in another way
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise _Unfit(f"it is damaged: {error}") from error
+        arrays = load_arrays(path)
+    except MotionError as error:
+        raise _Unfit(str(error).removeprefix(f"{path}: ")) from error
+    known = {field.name for field in fields(SimulationLog)}
+    for name in sorted(known.symmetric_difference(arrays)):
+        if name not in _LATER:
+            word = "misses" if name in known else "has"
+            raise _Unfit(f"it {word} an array {name!r}")
     for name, usual in _LATER.items():
         if name not in arrays:
             arrays[name] = usual(arrays)

@@ -45,23 +45,26 @@ def remarks(
     lowest: tuple[float, str, float] | None = None,
     implausible: Sequence[float] = (),
     clipped: str = "",
+    for_balance: float = 0.0,
 ) -> list[str]:
     """A line for each thing that is bad about a run; most often none.
 
     Args:
         joints: the controlled joints of its log.
-        torque_limited: share of the samples in which torque limits hold it back.
+        torque_limited: share of the samples in which torque limits alone hold it back.
         limb_directions: limb to how far it is off.
         lowest: height over the floor [m], link and time [s] of what was lowest; None
             of a robot that does not stand on a floor.
         implausible: times of samples with a measured state that no robot has [s].
         clipped: `clipped_torque.clipped_line`.
+        for_balance: share of the samples that balance changed.
     """
     return [
         *_of_implausible_states(implausible),
         *([clipped] if clipped else []),
         *_of_torque(joints),
         *_of_limited_torque(torque_limited),
+        *_of_balance(for_balance),
         *_of_joints_at_limits(joints),
         *_of_the_floor(lowest),
         *_of_limbs(limb_directions),
@@ -106,6 +109,15 @@ def _of_limited_torque(share: float) -> list[str]:
     ]
 
 
+def _of_balance(share: float) -> list[str]:
+    if share <= MOST_LIMITED:
+        return []
+    return [
+        f"balance holds the robot back in {100 * share:.0f} % of the samples: on its "
+        "feet it cannot follow this motion at this speed"
+    ]
+
+
 def _of_joints_at_limits(joints: ControlledJoints) -> list[str]:
     turning = np.array([unit == "rad" for unit in joints.units], dtype=bool)
     # What can hardly move is always there.
@@ -143,8 +155,8 @@ def _of_limbs(limb_directions: Mapping[str, LimbDirection]) -> list[str]:
     return _first(found)
 
 
-def _first(found: list[str], most: int = 2) -> list[str]:
-    """A short list: the first, and how many more there are."""
-    if len(found) <= most:
+def _first(found: list[str]) -> list[str]:
+    """The first two, and how many more there are."""
+    if len(found) <= 2:
         return found
-    return [*found[: most - 1], f"{found[most - 1]}; and {len(found) - most} more so"]
+    return [found[0], f"{found[1]}; and {len(found) - 2} more so"]

@@ -111,6 +111,10 @@ class Summary:
         path_clearance: no distance on a braking path was smaller, as the controller
             says, or saw where the path was not clear [m]; None without such steps.
         longest_held_back: time spent in corrected or scaled steps in a row [s].
+        balanced_steps: control steps in the log that were asked for balance.
+        changed_for_balance: those among them that had to be corrected or scaled.
+        smallest_balance: what the ground had left on any next braking path, at least
+            [m of the weight's arm]; None without such steps.
         torque_limited_samples: samples where the effort limits allowed less than what
             was nominal; 0 unless they are respected.
         torque_clipped_samples: those among them where not even braking was within
@@ -180,6 +184,9 @@ class Summary:
     unexamined_steps: int
     path_clearance: float | None  # [m]
     longest_held_back: float  # [s]
+    balanced_steps: int
+    changed_for_balance: int
+    smallest_balance: float | None  # [m]
     torque_limited_samples: int
     torque_clipped_samples: int
     braking_samples: int
@@ -335,12 +342,13 @@ def summarize(
         resting_distance=_smallest(log.resting_margins[:, 0]),
         resting_margin=_smallest(log.resting_margins[:, 1]),
         **_admission(log, scenario.controller.period),
+        **_balance(log, scenario.controller.period),
         torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
         torque_clipped_samples=int(np.count_nonzero(clipped_samples(log))),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),
-        frame_rate=motion.frame_rate if motion else None,
-        frame_rate_source=motion.rate_source if motion else "",
+        frame_rate=motion.performer.frame_rate if motion else None,
+        frame_rate_source=motion.performer.rate_source if motion else "",
         motion_findings=list(motion.findings) if motion else [],
         warnings=list(warnings),
         wall_time=wall_time,
@@ -355,15 +363,17 @@ def summarize(
         obstacles=dict(obstacles or {}),
         stance=stance,
     )
-    limited = summary.torque_limited_samples / summary.samples
+    # Where balance had its say afterwards, motors alone are not the reason.
+    limited = (log.torque_limit[:, 0] < 1.0) & ~_for_balance(log)
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]
     found = remarks(
         joints,
-        limited,
+        float(limited.mean()),
         summary.limb_directions,
         lowest,
         implausible,
         clipped_line(log),
+        float(_for_balance(log).mean()),
     )
     return replace(summary, remarks=found)
 
@@ -395,6 +405,22 @@ def _admission(log: SimulationLog, period: float) -> dict[str, int | float | Non
         unexamined_steps=int(np.count_nonzero(reported & np.isnan(clear))),
         path_clearance=_smallest(clearance),
         longest_held_back=longest,
+    )
+
+
+def _for_balance(log: SimulationLog) -> np.ndarray:
+    """(T,) whether balance changed the step, by correction or scaling."""
+    how = log.balance[:, 0]
+    return np.isfinite(how) & (how != AS_NOMINAL)
+
+
+def _balance(log: SimulationLog, period: float) -> dict[str, int | float | None]:
+    """What the summary says of balance."""
+    steps = log.control_steps(period)
+    return dict(
+        balanced_steps=int(np.count_nonzero(np.isfinite(log.balance[steps, 0]))),
+        changed_for_balance=int(np.count_nonzero(_for_balance(log)[steps])),
+        smallest_balance=_smallest(log.balance[steps, 2]),
     )
 
 

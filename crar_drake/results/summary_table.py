@@ -108,6 +108,14 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
             if summary.unclear_steps or summary.unexamined_steps
             else "",
         )
+    if summary.balanced_steps:
+        share = summary.changed_for_balance / summary.balanced_steps
+        table.add_row(
+            "balance",
+            f"{1e3 * summary.smallest_balance:.1f} mm",
+            "left on braking paths, of the weight's arm, at least; "
+            f"{100 * share:.0f} % of the steps changed",
+        )
     if verbose:
         table.add_row("mean power", f"{summary.mean_power:.1f} W", "")
     table.add_row(

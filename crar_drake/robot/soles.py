@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydrake.multibody.tree import BodyIndex
+from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from crar_drake.equations.balance import Ground, Masses
 from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
-from crar_drake.robot.description import find_body
+from crar_drake.robot.description import FLOOR_TOLERANCE, find_body
 from crar_drake.robot.model import ControlModel
 
 # Faces of the cone that differ by less are one [of unit normals].
@@ -21,14 +22,15 @@ _SAME = 1e-7
 def find_masses(model: ControlModel) -> Masses:
     """The masses of a robot whose base is fixed.
 
-    All bodies of the model's plant count but the world's own, those that nothing moves
-    among them: what stands on the soles is the whole of them.
+    What stands on the soles counts, those bodies that nothing moves among them, as a
+    table or a frame on wheels. What is welded to the world beside it does not.
 
     Args:
-        model: of the robot.
+        model: of the robot, whose description has soles.
 
     Raises:
-        ModelError: the base floats, or there is no gravity downwards.
+        ModelError: the base floats, there is no gravity downwards, or something moves
+            that does not stand on the soles.
     """
     plant, joints = model.plant, model.joints
     if model.num_free:
@@ -44,7 +46,7 @@ def find_masses(model: ControlModel) -> Masses:
     mass, moment = np.zeros(N), np.zeros((N, 3))
     about_frame = np.zeros((N, 3, 3))
     context = plant.CreateDefaultContext()
-    for i in range(1, plant.num_bodies()):
+    for i in sorted(_on_soles(model)):
         body = plant.get_body(BodyIndex(i))
         frame, X = joints.place(body)
         M = body.CalcSpatialInertiaInBodyFrame(context)
@@ -77,6 +79,45 @@ def find_masses(model: ControlModel) -> Masses:
         np.sqrt(square / np.where(mass > 0.0, mass, 1.0)),
         float(-down[2]),
     )
+
+
+def _on_soles(model: ControlModel) -> set[int]:
+    """Indices of the bodies that stand on the soles: what is joined to their links,
+    however, but through the world. What is above a sole of the world is all there is.
+
+    Raises:
+        ModelError: soles are joined by the world alone, or something that moves is none
+            of these bodies.
+    """
+    plant, soles = model.plant, model.description.soles
+    world = int(plant.world_body().index())
+    feet = {int(find_body(plant, link).index()): link for link in soles}
+    if world in feet:
+        return set(range(plant.num_bodies())) - {world}
+    ends = [
+        {int(joint.parent_body().index()), int(joint.child_body().index())}
+        for joint in map(plant.get_joint, plant.GetJointIndices())
+    ]
+    found, more = set(), {next(iter(feet))}
+    while more:
+        found |= more
+        near = [pair for pair in ends if pair & found and world not in pair]
+        more = set().union(*near) - found
+    what = f"robot {model.description.name}: soles"
+    if apart := [link for i, link in feet.items() if i not in found]:
+        raise ModelError(
+            f"{what}: {', '.join(apart)}: nothing but the world joins it to "
+            f"{next(iter(soles))}, so that each stands alone; weld one to the other"
+        )
+    for i in set(range(plant.num_bodies())) - found:
+        body = plant.get_body(BodyIndex(i))
+        if model.joints.place(body)[0]:
+            raise ModelError(
+                f"{what}: {body.name()} moves, but does not stand on "
+                f"{', '.join(soles)}: it is joined to the world beside it; weld it to "
+                "what stands on the soles"
+            )
+    return found
 
 
 def sole_corners(
@@ -117,61 +158,69 @@ def sole_corners(
 
 
 def shrunk(corners: np.ndarray, margin: float) -> np.ndarray:
-    """(V, 3) a sole's polygon with each edge `margin` farther inside.
+    """(V, 3) the polygon about points of a plane, each edge `margin` farther inside.
 
     Args:
-        corners: (V, 3) of a flat sole, which is convex [m].
+        corners: (P, 3), those inside the polygon may be among them [m].
         margin: [m].
 
     Raises:
-        ModelError: its middle is no farther than that from an edge, or the corners span
-            no area.
+        ModelError: nothing is left of it, or the points are in one line or in no plane.
     """
     middle = corners.mean(axis=0)
     _, _, axes = np.linalg.svd(corners - middle)
+    off = np.abs((corners - middle) @ axes[2]).max()
+    if off > FLOOR_TOLERANCE:
+        raise ModelError(
+            f"soles: at rest their corners are up to {1e3 * off:.0f} mm off the plane "
+            "through them; they are to touch one floor"
+        )
     try:
         edges = ConvexHull((corners - middle) @ axes[:2].T).equations
     except QhullError:
-        raise ModelError("soles: the corners of a sole are all in one line") from None
-    inside = -edges[:, 2].max()  # of the middle
+        raise ModelError("soles: the corners are all in one line") from None
+    # The point that is farthest from all edges, and how far it is.
+    rows = np.column_stack([edges[:, :2], np.ones(len(edges))])
+    free = [(None, None)] * 3
+    *inmost, inside = linprog([0, 0, -1], rows, -edges[:, 2], bounds=free).x
     if inside <= margin:
         raise ModelError(
-            f"balance: a margin of {1e3 * margin:g} mm leaves nothing of a sole whose "
-            f"middle is {1e3 * inside:.0f} mm from its edge"
+            f"balance: a margin of {1e3 * margin:g} mm leaves nothing of soles whose "
+            f"hull is {2e3 * inside:.0f} mm wide"
         )
     edges[:, 2] += margin
-    found = HalfspaceIntersection(edges, np.zeros(2)).intersections
+    found = HalfspaceIntersection(edges, np.array(inmost)).intersections
     return middle + found @ axes[:2]
 
 
 def ground_cone(soles: Sequence[np.ndarray], friction: float, margin: float) -> Ground:
-    """K: the sum of what the ground can give at each corner of the soles, shrunk.
+    """K: the sum of what the ground can give at the corners of the soles' hull, shrunk.
 
     At each it pushes within a pyramid of friction, whose edges are in the circular
     cone; so the faces bound the force's place, its slope, and the turn that friction
     stands, of all soles together (S. Caron, Q.-C. Pham, Y. Nakamura, "Stability of
-    surface contacts for humanoid robots", ICRA 2015).
+    surface contacts for humanoid robots", ICRA 2015). A force at a point of the hull is
+    the sum of shares of it, each as steep, at corners of soles: the ground can give it.
 
     Args:
         soles: of each (V, 3) corners in W [m].
         friction: coefficient.
-        margin: that the soles are smaller by at each edge [m].
+        margin: that their hull is smaller by at each edge [m].
 
     Raises:
-        ModelError: a sole has no area, or stands on edge.
+        ModelError: as of `shrunk`, or the soles stand on edge.
     """
-    about = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
+    small = shrunk(np.concatenate(soles), margin)
+    about = small.mean(axis=0)
+    _, _, axes = np.linalg.svd(small - about)
+    normal = axes[2] * np.sign(axes[2][2])
+    if not normal[2] > 0.1:
+        raise ModelError("soles: they stand on edge in the rest posture")
     wrenches = []
-    for sole in soles:
-        small = shrunk(sole, margin)
-        _, _, axes = np.linalg.svd(small - small.mean(axis=0))
-        normal = axes[2] * np.sign(axes[2][2])
-        if not normal[2] > 0.1:
-            raise ModelError("soles: a sole stands on edge in the rest posture")
-        for along in (axes[0] + axes[1], axes[0] - axes[1]):
-            for way in (along, -along):
-                f = normal + friction * way / np.linalg.norm(way)
-                wrenches += [np.append(np.cross(p - about, f), f) for p in small]
+    for along in (axes[0] + axes[1], axes[0] - axes[1]):
+        for way in (along, -along):
+            f = normal + friction * way / np.linalg.norm(way)
+            wrenches += [np.append(np.cross(p - about, f), f) for p in small]
     w = np.array(wrenches)
     w /= w[:, 5:]  # of one vertical force each
     hull = ConvexHull(w[:, :5])

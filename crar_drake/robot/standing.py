@@ -39,7 +39,8 @@ def standing_description(description: RobotDescription) -> RobotDescription:
     if description.root == "fixed":
         raise ModelError(
             f"robot {description.name}: root: fixed: its base is welded to the world "
-            "and needs no feet; take a whole body, whose root floats"
+            "and needs no feet; leave out standing (controller.balance alone keeps it "
+            "from tipping), or take a whole body, whose root floats"
         )
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)

@@ -134,30 +134,24 @@ class ImportChoices:
             raise ModelError(f"{where}: source: name the robot's URDF, SDF or MJCF")
         if self.posture and not self.srdf:
             raise ModelError(f"{where}: posture: there is no srdf that could have it")
-        for key in ("up", "facing"):
-            axis = getattr(self, key)
-            if axis is not None and axis not in AXES:
-                raise ModelError(
-                    f"{where}: {key}: {axis!r} is none of {', '.join(AXES)}"
-                )
+        for key, known in (
+            ("up", AXES),
+            ("facing", AXES),
+            ("up_axis", UP_AXES),
+            ("base", BASES),
+            ("lock", GROUPS),
+        ):
+            given = getattr(self, key)
+            for value in given if isinstance(given, list) else [given]:
+                if value is not None and value not in known:
+                    raise ModelError(
+                        f"{where}: {key}: {value!r} is none of {', '.join(known)}"
+                    )
         if self.facing is not None and self.facing[1] == (self.up or "+z")[1]:
             raise ModelError(
                 f"{where}: facing: {self.facing} is along the axis that points up, "
                 f"{self.up or '+z'}; write another axis for one of them"
             )
-        if self.up_axis is not None and self.up_axis not in UP_AXES:
-            raise ModelError(
-                f"{where}: up_axis: {self.up_axis!r} is none of {', '.join(UP_AXES)}"
-            )
-        if self.base is not None and self.base not in BASES:
-            raise ModelError(
-                f"{where}: base: {self.base!r} is none of {', '.join(BASES)}"
-            )
-        for group in self.lock or []:
-            if group not in GROUPS:
-                raise ModelError(
-                    f"{where}: lock: {group!r} is none of {', '.join(GROUPS)}"
-                )
         for key in ("locked", "rest_posture"):
             for joint, value in (getattr(self, key) or {}).items():
                 if not math.isfinite(value):

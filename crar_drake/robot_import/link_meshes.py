@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydrake.geometry import (
-    Box,
-    Capsule,
     Convex,
-    Cylinder,
-    Ellipsoid,
+    HalfSpace,
     Mesh,
     Role,
     SceneGraph,
     SceneGraphInspector,
-    Sphere,
 )
 from pydrake.geometry import Shape as DrakeShape
 from pydrake.math import RigidTransform
@@ -27,8 +23,7 @@ from crar_drake.errors import ModelError
 from crar_drake.robot_import.meshes import Part, link_parts
 from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
-from crar_drake.robot_import.source_robot import Link, Shape
-from crar_drake.robot_import.source_robot import Mesh as MeshFile
+from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 
 # Module to the package that brings it.
 _PACKAGES = {"trimesh": "trimesh", "fcl": "python-fcl"}
@@ -144,25 +139,20 @@ def _shape(
     shape: DrakeShape, X_LG: RigidTransform, link: str
 ) -> tuple[Shape | None, bool]:
     """What the import calls the shape, and whether it is a simplified mesh."""
+    if isinstance(shape, HalfSpace):
+        return None, False
+    path, coarse = None, False
     if isinstance(shape, Mesh | Convex):
         path, coarse = _file(shape, link)
-        return Shape(X_LG, "mesh", MeshFile(path, tuple(shape.scale3()))), coarse
-    if isinstance(shape, Box):
-        return Shape(X_LG, "box", size=tuple(shape.size())), False
-    if isinstance(shape, Sphere):
-        return Shape(X_LG, "sphere", size=(shape.radius(),)), False
-    if isinstance(shape, Ellipsoid):
-        axes = (shape.a(), shape.b(), shape.c())
-        return Shape(X_LG, "ellipsoid", size=axes), False
-    if isinstance(shape, Cylinder | Capsule):
-        kind = "cylinder" if isinstance(shape, Cylinder) else "capsule"
-        return Shape(X_LG, kind, size=(shape.radius(), shape.length())), False
-    if type(shape).__name__ == "HalfSpace":
-        return None, False
-    raise ModelError(
-        f"link {link!r}: cannot be judged by meshes: it has a {type(shape).__name__} "
-        "(judge by the collision shapes alone: --no-meshes)"
-    )
+    found = drake_shape(X_LG, shape)
+    if found is None:
+        raise ModelError(
+            f"link {link!r}: cannot be judged by meshes: it has a "
+            f"{type(shape).__name__} (judge by the collision shapes alone: --no-meshes)"
+        )
+    if path is not None:
+        found = replace(found, mesh=replace(found.mesh, path=path))
+    return found, coarse
 
 
 def _file(shape: Mesh | Convex, link: str) -> tuple[Path, bool]:

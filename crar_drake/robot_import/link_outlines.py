@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,20 +27,17 @@ class LinkOutline:
 
 
 def link_outlines(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    links: Collection[str] | None = None,
+    plant: MultibodyPlant, scene_graph: SceneGraph
 ) -> dict[str, LinkOutline]:
     """Link to its outline, of those that have a shape.
 
     Args:
         plant: finalized; its links have meshes, or else capsules and spheres.
         scene_graph: where it is registered.
-        links: which are asked about; by default all.
     """
     if has_meshes(plant, scene_graph):
         outlines = {}
-        for link in read_link_meshes(plant, scene_graph, links):
+        for link in read_link_meshes(plant, scene_graph):
             vertices = np.concatenate([part.vertices for part in link.parts])
             hull = _hull(vertices)
             outlines[link.name] = LinkOutline(hull, np.zeros(len(hull)))

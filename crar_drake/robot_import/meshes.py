@@ -58,6 +58,13 @@ class Part:
         return Part(vertices, self.faces, self.rgba)
 
 
+def triangles_of(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (N, 3) and faces (M, 3) of all parts together."""
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + n for part, n in zip(parts, first, strict=False)]
+    return np.concatenate([part.vertices for part in parts]), np.concatenate(faces)
+
+
 def link_parts(link: Link, up_axis: str = "z") -> list[Part]:
     """The link's real look: its visual elements, else its collision elements.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pydrake.geometry
 from pydrake.math import RigidTransform
 
 WORLD = "world"  # the link that Drake takes for its own world
@@ -46,6 +47,38 @@ class Shape:
     triangles: tuple[np.ndarray, np.ndarray] | None = None
 
 
+def drake_shape(
+    X_LG: RigidTransform,
+    shape: pydrake.geometry.Shape,
+    rgba: tuple[float, ...] | None = None,
+) -> Shape | None:
+    """What a shape of Drake's is called here; None if it is of no kind above.
+
+    Args:
+        X_LG: its pose in the link's frame.
+        shape: a mesh of a file, or a primitive.
+        rgba: its colour; None if it has none.
+    """
+    mesh = None
+    match shape:
+        case pydrake.geometry.Mesh() | pydrake.geometry.Convex():
+            mesh = Mesh(Path(shape.source().path()), tuple(map(float, shape.scale3())))
+            kind, size = "mesh", ()
+        case pydrake.geometry.Box():
+            kind, size = "box", tuple(shape.size())
+        case pydrake.geometry.Sphere():
+            kind, size = "sphere", (shape.radius(),)
+        case pydrake.geometry.Cylinder():
+            kind, size = "cylinder", (shape.radius(), shape.length())
+        case pydrake.geometry.Capsule():
+            kind, size = "capsule", (shape.radius(), shape.length())
+        case pydrake.geometry.Ellipsoid():
+            kind, size = "ellipsoid", (shape.a(), shape.b(), shape.c())
+        case _:
+            return None
+    return Shape(X_LG, kind, mesh, size, rgba)
+
+
 @dataclass(frozen=True)
 class Link:
     """A link with its shapes and its inertial element, if there is one."""
@@ -75,12 +108,12 @@ class Joint:
     parent: str
     child: str
     X_PC: RigidTransform
-    axis: np.ndarray
-    lower: float
-    upper: float
-    effort: float | None
-    velocity: float | None
-    damping: float
+    axis: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    lower: float = -np.inf
+    upper: float = np.inf
+    effort: float | None = None
+    velocity: float | None = None
+    damping: float = 0.0
     mimic: str = ""
     multiplier: float = 1.0
     offset: float = 0.0
@@ -106,19 +139,7 @@ class Joint:
 
 def weld(name: str, parent: str, child: str, X_PC: RigidTransform) -> Joint:
     """A joint that does not move."""
-    return Joint(
-        name,
-        "fixed",
-        parent,
-        child,
-        X_PC,
-        np.zeros(3),
-        -np.inf,
-        np.inf,
-        None,
-        None,
-        0.0,
-    )
+    return Joint(name, "fixed", parent, child, X_PC)
 
 
 @dataclass(frozen=True)

@@ -16,17 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import (
-    Box,
-    Capsule,
-    Convex,
-    Cylinder,
-    Ellipsoid,
-    Mesh,
-    Role,
-    SceneGraphInspector,
-    Sphere,
-)
+from pydrake.geometry import Role, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
@@ -45,9 +35,9 @@ from crar_drake.robot_import.source_robot import (
     Loop,
     Shape,
     SourceRobot,
+    drake_shape,
     weld,
 )
-from crar_drake.robot_import.source_robot import Mesh as SourceMesh
 from crar_drake.robot_import.source_urdf import check_tree
 
 # Drake's joints, as a URDF calls them.
@@ -220,24 +210,7 @@ class _Reader:
         rgba = None
         if looks.HasProperty("phong", "diffuse"):
             rgba = _rgba(looks.GetProperty("phong", "diffuse"))
-        match self._inspector.GetShape(geometry):
-            case Mesh() | Convex() as mesh:
-                scale = tuple(map(float, mesh.scale3()))
-                file = SourceMesh(Path(mesh.source().path()), scale)
-                return Shape(X_LG, "mesh", file, rgba=rgba)
-            case Box() as box:
-                kind, size = "box", tuple(box.size())
-            case Sphere() as sphere:
-                kind, size = "sphere", (sphere.radius(),)
-            case Cylinder() as cylinder:
-                kind, size = "cylinder", (cylinder.radius(), cylinder.length())
-            case Capsule() as capsule:
-                kind, size = "capsule", (capsule.radius(), capsule.length())
-            case Ellipsoid() as ellipsoid:
-                kind, size = "ellipsoid", (ellipsoid.a(), ellipsoid.b(), ellipsoid.c())
-            case _:
-                return None
-        return Shape(X_LG, kind, size=size, rgba=rgba)
+        return drake_shape(X_LG, self._inspector.GetShape(geometry), rgba)
 
     def _is_carried(self, joint: DrakeJoint) -> bool:
         """Whether another joint carries its child already: it closes a chain."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from pydrake.math import RigidTransform
 
-from crar_drake.robot_import.meshes import Part
+from crar_drake.robot_import.meshes import Part, triangles_of
 
 
 class Surfaces:
@@ -44,12 +43,7 @@ class Surfaces:
         import fcl
 
         if name not in self._trees:
-            parts = self._segments[name]
-            first = np.cumsum([0] + [len(part.vertices) for part in parts])
-            vertices = np.concatenate([part.vertices for part in parts])
-            faces = np.concatenate(
-                [part.faces + n for part, n in zip(parts, first, strict=False)]
-            )
+            vertices, faces = triangles_of(self._segments[name])
             tree = fcl.BVHModel()
             tree.beginModel(len(vertices), len(faces))
             tree.addSubModel(vertices, faces)

@@ -265,7 +265,9 @@ def PrepareScenario(scenario: Scenario) -> Setup:
         model = with_joints(model, scenario.controller.distances)
     motion = load_desired_motion(scenario, model)
     start = motion.start
-    if start is None:
+    if start is None and scenario.controller.balance is not None:
+        start = model.rest_positions()  # known to be balanced
+    elif start is None:
         start = solve_start_pose(model, motion.tasks_at(0.0), motion.prescribed_at(0.0))
     return Setup(model, motion, start)
 

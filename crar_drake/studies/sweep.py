@@ -12,14 +12,13 @@ import io
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crar_drake.errors import CrarError, WriteError
 from crar_drake.files import sole_writer, whole_file
-from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.nearest import nearest
 from crar_drake.simulation.scenario import Scenario, parse_scenario
 
@@ -48,14 +47,13 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Case):
     """One line of the CSV file: a case and what came of it.
 
     `error` is empty for a case that ran; the figures of one that did not are NaN.
     Distances and limits are the referee's, at every logged sample.
 
     Attributes:
-        motion, experiment, constraints, level, period: the case.
         duration: simulated [s].
         samples: logged and judged.
         penetrating, beyond_limit: samples with a pair at d < 0, or with a joint
@@ -80,11 +78,6 @@ class Result:
         error: why the case could not be run.
     """
 
-    motion: str
-    experiment: str
-    constraints: str
-    level: str
-    period: float
     duration: float = float("nan")
     samples: int = 0
     penetrating: int = 0
@@ -299,9 +292,7 @@ def _run_sweep(
     _start_file(out, finished.values())
     done = len(set(cases)) - len(waiting)
     total = len(set(cases))
-    # An executor that was given is the caller's to close.
-    own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
-    with own as pool, open(out, "ab", buffering=0) as stream:
+    with given_or_fresh(executor, jobs) as pool, open(out, "ab", buffering=0) as stream:
         futures: dict[Future, Case] = {
             pool.submit(run_case, case, text): case for case in waiting
         }

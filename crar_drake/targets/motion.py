@@ -20,7 +20,12 @@ from crar_drake.motion.joint_centres import JOINT_CENTRES, joint_centres
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.quaternion_spline import QuaternionSpline
-from crar_drake.motion.retarget import RetargetedMotion, SegmentLengths, retarget
+from crar_drake.motion.retarget import (
+    SEGMENTS,
+    RetargetedMotion,
+    SegmentLengths,
+    retarget,
+)
 from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import find_body, find_frame, zero_positions
 from crar_drake.robot.model import ControlModel
@@ -73,16 +78,8 @@ def segment_lengths(model: ControlModel) -> SegmentLengths:
     def length(a: str, b: str) -> float:
         return float(np.linalg.norm(p[a] - p[b]))
 
-    return SegmentLengths(
-        waist_neck=length("waist", "neck"),
-        left_neck_shoulder=length("neck", "left_shoulder"),
-        left_shoulder_elbow=length("left_shoulder", "left_elbow"),
-        left_elbow_wrist=length("left_elbow", "left_wrist"),
-        right_neck_shoulder=length("neck", "right_shoulder"),
-        right_shoulder_elbow=length("right_shoulder", "right_elbow"),
-        right_elbow_wrist=length("right_elbow", "right_wrist"),
-        waist_height=waist_height,
-    )
+    lengths = {field: length(a, b) for a, b, field in SEGMENTS}
+    return SegmentLengths(**lengths, waist_height=waist_height)
 
 
 def _waist_at_rest(model: ControlModel) -> np.ndarray:
@@ -205,7 +202,7 @@ def _check_standing_tasks(model: ControlModel) -> None:
         raise ScenarioError(
             f"tasks: {', '.join(others)}: a robot that stands follows positions of "
             f"{', '.join(JOINT_CENTRES)}, as seen from the person's hips; leave the "
-            "others out, or take standing out"
+            "others out, or take standing out (soles, where the root is fixed)"
         )
 
 

@@ -31,68 +31,6 @@ class PoseTrajectory(Protocol):
         """q of a joint [rad or m], its velocity and its acceleration at `time`."""
 
 
-class PoseTrajectorySource(LeafSystem):
-    """Emits [x_d; v_d; a_d] of tasks of any kind along keyframes or a motion.
-
-    Drake's TrajectorySource serves position tasks; it has no derivatives for
-    orientations.
-
-    Output port:
-        desired_tasks: (layout.size,), see `TaskLayout`.
-    """
-
-    def __init__(
-        self, layout: TaskLayout, trajectories: Mapping[str, PoseTrajectory]
-    ) -> None:
-        """
-        Args:
-            layout: the controller's tasks.
-            trajectories: task name to its way.
-
-        Raises:
-            ScenarioError: a task has no keyframes, or keyframes no task.
-        """
-        super().__init__()
-        self.set_name("desired_tasks")
-        missing = [name for name in layout.names if name not in trajectories]
-        unknown = [name for name in trajectories if name not in layout.names]
-        if missing:
-            raise ScenarioError(f"keyframes: none for task {', '.join(missing)}")
-        if unknown:
-            raise ScenarioError(
-                f"keyframes: there is no task {', '.join(unknown)}; the tasks are "
-                f"{', '.join(layout.names)}"
-            )
-        self._layout = layout
-        self._trajectories = [trajectories[name] for name in layout.names]
-        self._kinds = list(zip(self._trajectories, layout.kinds, strict=True))
-        self.duration = max(t.end for t in self._trajectories)
-        self.DeclareVectorOutputPort(
-            "desired_tasks", layout.size, self._Calc, {self.time_ticket()}
-        )
-
-    def at(self, time: float) -> np.ndarray:
-        """[x_d; v_d; a_d] (layout.size,) at `time` [s]."""
-        layout = self._layout
-        R = np.empty((len(layout.angular_tasks), 3, 3))
-        p = np.empty((len(layout.linear_tasks), 3))
-        v, a = np.empty(layout.m), np.empty(layout.m)
-        for i, task in enumerate(layout.angular_tasks):
-            rows = layout.angular_rows[i]
-            R[i], v[rows], a[rows] = self._trajectories[task].orientation(time)
-        for i, task in enumerate(layout.linear_tasks):
-            rows = layout.linear_rows[i]
-            p[i], v[rows], a[rows] = self._trajectories[task].position(time)
-        q = np.empty(len(layout.joint_rows))
-        joints = [way for way, kind in self._kinds if kind == "joint"]
-        for i, (way, row) in enumerate(zip(joints, layout.joint_rows, strict=True)):
-            q[i], v[row], a[row] = way.joint(time)
-        return layout.pack(R, p, v, a, q)
-
-    def _Calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.at(context.get_time()))
-
-
 class TimeFunctionSource(LeafSystem):
     """Emits a function of time.
 
@@ -115,3 +53,58 @@ class TimeFunctionSource(LeafSystem):
 
     def _Calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._function(context.get_time()))
+
+
+class PoseTrajectorySource(TimeFunctionSource):
+    """Emits [x_d; v_d; a_d] of tasks of any kind along keyframes or a motion.
+
+    Drake's TrajectorySource serves position tasks; it has no derivatives for
+    orientations.
+
+    Output port:
+        desired_tasks: (layout.size,), see `TaskLayout`.
+    """
+
+    def __init__(
+        self, layout: TaskLayout, trajectories: Mapping[str, PoseTrajectory]
+    ) -> None:
+        """
+        Args:
+            layout: the controller's tasks.
+            trajectories: task name to its way.
+
+        Raises:
+            ScenarioError: a task has no keyframes, or keyframes no task.
+        """
+        missing = [name for name in layout.names if name not in trajectories]
+        unknown = [name for name in trajectories if name not in layout.names]
+        if missing:
+            raise ScenarioError(f"keyframes: none for task {', '.join(missing)}")
+        if unknown:
+            raise ScenarioError(
+                f"keyframes: there is no task {', '.join(unknown)}; the tasks are "
+                f"{', '.join(layout.names)}"
+            )
+        self._layout = layout
+        self._trajectories = [trajectories[name] for name in layout.names]
+        self._kinds = list(zip(self._trajectories, layout.kinds, strict=True))
+        self.duration = max(t.end for t in self._trajectories)
+        super().__init__("desired_tasks", layout.size, self.at)
+
+    def at(self, time: float) -> np.ndarray:
+        """[x_d; v_d; a_d] (layout.size,) at `time` [s]."""
+        layout = self._layout
+        R = np.empty((len(layout.angular_tasks), 3, 3))
+        p = np.empty((len(layout.linear_tasks), 3))
+        v, a = np.empty(layout.m), np.empty(layout.m)
+        for i, task in enumerate(layout.angular_tasks):
+            rows = layout.angular_rows[i]
+            R[i], v[rows], a[rows] = self._trajectories[task].orientation(time)
+        for i, task in enumerate(layout.linear_tasks):
+            rows = layout.linear_rows[i]
+            p[i], v[rows], a[rows] = self._trajectories[task].position(time)
+        q = np.empty(len(layout.joint_rows))
+        joints = [way for way, kind in self._kinds if kind == "joint"]
+        for i, (way, row) in enumerate(zip(joints, layout.joint_rows, strict=True)):
+            q[i], v[row], a[row] = way.joint(time)
+        return layout.pack(R, p, v, a, q)

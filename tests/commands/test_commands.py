@@ -356,11 +356,11 @@ def test_output_that_nobody_can_take_is_no_traceback():
     "name, told",
     [
         (".", "this is a folder; name log.npz"),
-        ("text.npz", "it is no NumPy archive"),
-        ("picture.png", "it is no NumPy archive"),
-        ("short.npz", "only the beginning of one"),
+        ("text.npz", "it is no NPZ file"),
+        ("picture.png", "it is no NPZ file"),
+        ("short.npz", "damaged, cut off"),
         ("random.npz", "it misses an array 'actuation'"),
-        ("pickled.npz", "an array holds Python objects"),
+        ("pickled.npz", "holds objects, which are not"),
         ("shapes.npz", "array 'q' is of shape (2,)"),
     ],
 )
@@ -757,8 +757,7 @@ def test_fetch_tells_the_licence_and_where_the_files_are(monkeypatch, capsys):
         progress(f"{trial}.amc", 10, 20)
         return MotionFiles(f"cmu:{trial}", Path(f"x/{trial}.amc"), Path("x/05.asf"))
 
-    # crar_drake.motion has a function of the same name.
-    monkeypatch.setattr(sys.modules["crar_drake.motion.fetch"], "fetch", fetch)
+    monkeypatch.setattr("crar_drake.motion.fetch.fetch", fetch)
     assert main(["fetch", "05_02", "05_07", "--force"]) == 0
     assert asked == [("05_02", True), ("05_07", True)]
     output = capsys.readouterr().out

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
-from standing_robots import standing_robot
+from standing_robots import APART, PAD, standing_robot, tipping_cell
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import (
@@ -16,7 +16,7 @@ from crar_drake.control.parameters import (
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.soles import shrunk, sole_corners
+from crar_drake.robot.soles import find_masses, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
 
@@ -73,8 +73,7 @@ def outside(whole, model, Q, V, A) -> np.ndarray:
     at = [names[1].index(name) for name in ours]
     rates[0][:, at], rates[1][:, at] = V, A
     soles = sole_corners(model, model.description.soles)
-    flat = np.concatenate([shrunk(sole, 0.02)[:, :2] for sole in soles])
-    faces = ConvexHull(flat).equations
+    faces = ConvexHull(shrunk(np.concatenate(soles), 0.02)[:, :2]).equations
     centres = ground_wrench(floating.plant, q, *rates).centres(soles[0][0, 2])
     return (centres @ faces[:, :2].T + faces[:, 2]).max(axis=1)
 
@@ -147,9 +146,9 @@ def test_what_cannot_be_balanced(whole):
         ),
         (
             standing,
-            {"balance": BalanceParameters(margin=0.06)},
+            {"balance": BalanceParameters(margin=0.1)},
             ModelError,
-            "leaves nothing of a sole",
+            "leaves nothing of soles",
         ),
     ]
     for description, changes, error, words in cases:
@@ -172,3 +171,46 @@ def test_a_push_is_told_and_nothing_gets_worse(whole):
         assert lacks <= max(first, 0.0) + 1e-3
         q, v = q + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
     assert first > 0.0 and lacks < 0.0
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    return tipping_cell(tmp_path_factory.mktemp("robot") / "cell")
+
+
+def test_a_cell_on_small_feet_does_not_tip(cell):
+    """Its base is fixed; the margin is larger than a foot, and is that of the hull."""
+    model = model_of(cell)
+    floats = replace(cell, root="prescribed")
+    farthest = []
+    for balance in (BalanceParameters(), None):
+        law = ControlLaw(model, parameters(balance=balance))
+        Q, V, A, hows = motion_of(law, 2, 200)
+        lacks = outside(floats, model, Q, V, A)
+        farthest.append(lacks.max())
+        if balance:
+            assert {0.0, 1.0} <= set(hows) and np.abs(V).max() > 1.0
+    assert farthest[0] < 1e-9 and farthest[1] > 0.01
+    hull = shrunk(np.concatenate(sole_corners(model, cell.soles)), 0.02)
+    np.testing.assert_allclose(np.abs(hull[:, :2]), APART + PAD - 0.02)
+    np.testing.assert_allclose(hull[:, 2], 0.2)
+
+
+def test_what_stands_on_the_feet_counts_and_no_post_beside_them(cell):
+    masses = find_masses(model_of(cell))
+    assert masses.mass.sum() == pytest.approx(5.0 + 4 * 0.2 + 3.0 + 2.0)
+    assert masses.mass[0] == pytest.approx(5.0 + 4 * 0.2)
+    # On a world that has feet of its own everything stands.
+    corners = [[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [0.0, -0.2, 0.0]]
+    everything = find_masses(model_of(replace(cell, soles={"world": corners})))
+    assert everything.mass.sum() == pytest.approx(masses.mass.sum() + 50.0)
+
+
+def test_what_does_not_stand_on_the_feet_together(cell):
+    post = {"post": cell.soles["foot_1"]}
+    with pytest.raises(
+        ModelError, match="post: nothing but the world joins it to foot"
+    ):
+        find_masses(model_of(replace(cell, soles=cell.soles | post)))
+    with pytest.raises(ModelError, match="upper_arm moves, but does not stand on post"):
+        find_masses(model_of(replace(cell, soles=post)))

@@ -187,6 +187,7 @@ def test_the_whole_diagram_keeps_its_constraints():
     [
         ({"preview": -0.1}, "preview"),
         ({"preview": 0.1, "smoothness": 0.0}, "smoothness"),
+        ({"preset": "close"}, "preset.*closest.*balanced.*calm"),
         ({"preview": 0.1, "farthest_pull": 0.0}, "farthest_pull"),
         ({"preview": 0.1, "limit_approach_rate": 300.0}, "limit_approach_rate.*200/s"),
         ({"limit_approach_rate": 10.0}, "limit_approach_rate.*without approach_rate"),
@@ -199,10 +200,10 @@ def test_what_makes_no_sense_is_refused(ahead, said):
 
 
 def test_a_preview_brings_its_own_defaults():
-    """A short horizon, slower wishes, a weaker posture; what is given stays."""
+    """A short horizon and slower plans; what is given stays."""
     assert PREVIEW.braking_horizon == 0.012
     assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
-    assert (PREVIEW.posture_gain, AHEAD.nominal_speed) == (10.0, 9.0)
+    assert (PREVIEW.posture_gain, AHEAD.nominal_speed) == (30.0, 9.0)
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
     assert (WITHOUT.posture_gain, WITHOUT.lookahead.nominal_speed) == (30.0, 16.0)
     given = replace(AHEAD, horizon=0.05, nominal_speed_limit=7.0)
@@ -213,6 +214,26 @@ def test_a_preview_brings_its_own_defaults():
     paper = replace(PREVIEW, constraints="paper")
     assert paper.posture_gain == 0.0
     assert paper.braking_horizon == pytest.approx(2.5 / 30.0)
+
+
+def test_a_preset_is_a_preview_and_its_smoothness(model):
+    """To the last bit; what is given besides counts."""
+    numbers = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
+    targets = swung(model, 0.3)
+    reached = []
+    for preset, smoothness in numbers.items():
+        named = LookaheadParameters(preset=preset)
+        written = LookaheadParameters(preview=0.1, smoothness=smoothness)
+        states, _ = follow(model, replace(PREVIEW, lookahead=named), targets)
+        same, _ = follow(model, replace(PREVIEW, lookahead=written), targets)
+        np.testing.assert_array_equal(states, same)
+        reached.append(states)
+    assert np.abs(reached[0] - reached[1]).max() > 1e-5
+    assert np.abs(reached[1] - reached[2]).max() > 1e-5
+    np.testing.assert_array_equal(reached[1], follow(model, PREVIEW, targets)[0])
+    other = LookaheadParameters(preset="calm", preview=0.2, smoothness=1e-4)
+    assert (other.planned_time, other.planned_smoothness) == (0.2, 1e-4)
+    assert LookaheadParameters().planned_time is None
 
 
 def test_what_is_free_has_a_damping_of_its_own(model):

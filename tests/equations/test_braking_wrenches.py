@@ -106,7 +106,7 @@ def test_wrenches_are_newtons_and_eulers(robot):
 
 def test_the_cone_is_what_forces_at_the_corners_can_give(robot):
     edges = []
-    for sole in robot.soles:
+    for sole in robot.soles:  # parallel, so that each alone may have the margin
         for p in shrunk(sole, 0.02):
             for way in ([1, 0], [-1, 0], [0, 1], [0, -1]):
                 # The pyramid's edges are along the sole's diagonals.
@@ -124,6 +124,34 @@ def test_the_cone_is_what_forces_at_the_corners_can_give(robot):
             assert (lacks < 1e-7 * w[5]) == (value < 0.0)
             inside += value < 0.0
     assert 50 < inside < 250
+
+
+def test_feet_that_are_smaller_than_the_margin_share_what_is_asked_of_their_hull():
+    pad = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+    middles = [[x, y, 0.3] for x in (-0.3, 0.3) for y in (-0.1, 0.1)]
+    feet = [at + 0.005 * pad for at in np.array(middles)]
+    rows = ground_cone(feet, 0.5, 0.02).rows
+    edges = []
+    for p in np.concatenate(feet):
+        # The pyramid's edges are along the hull's diagonals.
+        for x, y in pad[:, :2]:
+            f = np.array([0.5 * x / np.sqrt(2.0), 0.5 * y / np.sqrt(2.0), 1.0])
+            edges.append(np.append(np.cross(p, f), f))
+    edges, half = np.array(edges).T, np.array([0.285, 0.085])
+    rng, counts = np.random.default_rng(1), [0, 0]
+    for _ in range(400):
+        f = np.append(rng.normal(0.0, 0.2, 2), 1.0)
+        at = np.append(rng.uniform(-1.2, 1.2, 2) * half, 0.3)
+        w = np.append(np.cross(at, f) + [0.0, 0.0, rng.normal(0.0, 0.03)], f)
+        inside = (rows @ w).max() < -1e-9
+        if inside:  # the feet can give it, and the margin is kept
+            assert nnls(edges, w)[1] < 1e-9 and (np.abs(at[:2]) < half).all()
+        counts[int(inside)] += 1
+    assert min(counts) > 40
+    # All force upwards: the hull's corners less the margin, and no more.
+    for share, given in ((0.999, True), (1.001, False)):
+        w = np.append(np.cross([*(share * half), 0.3], [0.0, 0, 1]), [0.0, 0, 1])
+        assert ((rows @ w).max() < 0.0) == given
 
 
 @pytest.mark.parametrize("fast", [0.3, 1.0, 4.0])
@@ -182,7 +210,8 @@ def test_rows_are_the_derivatives_of_the_faces(robot, at):
     F = len(robot.ground.rows)
     q, v, a = robot.state(rng, 0.5)
     level = np.zeros(F)
-    g, b = balance_rows(q, v, a, level, law)
+    excess, g, b = balance_rows(q, v, a, level, -np.inf, law)
+    assert excess == balance_excess(q, v, a, level, law)
 
     def values(more):
         if at == "in the step":
@@ -229,14 +258,26 @@ def test_a_sole_is_smaller_by_the_margin_at_each_edge_and_by_no_more():
     ]
 
 
+def test_points_may_be_anywhere_on_the_edge_and_inside():
+    """As of a round base, or of feet most of which are on one side."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    more = [[1.0, y, 0.0] for y in np.linspace(0.0, 1.0, 40)]
+    found = shrunk(np.vstack([corners, more, [[0.5, 0.5, 0.0]]]), 0.2)
+    assert {tuple(p) for p in found.round(9).tolist()} == {
+        *((0.2, 0.2, 0.0), (0.2, 0.8, 0.0), (0.8, 0.2, 0.0), (0.8, 0.8, 0.0))
+    }
+
+
 def test_soles_that_cannot_stand(robot):
-    with pytest.raises(ModelError, match="leaves nothing of a sole"):
-        ground_cone(robot.soles, 0.5, 0.06)
+    with pytest.raises(ModelError, match="of soles whose hull is 200 mm wide"):
+        ground_cone(robot.soles, 0.5, 0.1)
+    with pytest.raises(ModelError, match="up to 15 mm off the plane"):
+        ground_cone([robot.soles[0], robot.soles[1] + [0.0, 0.0, 0.06]], 0.5, 0.02)
     line = [np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]])]
     with pytest.raises(ModelError, match="in one line"):
         ground_cone(line, 0.5, 0.0)
     wall = [np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0, 0.1], [0, 0, 0.1]])]
-    with pytest.raises(ModelError, match="stands on edge"):
+    with pytest.raises(ModelError, match="stand on edge"):
         ground_cone(wall, 0.5, 0.0)
     with pytest.raises(ModelError, match="forearm is moved by elbow, shoulder"):
         sole_corners(robot.model, {"forearm": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]})

@@ -132,6 +132,30 @@ def test_an_acceleration_towards_a_post_is_scaled_till_it_is_clear(arm, seed) ->
     assert arm.least(*path) < arm.floor + 2e-3
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_guarded_acceleration_is_changed_where_a_limit_asks_for_it(arm, seed) -> None:
+    """One joint heads far beyond its limit: the others go on, and it ends within."""
+    rng = np.random.default_rng(seed)
+    c = arm.model.controlled
+    q, v = arm.state(rng, 0.4, 2.0)
+    vdot = -v / arm.T  # which stays where it comes to rest
+    joint = c[seed % 3]
+    vdot[joint] += 40.0 / PERIOD
+    found, told = arm.mode.admit_again(arm.measured(q, v), vdot, True)
+    assert arm.next_path(q, v, vdot)[1][joint] > 1.3 + 0.1
+    # Unless the post is in the way, which concerns all of them.
+    end = arm.next_path(q, v, found)[1]
+    assert end[joint] < 1.3 + 1e-9
+    assert arm.least(*arm.next_path(q, v, found)) > arm.floor - 1e-9
+    assert told["admission"][3] == 1.0
+    if told["admission"][0] == AS_NOMINAL:
+        others = np.delete(c, seed % 3)
+        np.testing.assert_allclose(found[others], vdot[others], atol=1.0)
+        assert found[joint] < vdot[joint]
+    calm, _ = arm.mode.admit_again(arm.measured(q, v), -v / arm.T, True)
+    np.testing.assert_allclose(calm, -v / arm.T, atol=1e-9)
+
+
 def test_a_path_that_is_not_clear_is_told(arm) -> None:
     rng = np.random.default_rng(0)
     for least, most, clear in ((-0.1, arm.floor - 1e-3, 0.0), (0.02, 0.1, 1.0)):

@@ -19,6 +19,7 @@ from crar_drake.equations.preview import (
     previewed_velocity,
     rows_ahead,
     shifted_plan,
+    speed_rows,
     task_shares,
 )
 from crar_drake.equations.references import References
@@ -411,15 +412,38 @@ def test_pairs_that_are_far_have_no_rows(model):
     assert counts[0] == 0 < counts[1] < counts[2]
 
 
-def test_the_wish_is_the_first_acceleration_and_bounded():
+def test_the_nominal_velocity_is_of_the_first_acceleration():
     plan, qdot = np.arange(8.0), np.array([0.5, -0.5])
-    gains = LookaheadGains(0.04, *[0.0] * 14)._replace(nominal_speed_limit=0.6)
+    gains = LookaheadGains(0.04, *[0.0] * 14)
     s_0, planned, W = previewed_velocity(plan, qdot, gains, PREVIEW)
-    wish = qdot + 0.04 * plan[:2]
-    np.testing.assert_allclose(s_0, wish)
+    np.testing.assert_allclose(s_0, qdot + 0.04 * plan[:2])
     np.testing.assert_allclose(planned, qdot + PREVIEW.times[0] * plan[:2])
     np.testing.assert_array_equal(W, 1.0)
-    slower, _, _ = previewed_velocity(
-        plan, qdot, gains._replace(nominal_speed_limit=0.25), PREVIEW
+
+
+def test_a_joint_that_would_be_too_fast_slows_no_other_down():
+    """Two joints with a task each: the plan of the slow one stays as it was."""
+    zeros = np.zeros((0, 2 * N))
+    found = references(np.random.default_rng(0), 2, 2, 1.0)._replace(
+        J=np.eye(2), e=np.array([2.0, 0.03]), e_dot=np.zeros(2), a_ff=np.zeros(2)
     )
-    np.testing.assert_allclose(slower, 0.5 * wish)
+    qdot, fastest = np.array([1.0, 0.1]), 5.0
+    lengths = np.diff(PREVIEW.times, prepend=0.0)
+
+    def planned(plan, rows, least):
+        of_rows, posture = np.arange(2), np.zeros(2)
+        return plan_accelerations(
+            found, of_rows, 1e-6, posture, qdot, plan, rows, least, PREVIEW
+        ).reshape(N, 2)
+
+    def speeds(plan):
+        return qdot + np.cumsum(lengths[:, np.newaxis] * plan, axis=0)
+
+    free = plan = planned(np.zeros((N, 2)), zeros, np.zeros(0))
+    assert np.abs(speeds(free)[:, 0]).max() > 1.5 * fastest
+    for _ in range(5):  # the rows are of the last plan
+        plan = planned(plan, *speed_rows(qdot, plan, fastest, PREVIEW))
+    assert np.abs(speeds(plan)[:, 0]).max() == pytest.approx(fastest, rel=0.02)
+    np.testing.assert_allclose(plan[:, 1], free[:, 1], atol=1e-6)
+    still = speed_rows(np.zeros(2), np.zeros((N, 2)), fastest, PREVIEW)
+    assert len(still[0]) == len(still[1]) == 0

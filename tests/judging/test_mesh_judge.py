@@ -117,6 +117,7 @@ def log_of(folder: Path, q: np.ndarray):
         status=np.zeros((size, 1)),
         resting_margins=np.full((size, 2), np.nan),
         admission=np.full((size, 4), np.nan),
+        balance=np.full((size, 3), np.nan),
         obstacles=np.empty((size, 0)),
         torque_limit=np.tile([1.0, 0.0], (size, 1)),
         position_names=np.array(names_by_joint(model.plant)),

@@ -20,7 +20,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from crar_drake.resources import data_folder
 
 MODELS = data_folder("models")
-ROBOTS = ("upper_body", "obstacle_arm")
+ROBOTS = ("upper_body", "obstacle_arm", "tipping_cell")
 WAIST = ("waist_x", "waist_y", "waist_z")
 
 
@@ -446,6 +446,7 @@ def test_efforts_hold_the_robot_up(robot: Loaded) -> None:
         ("make_upper_body", "upper_body_urdf", "upper_body/upper_body.urdf"),
         ("make_obstacle_arm", "obstacle_arm_urdf", "obstacle_arm/obstacle_arm.urdf"),
         ("make_obstacle_arm", "obstacle_urdf", "obstacle_arm/obstacle.urdf"),
+        ("make_tipping_cell", "frame_urdf", "tipping_cell/frame.urdf"),
     ],
 )
 def test_files_are_what_the_scripts_write(

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from short_motions import ONE_BONE
 
 from crar_drake.errors import MotionError
 from crar_drake.motion import catalogue
@@ -19,33 +20,6 @@ from crar_drake.motion.catalogue import (
     trial_id,
 )
 
-ASF = """\
-:version 1.10
-:name two_bones
-:units
-  mass 1.0
-  length 0.45
-  angle deg
-:root
-   order TX TY TZ RX RY RZ
-   axis XYZ
-   position 0 0 0
-   orientation 0 0 0
-:bonedata
-  begin
-     id 1
-     name spine
-     direction 0 1 0
-     length 9
-     axis 0 0 0  XYZ
-    dof rx
-    limits (-90.0 90.0)
-  end
-:hierarchy
-  begin
-    root spine
-  end
-"""
 AMC = """\
 :FULLY-SPECIFIED
 :DEGREES
@@ -74,7 +48,7 @@ def no_cmu(monkeypatch, tmp_path) -> Path:
 def builtin(monkeypatch, tmp_path) -> Path:
     """A folder of built-in motions that is independent of the shipped ones."""
     folder = tmp_path / "builtin"
-    write(folder / "performer.asf", ASF)
+    write(folder / "performer.asf", ONE_BONE)
     for name in ("dance", "boxing"):
         write(folder / f"{name}.amc", AMC)
     monkeypatch.setattr(catalogue, "builtin_motions_folder", lambda: folder)
@@ -89,7 +63,7 @@ def write(path: Path, text: str) -> Path:
 
 def add_trial(folder: Path, trial: str) -> None:
     files = trial_files(folder, trial)
-    write(files.asf, ASF)
+    write(files.asf, ONE_BONE)
     write(files.amc, AMC)
 
 
@@ -104,26 +78,26 @@ def refusal(*args) -> str:
 
 def test_skeleton_by_name_then_by_subject_then_the_only_one(tmp_path):
     amc = write(tmp_path / "05_02.amc", AMC)
-    only = write(tmp_path / "someone.asf", ASF)
+    only = write(tmp_path / "someone.asf", ONE_BONE)
     assert resolve(str(amc)).asf == only
-    subject = write(tmp_path / "05.asf", ASF)
+    subject = write(tmp_path / "05.asf", ONE_BONE)
     assert resolve(str(amc)).asf == subject
-    own = write(tmp_path / "05_02.asf", ASF)
+    own = write(tmp_path / "05_02.asf", ONE_BONE)
     files = resolve(str(amc))
     assert (files.name, files.amc, files.asf) == (str(amc), amc, own)
 
 
 def test_given_skeleton_comes_before_the_one_beside(tmp_path):
     amc = write(tmp_path / "05_02.amc", AMC)
-    write(tmp_path / "05.asf", ASF)
-    other = write(tmp_path / "elsewhere" / "x.ASF", ASF)
+    write(tmp_path / "05.asf", ONE_BONE)
+    other = write(tmp_path / "elsewhere" / "x.ASF", ONE_BONE)
     assert resolve(amc, other).asf == other
     assert resolve(str(amc), str(other)).asf == other
 
 
 def test_relative_path_and_bare_file_name(tmp_path, monkeypatch):
     write(tmp_path / "walk.amc", AMC)
-    write(tmp_path / "walk.asf", ASF)
+    write(tmp_path / "walk.asf", ONE_BONE)
     monkeypatch.chdir(tmp_path)
     for name in ("walk.amc", "./walk.amc", Path("walk.amc")):
         assert resolve(name).asf == Path("walk.asf")
@@ -133,21 +107,21 @@ def test_relative_path_and_bare_file_name(tmp_path, monkeypatch):
 
 def test_ambiguous_skeleton_lists_the_candidates(tmp_path):
     amc = write(tmp_path / "walk.amc", AMC)
-    write(tmp_path / "a.asf", ASF)
-    write(tmp_path / "b.asf", ASF)
+    write(tmp_path / "a.asf", ONE_BONE)
+    write(tmp_path / "b.asf", ONE_BONE)
     assert "a.asf, b.asf; name the right one" in refusal(str(amc))
 
 
 def test_another_subjects_skeleton_is_not_taken_silently(tmp_path):
     amc = write(tmp_path / "05_02.amc", AMC)
-    other = write(tmp_path / "07.asf", ASF)
+    other = write(tmp_path / "07.asf", ONE_BONE)
     assert re.search(r"07\.asf, is another subject's; put 05\.asf", refusal(str(amc)))
     assert resolve(amc, other).asf == other
 
 
 def test_missing_and_wrong_files_name_the_remedy(tmp_path):
     amc = write(tmp_path / "05_02.amc", AMC)
-    asf = write(tmp_path / "sub" / "05.asf", ASF)
+    asf = write(tmp_path / "sub" / "05.asf", ONE_BONE)
     assert "put 05.asf into its folder" in refusal(str(amc))
     assert "a motion is an .amc file" in refusal(str(asf))
     assert "a motion is an .amc file" in refusal(tmp_path)
@@ -161,7 +135,7 @@ def test_missing_and_wrong_files_name_the_remedy(tmp_path):
 
 def test_load_clip_is_called_what_the_user_called_it(tmp_path, no_cmu):
     amc = write(tmp_path / "walk.amc", AMC)
-    asf = write(tmp_path / "elsewhere" / "walk.asf", ASF)
+    asf = write(tmp_path / "elsewhere" / "walk.asf", ONE_BONE)
     clip = load_clip(amc, asf)
     assert clip.name == str(amc)
     assert clip.num_frames == 3
@@ -309,7 +283,7 @@ def test_where_a_frame_rate_comes_from(no_cmu, tmp_path) -> None:
         clip = load_clip(name, **options)
         return clip.frame_rate, clip.rate_source
 
-    (tmp_path / "walk.asf").write_text(ASF)
+    (tmp_path / "walk.asf").write_text(ONE_BONE)
     walk = tmp_path / "walk.amc"
     walk.write_text(AMC)
     assert rate(walk) == (120.0, "assumed")
@@ -323,7 +297,7 @@ def test_where_a_frame_rate_comes_from(no_cmu, tmp_path) -> None:
         files = trial_files(no_cmu, trial)
         files.amc.parent.mkdir(parents=True)
         files.amc.write_text(AMC)
-        files.asf.write_text(ASF)
+        files.asf.write_text(ONE_BONE)
         assert rate(f"cmu:{trial}") == (expected, "database")
         assert rate(files.amc) == (expected, "assumed")
     assert rate("dance") == (60.0, "file")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import low_pass, spline
+from crar_drake.motion.conditioning import low_pass, spline
 
 RATE = 120.0
 TIME = np.arange(1200) / RATE

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from short_motions import ONE_BONE
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.catalogue import trial_files
@@ -24,33 +25,7 @@ from crar_drake.motion.fetch import (
 from crar_drake.motion.formats.asf_amc import read_amc, read_asf
 from crar_drake.motion.known_trials import known_trials
 
-ASF = b"""\
-:version 1.10
-:name one_bone
-:units
-  mass 1.0
-  length 0.45
-  angle deg
-:root
-   order TX TY TZ RX RY RZ
-   axis XYZ
-   position 0 0 0
-   orientation 0 0 0
-:bonedata
-  begin
-     id 1
-     name spine
-     direction 0 1 0
-     length 9
-     axis 0 0 0  XYZ
-    dof rx
-    limits (-90.0 90.0)
-  end
-:hierarchy
-  begin
-    root spine
-  end
-"""
+ASF = ONE_BONE.encode()
 
 
 def amc_text(frames: int, angle: float) -> bytes:

@@ -8,7 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import HANDS, Clip, hand_orientations, load_clip
+from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.formats.asf_amc import Clip
+from crar_drake.motion.hand_orientations import HANDS, hand_orientations
 from crar_drake.motion.performers.asf_amc import robot_frame
 
 SIDES = {"left_hand": "l", "right_hand": "r"}

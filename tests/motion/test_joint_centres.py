@@ -5,18 +5,16 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import (
-    JOINT_CENTRES,
+from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
-    JointCentres,
     Skeleton,
     forward_kinematics,
-    joint_centres,
     read_amc,
     read_asf,
 )
-from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres, joint_centres
 from crar_drake.motion.performers.asf_amc import robot_frame
 
 

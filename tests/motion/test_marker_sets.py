@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import hand_orientations, joint_centres, load_clip
-from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.gaps import fill_gaps
+from crar_drake.motion.hand_orientations import hand_orientations
+from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer

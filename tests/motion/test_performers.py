@@ -9,13 +9,14 @@ import pytest
 from bvh_maker import AXES, NAMES, TREE, Convention, along_x, arms_hang, bvh_text
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import SegmentLengths, joint_centres, load_clip, retarget
-from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.motion.hand_orientations import hand_orientations
+from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer
+from crar_drake.motion.retarget import SegmentLengths, retarget
 
 LENGTHS = SegmentLengths(0.4, 0.15, 0.25, 0.2, 0.15, 0.25, 0.2, 0.7)
 

@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import (
+from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
-    MotionReport,
     Skeleton,
-    describe,
-    inspect,
-    plot_motion,
     read_amc,
     read_asf,
     write_amc,
     write_asf,
 )
+from crar_drake.motion.picture import plot_motion
+from crar_drake.motion.report import MotionReport, describe, inspect
 
 T = 120
 
@@ -63,8 +61,9 @@ def clip() -> Clip:
 def test_honest_motion(clip: Clip) -> None:
     report = inspect(clip)
     assert report.looks_clean
-    assert (report.frames, report.frame_rate, report.bones) == (T, 120.0, 8)
-    assert report.duration == pytest.approx(119 / 120)
+    person = report.performer
+    assert (person.num_frames, person.frame_rate, person.bones) == (T, 120.0, 8)
+    assert person.duration == pytest.approx(119 / 120)
     assert report.peak_speeds["waist"] == pytest.approx(1.5)
     text = "\n".join(describe(report))
     assert "120 frames at 120 Hz" in text and "nothing looks bad" in text
@@ -266,7 +265,7 @@ def test_a_wrong_length_is_pointed_out(
     assert f"standing height {height:.3g} m is implausible" in doubt
     assert f"with length {wrong:g} in the skeleton's :units" in doubt
     assert explained in doubt
-    assert report.height == pytest.approx(height)
+    assert report.performer.height == pytest.approx(height)
     # Speeds of a giant say nothing of the rate.
     assert "m/s" not in doubt
 
@@ -422,7 +421,7 @@ def test_no_real_trial_is_doubted_as_a_whole(cmu: Path) -> None:
     for amc in _all_trials(cmu):
         report = inspect(_load(amc))
         assert report.doubts == (), amc.stem
-        assert 1.4 < report.height < 1.7
+        assert 1.4 < report.performer.height < 1.7
 
 
 @pytest.mark.slow

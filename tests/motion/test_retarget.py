@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from crar_drake.errors import ModelError, MotionError
-from crar_drake.motion import JOINT_CENTRES, JointCentres, SegmentLengths, retarget
+from crar_drake.motion.joint_centres import JOINT_CENTRES, JointCentres
+from crar_drake.motion.retarget import SegmentLengths, retarget
 
 LENGTHS = SegmentLengths(
     waist_neck=0.30,

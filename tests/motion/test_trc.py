@@ -7,8 +7,7 @@ import pytest
 from test_marker_sets import RATE, markers, write
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import load_clip
-from crar_drake.motion.catalogue import load_performer
+from crar_drake.motion.catalogue import load_clip, load_performer
 from crar_drake.motion.options import MotionOptions
 from crar_drake.motion.performer import Performer
 from crar_drake.motion.performers.asf_amc import asf_amc_performer

@@ -6,7 +6,12 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from small_biped import biped
 
-from crar_drake.references.ground_contact import CarryingHands, foot_slip, least_way
+from crar_drake.references.ground_contact import (
+    CarryingHands,
+    foot_slip,
+    least_way,
+    longest_slip,
+)
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
@@ -47,6 +52,17 @@ def test_high_feet_are_planted_only_if_they_were_low():
     assert foot_slip("f", sliding(still, 0.02), 0.01, RATE).num_contacts == 1
     lifted = np.concatenate([np.zeros(10), np.full(5, 0.02), np.full(6, 0.04)])
     assert foot_slip("f", sliding(still, lifted), 0.0, RATE).planted.sum() == 15
+
+
+def test_contacts_that_are_known_count_alone():
+    """Steps between two planted frames do: of contacts of 4 and 3, the 3 and 2 in them;
+    one in which it leaves does not, however low the foot is."""
+    speeds = np.array([0.1, 0.1, 0.1, 5.0, 5.0, 0.4, 0.4, 5.0])
+    planted = np.array([1, 1, 1, 1, 0, 1, 1, 1, 0], dtype=bool)
+    p = sliding(speeds)
+    assert longest_slip(p, planted) == pytest.approx(0.8 / RATE)
+    assert longest_slip(p, planted & (np.arange(9) < 5)) == pytest.approx(0.3 / RATE)
+    assert longest_slip(p, np.zeros(9, dtype=bool)) == 0.0
 
 
 def test_a_foot_that_rolls_over_its_toes_does_not_slip():

@@ -66,7 +66,7 @@ def test_tensors_of_any_strides(tmp_path: Path) -> None:
     "changes, said",
     [
         ({"dof_pos": None}, "no dof_pos"),
-        ({"dof_pos": JOINTS[:3]}, "shapes do not fit"),
+        ({"dof_pos": JOINTS[:3]}, "numbers of frames differ"),
         ({"rigid_body_rot": Q}, "rigid_body_rot is an array"),
         ({"fps": None}, "fps is None"),
         ({"state_conversion": named(STATE, "StateConversion", "sim")},

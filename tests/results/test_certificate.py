@@ -61,6 +61,7 @@ def log_of(q, v, clearance, clear=1.0, how=0.0, time=None, a=0.0):
         v=column["v"][:, np.newaxis],
         desired_acceleration=column["a"][:, np.newaxis],
         admission=np.stack(told, axis=1),
+        balance=np.full((len(told[0]), 3), np.nan),
         signed_distances=np.abs(1.0 - column["q"][:, np.newaxis]) - 0.2,
         controlled_names=np.array(["slide"]),
     )

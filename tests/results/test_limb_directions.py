@@ -68,7 +68,16 @@ def performer_of(model: ControlModel, q: np.ndarray, turned: dict) -> Performer:
             )
             start = start + np.cos(angle) * along + np.sin(angle) * across
             theirs[f"{side}_{b}"] = start
-    return Performer("x", "BVH", RATE, "file", theirs, np.zeros(T), 1.0, 2.0)
+    return Performer(
+        name="x",
+        format="BVH",
+        frame_rate=RATE,
+        rate_source="file",
+        positions=theirs,
+        heading=np.zeros(T),
+        hip_height=1.0,
+        height=2.0,
+    )
 
 
 def test_who_does_the_same_is_off_by_nothing_whatever_the_size(model) -> None:

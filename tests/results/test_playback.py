@@ -58,6 +58,7 @@ def make_log(robot: str, tasks: list[Task], duration: float) -> SimulationLog:
         status=np.zeros((T, 1)),
         resting_margins=np.full((T, 2), np.nan),
         admission=np.full((T, 4), np.nan),
+        balance=np.full((T, 3), np.nan),
         torque_limit=np.tile([1.0, 0.0], (T, 1)),
         obstacles=np.empty((T, 0)),
         position_names=np.array(model.position_names),
@@ -196,7 +197,7 @@ def test_curves_keep_every_peak(log, meshcat, tmp_path):
         name: np.repeat(getattr(log, name)[:1], len(time), axis=0)
         for name in ("v", "actuation", "desired_acceleration", "desired_tasks")
         + ("task_error", "constraint_weights", "status", "resting_margins")
-        + ("admission", "torque_limit")
+        + ("admission", "balance", "torque_limit")
     }
     long = replace(log, time=time, q=q, signed_distances=distances, **columns)
     record_log(long, tmp_path / "p.html", frames_per_second=1.0, meshcat=meshcat)
@@ -510,7 +511,8 @@ def test_page_appears_whole_or_not_at_all(log, meshcat, tmp_path):
             name: getattr(log, name)[:5]
             for name in ("time", "q", "v", "actuation", "desired_acceleration")
             + ("desired_tasks", "task_error", "signed_distances", "status")
-            + ("constraint_weights", "resting_margins", "admission", "torque_limit")
+            + ("constraint_weights", "resting_margins", "admission", "balance")
+            + ("torque_limit",)
         },
     )
     with pytest.raises(CrarError, match="page.html: could not be written"):

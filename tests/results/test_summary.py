@@ -166,6 +166,26 @@ def test_steps_count_once_in_a_finer_log():
     assert found.samples == 4
 
 
+def test_steps_that_balance_changed_are_not_blamed_on_motors():
+    nan, T = np.nan, 5
+    rows = [[0.0, 0.02, 1.0]] * T
+    told = np.array(
+        [[0, 1, 0.03], [1, 1, 0.001], [2, 0.5, 0.002], [nan, nan, nan], [0, 1, 0.02]]
+    )
+    limited = np.column_stack([[1.0, 0.4, 0.4, 1.0, 1.0], np.zeros(T)])
+    log = admitted_log(*rows, balance=told, torque_limit=limited)
+    found = summarize(log)
+    assert (found.balanced_steps, found.changed_for_balance) == (4, 2)
+    assert found.smallest_balance == 0.001
+    assert found.torque_limited_samples == 2
+    assert any("balance holds the robot back in 40 %" in x for x in found.remarks)
+    assert not any("torque limits" in x for x in found.remarks)
+    told[:, 0] = 0.0
+    found = summarize(replace(log, balance=told))
+    assert any("torque limits hold the robot back" in x for x in found.remarks)
+    assert not any("balance" in x for x in found.remarks)
+
+
 def test_nothing_is_told_without_the_lookahead():
     found = summarize(small_log())
     assert (found.admitted_steps, found.unclear_steps) == (0, 0)
@@ -252,6 +272,7 @@ def test_the_keys_of_the_json_are_stable():
         "peak_torque peak_torque_joint peak_torque_time rms_acceleration "
         "resting_distance resting_margin admitted_steps corrected_steps scaled_steps "
         "unclear_steps unexamined_steps path_clearance longest_held_back "
+        "balanced_steps changed_for_balance smallest_balance "
         "torque_limited_samples torque_clipped_samples braking_samples "
         "implausible_samples frame_rate frame_rate_source "
         "motion_findings warnings wall_time real_time_factor arithmetic "

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from standing_robots import HEIGHT, standing_robot
+from standing_robots import APART, HEIGHT, PAD, standing_robot, tipping_cell
 
 from crar_drake.commands import main
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ModelError, ScenarioError
+from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.results.log import SimulationLog
+from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
 from crar_drake.run import run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push
@@ -142,3 +144,37 @@ def test_what_cannot_stand_is_told(folder, tmp_path) -> None:
     continuous = "keyframes: {}\nstanding: {}\nplant_config: {time_step: 0.0}\n"
     with pytest.raises(ScenarioError, match="needs a discrete plant"):
         parse_scenario(continuous)
+
+
+def test_a_run_of_a_cell_whose_base_is_fixed(tmp_path) -> None:
+    """No `standing`: its feet carry what it does, by Drake's dynamics of the same cell
+    with a base that floats. It begins at rest, far from its first target."""
+    cell = tipping_cell(tmp_path)
+    floating = ControlModel.FromDescription(replace(cell, root="prescribed"), [])
+    swing = [Keyframe(0.3 * i, xyz=[0.5 * (-1.0) ** i, 0.0, 1.2]) for i in range(5)]
+    farthest = []
+    for balance in (BalanceParameters(), None):
+        controller = CrarParameters(period=0.005, balance=balance)
+        run = run_scenario(
+            scenario(
+                tmp_path,
+                keyframes={"hand": swing},
+                standing=None,
+                controller=controller,
+            )
+        )
+        q = np.tile(floating.rest_positions(), (len(run.log.q), 1))
+        v, a = np.zeros((2, len(q), floating.plant.num_velocities()))
+        q[:, floating.controlled_positions] = run.log.q
+        v[:, floating.controlled] = run.log.v
+        a[:, floating.controlled] = run.log.desired_acceleration
+        centres = np.abs(ground_wrench(floating.plant, q, v, a).centres(0.2))
+        # None where the ground would have to hold it down.
+        farthest.append(np.nan_to_num(centres, nan=np.inf).max())
+        if balance:
+            rest = run.setup.model.rest_positions()
+            np.testing.assert_array_equal(run.log.q[0], rest)
+            assert run.summary.changed_for_balance > 10
+            assert np.abs(run.log.v).max() > 1.0
+    assert farthest[0] < APART + PAD - 0.02 + 1e-6
+    assert farthest[1] > APART + PAD

@@ -9,8 +9,7 @@ import pytest
 from small_robots import chain_urdf
 
 from crar_drake.commands import main
-from crar_drake.motion import MotionReport
-from crar_drake.motion.report import Flip, Jump, inspect
+from crar_drake.motion.report import Flip, Jump, MotionReport, inspect
 from crar_drake.run import run_scenario
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario, load_scenario

@@ -15,6 +15,7 @@ import matplotlib.image
 import pytest
 
 import crar_drake.studies.sweep as sweep
+from crar_drake import fresh_processes
 from crar_drake.commands import main
 from crar_drake.errors import CrarError, WriteError
 from crar_drake.motion.catalogue import load_clip
@@ -469,7 +470,7 @@ def pool(tmp_path, monkeypatch):
         counting.jobs = jobs
         return counting
 
-    monkeypatch.setattr(sweep, "FreshProcesses", make)
+    monkeypatch.setattr(fresh_processes, "FreshProcesses", make)
     return counting
 
 
@@ -490,7 +491,7 @@ def test_a_frame_rate_is_that_of_all_motions(tmp_path, monkeypatch, capsys):
 def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     # What runs cases is tested above.
-    monkeypatch.setattr(sweep, "FreshProcesses", ThreadPoolExecutor)
+    monkeypatch.setattr(fresh_processes, "FreshProcesses", ThreadPoolExecutor)
     bad, _ = tiny_cases(tmp_path)
     argv = ["sweep", "dance", bad.motion, "--experiment", "wrists", "--jobs", "1"]
     argv += ["--duration", "0.1", "--period", "0.005", "--out", "it/all.csv"]

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import ModelError, MotionError
-from crar_drake.motion import joint_centres, load_clip
+from crar_drake.motion.catalogue import load_clip
+from crar_drake.motion.joint_centres import joint_centres
 from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.motion.turns import hip_turns
 from crar_drake.robot.description import (

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from small_walker import walker
 
 from crar_drake.errors import MotionError, ScenarioError
-from crar_drake.motion import load_clip
+from crar_drake.motion.catalogue import load_clip
 from crar_drake.motion.performers.asf_amc import as_performer
 from crar_drake.robot.description import find_frame
 from crar_drake.robot.model import ControlModel

@@ -91,9 +91,9 @@ class FadingMode(Mode):
         return self._mode.acceleration_bounds(measured)
 
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray
+        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        return self._mode.admit_again(measured, vdot)
+        return self._mode.admit_again(measured, vdot, guarded)
 
     def resolve(
         self,

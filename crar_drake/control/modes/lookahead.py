@@ -146,8 +146,8 @@ class LookaheadMode(Mode):
         self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
         preview = make_preview(
-            ahead.preview or 0.0,
-            ahead.smoothness,
+            ahead.planned_time or 0.0,
+            ahead.planned_smoothness,
             parameters.null_space_gain,
             parameters.posture_gain,
             parameters.period,
@@ -250,7 +250,7 @@ class LookaheadMode(Mode):
                     f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
                     f"within a period; choose at most {1.0 / parameters.period:g}/s"
                 )
-        bounds = ahead.approach_rate is not None or ahead.preview is not None
+        bounds = ahead.approach_rate is not None or ahead.planned_time is not None
         if ahead.limit_approach_rate is not None and not bounds:
             raise ScenarioError(
                 "controller.lookahead.limit_approach_rate: without approach_rate or "
@@ -276,7 +276,7 @@ class LookaheadMode(Mode):
             solution = before.solution
             last = (before.v, solution.acceleration, solution.kept)
         found = lookahead_or_scaled(
-            *hand_over(measured, targets), *last, _NOT_GIVEN, self._law
+            *hand_over(measured, targets), *last, _NOT_GIVEN, False, self._law
         )
         vdot, error, W, qdot_c, kept, margins, admission = map(
             found.__getitem__, self._parts
@@ -305,11 +305,11 @@ class LookaheadMode(Mode):
         return bool(inside.all() and reported["admission"][3] == 1.0)
 
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray
+        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         last = (measured.v, self._still, self._kept_first)
         found = lookahead_or_scaled(
-            *hand_over(measured, _NO_TARGETS), *last, vdot, self._law
+            *hand_over(measured, _NO_TARGETS), *last, vdot, guarded, self._law
         )
         return found[: len(vdot)], {"admission": self._reported(found[len(vdot) :])}
 

@@ -71,17 +71,19 @@ class Mode(ABC):
         return None
 
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray
+        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         """Accelerations that the effort limits have changed, if the mode allows them.
 
         Args:
             measured: the state, as in `resolve`.
             vdot: (nv,) accelerations within the effort limits [rad/s^2].
+            guarded: whether the mode may change joints each for itself, which may take
+                more than the limits, rather than slow all of them down.
 
         Returns:
-            (nv,) accelerations between these and braking; and the diagnostics that
-            change, none if the accelerations stay.
+            (nv,) accelerations between these and braking, or guarded ones; and the
+            diagnostics that change, none if the accelerations stay.
         """
         return vdot, {}
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
+from crar_drake.motion.text_files import shown
 
 INCH = 0.0254  # [m]
 CMU_LENGTH = 0.45  # the `length` of every CMU skeleton [file units per inch]
@@ -167,16 +168,11 @@ class _Lines:
             try:
                 value = float(word)
             except ValueError:
-                self.fail(f"expected a number, found {_shown(word)}")
+                self.fail(f"expected a number, found {shown(word)}")
             if not math.isfinite(value):
                 self.fail(f"{word} is not a finite number; repair the file")
             values.append(value)
         return values
-
-
-def _shown(text: str) -> str:
-    """Returns foreign text as something short that is safe to print."""
-    return ascii(text if len(text) <= 24 else text[:21] + "...")
 
 
 def _open(path: Path, kind: str) -> TextIO:
@@ -245,7 +241,7 @@ class _AsfParser:
             elif not section:
                 self.lines.fail(
                     f"not an ASF skeleton: expected a keyword such as :version, "
-                    f"found {_shown(words[0])}"
+                    f"found {shown(words[0])}"
                 )
             elif section in handlers:
                 handlers[section](words)
@@ -286,7 +282,7 @@ class _AsfParser:
             return "degrees"
         if unit.startswith("rad"):
             return "radians"
-        self.lines.fail(f"angle must be deg or rad, found {_shown(unit)}")
+        self.lines.fail(f"angle must be deg or rad, found {shown(unit)}")
 
     def on_root(self, words: list[str]) -> None:
         key = words[0].lower()
@@ -304,7 +300,7 @@ class _AsfParser:
     def check_axis_order(self, words: list[str]) -> None:
         if [word.upper() for word in words] != ["XYZ"]:
             self.lines.fail(
-                f"axis order {_shown(' '.join(words))} is not supported, only XYZ"
+                f"axis order {shown(' '.join(words))} is not supported, only XYZ"
             )
 
     def on_bonedata(self, words: list[str]) -> None:
@@ -315,7 +311,7 @@ class _AsfParser:
             self.block, self.block_line = {}, self.lines.number
             self.last_key = ""
         elif self.block is None:
-            self.lines.fail(f"expected begin, found {_shown(words[0])}")
+            self.lines.fail(f"expected begin, found {shown(words[0])}")
         elif key == "end":
             self.end_bone()
         elif key.startswith("("):
@@ -335,7 +331,7 @@ class _AsfParser:
                 for name in words[1:]:
                     if name.lower() not in _DOF_NAMES:
                         self.lines.fail(
-                            f"dof {_shown(name)} is not supported, only rx ry rz"
+                            f"dof {shown(name)} is not supported, only rx ry rz"
                         )
                 if len({name.lower() for name in words[1:]}) < len(words) - 1:
                     self.lines.fail("a dof is listed twice")
@@ -353,7 +349,7 @@ class _AsfParser:
                 )
         name = self.block["name"][0]
         if name in self.raw_bones or name == "root":
-            self.lines.fail(f"bone {_shown(name)} is defined twice")
+            self.lines.fail(f"bone {shown(name)} is defined twice")
         direction = [float(word) for word in self.block["direction"]]
         length = float(self.block["length"][0])
         if length < 0.0 or (length > 0.0 and not any(direction)):
@@ -372,7 +368,7 @@ class _AsfParser:
             if name != "root" and name not in self.raw_bones:
                 what = "parent" if name == parent else "bone"
                 self.lines.fail(
-                    f"the hierarchy names the {what} {_shown(name)}, which "
+                    f"the hierarchy names the {what} {shown(name)}, which "
                     f":bonedata does not define"
                 )
         for child in children:
@@ -482,7 +478,7 @@ def read_amc(
                 lines.fail(
                     f"frame {frames} ends without {', '.join(missing[:4])}{more}; "
                     f"the file is cut off or belongs to another skeleton than "
-                    f"{_shown(skeleton.name)}"
+                    f"{shown(skeleton.name)}"
                 )
 
         for words in lines:
@@ -492,7 +488,7 @@ def read_amc(
                 if len(words) - 1 != counts[bone]:
                     lines.fail(
                         f"{bone} needs {counts[bone]} values on skeleton "
-                        f"{_shown(skeleton.name)}, found {len(words) - 1}"
+                        f"{shown(skeleton.name)}, found {len(words) - 1}"
                     )
                 if len(column) == frames:
                     lines.fail(f"{bone} appears twice in frame {frames}")
@@ -513,16 +509,16 @@ def read_amc(
                     stated_rate = _stated_rate(lines, words)
             elif frames == 0:
                 lines.fail(
-                    f"not an AMC motion: expected frame number 1, found {_shown(bone)}"
+                    f"not an AMC motion: expected frame number 1, found {shown(bone)}"
                 )
             elif bone in counts:
                 lines.fail(
                     f"{bone} has no degrees of freedom on skeleton "
-                    f"{_shown(skeleton.name)}"
+                    f"{shown(skeleton.name)}"
                 )
             else:
                 lines.fail(
-                    f"bone {_shown(bone)} is not in skeleton {_shown(skeleton.name)}; "
+                    f"bone {shown(bone)} is not in skeleton {shown(skeleton.name)}; "
                     f"give the motion's own skeleton"
                 )
         if frames < 2:

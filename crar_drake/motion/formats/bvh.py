@@ -14,17 +14,18 @@ from __future__ import annotations
 import math
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion.text_files import read_motion_text
+from crar_drake.motion.text_files import read_motion_text, shown
 
 _POSITIONS = {"xposition": 0, "yposition": 1, "zposition": 2}
-_ROTATIONS = {"xrotation": 0, "yrotation": 1, "zrotation": 2}
+_ROTATIONS = ("xrotation", "yrotation", "zrotation")
 _SHORTEST_FRAME = 1e-4  # [s]: no camera takes 10,000 pictures a second
 _LARGEST = 1e9  # in any unit and in degrees: more was never measured
 
@@ -126,8 +127,7 @@ class _Parser:
                 if not begun:
                     if keyword != "hierarchy":
                         self.fail(
-                            "not a BVH motion: expected HIERARCHY, found "
-                            f"{_shown(word)}"
+                            f"not a BVH motion: expected HIERARCHY, found {shown(word)}"
                         )
                     begun = True
                 elif word == "{":
@@ -137,7 +137,7 @@ class _Parser:
                     self.joints.append(BvhJoint(*waiting, np.zeros(3)))
                     waiting = None
                 elif waiting is not None:
-                    self.fail(f"expected {{ after a joint's name, found {_shown(word)}")
+                    self.fail(f"expected {{ after a joint's name, found {shown(word)}")
                 elif word == "}":
                     if not stack:
                         self.fail("a } too many")
@@ -171,7 +171,7 @@ class _Parser:
                 else:
                     self.fail(
                         "expected OFFSET, CHANNELS, JOINT, End Site, } or MOTION, "
-                        f"found {_shown(word)}"
+                        f"found {shown(word)}"
                     )
         if not begun:
             self.fail("the file is empty: expected HIERARCHY")
@@ -179,16 +179,10 @@ class _Parser:
 
     def called(self, index: int) -> str:
         name = self.joints[index].name
-        return f"joint {_shown(name)}" if name else "an end site"
+        return f"joint {shown(name)}" if name else "an end site"
 
     def set(self, index: int, **values) -> None:
-        joint = self.joints[index]
-        self.joints[index] = BvhJoint(
-            joint.name,
-            joint.parent,
-            values.get("offset", joint.offset),
-            values.get("channels", joint.channels),
-        )
+        self.joints[index] = replace(self.joints[index], **values)
 
     def name(self, keyword: str, words: list[str]) -> tuple[str, list[str]]:
         """The name, which may have blanks, and the words after it."""
@@ -206,7 +200,7 @@ class _Parser:
         names = tuple(word.lower() for word in words[1 : count + 1])
         for word in names:
             if word not in _POSITIONS and word not in _ROTATIONS:
-                self.fail(f"channel {_shown(word)} is not known, only Xposition, ...")
+                self.fail(f"channel {shown(word)} is not known, only Xposition, ...")
         if len(names) < count:
             self.fail(f"CHANNELS says {count}, found {len(names)}")
         if len(set(names)) < count:
@@ -223,13 +217,13 @@ class _Parser:
             except ValueError:
                 comma = _DECIMAL_COMMA.fullmatch(word)
                 self.fail(
-                    f"expected a number, found {_shown(word)}"
+                    f"expected a number, found {shown(word)}"
                     + ("; write a point for the decimal comma" if comma else "")
                 )
             if not math.isfinite(values[-1]):
                 self.fail(f"{word} is not a finite number; repair the file")
             if abs(values[-1]) > _LARGEST:
-                self.fail(f"{_shown(word)} is no measurement; repair the file")
+                self.fail(f"{shown(word)} is no measurement; repair the file")
         return values
 
     # The motion -------------------------------------------------------------------
@@ -253,7 +247,7 @@ class _Parser:
                         "frame to frame, such as 0.008333"
                     )
             else:
-                self.fail(f"expected Frames: or Frame Time:, found {_shown(words[0])}")
+                self.fail(f"expected Frames: or Frame Time:, found {shown(words[0])}")
             if len(found) == 2:
                 break
         else:
@@ -294,11 +288,6 @@ class _Parser:
                 f"{len(rows)} of {frames:g} frames are there; the file seems cut off"
             )
         return np.array(rows)
-
-
-def _shown(text: str) -> str:
-    """Returns foreign text as something short that is safe to print."""
-    return ascii(text if len(text) <= 24 else text[:21] + "...")
 
 
 # --- kinematics -------------------------------------------------------------------
@@ -344,7 +333,8 @@ def bvh_kinematics(bvh: Bvh) -> BvhPoses:
             elif channel in _POSITIONS:
                 t[:, _POSITIONS[channel]] = value
             else:
-                R = R @ _about(_ROTATIONS[channel], np.radians(value))
+                about = Rotation.from_euler(channel[0], value[:, None], degrees=True)
+                R = R @ about.as_matrix()
         local[j] = R
         if joint.parent < 0:
             positions[j], rotations[j] = t, R
@@ -395,13 +385,3 @@ def rest_positions(bvh: Bvh, poses: BvhPoses) -> np.ndarray:
             t = poses.rotations[joint.parent, 0].T @ step
         p[j] = p[joint.parent] + t
     return p
-
-
-def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) rotations by (T,) angles [rad] about x, y or z."""
-    R = np.tile(np.eye(3), (len(angle), 1, 1))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R[:, i, i] = R[:, j, j] = np.cos(angle)
-    R[:, j, i] = np.sin(angle)
-    R[:, i, j] = -R[:, j, i]
-    return R

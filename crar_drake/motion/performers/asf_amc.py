@@ -17,6 +17,8 @@ from crar_drake.motion.formats.asf_amc import (
 from crar_drake.motion.performer import (
     Fact,
     Performer,
+    heading_of,
+    hung_on,
     repeated,
     turning,
 )
@@ -89,6 +91,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
         if bone == "root" or bone in skeleton.bones
     }
     hands, hands_obstacle = _hands(clip, rest, poses)
+    parents = {bone.name: bone.parent for bone in skeleton.bones.values()}
     return Performer(
         name=clip.name,
         format="ASF/AMC",
@@ -102,7 +105,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
             for joint, bone in bones.items()
         },
         hands=hands,
-        heading=_heading(poses.rotation["root"]),
+        heading=heading_of(_robot_rotation(poses.rotation["root"])),
         hip_height=float(-lowest),
         height=height,
         up="+y",
@@ -118,7 +121,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
         ),
         bones=len(skeleton.bones),
         turns=_turns(clip, poses),
-        carriers={joint: _moved_by(skeleton, bone) for joint, bone in bones.items()},
+        carriers={joint: hung_on(bone, parents) for joint, bone in bones.items()},
         same=repeated(
             np.hstack([clip.root_position, clip.root_rotation, *clip.joints.values()])
         ),
@@ -165,27 +168,6 @@ def _turns(clip: Clip, poses: BonePoses) -> dict[str, np.ndarray]:
             R_PB = np.swapaxes(R_WP, 1, 2) @ R_WB
         turns[name] = turning(R_PB)
     return turns
-
-
-def _moved_by(skeleton: Skeleton, bone: str) -> frozenset[str]:
-    """The bones whose rotations move the start of `bone`, "root" among them."""
-    bones = set()
-    while bone != "root":
-        bone = skeleton.bones[bone].parent
-        bones.add(bone)
-    return frozenset(bones)
-
-
-def _heading(R_WB: np.ndarray) -> np.ndarray:
-    """Returns the (T,) unwrapped yaw [rad] of (T, 3, 3) rotations of the y-up file.
-
-    It is the twist about the vertical, 2 atan2(q_up, q_w): unlike the direction of
-    the belly it is defined for a performer who bends over by 90 degrees.
-    """
-    x, z = 0, 2
-    sine = R_WB[:, x, z] - R_WB[:, z, x]
-    cosine = R_WB[:, z, z] + R_WB[:, x, x]
-    return np.unwrap(np.arctan2(sine, cosine))
 
 
 def _robot_rotation(R_file: np.ndarray) -> np.ndarray:

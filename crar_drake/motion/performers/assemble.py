@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -16,7 +16,16 @@ from crar_drake.motion.file_frame import (
     seems_mirrored,
 )
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import ARM, JOINTS, LEG, SIDES, Fact, Performer
+from crar_drake.motion.performer import (
+    ARM,
+    JOINTS,
+    LEG,
+    SIDES,
+    Described,
+    Fact,
+    Performer,
+    heading_of,
+)
 from crar_drake.motion.plausible import refuse_far
 from crar_drake.motion.rates import rate_doubt
 from crar_drake.motion.travel import travelling
@@ -48,15 +57,12 @@ MIRRORED = (
 )
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, kw_only=True)
+class Recording(Described):
     """What a format gives, in the file's own axes F and units.
 
     Attributes:
-        name, format, frame_rate, rate_source: as in `Performer`.
         positions: name of JOINTS to (T, 3) p_FJ, REQUIRED among them.
-        joints: name of JOINTS to what it is taken from.
-        guessed: as in `Performer`.
         rest: name of JOINTS to (3,) in a standing rest pose; empty if there is none.
         rotations: name of JOINTS to (T, 3, 3) R_FJ, the identity in the rest pose
             where there is one.
@@ -69,21 +75,13 @@ class Recording:
             take them along.
         pelvis_up: (T, 3) what is up in the pelvis; the neck from it by default.
         hands: hand to the vectors (T, 3) to its fingertips and to its thumb's side.
-        hands_obstacle: why there are none.
         unit: what the file states, a key of `options.UNITS`, or "".
         unit_fact: where the unit comes from, if the positions are in metres already.
         up: axis that the file states, or "".
-        bones, bones_called, turns, carriers, same, doubts, notes, facts: as in
-            `Performer`.
+        doubts, facts: as in `Performer`.
     """
 
-    name: str
-    format: str
-    frame_rate: float  # [Hz]
-    rate_source: str
     positions: Mapping[str, np.ndarray]
-    joints: Mapping[str, str]
-    guessed: frozenset[str] = frozenset()
     rest: Mapping[str, np.ndarray] = field(default_factory=dict)
     rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     body_axes: np.ndarray | None = None
@@ -91,17 +89,10 @@ class Recording:
     without_travel: bool = False
     pelvis_up: np.ndarray | None = None
     hands: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    hands_obstacle: str = ""
     unit: str = ""
     unit_fact: Fact | None = None
     up: str = ""
-    bones: int = 0
-    bones_called: str = "bones"
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
-    carriers: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    same: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     doubts: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
     facts: tuple[Fact, ...] = ()
 
 
@@ -158,33 +149,22 @@ def assemble(recording: Recording, options: MotionOptions) -> Performer:
     leg = leg_length(world)
     hips = (world["left_hip"] + world["right_hip"]) / 2.0
     drop = float(np.median(np.sum((world["pelvis"] - hips) * R_WP[:, :, 2], axis=1)))
+    known = {field.name: getattr(recording, field.name) for field in fields(Described)}
     return Performer(
-        name=name,
-        format=recording.format,
-        frame_rate=recording.frame_rate,
-        rate_source=recording.rate_source,
+        **known,
         positions=world,
         orientations=orientations,
         hands={
             hand: _frames(*(v @ R_WF.T for v in vectors))
             for hand, vectors in recording.hands.items()
         },
-        heading=_heading(R_WP),
+        heading=heading_of(R_WP),
         hip_height=drop + leg * (1.0 + ANKLE_SHARE / LEG_SHARE),
         height=leg / LEG_SHARE,
         up=frame.up,
         facing=frame.facing,
-        joints=recording.joints,
-        guessed=recording.guessed,
         facts=tuple(facts),
-        bones=recording.bones,
-        bones_called=recording.bones_called,
-        turns=recording.turns,
-        carriers=recording.carriers,
-        same=recording.same,
         doubts=tuple(doubts),
-        notes=recording.notes,
-        hands_obstacle=recording.hands_obstacle,
     )
 
 
@@ -283,7 +263,7 @@ def _orientations(
         axis=0,
     )
     k = int(np.argmax(upright))
-    c, s = np.cos(_heading(R_WP)[k]), np.sin(_heading(R_WP)[k])
+    c, s = np.cos(heading_of(R_WP)[k]), np.sin(heading_of(R_WP)[k])
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     orientations = {joint: R @ R[k].T @ yaw for joint, R in turned.items()}
     why = f"against frame {k + 1}, the most upright: the zero pose is not standing"
@@ -300,13 +280,3 @@ def _pelvis_frames(y: np.ndarray, z: np.ndarray) -> np.ndarray:
     z = z - np.sum(z * y, axis=1, keepdims=True) * y
     z = z / np.linalg.norm(z, axis=1, keepdims=True)
     return np.stack([np.cross(y, z), y, z], axis=2)
-
-
-def _heading(R_WP: np.ndarray) -> np.ndarray:
-    """(T,) the twist about the vertical, unwrapped [rad].
-
-    It is 2 atan2(q_z, q_w): defined for a performer who bends over by 90 degrees.
-    """
-    sine = R_WP[:, 1, 0] - R_WP[:, 0, 1]
-    cosine = R_WP[:, 0, 0] + R_WP[:, 1, 1]
-    return np.unwrap(np.arctan2(sine, cosine))

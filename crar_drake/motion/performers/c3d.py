@@ -31,9 +31,7 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
             f"motion {name}: joints of a {markers.format} come from its markers' "
             f"labels; leave --joints {options.joints} away"
         )
-    rate = options.frame_rate or markers.frame_rate
-    if not rate:
-        raise MotionError(f"motion {name}: the file says no rate: give --frame-rate HZ")
+    rate, rate_source = options.rate_of(name, markers.frame_rate)
     marker_set, subject, labels = choose_markers(markers.labels, name)
     column = {label: i for i, label in reversed(list(enumerate(markers.labels)))}
     seen = {
@@ -74,7 +72,7 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
             name=name,
             format=markers.format,
             frame_rate=rate,
-            rate_source="given" if options.frame_rate else "file",
+            rate_source=rate_source,
             positions=body.positions,
             joints=body.sources,
             guessed=frozenset({"head"} & set(body.positions)),

@@ -8,10 +8,16 @@ from types import MappingProxyType
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crar_drake.errors import MotionError
 from crar_drake.motion.formats.mvnx import Mvnx
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import SIDES, Fact, Performer, repeated, turning
+from crar_drake.motion.performer import (
+    SIDES,
+    Fact,
+    Performer,
+    hung_on,
+    repeated,
+    turning,
+)
 from crar_drake.motion.performers.assemble import Recording, assemble
 
 _LIMBS = {
@@ -59,15 +65,8 @@ def mvnx_performer(mvnx: Mvnx, name: str, options: MotionOptions) -> Performer:
         MotionError: a segment is missing, the file says no rate, or an option is given
             that it does not need.
     """
-    for option in ("unit", "up", "joints"):
-        if getattr(options, option):
-            raise MotionError(
-                f"{option}: motion {name} is an MVNX, which says that itself; leave "
-                f"{option} {getattr(options, option)} away"
-            )
-    rate = options.frame_rate or mvnx.frame_rate
-    if not rate:
-        raise MotionError(f"motion {name}: the file says no rate: give --frame-rate HZ")
+    options.refuse(("unit", "up", "joints"), f"motion {name} is an MVNX")
+    rate, rate_source = options.rate_of(name, mvnx.frame_rate)
     index = {label: i for i, label in enumerate(mvnx.segments)}
     found = {joint: s for joint, s in _SEGMENT_OF.items() if s in index}
     Q = mvnx.quaternions[:, :, [1, 2, 3, 0]]
@@ -87,7 +86,7 @@ def mvnx_performer(mvnx: Mvnx, name: str, options: MotionOptions) -> Performer:
             name=name,
             format="MVNX",
             frame_rate=rate,
-            rate_source="given" if options.frame_rate else "file",
+            rate_source=rate_source,
             positions={j: mvnx.positions[:, index[s]] for j, s in found.items()},
             joints={joint: f"{s}'s origin" for joint, s in found.items()},
             rotations={joint: R[:, index[s]] for joint, s in found.items()},
@@ -101,7 +100,7 @@ def mvnx_performer(mvnx: Mvnx, name: str, options: MotionOptions) -> Performer:
                 label: turning(_against(R, index.get(_PARENT.get(label)), i))
                 for label, i in index.items()
             },
-            carriers={joint: _moved_by(s) for joint, s in found.items()},
+            carriers={joint: hung_on(s, _PARENT) for joint, s in found.items()},
             same=repeated(Q.reshape(len(Q), -1)),
             notes=(f"other subjects in the file: {others}",) if mvnx.others else (),
         ),
@@ -114,12 +113,3 @@ def _against(R: np.ndarray, parent: int | None, index: int) -> np.ndarray:
     if parent is None:
         return R[:, index]
     return np.swapaxes(R[:, parent], 1, 2) @ R[:, index]
-
-
-def _moved_by(segment: str) -> frozenset[str]:
-    """Labels of the segments whose turns move one's origin."""
-    found = set()
-    while segment in _PARENT:
-        segment = _PARENT[segment]
-        found.add(segment)
-    return frozenset(found)

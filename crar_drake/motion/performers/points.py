@@ -44,9 +44,7 @@ def points_performer(
         MotionError: the points are of no known layout and have no names that say what
             they are, joints are missing, or there is no frame rate.
     """
-    rate = options.frame_rate or arrays.frame_rate
-    if not rate:
-        raise MotionError(f"motion {name}: the file says no rate: give --frame-rate HZ")
+    rate, rate_source = options.rate_of(name, arrays.frame_rate)
     if arrays.unit and arrays.unit not in UNITS:
         raise MotionError(
             f"motion {name}: its unit {arrays.unit!r} is not known: {', '.join(UNITS)}"
@@ -95,7 +93,7 @@ def points_performer(
             name=name,
             format="joint positions",
             frame_rate=rate,
-            rate_source="given" if options.frame_rate else "file",
+            rate_source=rate_source,
             positions=points,
             joints=labels,
             guessed=frozenset(guessed),

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.errors import MotionError
 from crar_drake.motion.formats.smpl import SmplMotion, read_smpl_offsets
 from crar_drake.motion.options import MotionOptions
-from crar_drake.motion.performer import JOINTS, Fact, Performer, repeated, turning
+from crar_drake.motion.performer import (
+    JOINTS,
+    Fact,
+    Performer,
+    hung_on,
+    repeated,
+    turning,
+)
 from crar_drake.motion.performers.assemble import Recording, assemble
 from crar_drake.motion.point_layouts import joints_of_layout
 from crar_drake.motion.smpl_skeleton import (
@@ -17,6 +23,8 @@ from crar_drake.motion.smpl_skeleton import (
     PARENTS,
     smpl_kinematics,
 )
+
+_PARENT = {NAMES[i]: NAMES[p] for i, p in enumerate(PARENTS) if p >= 0}
 
 
 def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Performer:
@@ -34,15 +42,9 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
     Raises:
         MotionError: the file says no rate, or an option is given that it does not need.
     """
-    for option in ("unit", "joints"):
-        if getattr(options, option):
-            raise MotionError(
-                f"{option}: motion {name} is of {motion.model}, which says that "
-                f"itself; leave {option} {getattr(options, option)} away"
-            )
-    rate = options.frame_rate or motion.frame_rate
-    if not rate:
-        raise MotionError(f"motion {name}: the file says no rate: give --frame-rate HZ")
+    options.refuse(("unit", "joints"), f"motion {name} is of {motion.model}")
+    rate, rate_source = options.rate_of(name, motion.frame_rate)
+    assumed = motion.rate_assumed and rate_source == "file"
     if options.skeleton:
         offsets = read_smpl_offsets(options.skeleton, motion.betas)
         lengths = Fact("lengths", "of the body's shape", "given", options.skeleton)
@@ -65,11 +67,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
             name=name,
             format=motion.model,
             frame_rate=rate,
-            rate_source=(
-                "given"
-                if options.frame_rate
-                else ("assumed" if motion.rate_assumed else "file")
-            ),
+            rate_source="assumed" if assumed else rate_source,
             positions={joint: p[:, i] for joint, i in index.items()},
             joints={joint: NAMES[i] for joint, i in index.items()},
             rotations={joint: R[:, i] for joint, i in index.items()},
@@ -80,7 +78,7 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
             bones=len(NAMES),
             bones_called="joints",
             turns={name: turning(local[:, i]) for i, name in enumerate(NAMES)},
-            carriers={joint: _moved_by(i) for joint, i in index.items()},
+            carriers={joint: hung_on(NAMES[i], _PARENT) for joint, i in index.items()},
             same=repeated(
                 np.hstack(
                     [motion.translations, motion.turns.reshape(len(motion.turns), -1)]
@@ -91,12 +89,3 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
         ),
         options,
     )
-
-
-def _moved_by(index: int) -> frozenset[str]:
-    """Names of the joints whose turns move one."""
-    found = []
-    while PARENTS[index] >= 0:
-        index = PARENTS[index]
-        found.append(NAMES[index])
-    return frozenset(found)

@@ -12,7 +12,6 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, as_completed
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
-from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.fresh_processes import given_or_fresh
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import task_layout
@@ -195,9 +194,7 @@ def run_plan(
         (s for s in plan.simulations if s.name not in done),
         key=lambda simulation: -simulation.duration,
     )
-    # An executor that was given is the caller's to close.
-    own = nullcontext(executor) if executor is not None else FreshProcesses(jobs)
-    with own as pool:
+    with given_or_fresh(executor, jobs) as pool:
         futures = {pool.submit(simulate, s, str(out)): s for s in waiting}
         for future in as_completed(futures):
             simulation = futures[future]

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crar_drake.errors import MotionError
-from crar_drake.motion import (
+from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
     Skeleton,

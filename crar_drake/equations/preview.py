@@ -289,7 +289,7 @@ def rows_ahead(
 def speed_rows(
     qdot: np.ndarray, plan: np.ndarray, fastest: float, preview: Preview
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(L12): rows as of `rows_ahead`, of joints that the last plan makes nearly too fast.
+    """(L12): rows as of `rows_ahead` of joints that the last plan makes near too fast.
 
         |q_dot + sum_{j <= i} length_j q_ddot_j| <= fastest
 

@@ -5,7 +5,7 @@
 Wrists of robots that nothing but a floor carries are asked for swings of up to 3 Hz and
 30 cm, with `balance` and without. The controller believes the model; the robot is as
 believed, or a tenth heavier or lighter, on a floor with less friction, or pushed at its
-trunk with 30 N for a fifth of a second, in each second another way. Each run is one of
+neck with 30 N for a fifth of a second, in each second another way. Each run is one of
 `crar-drake run`: a fall, and what touches or is beyond a limit, is found by its log.
 """
 
@@ -68,11 +68,10 @@ def scenario(
     elif condition.startswith("friction"):
         friction = 0.5
     elif condition == "pushed":
-        trunk = load_robot_description(robot).tracked["neck"].link
         for start in np.arange(1.0, seconds, 1.0):
             way = rng.uniform(0.0, 2.0 * np.pi)
             force = [float(30.0 * np.cos(way)), float(30.0 * np.sin(way)), 0.0]
-            disturbances.pushes.append(Push(trunk, force, float(start), 0.2))
+            disturbances.pushes.append(Push("neck", force, float(start), 0.2))
     parameters = CrarParameters(
         period=PERIOD,
         velocity_scale=0.9,

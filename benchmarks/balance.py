@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import ConvexHull
 
 from benchmarks.page import Benchmark, Table, run
@@ -47,6 +48,35 @@ HEADER = (
 )
 
 
+class Soles:
+    """The hull of all soles, each edge a margin farther inside, on one floor.
+
+    Attributes:
+        hull: its edges: (x, y, 1) . row is how far a point is outside [m].
+        floor: height [m].
+    """
+
+    def __init__(self, corners: Sequence[np.ndarray], margin: float) -> None:
+        """
+        Args:
+            corners: of each sole (V, 3) in W [m].
+            margin: [m].
+        """
+        self.hull = ConvexHull(np.concatenate(corners)[:, :2]).equations
+        self.hull[:, 2] += margin
+        self.floor = float(np.mean([sole[:, 2].mean() for sole in corners]))
+
+    def demand(
+        self, plant: MultibodyPlant, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How far (T,) centres of pressure are outside [m], infinite where there is
+        none, and (T,) the slope of the force; of a plant whose root floats."""
+        wrench = ground_wrench(plant, q, v, a)
+        centres = wrench.centres(self.floor)
+        outside = (centres @ self.hull[:, :2].T + self.hull[:, 2]).max(axis=1)
+        return np.where(np.isnan(outside), np.inf, outside), wrench.friction
+
+
 class Subject:
     """A robot that stands, its law, and Drake's own of it with a root that floats."""
 
@@ -64,11 +94,8 @@ class Subject:
         self.law.compile()
         margins = balance or BalanceParameters()
         corners = sole_corners(model, standing.soles)
-        # Of all soles, and inside it by the margin.
-        self.hull = ConvexHull(np.concatenate(corners)[:, :2]).equations
-        self.hull[:, 2] += margins.margin
+        self._soles = Soles(corners, margins.margin)
         self.friction = margins.friction
-        self.floor = float(np.mean([sole[:, 2].mean() for sole in corners]))
         self.referee = Referee(model.plant, model.scene_graph, standing.pairs)
         self._floating = floating = ControlModel.FromDescription(whole, tasks)
         self._rest = floating.rest_positions()
@@ -83,10 +110,7 @@ class Subject:
         whole[:, self._q_at] = q
         rates = np.zeros((2, len(q), self._floating.plant.num_velocities()))
         rates[0][:, self._v_at], rates[1][:, self._v_at] = v, a
-        wrench = ground_wrench(self._floating.plant, whole, *rates)
-        centres = wrench.centres(self.floor)
-        outside = (centres @ self.hull[:, :2].T + self.hull[:, 2]).max(axis=1)
-        return np.where(np.isnan(outside), np.inf, outside), wrench.friction
+        return self._soles.demand(self._floating.plant, whole, *rates)
 
 
 def swings(

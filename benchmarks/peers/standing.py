@@ -23,9 +23,8 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.multibody.tree import MultibodyForces
-from scipy.spatial import ConvexHull
 
-from benchmarks.balance import INSTANTS, PERIOD, TRACKED, swings
+from benchmarks.balance import INSTANTS, PERIOD, TRACKED, Soles, swings
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.peers import robot_files
 from benchmarks.peers.compare import (
@@ -42,7 +41,6 @@ from crar_drake.control.parameters import BalanceParameters
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.judging.referee import Referee
-from crar_drake.references.ground_demand import ground_wrench
 from crar_drake.robot.description import (
     GROUND,
     LIMIT_TOLERANCE,
@@ -196,10 +194,8 @@ class Judge:
         self.standing = ControlModel.FromDescription(standing, tasks, time_step=0.0)
         self.model = model = ControlModel.FromDescription(whole, tasks)
         corners = sole_corners(self.standing, standing.soles)
-        self.hull = ConvexHull(np.concatenate(corners)[:, :2]).equations
-        self.hull[:, 2] += margins.margin
         self.margins = margins
-        self.floor = float(np.mean([sole[:, 2].mean() for sole in corners]))
+        self.ground = Soles(corners, margins.margin)
         self._pairs = [pair for pair in whole.pairs if GROUND not in pair]
         self._referee = Referee(model.plant, model.scene_graph, self._pairs)
         self.joints = list(self.standing.position_names)
@@ -276,10 +272,7 @@ class Judge:
         plant = self.model.plant
         rates = np.zeros((2, len(q), plant.num_velocities()))
         rates[0][:, self._v_at], rates[1][:, self._v_at] = v, a
-        wrench = ground_wrench(plant, self._whole(q), *rates)
-        centres = wrench.centres(self.floor)
-        outside = (centres @ self.hull[:, :2].T + self.hull[:, 2]).max(axis=1)
-        return np.where(np.isnan(outside), np.inf, outside), wrench.friction
+        return self.ground.demand(plant, self._whole(q), *rates)
 
     def too_weak(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(T,) whether a joint above the legs takes more torque than its motor has."""

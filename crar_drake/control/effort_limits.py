@@ -8,7 +8,7 @@ admits them again.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import compress, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -270,10 +270,11 @@ class EffortLimits:
         if not self._slower:
             return self._with(self._braking, *args)
         every = (self._braking, *self._slower)
-        brakes = [self._brakes(braking, measured, nominal) for braking in every]
         found, best = None, (False, -np.inf, -np.inf)
         for possible in (True, False):
-            for braking in compress(every, [each == possible for each in brakes]):
+            for braking in every:
+                if self._brakes(braking, measured, nominal) != possible:
+                    continue
                 other = self._with(braking, *args)
                 rank = self._rank(braking, measured, nominal, other)
                 if rank > best and (

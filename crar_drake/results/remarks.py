@@ -63,8 +63,17 @@ def remarks(
         *_of_implausible_states(implausible),
         *([clipped] if clipped else []),
         *_of_torque(joints),
-        *_of_limited_torque(torque_limited),
-        *_of_balance(for_balance),
+        *_held_back(
+            torque_limited,
+            "torque limits hold",
+            "it is too weak for this motion at this speed, or lookahead.horizon too "
+            "short",
+        ),
+        *_held_back(
+            for_balance,
+            "balance holds",
+            "on its feet it cannot follow this motion at this speed",
+        ),
         *_of_joints_at_limits(joints),
         *_of_the_floor(lowest),
         *_of_limbs(limb_directions),
@@ -100,22 +109,10 @@ def _of_torque(joints: ControlledJoints) -> list[str]:
     return _first(found)
 
 
-def _of_limited_torque(share: float) -> list[str]:
+def _held_back(share: float, what: str, why: str) -> list[str]:
     if share <= MOST_LIMITED:
         return []
-    return [
-        f"torque limits hold the robot back in {100 * share:.0f} % of the samples: it "
-        "is too weak for this motion at this speed, or lookahead.horizon too short"
-    ]
-
-
-def _of_balance(share: float) -> list[str]:
-    if share <= MOST_LIMITED:
-        return []
-    return [
-        f"balance holds the robot back in {100 * share:.0f} % of the samples: on its "
-        "feet it cannot follow this motion at this speed"
-    ]
+    return [f"{what} the robot back in {100 * share:.0f} % of the samples: {why}"]
 
 
 def _of_joints_at_limits(joints: ControlledJoints) -> list[str]:

@@ -364,7 +364,8 @@ def summarize(
         stance=stance,
     )
     # Where balance had its say afterwards, motors alone are not the reason.
-    limited = (log.torque_limit[:, 0] < 1.0) & ~_for_balance(log)
+    for_balance = _for_balance(log)
+    limited = (log.torque_limit[:, 0] < 1.0) & ~for_balance
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]
     found = remarks(
         joints,
@@ -373,7 +374,7 @@ def summarize(
         lowest,
         implausible,
         clipped_line(log),
-        float(_for_balance(log).mean()),
+        float(for_balance.mean()),
     )
     return replace(summary, remarks=found)
 

@@ -157,7 +157,7 @@ def test_a_robot_at_rest_is_judged_at_rest(judge, folder):
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, judge.model.rest_positions())
     com = plant.CalcCenterOfMassPositionInWorld(context)[:2]
-    expected = (judge.hull[:, :2] @ com + judge.hull[:, 2]).max()
+    expected = (judge.ground.hull[:, :2] @ com + judge.ground.hull[:, 2]).max()
     assert figures.farthest == pytest.approx(expected, abs=1e-9)
 
 
@@ -173,7 +173,7 @@ def test_a_push_sideways_is_seen_as_friction_and_outside(judge, folder):
     plant.SetPositions(context, judge.model.rest_positions())
     com = plant.CalcCenterOfMassPositionInWorld(context)
     at = com[:2] - [com[2] * 1.0 / 9.81, 0.0]
-    expected = (judge.hull[:, :2] @ at + judge.hull[:, 2]).max()
+    expected = (judge.ground.hull[:, :2] @ at + judge.ground.hull[:, 2]).max()
     outside, slope = judge.demand(judge.rest[None], np.zeros((1, len(a))), a[None])
     assert slope[0] == pytest.approx(1.0 / 9.81, rel=1e-3)
     assert outside[0] == pytest.approx(expected, abs=1e-4)

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +38,11 @@ LEFT_HAND = (
 INTO_THE_BODY = """
 (({targets, offsets}) => {
     const goals = [[0.0, -0.05, 0.8], [0.0, 0.05, 0.8]];
-    goals.forEach((goal, task) => fetch("do", {
+    return Promise.all(goals.map((goal, task) => fetch("do", {
         method: "POST", headers: {"Content-Type": "application/json"},
         body: JSON.stringify({do: "offset", task, value:
             goal.map((x, i) => x - targets[task][i] + offsets[task][i])}),
-    }));
+    }))).then(() => true);
 })(crar.state.frame)
 """
 
@@ -117,9 +118,12 @@ def test_a_session_in_a_browser(tmp_path):
             browser.wait_for(f"Math.abs({FRAME}.speed - 2) < 0.05")
             press(browser, "pause")
             browser.wait_for(f"!{FRAME}.paused")
-            # Where the targets are is as old as the frame, and they move: asked again.
-            into_the_body = INTO_THE_BODY.strip().removesuffix(";")
-            browser.wait_for(f"({into_the_body}, {FRAME}.smallest < 0.05)")
+            # Where the targets are is as old as the frame, and they move: asked again,
+            # once that was answered.
+            deadline = time.monotonic() + WAIT
+            while not frame(browser)["smallest"] < 0.05:
+                assert time.monotonic() < deadline, frame(browser)
+                assert browser.evaluate(INTO_THE_BODY)
             # The gains are other ones, and the mode is changed, where it is near.
             browser.evaluate(
                 "(input => { input.value = Math.log(20); input.dispatchEvent("

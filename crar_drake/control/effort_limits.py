@@ -45,7 +45,7 @@ _SURE = 0.9
 
 # So much left of the nominal accelerations is as good as all: no other horizon is
 # tried [1].
-_ENOUGH = 0.95
+_ENOUGH = 0.99
 
 _NO_INERTIA = np.zeros((0, 0))
 
@@ -179,6 +179,26 @@ class EffortLimits:
         )
         if found.reported:
             solution.of_mode = {**solution.of_mode, **found.reported}
+
+    def rows(self, workspace: Workspace) -> np.ndarray:
+        """What accelerations take of the motors that have a limit.
+
+        Args:
+            workspace: at the state of the control step.
+
+        Returns:
+            (k, nv + 2) A, b and limit of each, by which |A q_ddot + b| is to be at most
+            the limit, with accelerations in the robot's order.
+        """
+        model = self._model
+        weak = np.flatnonzero(np.isfinite(self.limits))
+        rows = np.zeros((len(weak), len(model.order) + 2))
+        if len(weak):
+            A = model.effort_per_acceleration(workspace)
+            rows[:, :-2] = A[weak][:, model.order]
+            rows[:, -2] = model.inverse_dynamics(workspace, np.zeros(A.shape[1]))[weak]
+            rows[:, -1] = self.limits[weak]
+        return rows
 
     def within(self, workspace: Workspace, vdot: np.ndarray) -> bool:
         """Whether accelerations (nv,) take no more than the limits, at the workspace's
@@ -415,6 +435,8 @@ class EffortLimits:
             # Whose rows have yet to be looked at; but what the guard makes of them may
             # be beyond the limits.
             vdot, reported = braking.mode.admit_again(measured, vdot, True)
+            if not braking.mode.may_brake(measured, reported):
+                return slowed._replace(reported=reported)
             tau = model.inverse_dynamics(workspace, vdot)
             if np.any(np.abs(tau) > (1.0 + NO_EXCESS) * limits) or not self._may_go_on(
                 braking, measured, nominal, vdot, tau

@@ -86,6 +86,7 @@ def lookahead_step(
     robot: Held,
     mode: Held,
     before: LookaheadMemory,
+    efforts: np.ndarray,
 ) -> tuple[np.ndarray, ...]:
     """(L3)-(L13) in their order: one control step of the mode.
 
@@ -96,6 +97,7 @@ def lookahead_step(
         mode: holds `LookaheadNumbers`.
         before: of the step before; at the first, with q_dot itself and zeros, so that
             nothing slipped, and infinite margins.
+        efforts: (k, nv + 2) of `preview.effort_rows`.
 
     Returns:
         (nv,) accelerations in the plant's order; (m,) Eq. (11) against the targets as
@@ -134,7 +136,9 @@ def lookahead_step(
     normal = damped_gram(references.J, gains)
     preview, plan = numbers.preview.value, before.plan
     if len(preview.times):
-        plan = preview_plan(state, references, targets.posture, before.plan, r, numbers)
+        plan = preview_plan(
+            state, references, targets.posture, before.plan, efforts, r, numbers
+        )
         s_0, qdot_c, W = previewed_velocity(plan, qdot, gains, preview)
     else:
         weighed_rows = constraints
@@ -278,6 +282,11 @@ def guard_acceleration(
     state = find_state(measured, r)
     v, qdot = state.v, state.v[:n]
     s = resting_velocity(v, vdot[r.order], T)
+    present = examine_present(
+        state.q, v, s, state.d, r, numbers.reaches, numbers.admission
+    )
+    if not present.held:
+        return vdot, np.array([SCALED, 0.0, present.low.min(), 0.0])
     h = pair_margins(state.d, state.dd_dv, v, T)
     to_limits = limit_margins(state.q[:n] + T * qdot, limits)
     constraints = find_constraints(
@@ -318,6 +327,7 @@ def lookahead_or_scaled(
     v_before: np.ndarray,
     vdot_before: np.ndarray,
     kept: np.ndarray,
+    efforts: np.ndarray,
     accelerations: np.ndarray,
     guarded: bool,
     law: Held,
@@ -334,6 +344,8 @@ def lookahead_or_scaled(
         v_before, vdot_before: (nv,), (nv,) velocities one period ago, and what was
             commanded then, in the plant's order.
         kept: (n + 2 Nr + nl + N n,) slip, margins and plan of `LookaheadMemory`.
+        efforts: (k, nv + 2) of `preview.effort_rows`; any where there are
+            accelerations.
         accelerations: (nv,) that are to be scaled or guarded; (0,) for a step.
         guarded: which of the two.
         law: holds `LookaheadLaw`.
@@ -363,5 +375,6 @@ def lookahead_or_scaled(
                 kept[n : len(kept) - planned],
                 kept[len(kept) - planned :],
             ),
+            efforts,
         )
     )

@@ -51,6 +51,11 @@ _NEAR = 0.1
 _NEAR_LIMIT = 0.3
 # Joints that are slower than this share of the fastest at an instant have no row [1].
 _NEAR_SPEED = 0.7
+# Motors of which less than this share of their limit is asked have no row [1].
+_NEAR_EFFORT = 0.6
+# What a whole limit counts [m], and the share that plans use [1].
+_EFFORT = 1.0
+_SPARE_EFFORT = 0.97
 
 
 class Preview(NamedTuple):
@@ -318,6 +323,44 @@ def speed_rows(
 
 
 @compiled
+def effort_rows(
+    efforts: np.ndarray, qddot_p: np.ndarray, plan: np.ndarray, preview: Preview
+) -> tuple[np.ndarray, np.ndarray]:
+    """(L12): rows as of `rows_ahead` of motors of which the last plan asks for much.
+
+        |A q_ddot_i + b| <= limit,
+
+    with inertia and bias as they are now, of the limit's share, times `_EFFORT`.
+
+    Args:
+        efforts: (k, nv + 2) of each motor: A, in the robot's order, b, and the limit.
+        qddot_p: (n_p,) of the prescribed joints.
+        plan: (N, n) the last one.
+        preview: of the law.
+    """
+    N, n = plan.shape
+    rows, least = np.zeros((N * len(efforts), N * n)), np.empty(N * len(efforts))
+    found = 0
+    nv = n + len(qddot_p)
+    for m in range(len(efforts)):
+        limit = efforts[m, nv + 1]
+        given = efforts[m, nv]
+        for k in range(len(qddot_p)):
+            given += efforts[m, n + k] * qddot_p[k]
+        for i in range(N):
+            effort = given
+            for k in range(n):
+                effort += efforts[m, k] * plan[i, k]
+            if abs(effort) > _NEAR_EFFORT * limit:
+                less = -np.sign(effort) * _EFFORT / limit
+                for k in range(n):
+                    rows[found, i * n + k] = less * efforts[m, k]
+                least[found] = -_EFFORT * _SPARE_EFFORT - less * given
+                found += 1
+    return rows[:found], least[:found]
+
+
+@compiled
 def task_shares(e: np.ndarray, of_rows: np.ndarray, farthest: float) -> np.ndarray:
     """(L13): what rows count of tasks that are far off: (m,).
 
@@ -435,6 +478,7 @@ def preview_plan(
     references: References,
     posture: np.ndarray,
     before: np.ndarray,
+    efforts: np.ndarray,
     r: Robot,
     numbers: LookaheadNumbers,
 ) -> np.ndarray:
@@ -445,6 +489,7 @@ def preview_plan(
         references: what the tasks ask for.
         posture: (n,) nominal one, or (0,) [rad].
         before: (N n,) the plan of one period ago, or (0,).
+        efforts: (k, nv + 2) of `effort_rows`.
         r, numbers: of the robot and the mode.
     """
     preview, limits = numbers.preview.value, numbers.limits.value
@@ -454,6 +499,7 @@ def preview_plan(
     x = possible_motion(x, state.q[:n], limits, gains.nominal_speed_limit, preview)
     rows, least = rows_ahead(state, x, limits, gains, r, numbers.reaches, preview)
     slow, least_slow = speed_rows(state.v[:n], plan, gains.nominal_speed_limit, preview)
+    weak, least_weak = effort_rows(efforts, references.qddot_p, plan, preview)
     posture_error = np.zeros(n)
     if len(posture):
         posture_error = state.q[:n] - posture
@@ -464,8 +510,8 @@ def preview_plan(
         posture_error,
         state.v[:n],
         plan,
-        np.concatenate((rows, slow)),
-        np.concatenate((least, least_slow)),
+        np.concatenate((rows, slow, weak)),
+        np.concatenate((least, least_slow, least_weak)),
         preview,
     )
 

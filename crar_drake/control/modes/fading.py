@@ -76,7 +76,7 @@ class FadingMode(Mode):
             before = before._mode
         self._keeps_memory = type(before) is type(mode)
         self.diagnostics = mode.diagnostics
-        self.horizon = mode.horizon
+        self.horizon, self.plans = mode.horizon, mode.plans
         self.brakes_without_targets = mode.brakes_without_targets
         self.keeps_off_obstacles = mode.keeps_off_obstacles
         self.slower = mode.slower
@@ -101,6 +101,7 @@ class FadingMode(Mode):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
+        efforts: np.ndarray,
     ) -> Solution:
         fading = None if before is None else before.solution.kept
         begins = before is not None and not isinstance(fading, Fading)
@@ -109,7 +110,7 @@ class FadingMode(Mode):
             inner = before if self._keeps_memory else None
         elif before is not None:
             inner = _with_kept(before, fading.inner)
-        solution = self._mode.resolve(workspace, measured, targets, inner)
+        solution = self._mode.resolve(workspace, measured, targets, inner, efforts)
         vdot, controlled = solution.acceleration, self._model.controlled
         if before is None:
             fading = Fading(None, None, 0)

@@ -44,6 +44,7 @@ from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.workspace import Workspace
 
 _NOT_GIVEN = np.zeros(0)
+_NO_EFFORTS = np.zeros((0, 0))
 _NO_TARGETS = Targets(_NOT_GIVEN, _NOT_GIVEN, _NOT_GIVEN)
 
 # A longer horizon is at most so many times the next shorter one. With 2.6, a torso can
@@ -155,6 +156,7 @@ class LookaheadMode(Mode):
             ahead.null_space_damping,
         )
         planned = n * len(preview.times)
+        self.plans = planned > 0
         self._kept_first = np.concatenate(
             (np.zeros(n), np.full(num_rows, np.inf), np.zeros(planned))
         )
@@ -269,6 +271,7 @@ class LookaheadMode(Mode):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
+        efforts: np.ndarray,
     ) -> Solution:
         if before is None:
             last = (measured.v, self._still, self._kept_first)
@@ -276,7 +279,7 @@ class LookaheadMode(Mode):
             solution = before.solution
             last = (before.v, solution.acceleration, solution.kept)
         found = lookahead_or_scaled(
-            *hand_over(measured, targets), *last, _NOT_GIVEN, False, self._law
+            *hand_over(measured, targets), *last, efforts, _NOT_GIVEN, False, self._law
         )
         vdot, error, W, qdot_c, kept, margins, admission = map(
             found.__getitem__, self._parts
@@ -309,7 +312,12 @@ class LookaheadMode(Mode):
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         last = (measured.v, self._still, self._kept_first)
         found = lookahead_or_scaled(
-            *hand_over(measured, _NO_TARGETS), *last, vdot, guarded, self._law
+            *hand_over(measured, _NO_TARGETS),
+            *last,
+            _NO_EFFORTS,
+            vdot,
+            guarded,
+            self._law,
         )
         return found[: len(vdot)], {"admission": self._reported(found[len(vdot) :])}
 

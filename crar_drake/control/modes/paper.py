@@ -58,6 +58,7 @@ class PaperMode(Mode):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
+        efforts: np.ndarray,
     ) -> Solution:
         model = self._model
         found = paper_control(

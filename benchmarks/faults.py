@@ -42,12 +42,14 @@ class Fault:
         assumption: that it breaks.
         disturbances: it.
         period: of the controller [s]; None for the one of the whole table.
+        latency: that the controller is told of [s].
     """
 
     name: str
     assumption: str
     disturbances: Disturbances = field(default_factory=Disturbances)
     period: float | None = None
+    latency: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,17 @@ def make_faults(moment: Moment) -> list[Fault]:
         )
         for period in (1e-3, 5e-3)
         for delay, late in enumerate(("one period", "two periods", "three periods"), 1)
+    ]
+    faults += [
+        Fault(
+            f"state {1e3 * delay * PERIOD:g} ms late, told{and_masses}",
+            f"{state}{', exact model' if scale != 1.0 else ''}",
+            Disturbances(scale, delay_periods=delay),
+            PERIOD,
+            delay * PERIOD,
+        )
+        for delay in (3, 6)
+        for scale, and_masses in ((1.0, ""), (1.2, ", masses +20%"))
     ]
     up = np.array([0.0, 0.0, 1.0])
     sideways = np.cross(moment.towards, up)
@@ -261,6 +274,7 @@ def under(scenario: Scenario, fault: Fault, remedy: Remedy = DEFAULTS) -> Scenar
     controller = replace(
         scenario.controller,
         period=remedy.period or fault.period or scenario.controller.period,
+        latency=fault.latency,
         lookahead=replace(scenario.controller.lookahead, **remedy.settings),
     )
     return replace(scenario, controller=controller, disturbances=fault.disturbances)

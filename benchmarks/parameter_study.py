@@ -82,7 +82,7 @@ def variations() -> dict[str, CrarParameters]:
         "the same, no longer way to brake": seen(longest_horizon=0.012),
         "the same, λ = 0.1 in what is free": seen(null_space_damping=0.1),
         "the same, GvN = 60/s": replace(seen(), GvN=60.0),
-        "the same, nominal posture 30/s²": replace(seen(), nominal_posture_gain=30.0),
+        "the same, of limits 15/s": seen(limit_approach_rate=15.0),
         "the same, nominal speed limit 16 rad/s": seen(nominal_speed_limit=16.0),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),

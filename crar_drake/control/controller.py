@@ -417,7 +417,7 @@ class CrarController(LeafSystem):
         targets = Targets(
             self._EvalPort(self._tasks_port, context),
             self._EvalPort(self._prescribed_port, context),
-            self._EvalPosture(context, q),
+            self._EvalPosture(context),
         )
         obstacles = self._obstacles.Eval(context)
         solve.memory = self.law.solve(
@@ -442,11 +442,11 @@ class CrarController(LeafSystem):
                 f"input port {port.get_name()} of {self.get_name()} is not connected"
             ) from error
 
-    def _EvalPosture(self, context: Context, q: np.ndarray) -> np.ndarray:
+    def _EvalPosture(self, context: Context) -> np.ndarray:
         port = self._posture_port
-        if port is None or port.HasValue(context):
-            return self._EvalPort(port, context)
-        return self.law.default_posture(q)
+        if port is None or not port.HasValue(context):
+            return _NOTHING
+        return port.Eval(context)
 
     def _GetHeld(self, context: Context) -> Memory:
         return context.get_abstract_state(self._held_index).get_value()

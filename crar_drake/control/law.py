@@ -9,6 +9,8 @@ goes on: `ControlLaw.hold`, or `ControlLaw.torque` in a user's own loop.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -36,6 +38,7 @@ from crar_drake.equations.free_joints import has_orientation
 from crar_drake.equations.governor import govern_tasks, start_governor
 from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.lookahead_rows import resting_configuration
+from crar_drake.equations.prediction import state_ahead
 from crar_drake.equations.references import (
     BlendStart,
     Targets,
@@ -49,6 +52,8 @@ from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
 _NO_ROWS = np.zeros((0, 0))
+# Of a period: so little more is none.
+_ROUNDING = 1e-9
 _STATUS = {
     status: np.array([status])
     for status in (
@@ -90,6 +95,12 @@ class ControlLaw:
         self._blend_time = float(gains.blend_time)
         self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
+        self._latency = float(gains.latency)
+        self._plant_step = float(model.plant.time_step())
+        self._torque_period = float(gains.torque_period_for(self._plant_step))
+        # The oldest commands whose effect a late state does not show yet.
+        late = self._latency / self._period * (1.0 - _ROUNDING)
+        self._num_sent = math.ceil(late) + 1 if late else 0
         self._rest = model.rest_positions()
         at = model.controlled_positions[: model.n]
         self._rest_posture = self._rest[at]
@@ -150,9 +161,7 @@ class ControlLaw:
         model = self.model
         q = self._rest
         v = np.zeros(model.plant.num_velocities())
-        targets = Targets(
-            model.tasks_at(q), model.prescribed_at(q), self.default_posture(q)
-        )
+        targets = Targets(model.tasks_at(q), model.prescribed_at(q), _NOTHING)
         workspace = model.MakeWorkspace()
         memory = self.solve(workspace, Memory(), 0, 0.0, q, v, targets)
         if self._efforts.finite:
@@ -220,12 +229,11 @@ class ControlLaw:
             ("q", q, model.plant.num_positions()),
             ("v", v, model.plant.num_velocities()),
         )
-        if nominal_posture is None:
-            nominal_posture = self.default_posture(q)
+        given = self._with_posture and nominal_posture is not None
         targets = _of_sizes(
             ("tasks", tasks, model.layout.size),
             ("prescribed", prescribed, model.prescribed_size),
-            ("nominal_posture", nominal_posture, model.n * self._with_posture),
+            ("nominal_posture", nominal_posture, model.n * given),
         )
         tick = memory.tick + 1
         time = tick * self.parameters.period
@@ -264,7 +272,9 @@ class ControlLaw:
         check_finite("v", v, time)
         if self.model.num_free:
             self._check_orientation("q", q, time)
-        return self.hold(self._workspace, self._memory, 1, q, v).solution.actuation
+        tick = self._memory.torque_tick + 1
+        self._memory = self.hold(self._workspace, self._memory, tick, q, v)
+        return self._memory.solution.actuation
 
     def solve(
         self,
@@ -285,7 +295,8 @@ class ControlLaw:
             tick: number of this control step.
             time: of this step [s].
             q, v: (nq,), (nv,) state of the whole plant.
-            targets: what to do; where blending begins is the law's to say.
+            targets: what to do; without a nominal posture (0,) it is the default one.
+                Where blending begins is the law's to say.
             obstacles: that move by themselves, where they are now; they replace all
                 before. Where none are given, those before may be anywhere that their
                 speeds let them be since. Constraints "lookahead" alone keep off them.
@@ -304,6 +315,9 @@ class ControlLaw:
         if model.num_free:
             self._check_orientation("the measured position of the root", q, time)
         before = memory if tick == memory.tick + 1 else Memory()
+        q, v = self._predict(before.sent, self._period, q, v)
+        if not len(targets.posture):
+            targets = targets._replace(posture=self.default_posture(q))
         believed = v
         if mode.brakes_without_targets:
             believed = self._plausible.believed(v, before.v)
@@ -313,9 +327,11 @@ class ControlLaw:
         if mode.keeps_off_obstacles and not none:
             regions = self.among.regions(before, obstacles, q, believed)
         if believed is not v or not self._came(before, q, v):
-            return self._brake(workspace, tick, measured, regions, STATUS_IMPLAUSIBLE)
+            return self._brake(
+                workspace, before, tick, measured, regions, STATUS_IMPLAUSIBLE
+            )
         if not self._usable(targets, time):
-            return self._brake(workspace, tick, measured, regions)
+            return self._brake(workspace, before, tick, measured, regions)
         start_time, start = memory.start_time, memory.start
         if start is None:
             start_time, start = time, self._start(measured)
@@ -345,7 +361,7 @@ class ControlLaw:
                     "solver; are positions, velocities or targets beyond all sense?"
                 )
             if mode.brakes_without_targets:
-                return self._brake(workspace, tick, measured, regions)
+                return self._brake(workspace, before, tick, measured, regions)
             raise _no_orientation("desired_tasks", time)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
         regions = self._complete(solution, workspace, measured, status, regions)
@@ -359,6 +375,7 @@ class ControlLaw:
             start=start,
             governed=governed,
             regions=regions,
+            sent=self._sent(before, solution),
         )
 
     def _usable(self, targets: Targets, time: float) -> bool:
@@ -411,6 +428,7 @@ class ControlLaw:
             q, v: (nq,), (nv,) state of the whole plant.
         """
         model, held = self.model, memory.solution
+        q, v = self._predict(memory.sent, torque_tick * self._torque_period, q, v)
         if self.mode.brakes_without_targets and memory.q is not None:
             v = self._plausible.believed(v, memory.v)
         model.plant.SetPositionsAndVelocities(
@@ -429,6 +447,35 @@ class ControlLaw:
             root_force=root_force,
         )
         return memory.at_torque_tick(torque_tick, solution)
+
+    def _predict(
+        self, sent: Sequence[np.ndarray], held: float, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The state now, if q, v was that a latency ago and the robot did as told.
+
+        Args:
+            sent: accelerations (nv,) that were commanded, the newest first.
+            held: for how long the newest has been so [s].
+            q, v: (nq,), (nv,) as measured.
+        """
+        model, left, since = self.model, self._latency, []
+        for vdot in sent:
+            if left <= _ROUNDING * self._period:
+                break
+            time = min(held, left)
+            since.append((vdot, time))
+            left, held = left - time, self._period
+        for vdot, time in reversed(since):
+            x = state_ahead(
+                q, v, vdot, time, self._plant_step, model.positions, model.order,
+                model.turn,
+            )  # fmt: skip
+            q, v = x[: len(q)], x[len(q) :]
+        return q, v
+
+    def _sent(self, before: Memory, solution: Solution) -> tuple[np.ndarray, ...]:
+        """`Memory.sent` after a step with this solution."""
+        return (solution.acceleration, *before.sent)[: self._num_sent]
 
     def _govern(
         self, before: np.ndarray | None, measured: Measured, tasks: np.ndarray
@@ -464,6 +511,7 @@ class ControlLaw:
     def _brake(
         self,
         workspace: Workspace,
+        before: Memory,
         tick: int,
         measured: Measured,
         regions: Regions | None,
@@ -481,7 +529,12 @@ class ControlLaw:
         regions = self._complete(solution, workspace, measured, status, regions)
         after = measured.v + self._period * solution.acceleration
         return Memory(
-            tick, solution=solution, q=measured.q[0], v=after, regions=regions
+            tick,
+            solution=solution,
+            q=measured.q[0],
+            v=after,
+            regions=regions,
+            sent=self._sent(before, solution),
         )
 
     def _complete(

@@ -107,6 +107,9 @@ class CrarParameters:
             discrete plant's time step. By default the longest such that is not longer
             than 1 ms, or than the plant's step if that is longer. As long as the
             control period, it is the torque that is held.
+        latency: from a state of the robot until a command that answers it acts on the
+            robot [s]; the law predicts the state then, by what it has commanded since.
+            By default 0.
         K: velocity-level task gain, Eq. (15) [1/s].
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
@@ -153,6 +156,7 @@ class CrarParameters:
     constraints: str = "lookahead"
     period: float = 1e-3  # [s]
     torque_period: float | None = None  # [s]
+    latency: float = 0.0  # [s]
     K: float = 30.0  # [1/s]
     Kp: float = 300.0  # [1/s^2]
     Kv: float | None = None  # [1/s]
@@ -189,7 +193,12 @@ class CrarParameters:
         check_numbers(
             "controller",
             self,
-            may_be_zero={"nominal_posture_gain", "blend_time", "limit_share"},
+            may_be_zero={
+                "nominal_posture_gain",
+                "blend_time",
+                "limit_share",
+                "latency",
+            },
             may_be_infinite={"velocity_scale"},
         )
         for joint, limit in self.velocity_limits.items():

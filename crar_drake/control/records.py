@@ -113,6 +113,8 @@ class Memory:
         governed: (layout.size,) the targets as they were governed; None without a
             governor, and where the targets were lost.
         regions: the `control.obstacles.Regions` of the next step; None without any.
+        sent: accelerations (nv,) that were commanded, the newest first; as many as
+            `CrarParameters.latency` needs.
     """
 
     tick: int = -1
@@ -125,6 +127,7 @@ class Memory:
     start: BlendStart | None = None
     governed: np.ndarray | None = None
     regions: Any = None
+    sent: tuple[np.ndarray, ...] = ()
 
     def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:
         """The same control step with the torque of a later torque tick."""
@@ -140,6 +143,7 @@ class Memory:
             self.start,
             self.governed,
             self.regions,
+            self.sent,
         )
 
     def __deepcopy__(self, memo: dict) -> Memory:

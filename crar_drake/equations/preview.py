@@ -54,7 +54,7 @@ _NEAR_SPEED = 0.7
 # Motors of which less than this share of their limit is asked have no row [1].
 _NEAR_EFFORT = 0.6
 # What a whole limit counts [m], and the share that plans use [1].
-_EFFORT = 1.0
+_EFFORT = 0.03
 _SPARE_EFFORT = 0.97
 
 

@@ -92,7 +92,7 @@ class Targets(NamedTuple):
 
     tasks: np.ndarray  # (layout.size,) [x_d; v_d; a_d] as given, see `TaskLayout`
     prescribed: np.ndarray  # (nq_p + 2 n_p,) desired [q_p; q_dot_p; q_ddot_p]
-    posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if off
+    posture: np.ndarray  # (n,) that the null space is drawn to; (0,) if not given
     start: BlendStart = _NOWHERE  # where blending began, and how far it is:
     blend: tuple[float, float, float] = (1.0, 0.0, 0.0)  # of `blending.smooth_step`
 

@@ -12,6 +12,7 @@ from crar_drake.control.parameters import CrarParameters, LookaheadParameters
 from crar_drake.equations.kinematics import Measured, find_state
 from crar_drake.equations.lookahead_rows import LookaheadGains, with_resting
 from crar_drake.equations.preview import (
+    effort_rows,
     expected_motion,
     make_preview,
     plan_accelerations,
@@ -447,3 +448,36 @@ def test_a_joint_that_would_be_too_fast_slows_no_other_down():
     np.testing.assert_allclose(plan[:, 1], free[:, 1], atol=1e-6)
     still = speed_rows(np.zeros(2), np.zeros((N, 2)), fastest, PREVIEW)
     assert len(still[0]) == len(still[1]) == 0
+
+
+def test_a_plan_asks_no_more_of_a_motor_than_it_has():
+    """Two motors that each move both joints, a prescribed joint that loads them: the
+    one that is too weak gives all that it has, at each part of the plan."""
+    found = references(np.random.default_rng(0), 2, 2, 1.0)._replace(
+        J=np.eye(2), e=np.array([0.5, -0.2]), e_dot=np.zeros(2), a_ff=np.zeros(2)
+    )
+    A = np.array([[2.0, 0.3, 0.5], [0.3, 1.0, 0.0]])  # the last column: prescribed
+    bias, limits, given = (
+        np.array([3.0, -1.0]),
+        np.array([20.0, 400.0]),
+        np.array([2.0]),
+    )
+    motors = np.column_stack([A, bias, limits]).copy()
+
+    def planned(plan, rows, least):
+        of_rows, posture = np.arange(2), np.zeros(2)
+        return plan_accelerations(
+            found, of_rows, 1e-6, posture, np.zeros(2), plan, rows, least, PREVIEW
+        ).reshape(N, 2)
+
+    def efforts(plan):
+        return np.column_stack([plan, np.tile(given, (N, 1))]) @ A.T + bias
+
+    free = plan = planned(np.zeros((N, 2)), np.zeros((0, 2 * N)), np.zeros(0))
+    assert np.abs(efforts(free)[:, 0]).max() > 3.0 * limits[0]
+    for _ in range(8):  # the rows are of the last plan
+        plan = planned(plan, *effort_rows(motors, given, plan, PREVIEW))
+    asked = np.abs(efforts(plan)) / limits
+    assert 0.95 < asked[:, 0].max() < 1.0 and asked[:, 1].max() < 1.0
+    weak = effort_rows(motors, given, np.zeros((N, 2)), PREVIEW)
+    assert len(weak[0]) == len(weak[1]) == 0

@@ -28,6 +28,7 @@ from crar_drake.play.requests import LONGEST, Request, RequestError, parse
 # Requests that wait for the simulation, and pages that wait for a frame, at most.
 _MOST_WAITING, _MOST_PAGES = 256, 16
 _PATIENCE = 5.0  # with a browser that does not read or write [s]
+_LAST = 3.0  # for a page that is busy to ask for the last frame [s]
 _LOCAL = ("127.0.0.1", "localhost", "::1")
 
 _HEADERS = {
@@ -108,7 +109,7 @@ class PlayServer:
         """Lets the pages have the last frame, and gives the port free."""
         with self._changed:
             if time.monotonic() - self._asked < _PATIENCE:
-                self._changed.wait_for(lambda: self._handed >= self._number, 1.0)
+                self._changed.wait_for(lambda: self._handed >= self._number, _LAST)
             self._closed = True
             self._changed.notify_all()
             self._changed.wait_for(lambda: not self._pages, timeout=1.0)
@@ -133,7 +134,7 @@ class PlayServer:
     def _enter(self) -> bool:
         """Counts a page that looks on, if there is room for it."""
         with self._changed:
-            if self._closed or self._pages >= _MOST_PAGES:
+            if self._pages >= _MOST_PAGES:
                 return False
             self._pages += 1
             return True
@@ -214,7 +215,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _hand_frame(self, after: int) -> None:
         play = self.server.play
         if not play._enter():
-            self._refuse(503, f"{_MOST_PAGES} pages are open already, or it has ended")
+            self._refuse(503, f"{_MOST_PAGES} pages are open already")
             return
         handed = 0
         try:

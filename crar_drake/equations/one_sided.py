@@ -11,11 +11,14 @@ import numpy as np
 from crar_drake.equations.compilation import compiled
 from crar_drake.equations.vectors import (
     add_to,
+    backward,
     cholesky,
     cholesky_solve,
+    forward,
     gram,
     identity,
     largest,
+    put,
     select_rows,
     times,
     transposed_times,
@@ -127,8 +130,12 @@ def one_sided_nearest(
     """
     C = len(desired)
     active, push = np.zeros(C, dtype=np.bool_), np.zeros(C)
+    # rows rows^T, of the rows that were active ever.
+    products = np.empty((C, C))
+    known = np.zeros(C, dtype=np.bool_)
+    at_first = desired - times(rows, x_0)
     x = x_0
-    for _ in range(_PASSES):
+    for _ in range(_PASSES + 3 * C):
         lacks, worst, most = desired - times(rows, x) - push, -1, _LACK
         for j in range(C):
             if not active[j] and lacks[j] > most:
@@ -136,18 +143,19 @@ def one_sided_nearest(
         if worst < 0:
             return x
         active[worst] = True
+        if not known[worst]:
+            known[worst] = True
+            put(products[worst], 0, times(rows, rows[worst]))
         while True:
             A = np.flatnonzero(active)
-            some = select_rows(rows, A)
             normal = identity(len(A))
             for i in range(len(A)):
                 for j in range(i + 1):
-                    product = (some[i] * some[j]).sum()
+                    product = products[A[i], A[j]]
                     normal[i, j] += product
                     if i != j:
                         normal[j, i] += product
-            right = desired[A] - times(some, x_0)
-            pushes = cholesky_solve(cholesky(normal), right)
+            pushes = cholesky_solve(cholesky(normal), at_first[A])
             share, last = 1.0, -1
             for i in range(len(A)):
                 before = push[A[i]]
@@ -163,5 +171,25 @@ def one_sided_nearest(
             active[last], push[last] = False, 0.0
             if last == worst:
                 return x
-        x = x_0 + transposed_times(some, pushes)
+        x = x_0 + transposed_times(select_rows(rows, A), pushes)
     return x
+
+
+@compiled
+def one_sided_nearest_in(
+    root: np.ndarray, x_0: np.ndarray, rows: np.ndarray, desired: np.ndarray
+) -> np.ndarray:
+    """argmin |L^T (x - x_0)|^2 + sum max(0, desired_j - rows_j x)^2, (n,): what
+    `one_sided_minimum` finds of M = L L^T, in as many passes as rows hold in the end.
+
+    Args:
+        root: (n, n) L, lower triangular, of `vectors.cholesky`.
+        x_0: (n,) the minimum without rows.
+        rows, desired: (C, n), (C,).
+    """
+    if not (times(rows, x_0) < desired).any():
+        return x_0
+    L = np.tril(root)
+    stretched = np.ascontiguousarray(forward(L, np.ascontiguousarray(rows.T)).T)
+    y = one_sided_nearest(transposed_times(L, x_0), stretched, desired)
+    return backward(L, y)

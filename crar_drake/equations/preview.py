@@ -24,7 +24,7 @@ from crar_drake.equations.lookahead_rows import (
     limit_margins,
     resting_velocity,
 )
-from crar_drake.equations.one_sided import one_sided_minimum
+from crar_drake.equations.one_sided import one_sided_nearest_in
 from crar_drake.equations.placed_shapes import distances_at
 from crar_drake.equations.references import References
 from crar_drake.equations.vectors import (
@@ -465,11 +465,8 @@ def plan_accelerations(
     add_to_diagonal(M, np.repeat(efforts, n))
     root = np.sqrt(_ROW_WEIGHT)
     rows, least = root * rows, root * least
-    x = plan.reshape(-1)
-    if not (times(rows, x) < least).any():
-        x = cholesky_solve(cholesky(M), right)
-    found, _, _ = one_sided_minimum(M, right, rows, least, x)
-    return found
+    factor = cholesky(M)
+    return one_sided_nearest_in(factor, cholesky_solve(factor, right), rows, least)
 
 
 @compiled

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from crar_drake.equations.compilation import compiled
 
@@ -285,6 +285,41 @@ def _cholesky_solve_loops(L, b):
 def cholesky_solve(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     """x (n,) of L L^T x = b (n,), from the lower factor."""
     return dpotrs(L, b, lower=1)[0]
+
+
+def _forward_loops(L, B):
+    X = B.copy()
+    for i in range(len(L)):
+        row = X[i]
+        for k in range(i):
+            share, above = L[i, k], X[k]
+            if share != 0.0:
+                for c in range(len(row)):
+                    row[c] -= share * above[c]
+        for c in range(len(row)):
+            row[c] /= L[i, i]
+    return X
+
+
+@compiled(loops=_forward_loops)
+def forward(L: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """L^-1 B (n, m) of B (n, m), L lower triangular."""
+    return np.ascontiguousarray(dtrtrs(L, B, lower=1)[0])
+
+
+def _backward_loops(L, b):
+    x = b.copy()
+    for i in range(len(L) - 1, -1, -1):
+        x[i] /= L[i, i]
+        for k in range(i):
+            x[k] -= L[i, k] * x[i]
+    return x
+
+
+@compiled(loops=_backward_loops)
+def backward(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """L^-T b (n,) of b (n,), L lower triangular."""
+    return dtrtrs(L, b, lower=1, trans=1)[0]
 
 
 @compiled(loops=True)

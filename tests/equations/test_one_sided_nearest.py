@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_sided_least_squares import one_sided_least_squares
 
-from crar_drake.equations.one_sided import one_sided_nearest
+from crar_drake.equations.one_sided import one_sided_nearest, one_sided_nearest_in
+from crar_drake.equations.vectors import cholesky
 
 
 def value(x: np.ndarray, x_0: np.ndarray, rows: np.ndarray, wish: np.ndarray) -> float:
@@ -32,6 +33,23 @@ def test_no_other_point_is_better(seed, n, num_rows, parallel, stiff):
     expected, _ = one_sided_least_squares(np.eye(n), x_0, rows, wish)
     best = value(expected, x_0, rows, wish)
     assert value(x, x_0, rows, wish) <= best * (1.0 + 1e-9) + 1e-12
+
+
+@given(seed=st.integers(0, 2**31), n=st.integers(1, 20), num_rows=st.integers(0, 60))
+@settings(max_examples=100, deadline=None)
+def test_no_other_point_is_better_in_another_norm(seed, n, num_rows):
+    rng = np.random.default_rng(seed)
+    x_0, A = rng.normal(size=n), rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-3, 1, n)
+    M = A.T @ A + 1e-4 * np.eye(n)
+    rows, wish = rng.normal(size=(num_rows, n)), rng.normal(size=num_rows)
+    x = one_sided_nearest_in(cholesky(M), x_0, rows, wish)
+    up = np.linalg.cholesky(M).T
+    expected, _ = one_sided_least_squares(up, up @ x_0, rows, wish)
+
+    def cost(x: np.ndarray) -> float:
+        return (x - x_0) @ M @ (x - x_0) + (np.maximum(0.0, wish - rows @ x) ** 2).sum()
+
+    assert cost(x) <= cost(expected) * (1.0 + 1e-8) + 1e-10
 
 
 def test_by_hand():

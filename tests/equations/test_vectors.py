@@ -156,6 +156,14 @@ CASES = {
         [(lower_factor(n), normal(n, m)) for n, m in ((1, 1), (2, 5), (6, 3))],
         lambda L, B: np.linalg.solve(of_factor(L), B),
     ),
+    "forward": (
+        [(lower_factor(n), normal(n, m)) for n, m in ((1, 1), (2, 5), (6, 0), (7, 3))],
+        lambda L, B: np.linalg.solve(np.tril(L), B),
+    ),
+    "backward": (
+        [(lower_factor(n), normal(n)) for n in (1, 2, 6, 13)],
+        lambda L, b: np.linalg.solve(np.tril(L).T, b),
+    ),
     "product": (
         [
             (normal(4, 3), normal(3, 5)),

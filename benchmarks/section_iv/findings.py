@@ -11,19 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crar_drake.control.parameters import LEVELS
-from crar_drake.results.log import SimulationLog
-from crar_drake.studies.section_iv.figures import violation_counts
-from crar_drake.studies.section_iv.plan import (
+from benchmarks.section_iv.figures import violation_counts
+from benchmarks.section_iv.plan import (
     EXPERIMENT_1,
     EXPERIMENT_2,
     LABELS,
     REDUNDANCY,
     Plan,
 )
-from crar_drake.studies.section_iv.simulate import Outcome
-from crar_drake.studies.sweep import Result
-from crar_drake.studies.sweep_figures import clip_label
+from benchmarks.section_iv.simulate import Outcome
+from benchmarks.sweep.cases import Result
+from benchmarks.sweep.figures import clip_label
+from crar_drake.control.parameters import LEVELS
+from crar_drake.results.log import SimulationLog
 
 SIGNIFICANT = 0.25
 # A damping factor is tolerated up to this multiple of the power at the paper's.

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from crar_drake.studies.sweep import Result, _line
-from crar_drake.studies.sweep_figures import (
+from benchmarks.sweep.cases import Result, _line
+from benchmarks.sweep.figures import (
     clip_label,
     compare,
     merge,
     mode_figures,
     without_folders,
 )
-from crar_drake.studies.sweep_plot import draw_sweep, plot_sweep
-from crar_drake.studies.sweep_report import (
+from benchmarks.sweep.plot import draw_sweep, plot_sweep
+from benchmarks.sweep.report import (
     failures,
     headline,
     main,

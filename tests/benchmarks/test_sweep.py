@@ -14,15 +14,9 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
-import crar_drake.studies.sweep as sweep
-from crar_drake import fresh_processes
-from crar_drake.commands import main
-from crar_drake.errors import CrarError, WriteError
-from crar_drake.motion.catalogue import load_clip
-from crar_drake.resources import builtin_motions_folder
-from crar_drake.run import run_scenario
-from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.sweep import (
+import benchmarks.sweep.cases as sweep
+from benchmarks.sweep.__main__ import main
+from benchmarks.sweep.cases import (
     Case,
     Result,
     find_motions,
@@ -31,6 +25,12 @@ from crar_drake.studies.sweep import (
     run_case,
     run_sweep,
 )
+from crar_drake import fresh_processes
+from crar_drake.errors import CrarError, WriteError
+from crar_drake.motion.catalogue import load_clip
+from crar_drake.resources import builtin_motions_folder
+from crar_drake.run import run_scenario
+from crar_drake.simulation.scenario import Scenario
 
 CASES = make_cases(["a", "b", "c"], constraints=["paper", "lookahead"])
 WAIT = 300.0  # [s] longer than any of these threads needs, also on a busy computer
@@ -295,7 +295,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from test_sweep import CASES, Inline, made_up
-from crar_drake.studies.sweep import run_sweep
+from benchmarks.sweep.cases import run_sweep
 
 class Slow(Inline):
     def submit(self, function, case, scenario):
@@ -330,7 +330,7 @@ def test_two_sweeps_into_one_file_lose_nothing(tmp_path, other_sweep, pool, caps
     named = rf"results.csv: process {other_sweep.pid} on .* is writing to it; wait"
     with pytest.raises(CrarError, match=named):
         run_sweep(CASES, out, executor=Counting())
-    assert main(["sweep", "dance", "--out", "results.csv"]) == 2
+    assert main(["dance", "--out", "results.csv"]) == 2
     assert re.search(named, capsys.readouterr().err)
     assert pool.cases == []
     assert out.read_text() == before
@@ -478,7 +478,7 @@ def pool(tmp_path, monkeypatch):
 def test_a_frame_rate_is_that_of_all_motions(tmp_path, monkeypatch, capsys):
     """A dance of 7.8 s at 60 Hz lasts half a tenth of a second at 9600 Hz."""
     monkeypatch.chdir(tmp_path)
-    argv = "sweep dance --experiment wrists --jobs 1 --period 0.005 --out it/all.csv"
+    argv = "dance --experiment wrists --jobs 1 --period 0.005 --out it/all.csv"
     assert main([*argv.split(), "--frame-rate", "9600"]) == 0
     (result,) = read_results("it/all.csv")
     expected = load_clip("dance").num_frames / 9600.0
@@ -493,7 +493,7 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
     # What runs cases is tested above.
     monkeypatch.setattr(fresh_processes, "FreshProcesses", ThreadPoolExecutor)
     bad, _ = tiny_cases(tmp_path)
-    argv = ["sweep", "dance", bad.motion, "--experiment", "wrists", "--jobs", "1"]
+    argv = ["dance", bad.motion, "--experiment", "wrists", "--jobs", "1"]
     argv += ["--duration", "0.1", "--period", "0.005", "--out", "it/all.csv"]
     assert main([*argv, "--constraints", "paper,lookahead"]) == 0
     printed = capsys.readouterr()
@@ -516,7 +516,7 @@ def test_the_command_simulates_tells_and_continues(tmp_path, monkeypatch, capsys
 
 
 def test_the_command_runs_every_combination_once(pool, capsys):
-    argv = "sweep dance boxing --constraints none,paper --constraints lookahead "
+    argv = "dance boxing --constraints none,paper --constraints lookahead "
     argv += "--period 0.001,0.005 --level acceleration,velocity --jobs 3"
     assert main(argv.split()) == 0
     assert len(pool.cases) == len(set(pool.cases)) == 2 * 2 * 2 * (2 + 2 + 1)
@@ -541,7 +541,7 @@ def test_the_scenario_says_everything_else(pool, tmp_path, monkeypatch):
         return submit(function, case, text)
 
     monkeypatch.setattr(pool, "submit", keep)
-    argv = "sweep reaching --scenario mine.yaml --duration 0.5 --out r.csv"
+    argv = "reaching --scenario mine.yaml --duration 0.5 --out r.csv"
     assert main(argv.split()) == 0
     modes = {(c.constraints, c.level, c.period) for c in pool.cases}
     assert modes == {("paper", "velocity", 0.002)}
@@ -555,7 +555,7 @@ def test_interrupting_the_command_says_how_to_go_on(pool, monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pool, "submit", interrupt)
-    assert main(["sweep", "dance", "--out", "r.csv"]) == 130
+    assert main(["dance", "--out", "r.csv"]) == 130
     message = capsys.readouterr().err
     assert "what is finished is in r.csv; the same command continues" in message
     assert "crar-drake: interrupted" in message
@@ -564,20 +564,20 @@ def test_interrupting_the_command_says_how_to_go_on(pool, monkeypatch, capsys):
 @pytest.mark.parametrize(
     "command, expected",
     [
-        ("sweep", "required: PATH"),
-        ("sweep danse", "did you mean 'dance'?"),
-        ("sweep dance --experiment wrist", "did you mean wrists?"),
-        ("sweep dance --constraints paper,lookahed", "did you mean lookahead?"),
-        ("sweep dance --level velocty", "did you mean velocity?"),
-        ("sweep dance --level velocity", "use --level acceleration"),
-        ("sweep dance --period 0.001,", "'' is not a positive number"),
-        ("sweep dance --period 0.0015", "not a multiple of the plant's time step"),
-        ("sweep dance --jobs 0", "'0' is not a positive whole number"),
-        ("sweep dance --job 1", "unknown option --job; did you mean --jobs?"),
-        ("sweep dance --scenario dance_wrist", "did you mean 'dance_wrists'?"),
-        ("sweep dance --out results.png", "must be a file that ends in .csv"),
-        ("sweep dance --out .", "must be a file that ends in .csv"),
-        ("sweep dance --out other.csv", "not a sweep's file"),
+        ("", "required: PATH"),
+        ("danse", "did you mean 'dance'?"),
+        ("dance --experiment wrist", "did you mean wrists?"),
+        ("dance --constraints paper,lookahed", "did you mean lookahead?"),
+        ("dance --level velocty", "did you mean velocity?"),
+        ("dance --level velocity", "use --level acceleration"),
+        ("dance --period 0.001,", "'' is not a positive number"),
+        ("dance --period 0.0015", "not a multiple of the plant's time step"),
+        ("dance --jobs 0", "'0' is not a positive whole number"),
+        ("dance --job 1", "unknown option --job; did you mean --jobs?"),
+        ("dance --scenario dance_wrist", "did you mean 'dance_wrists'?"),
+        ("dance --out results.png", "must be a file that ends in .csv"),
+        ("dance --out .", "must be a file that ends in .csv"),
+        ("dance --out other.csv", "not a sweep's file"),
     ],
 )
 def test_the_command_refuses_mistakes(command, expected, pool, tmp_path, capsys):

@@ -17,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.section_iv.plan import REDUNDANCY, Plan, Simulation
+from benchmarks.sweep.cases import Case, Result, failed, judge
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
 from crar_drake.fresh_processes import given_or_fresh
@@ -25,8 +27,6 @@ from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import task_layout
 from crar_drake.robot.description import LIMIT_TOLERANCE
 from crar_drake.simulation.scenario import parse_scenario
-from crar_drake.studies.section_iv.plan import REDUNDANCY, Plan, Simulation
-from crar_drake.studies.sweep import Case, Result, failed, judge
 from crar_drake.version import __version__
 
 RESULTS, LOGS, PAGES = "results", "logs", "pages"

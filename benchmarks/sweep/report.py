@@ -1,6 +1,6 @@
 """What a sweep shows: tables for the terminal and the documentation, and a plot.
 
-python -m crar_drake.studies.sweep_report results.csv [more.csv ...]
+python -m benchmarks.sweep.report results.csv [more.csv ...]
     [--reasons reasons.json] [--out sweep.md] [--plot sweep.png]
 """
 
@@ -14,8 +14,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from crar_drake.studies.sweep import Result, read_results
-from crar_drake.studies.sweep_figures import (
+from benchmarks.sweep.cases import Result, read_results
+from benchmarks.sweep.figures import (
     Comparison,
     ModeFigures,
     clip_label,
@@ -26,8 +26,8 @@ from crar_drake.studies.sweep_figures import (
     mode_figures,
     without_folders,
 )
-from crar_drake.studies.sweep_plot import plot_sweep
-from crar_drake.studies.tables import markdown_table, write_report
+from benchmarks.sweep.plot import plot_sweep
+from benchmarks.tables import markdown_table, write_report
 
 _MISSING = "–"
 
@@ -171,8 +171,8 @@ def markdown_report(
         "limits are counted apart. Task "
         "error, power, peak torque and rms acceleration are computed per clip; the "
         "tables then give their mean or median over the clips.\n\n"
-        "This page is written by `python -m crar_drake.studies.sweep_report`, "
-        "from the CSV files of `crar-drake sweep`.\n"
+        "This page is written by `python -m benchmarks.sweep.report`, "
+        "from the CSV files of `python -m benchmarks.sweep`.\n"
     )
     modes = mode_figures(results)
     for experiment in dict.fromkeys(figures.experiment for figures in modes):
@@ -271,9 +271,6 @@ def _exceptions(comparisons: Sequence[Comparison], reasons: Mapping[str, str]) -
                 parts.append(reasons[place])
             lines += f"- {_place(c.lookahead)}: {'; '.join(parts)}\n"
     return text + (lines or "Nowhere.\n")
-
-
-# --- the plot ---------------------------------------------------------------------
 
 
 # --- small helpers ----------------------------------------------------------------

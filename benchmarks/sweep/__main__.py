@@ -1,14 +1,32 @@
-"""`crar-drake sweep`: many motions, simulated and counted."""
+"""Many motions, simulated through many settings and counted.
+
+    python -m benchmarks.sweep $CRAR_MOCAP_PATH --constraints none,paper,lookahead
+
+The same command continues a sweep that was stopped.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rich.console import Console
+
+from benchmarks.sweep.cases import (
+    Case,
+    find_motions,
+    make_cases,
+    read_results,
+    run_sweep,
+    settings_path,
+)
+from benchmarks.sweep.command import add_duration, list_of, one_of, sweep_bar
+from benchmarks.sweep.plot import plot_sweep
+from benchmarks.sweep.report import failures, sweep_tables
+from crar_drake.commands import answer
 from crar_drake.commands.options import (
     CONSTRAINTS,
     CONSTRAINTS_HELP,
@@ -18,31 +36,26 @@ from crar_drake.commands.options import (
     LEVELS,
     MOTION_HELP,
     WHOLE_BODY,
+    Parser,
     UsageError,
-    add_command,
-    add_duration,
     add_frame_rate,
     add_jobs,
-    list_of,
-    one_of,
+    add_what_runs,
     positive,
 )
-from crar_drake.commands.output import OUT, continuing, sweep_bar
-
-if TYPE_CHECKING:
-    from crar_drake.simulation.scenario import Scenario
-    from crar_drake.studies.sweep import Case
+from crar_drake.commands.output import OUT, continuing
+from crar_drake.files import check_file
+from crar_drake.simulation.scenario import Scenario, load_scenario
 
 
-def add(subparsers: argparse._SubParsersAction) -> None:
-    """Adds the command and its options."""
-    parser = add_command(
-        subparsers,
-        "sweep",
-        run,
-        "Simulate many motions and count their violations. The same command "
-        "continues a sweep that was stopped.",
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line; the exit code is as of `crar-drake`."""
+    parser = Parser(
+        prog="python -m benchmarks.sweep",
+        description="Simulate many motions and count their violations. The same "
+        "command continues a sweep that was stopped.",
     )
+    add_what_runs(parser, run)
     parser.add_argument(
         "paths",
         nargs="+",
@@ -90,6 +103,7 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="table of the results; a .png (plot) and a .yaml (what they have in "
         "common) go beside it (default: %(default)s)",
     )
+    return answer(parser, argv)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -97,16 +111,6 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out
     if out.suffix != ".csv" or out.is_dir():
         raise UsageError(f"--out: {out} must be a file that ends in .csv")
-
-    from crar_drake.files import check_file
-    from crar_drake.simulation.scenario import Scenario, load_scenario
-    from crar_drake.studies.sweep import (
-        find_motions,
-        make_cases,
-        read_results,
-        run_sweep,
-        settings_path,
-    )
 
     if arguments.scenario is None:
         scenario = Scenario(motion="dance", experiment="wrists")
@@ -134,11 +138,6 @@ def run(arguments: argparse.Namespace) -> None:
     for path in (out, settings_path(out), out.with_suffix(".png")):
         check_file(path)
 
-    from rich.console import Console
-
-    from crar_drake.studies.sweep_plot import plot_sweep
-    from crar_drake.studies.sweep_report import failures, sweep_tables
-
     kept = len(finished.intersection(cases))
     with continuing(out), sweep_bar(kept, len(cases)) as progress:
         results = run_sweep(
@@ -164,3 +163,7 @@ def _check_settings(scenario: Scenario, cases: Iterable[Case]) -> None:
             scenario.controller, constraints=constraints, level=level, period=period
         )
         replace(scenario, controller=controller).validate()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

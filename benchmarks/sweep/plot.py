@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from crar_drake.figures import save_figure
-from crar_drake.studies.sweep import Result
-from crar_drake.studies.sweep_figures import (
+from benchmarks.sweep.cases import Result
+from benchmarks.sweep.figures import (
     clip_label,
     clip_order,
     milliseconds,
     mode_figures,
 )
+from crar_drake.figures import save_figure
 
 _COLOURS = {"none": "0.6", "paper": "tab:orange", "lookahead": "tab:blue"}
 _MARKERS = "oDs^vP"

@@ -1,24 +1,42 @@
-"""`crar-drake reproduce`: the paper's Section IV."""
+"""The experiments of the paper's Section IV, repeated: a report in a folder.
+
+    python -m benchmarks.section_iv [--motions cmu]
+
+The same command continues one that was stopped.
+"""
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from crar_drake.commands.options import add_command, add_duration, add_jobs, list_of
-from crar_drake.commands.output import OUT, continuing, motion_label, sweep_bar
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from benchmarks.section_iv.plan import MOTION_SETS, make_plan
+from benchmarks.section_iv.report import report_path
+from benchmarks.section_iv.reproduce import reproduce
+from benchmarks.section_iv.simulate import finished
+from benchmarks.sweep.cases import find_motions
+from benchmarks.sweep.command import add_duration, list_of, sweep_bar
+from crar_drake.commands import answer
+from crar_drake.commands.options import Parser, add_jobs, add_what_runs
+from crar_drake.commands.output import OUT, continuing, motion_label
+from crar_drake.files import check_folder
 
 
-def add(subparsers: argparse._SubParsersAction) -> None:
-    """Adds the command and its options."""
-    parser = add_command(
-        subparsers,
-        "reproduce",
-        run,
-        "Repeat the experiments of the paper's Section IV and write a report. The "
-        "same command continues one that was stopped.",
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line; the exit code is as of `crar-drake`."""
+    parser = Parser(
+        prog="python -m benchmarks.section_iv",
+        description="Repeat the experiments of the paper's Section IV and write a "
+        "report. The same command continues one that was stopped.",
     )
+    add_what_runs(parser, run)
     parser.add_argument(
         "--motions",
         type=list_of(str),
@@ -37,20 +55,11 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         help="folder for report.html and its files (default: out/reproduce/NAME, "
         "where NAME says which motions)",
     )
+    return answer(parser, argv)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Does what the arguments say."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from crar_drake.files import check_folder
-    from crar_drake.studies.section_iv.plan import MOTION_SETS, make_plan
-    from crar_drake.studies.section_iv.report import report_path
-    from crar_drake.studies.section_iv.reproduce import reproduce
-    from crar_drake.studies.section_iv.simulate import finished
-    from crar_drake.studies.sweep import find_motions
 
     chosen = arguments.motions or ["builtin"]
     motions = [m for name in chosen for m in MOTION_SETS.get(name, (name,))]
@@ -78,3 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
         )
     Console().print(table)
     print(report_path(out))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -9,26 +9,26 @@ from pathlib import Path
 
 import matplotlib
 
-from crar_drake.errors import CrarError
-from crar_drake.figures import save_figure
-from crar_drake.files import check_folder
-from crar_drake.motion.catalogue import load_clip
-from crar_drake.results.log import SimulationLog
-from crar_drake.studies.section_iv.csv_tables import write_tables
-from crar_drake.studies.section_iv.figures import all_figures
-from crar_drake.studies.section_iv.findings import check_findings
-from crar_drake.studies.section_iv.plan import Plan
-from crar_drake.studies.section_iv.report import (
+from benchmarks.section_iv.csv_tables import write_tables
+from benchmarks.section_iv.figures import all_figures
+from benchmarks.section_iv.findings import check_findings
+from benchmarks.section_iv.plan import Plan
+from benchmarks.section_iv.report import (
     FIGURES,
     Reproduction,
     write_report,
 )
-from crar_drake.studies.section_iv.simulate import (
+from benchmarks.section_iv.simulate import (
     Progress,
     finished,
     log_path,
     run_plan,
 )
+from crar_drake.errors import CrarError
+from crar_drake.figures import save_figure
+from crar_drake.files import check_folder
+from crar_drake.motion.catalogue import load_clip
+from crar_drake.results.log import SimulationLog
 
 # Pictures and thousands of lines are smaller as pixels.
 _PIXELS = ("figure-3", "torque-spikes")

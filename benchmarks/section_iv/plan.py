@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from benchmarks.sweep.figures import clip_label
 from crar_drake.control.parameters import LEVELS, CrarParameters
 from crar_drake.errors import CrarError
 from crar_drake.motion.catalogue import load_clip
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.sweep_figures import clip_label
 
 # The paper's four kinds of motion, in its order, and which they are here.
 MOTION_SETS = {

@@ -1,4 +1,4 @@
-"""Many motions through many settings: `crar-drake sweep`.
+"""Many motions through many settings: `python -m benchmarks.sweep`.
 
 Each case is one whole simulation, judged afterwards by the referee. Cases run in
 any `concurrent.futures` executor. Finished cases are kept in a CSV file, a line

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from small_logs import small_log
 
-from crar_drake.errors import CrarError
-from crar_drake.results.log import SimulationLog
-from crar_drake.studies.section_iv import simulate as module
-from crar_drake.studies.section_iv.plan import Plan, make_plan
-from crar_drake.studies.section_iv.simulate import (
+from benchmarks.section_iv import simulate as module
+from benchmarks.section_iv.plan import Plan, make_plan
+from benchmarks.section_iv.simulate import (
     Outcome,
     analyse,
     finished,
@@ -22,6 +20,8 @@ from crar_drake.studies.section_iv.simulate import (
     run_plan,
     simulate,
 )
+from crar_drake.errors import CrarError
+from crar_drake.results.log import SimulationLog
 
 
 class Inline(Executor):

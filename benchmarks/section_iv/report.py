@@ -13,17 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.control.parameters import CrarParameters
-from crar_drake.equations.composite_weight import composite_index
-from crar_drake.files import whole_file
-from crar_drake.robot.description import load_robot_description
-from crar_drake.robot.model import ControlModel
-from crar_drake.robot.task import EXPERIMENTS, position_tasks
-from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.machine import describe_machine
-from crar_drake.studies.section_iv.csv_tables import TABLES
-from crar_drake.studies.section_iv.findings import Finding
-from crar_drake.studies.section_iv.plan import (
+from benchmarks.machine import describe_machine
+from benchmarks.section_iv.csv_tables import TABLES
+from benchmarks.section_iv.findings import Finding
+from benchmarks.section_iv.plan import (
     EXPERIMENT_1,
     EXPERIMENT_2,
     LABELS,
@@ -31,8 +24,15 @@ from crar_drake.studies.section_iv.plan import (
     VARIANTS,
     Plan,
 )
-from crar_drake.studies.section_iv.simulate import Outcome, page_path
-from crar_drake.studies.sweep_figures import clip_label
+from benchmarks.section_iv.simulate import Outcome, page_path
+from benchmarks.sweep.figures import clip_label
+from crar_drake.control.parameters import CrarParameters
+from crar_drake.equations.composite_weight import composite_index
+from crar_drake.files import whole_file
+from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.model import ControlModel
+from crar_drake.robot.task import EXPERIMENTS, position_tasks
+from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
 
 REPORT = "report.html"

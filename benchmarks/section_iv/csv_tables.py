@@ -8,23 +8,23 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from crar_drake.files import whole_file
-from crar_drake.results.log import SimulationLog
-from crar_drake.studies.section_iv.figures import (
+from benchmarks.section_iv.figures import (
     Bars,
     bar_data,
     frame_samples,
     violation_counts,
 )
-from crar_drake.studies.section_iv.findings import Finding
-from crar_drake.studies.section_iv.plan import (
+from benchmarks.section_iv.findings import Finding
+from benchmarks.section_iv.plan import (
     EXPERIMENT_1,
     EXPERIMENT_2,
     SERIES,
     Plan,
 )
-from crar_drake.studies.section_iv.simulate import Details, Outcome
-from crar_drake.studies.sweep import Result
+from benchmarks.section_iv.simulate import Details, Outcome
+from benchmarks.sweep.cases import Result
+from crar_drake.files import whole_file
+from crar_drake.results.log import SimulationLog
 
 TABLES = "tables"
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from small_logs import small_log
 
-from crar_drake.studies.section_iv.findings import check_findings
-from crar_drake.studies.section_iv.plan import Plan, Simulation
-from crar_drake.studies.section_iv.simulate import Details, Outcome
-from crar_drake.studies.sweep import Result
+from benchmarks.section_iv.findings import check_findings
+from benchmarks.section_iv.plan import Plan, Simulation
+from benchmarks.section_iv.simulate import Details, Outcome
+from benchmarks.sweep.cases import Result
 
 MOTIONS = ("dance", "boxing")
 FACTORS = (0.2, 0.1, 0.05)

@@ -3,7 +3,7 @@
 import numpy as np
 from small_logs import small_log
 
-from crar_drake.studies.section_iv.figures import (
+from benchmarks.section_iv.figures import (
     Bars,
     choose_snapshots,
     draw_bars,

@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crar_drake.commands import main
+from benchmarks.section_iv.__main__ import main
+from benchmarks.section_iv.plan import LABELS, SERIES, VARIANTS, make_plan
+from benchmarks.section_iv.reproduce import reproduce
 from crar_drake.errors import CrarError
 from crar_drake.judging.referee import Referee
 from crar_drake.results.log import SimulationLog
@@ -22,8 +24,6 @@ from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import position_tasks
 from crar_drake.simulation.scenario import parse_scenario
-from crar_drake.studies.section_iv.plan import LABELS, SERIES, VARIANTS, make_plan
-from crar_drake.studies.section_iv.reproduce import reproduce
 
 DURATION = 0.2  # [s]
 
@@ -291,9 +291,9 @@ def test_the_same_command_again_changes_no_data_and_prints_the_findings(
         for path in (out / folder).iterdir()
     }
     monkeypatch.setattr(
-        "crar_drake.studies.section_iv.plan.make_plan", lambda *_, **__: plan
+        "benchmarks.section_iv.__main__.make_plan", lambda *_, **__: plan
     )
-    assert main(["reproduce", "--out", str(out), "--jobs", "1"]) == 0
+    assert main(["--out", str(out), "--jobs", "1"]) == 0
     printed = capsys.readouterr().out
     assert "holds" in printed and "does not hold" in printed
     assert printed.splitlines()[-1] == str(out / "report.html")
@@ -311,7 +311,7 @@ def test_mistakes_are_refused(tmp_path, capsys, monkeypatch):
         ("--duration 0", "'0' is not a positive number"),
         ("--jobs none", "'none' is not a positive whole number"),
     ):
-        assert main(["reproduce", *command.split()]) == 2
+        assert main(command.split()) == 2
         assert message in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 

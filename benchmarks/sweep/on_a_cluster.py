@@ -1,20 +1,20 @@
-"""The sweep of `crar-drake sweep`, on a cluster of Dask's; here on one machine.
+"""`python -m benchmarks.sweep` on a cluster of Dask's; here on one machine.
 
 Any executor of `concurrent.futures` does. A cluster's workers need this package and,
 for motions that are files, the same paths; the results are written here, as they
 come in, and the same call continues a sweep that was stopped.
 
     python -m pip install -e ".[cluster]"
-    python examples/sweep_on_a_cluster.py [results.csv] [seconds of each motion]
+    python -m benchmarks.sweep.on_a_cluster [results.csv] [seconds of each motion]
 """
 
 import sys
 
 from distributed import Client
 
+from benchmarks.sweep.cases import Result, find_motions, make_cases, run_sweep
+from benchmarks.sweep.report import markdown_report
 from crar_drake import Scenario
-from crar_drake.studies.sweep import Result, find_motions, make_cases, run_sweep
-from crar_drake.studies.sweep_report import markdown_report
 
 
 def show(done: int, total: int, newest: Result) -> None:

@@ -11,9 +11,9 @@ from pathlib import PurePath
 
 import numpy as np
 
+from benchmarks.sweep.cases import Case, Result
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
-from crar_drake.studies.sweep import Case, Result
 
 
 @dataclass(frozen=True)

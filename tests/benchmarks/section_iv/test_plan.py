@@ -3,15 +3,15 @@
 import pytest
 from pydrake.common.yaml import yaml_load_typed
 
-from crar_drake.errors import CrarError
-from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario
-from crar_drake.studies.section_iv.plan import (
+from benchmarks.section_iv.plan import (
     LABELS,
     MOTION_SETS,
     SERIES,
     VARIANTS,
     make_plan,
 )
+from crar_drake.errors import CrarError
+from crar_drake.simulation.scenario import Scenario, load_scenario, parse_scenario
 
 
 def scenario_of(plan, motion: str, experiment: str, series: str) -> Scenario:

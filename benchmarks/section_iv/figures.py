@@ -9,13 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crar_drake.control.parameters import LEVELS
-from crar_drake.results.controlled_joints import controlled_joints
-from crar_drake.results.log import SimulationLog
-from crar_drake.results.logged_robot import load_logged_robot
-from crar_drake.results.snapshots import SnapshotRenderer
-from crar_drake.robot.description import LIMIT_TOLERANCE
-from crar_drake.studies.section_iv.plan import (
+from benchmarks.section_iv.plan import (
     EXPERIMENT_1,
     EXPERIMENT_2,
     LABELS,
@@ -24,8 +18,14 @@ from crar_drake.studies.section_iv.plan import (
     VARIANTS,
     Plan,
 )
-from crar_drake.studies.section_iv.simulate import Outcome
-from crar_drake.studies.sweep_figures import clip_label
+from benchmarks.section_iv.simulate import Outcome
+from benchmarks.sweep.figures import clip_label
+from crar_drake.control.parameters import LEVELS
+from crar_drake.results.controlled_joints import controlled_joints
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import load_logged_robot
+from crar_drake.results.snapshots import SnapshotRenderer
+from crar_drake.robot.description import LIMIT_TOLERANCE
 
 COLOURS = {
     "velocity": "tab:orange",

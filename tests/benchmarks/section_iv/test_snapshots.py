@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crar_drake.results.snapshots import TINT, SnapshotRenderer
+from benchmarks.section_iv.snapshots import TINT, SnapshotRenderer
 from crar_drake.robot.description import load_robot_description
 
 

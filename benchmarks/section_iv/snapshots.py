@@ -10,8 +10,12 @@ from collections.abc import Collection
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import (
+    Box,
+    Capsule,
     ClippingRange,
     ColorRenderCamera,
+    Cylinder,
+    Ellipsoid,
     FramePoseVector,
     GeometryFrame,
     GeometryInstance,
@@ -21,6 +25,8 @@ from pydrake.geometry import (
     RenderCameraCore,
     RenderEngineVtkParams,
     Rgba,
+    Shape,
+    Sphere,
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -28,7 +34,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from crar_drake.robot.description import RobotDescription, add_robot, find_body
-from crar_drake.simulation.visualization import inflated
 from crar_drake.simulation.visuals import draw_collision_shapes
 
 TINT = Rgba(1.0, 0.82, 0.05, 1.0)  # the paper's yellow
@@ -188,3 +193,19 @@ def _make_engine():
     return MakeRenderEngineVtk(
         RenderEngineVtkParams(default_clear_color=np.ones(3), lights=lights)
     )
+
+
+def inflated(shape: Shape, by: float) -> Shape | None:
+    """The shape with its surface moved outwards by `by` [m]; None for shapes that
+    have no simple one."""
+    if isinstance(shape, Sphere):
+        return Sphere(shape.radius() + by)
+    if isinstance(shape, Capsule):
+        return Capsule(shape.radius() + by, shape.length())
+    if isinstance(shape, Cylinder):
+        return Cylinder(shape.radius() + by, shape.length() + 2.0 * by)
+    if isinstance(shape, Box):
+        return Box(shape.size() + 2.0 * by)
+    if isinstance(shape, Ellipsoid):
+        return Ellipsoid(shape.a() + by, shape.b() + by, shape.c() + by)
+    return None

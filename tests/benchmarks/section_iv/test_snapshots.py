@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Sphere
 
-from benchmarks.section_iv.snapshots import TINT, SnapshotRenderer
+from benchmarks.section_iv.snapshots import TINT, SnapshotRenderer, inflated
 from crar_drake.robot.description import load_robot_description
 
 
@@ -72,3 +73,17 @@ def test_another_robot():
         np.zeros(7), ["arm::hand"]
     )
     assert (picture < 0.9).any() and yellow(picture).any()
+
+
+def test_shells_are_larger_on_every_side():
+    assert inflated(Sphere(0.1), 0.01).radius() == pytest.approx(0.11)
+    capsule = inflated(Capsule(0.1, 0.3), 0.01)
+    assert (capsule.radius(), capsule.length()) == pytest.approx((0.11, 0.3))
+    cylinder = inflated(Cylinder(0.1, 0.3), 0.01)
+    assert (cylinder.radius(), cylinder.length()) == pytest.approx((0.11, 0.32))
+    np.testing.assert_allclose(inflated(Box(1, 2, 3), 0.01).size(), [1.02, 2.02, 3.02])
+    ellipsoid = inflated(Ellipsoid(0.1, 0.2, 0.3), 0.01)
+    assert (ellipsoid.a(), ellipsoid.b(), ellipsoid.c()) == pytest.approx(
+        (0.11, 0.21, 0.31)
+    )
+    assert inflated(Convex(np.eye(3, 4), "tetrahedron"), 0.01) is None

@@ -12,7 +12,8 @@ from rich.table import Column
 
 from benchmarks.sweep.cases import Result
 from benchmarks.sweep.report import headline
-from crar_drake.commands.options import Parser, nearest, positive
+from crar_drake.commands.options import Parser, positive
+from crar_drake.nearest import nearest
 
 
 def add_duration(parser: Parser) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
 
 from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.nearest import nearest
 
 if TYPE_CHECKING:
     from crar_drake.simulation.scenario import Scenario
@@ -221,13 +221,6 @@ def count(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive whole number")
     return int(text)
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of a message: the nearest word, or else all there are."""
-    known = list(known)
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"
 
 
 def chosen_scenario(name: str) -> Scenario:

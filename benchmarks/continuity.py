@@ -22,6 +22,7 @@ from benchmarks.preview_option import (
     defaults_or_preview,
     lookahead_defaults,
 )
+from benchmarks.sweep.cases import find_motions
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.records import Memory
 from crar_drake.equations.references import Targets
@@ -29,7 +30,6 @@ from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.diagram import PrepareScenario
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.sweep import find_motions
 
 PERIOD = 5e-3  # [s]
 NUDGE = 1e-9  # [rad] and [rad/s]

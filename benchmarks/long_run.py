@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.amc_files import write_amc, write_asf
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.motion.catalogue import load_clip
-from crar_drake.motion.formats.asf_amc import Clip, write_amc, write_asf
+from crar_drake.motion.formats.asf_amc import Clip
 from crar_drake.results import LOG, RECORDING
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import load_scenario

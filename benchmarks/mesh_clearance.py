@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tables import markdown_table
 from crar_drake.references.mesh_clearance import ClearanceOfMeshes
 from crar_drake.references.motion_files import read_motions
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import load_robot_description
-from crar_drake.studies.tables import markdown_table
 
 HEADER = (
     "motion",

@@ -28,11 +28,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from benchmarks.machine import describe_machine
+from benchmarks.tables import markdown_table
 from crar_drake import __version__
 from crar_drake.errors import CrarError
 from crar_drake.files import whole_file
-from crar_drake.studies.machine import describe_machine
-from crar_drake.studies.tables import markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]  # of the checkout
 PAGES = ROOT / "docs" / "measurements"

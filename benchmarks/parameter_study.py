@@ -14,16 +14,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from benchmarks.page import Benchmark, Table, run
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
-from crar_drake.fresh_processes import FreshProcesses
-from crar_drake.robot.task import EXPERIMENTS
-from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.sweep import (
+from benchmarks.sweep.cases import (
     Case,
     Result,
     find_motions,
     run_case,
 )
+from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.fresh_processes import FreshProcesses
+from crar_drake.robot.task import EXPERIMENTS
+from crar_drake.simulation.scenario import Scenario
 
 PERIOD = 5e-3  # [s]
 
@@ -122,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Runs every variation on every motion, and prints a table per experiment."""
     benchmark = Benchmark("benchmarks.parameter_study", __doc__, "parameters")
     parser = benchmark.parser
-    parser.add_argument("motions", nargs="+", help="as of crar-drake sweep")
+    parser.add_argument("motions", nargs="+", help="as of benchmarks.sweep")
     parser.add_argument("--duration", type=float, help="of each clip at most [s]")
     parser.add_argument("--jobs", type=int, help="processes; one per core")
     arguments = benchmark.parse(argv, lambda _: "study")

@@ -21,14 +21,14 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
+from benchmarks.sweep.cases import find_motions
+from benchmarks.tables import markdown_table, write_report
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.sweep import find_motions
-from crar_drake.studies.tables import markdown_table, write_report
 
 PERIOD = 5e-3  # [s]
 ROUGH = 20.0  # [Hz] people move at a few hertz: what is above is the controller's own

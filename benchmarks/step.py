@@ -25,6 +25,7 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from rich.console import Console
 
+from benchmarks.machine import describe_machine
 from benchmarks.plain import as_it_is, plain
 from benchmarks.preview_option import add_preview_option
 from benchmarks.step_compiling import measure_compiling
@@ -64,7 +65,6 @@ from crar_drake.robot.task import EXPERIMENTS, Task
 from crar_drake.run import make_log, run_scenario
 from crar_drake.simulation.diagram import Setup
 from crar_drake.simulation.scenario import Scenario
-from crar_drake.studies.machine import describe_machine
 
 MODES = ("paper", "lookahead")
 MEASUREMENTS = ("step", "simulation", "scaling", "compiling")

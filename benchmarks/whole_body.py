@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page import Benchmark, Table, run
+from benchmarks.sweep.cases import find_motions
 from crar_drake.errors import CrarError
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
@@ -34,7 +35,6 @@ from crar_drake.results.summary import summarize
 from crar_drake.robot.model import ControlModel
 from crar_drake.run import run_scenario
 from crar_drake.simulation.scenario import Scenario, load_scenario
-from crar_drake.studies.sweep import find_motions
 
 _MESH_PERIOD = 0.05  # [s]
 _HEADER = (

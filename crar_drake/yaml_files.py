@@ -67,8 +67,6 @@ def load_yaml(
     manual: str,
     defaults: T | None = None,
     of_others: Mapping[_Way, Any] = MappingProxyType({}),
-    left_out: Iterable[_Way] = (),
-    retired: Mapping[_Way, str] = MappingProxyType({}),
 ) -> T:
     """Makes an object of a YAML text.
 
@@ -81,8 +79,6 @@ def load_yaml(
         defaults: of keys that the text leaves out; by default those of `schema`.
         of_others: the way to settings that the Drake which is installed does not
             have, to what it does anyway. They are left out where they say that.
-        left_out: the way to settings that do not matter any more.
-        retired: the way to settings that there are no more, to what to do about it.
 
     Raises:
         error: the text is no YAML, is empty, has a key twice or one that the schema
@@ -116,18 +112,16 @@ def load_yaml(
             f"{manual}"
         )
     foreign = _take_out(document, of_others)
-    ignored = _take_out(document, left_out)
     mistakes = [
         (way, _of_another_drake(value, of_others[way]))
         for way, value in foreign.items()
         if value != of_others[way]
     ]
-    mistakes += [(way, retired[way]) for way in _take_out(document, retired)]
     for way, message in mistakes or _mistakes(document, schema, ()):
         line = lines.get(way) or lines.get(way[:-1])
         at = f" (line {line})" if line else ""
         raise error(f"{source}: {_spelled(way)}{at}: {message}")
-    if foreign or ignored:
+    if foreign:
         text = yaml_dump(document)
     try:
         return yaml_load_typed(schema=schema, data=text, defaults=defaults)

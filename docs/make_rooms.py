@@ -22,7 +22,7 @@ LAYERS = {
         *("motion", "targets", "robot_import", "judging", "trajectory", "references"),
     ),
     "runs": (
-        *("simulation", "results", "run", "studies", "play", "teleoperation"),
+        *("simulation", "results", "run", "play", "teleoperation"),
         "commands",
     ),
 }

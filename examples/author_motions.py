@@ -25,13 +25,12 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.motion.formats.asf_amc import (
     Bone,
     Clip,
     Skeleton,
     rotation_xyz,
-    write_amc,
-    write_asf,
 )
 from crar_drake.resources import builtin_motions_folder
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from floating_robots import APART, SLIDES, TURNS, root_entries
-from spy_meshcat import SpyMeshcat
+from pydrake.geometry import Meshcat
 
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import CrarParameters
@@ -116,5 +116,5 @@ def check_log(result: RunResult, log: SimulationLog, folder: Path) -> None:
     verdict = judge_certificate(log, referee, parameters, STEP)
     assert verdict.true and verdict.reported_unclear == 0 and verdict.steps.judged > 20
     plot_run(log, folder / "plot.png")
-    record_log(log, folder / "page.html", meshcat=SpyMeshcat())
+    record_log(log, folder / "page.html", meshcat=Meshcat())
     assert (folder / "page.html").stat().st_size > 1e5

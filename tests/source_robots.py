@@ -3,8 +3,7 @@
 import numpy as np
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
-from crar_drake.robot_import.inertias import Inertia
-from crar_drake.robot_import.source_robot import SourceRobot
+from crar_drake.robot_import.source_robot import Inertia, SourceRobot
 
 
 def random_positions(robot: SourceRobot) -> dict[str, float]:

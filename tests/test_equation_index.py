@@ -84,8 +84,11 @@ def labels(text: str) -> set[str]:
 
 
 def find_object(name: str) -> object:
-    """What `robot.ControlModel.evaluate` or the like stands for in crar_drake."""
+    """What `robot.ControlModel.evaluate` or the like stands for in crar_drake, or
+    `tests.reference_forms.collision_potential` here."""
     parts = name.split(".")
+    if parts[0] == "tests":
+        return getattr(importlib.import_module(parts[1]), parts[2])
     for split in range(len(parts) - 1, 0, -1):
         module = ".".join(["crar_drake", *parts[:split]])
         try:

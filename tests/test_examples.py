@@ -140,7 +140,7 @@ def test_sweep_on_a_cluster(tmp_path: Path) -> None:
     out = tmp_path / "results.csv"
     # The cluster's processes import the script, so that it is no part of this one.
     finished = subprocess.run(
-        [sys.executable, EXAMPLES / "sweep_on_a_cluster.py", str(out), "0.02"],
+        [sys.executable, "-m", "benchmarks.sweep.on_a_cluster", str(out), "0.02"],
         capture_output=True,
         text=True,
         timeout=900,  # of a computer that does much else

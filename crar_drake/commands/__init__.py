@@ -26,24 +26,27 @@ from crar_drake.commands import (
     motion,
     play,
     playback,
-    reproduce,
     retarget,
     run,
     serve,
-    sweep,
 )
-from crar_drake.commands.options import Parser, nearest
+from crar_drake.commands.options import Parser, UsageError
 from crar_drake.commands.output import tell_failure
 from crar_drake.drake_warnings import collected_warnings
 from crar_drake.errors import CrarError
+from crar_drake.nearest import nearest
 from crar_drake.version import __version__
+
+# What were commands, and measure the project: where they are in its checkout.
+MOVED = {
+    "sweep": "python -m benchmarks.sweep",
+    "reproduce": "python -m benchmarks.section_iv",
+}
 
 # In the order of the help.
 COMMANDS = (
     run,
     play,
-    sweep,
-    reproduce,
     motion,
     listing,
     fetch,
@@ -70,14 +73,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         at; 2 if something the user gave is wrong, which is then on stderr; 130 if
         interrupted.
     """
+    given = sys.argv[1:] if argv is None else argv
+    parser = make_parser()
+    if not given:
+        parser.print_help()
+        return 0
+    if place := MOVED.get(given[0]):
+        what = f"{given[0]} is no command any more"
+        return tell_failure(UsageError(f"{what}: `{place}`, in a checkout"))
+    return answer(parser, given)
+
+
+def answer(parser: Parser, argv: Sequence[str] | None = None) -> int:
+    """Does what arguments ask for; failures become messages and exit codes.
+
+    Args:
+        parser: of the arguments; it sets `command`, which is called with what they
+            say.
+        argv: the arguments; by default those of the process.
+
+    Returns:
+        As `main`.
+    """
     # Nothing here opens a window. A backend that is not there would fail importing.
     os.environ["MPLBACKEND"] = "agg"
     code = 0
-    if not (sys.argv[1:] if argv is None else argv):
-        _make_parser().print_help()
-        return 0
     try:
-        arguments = parse(argv)
+        arguments = parse(parser, argv)
         with (
             _all_ends_as_ctrl_c(),
             collected_warnings(verbose=arguments.verbose),
@@ -121,7 +143,7 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+def parse(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
     """What the arguments say.
 
     Returns:
@@ -130,7 +152,6 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     Raises:
         UsageError: there is no such command or option, or a value is wrong.
     """
-    parser = _make_parser()
     arguments, unknown = parser.parse_known_args(argv)
     if unknown:
         chosen: Parser = arguments.parser
@@ -145,7 +166,8 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     return arguments
 
 
-def _make_parser() -> Parser:
+def make_parser() -> Parser:
+    """The parser of all commands."""
     parser = Parser(
         prog="crar-drake",
         description="Make simulated robots follow motion-capture data without running "

@@ -314,11 +314,6 @@ def mesh_lines(verdict: MeshVerdict, times: np.ndarray) -> list[str]:
             "meshes that are not closed, so that what is inside of them is where they "
             f"wind around at least half: {_some(verdict.open_links)}"
         )
-    if verdict.coarse_links:
-        lines.append(
-            "only simplified meshes are there, of an import by an earlier version; "
-            f"import again: {_some(verdict.coarse_links)}"
-        )
     return lines
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from crar_drake.commands.folders import frames_bar
 from crar_drake.commands.options import Parser, add_frame_rate, add_jobs, positive
 from crar_drake.commands.output import counted, final_line
 from crar_drake.errors import CrarError
@@ -119,8 +118,13 @@ def run_references(arguments: argparse.Namespace) -> int:
         if judged[0].error:
             raise CrarError(judged[0].error)
     else:
-        with _judge_bar(len(files)) as progress:
-            judged = judge_files(files, options, arguments.jobs, progress)
+        with frames_bar() as progress:
+            judged = judge_files(
+                files,
+                options,
+                arguments.jobs,
+                lambda done: progress(done, len(files)),
+            )
     for entry in judged:
         for verdict in entry.verdicts:
             for line in verdict_lines(verdict):
@@ -193,20 +197,3 @@ def _write(judged: list[JudgedFile], robot: str, out: Path) -> None:
     with whole_file(out / "judge.json") as temporary:
         temporary.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n")
     print(out / "judge.json")
-
-
-@contextmanager
-def _judge_bar(total: int) -> Iterator[Callable[[int], None]]:
-    """Yields a callback that draws how many files are judged, on stderr."""
-    from rich import progress
-    from rich.console import Console
-
-    columns = (
-        progress.BarColumn(bar_width=20),
-        progress.MofNCompleteColumn(),
-        progress.TextColumn("ETA"),
-        progress.TimeRemainingColumn(),
-    )
-    with progress.Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda done: bar.update(task, completed=done)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
 
 from crar_drake.errors import CrarError, ScenarioError
+from crar_drake.nearest import nearest
 
 if TYPE_CHECKING:
     from crar_drake.simulation.scenario import Scenario
@@ -79,6 +79,12 @@ def add_command(
         text: what the command does.
     """
     parser = subparsers.add_parser(name, help=text, description=text)
+    add_what_runs(parser, run)
+    return parser
+
+
+def add_what_runs(parser: Parser, run: Callable[[argparse.Namespace], None]) -> None:
+    """Adds what a parser's options are handed to, and --verbose."""
     parser.set_defaults(command=run, parser=parser)
     parser.add_argument(
         "--verbose",
@@ -86,7 +92,6 @@ def add_command(
         help="print all figures, and all that Drake says instead of one line for "
         "warnings of a kind",
     )
-    return parser
 
 
 def add_scenario(parser: Parser) -> None:
@@ -111,16 +116,6 @@ def add_scenario(parser: Parser) -> None:
     )
     parser.add_argument(
         "--experiment", choices=(*EXPERIMENTS, WHOLE_BODY), help=EXPERIMENT_HELP
-    )
-
-
-def add_duration(parser: Parser) -> None:
-    """Adds --duration, of each of many motions."""
-    parser.add_argument(
-        "--duration",
-        type=positive,
-        metavar="S",
-        help="simulate S seconds of each motion (default: all of it)",
     )
 
 
@@ -226,31 +221,6 @@ def count(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive whole number")
     return int(text)
-
-
-def list_of(convert: Callable[[str], object]) -> Callable[[str], list]:
-    """Converts what stands between commas."""
-    return lambda text: [convert(part.strip()) for part in text.split(",")]
-
-
-def one_of(known: Sequence[str]) -> Callable[[str], str]:
-    """Takes a known word only."""
-
-    def convert(text: str) -> str:
-        if text not in known:
-            raise argparse.ArgumentTypeError(
-                f"{text!r} is unknown{nearest(text, known)}"
-            )
-        return text
-
-    return convert
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of a message: the nearest word, or else all there are."""
-    known = list(known)
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean {close[0]}?" if close else f"; known: {', '.join(known)}"
 
 
 def chosen_scenario(name: str) -> Scenario:

@@ -1,4 +1,4 @@
-"""Where commands write by default, and the bar of those that simulate much."""
+"""Where commands write by default, and how they end."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ import hashlib
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from crar_drake.errors import CrarError, printable
-
-if TYPE_CHECKING:
-    from crar_drake.studies.sweep import Result
 
 OUT = Path("out")
 
@@ -110,40 +106,3 @@ def continuing(out: Path) -> Iterator[None]:
             file=sys.stderr,
         )
         raise
-
-
-@contextmanager
-def sweep_bar(
-    finished: int, total: int
-) -> Iterator[Callable[[int, int, Result], None]]:
-    """Yields a callback that draws how far the sweep is, on stderr."""
-    from rich import progress
-    from rich.console import Console
-    from rich.table import Column
-
-    from crar_drake.studies.sweep_report import headline
-
-    columns = (
-        progress.BarColumn(bar_width=20),
-        progress.MofNCompleteColumn(),
-        progress.TextColumn("ETA"),
-        progress.TimeRemainingColumn(table_column=Column(min_width=7)),
-        progress.TextColumn(
-            "{task.fields[newest]}",
-            markup=False,
-            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
-        ),
-    )
-    # A case takes up to minutes, so that a short average would know no speed.
-    with progress.Progress(
-        *columns,
-        console=Console(stderr=True),
-        speed_estimate_period=3600.0,
-        expand=True,
-    ) as bar:
-        task = bar.add_task("", total=total, completed=finished, newest="")
-
-        def show(done: int, total: int, newest: Result) -> None:
-            bar.update(task, completed=done, newest=headline(newest))
-
-        yield show

@@ -12,26 +12,6 @@ from crar_drake.equations.vectors import cross_rows, sum_columns
 DISTANCE_CLAMP = 1e-3
 
 
-def collision_potential(
-    d: np.ndarray,
-    rho: float | np.ndarray,
-    alpha: float | np.ndarray,
-    beta: float | np.ndarray,
-) -> np.ndarray:
-    """Eqs. (22), (24): f_j = rho_j exp(-alpha_j d_j) d_j^-beta_j.
-
-    A reference form: the product needs the slope only, `collision_potential_slope`.
-
-    Args:
-        d: (Nc,) signed distances, positive [m].
-        rho, alpha, beta: scalars or (Nc,); amplitude, decay [1/m], exponent.
-
-    Returns:
-        (Nc,) potentials.
-    """
-    return rho * np.exp(-alpha * d) * d**-beta
-
-
 @compiled
 def collision_potential_slope(
     d: np.ndarray,
@@ -52,27 +32,6 @@ def collision_potential_slope(
     """
     d = np.maximum(d, DISTANCE_CLAMP)
     return -rho * np.exp(-alpha * d) * d**-beta * (beta / d + alpha)
-
-
-def distance_gradient(
-    normal: np.ndarray, J_a: np.ndarray, J_b: np.ndarray
-) -> np.ndarray:
-    """Eq. (20): dd/dq = n^T (J_a - J_b), with n = (p_a - p_b) / d.
-
-    A reference form: the product computes it without the witness points' Jacobians,
-    `distance_gradient_about_origin`.
-
-    The unit normal stands for (p_a - p_b) / d, which has no value at d = 0 and
-    the wrong sign inside. For geometry welded to the world J_b is 0.
-
-    Args:
-        normal: (Nc, 3) unit vectors from b towards a, in W.
-        J_a, J_b: (Nc, 3, n) translational Jacobians of the witness points, in W.
-
-    Returns:
-        (Nc, n) gradients [m/rad or 1].
-    """
-    return np.einsum("ci,cin->cn", normal, J_a - J_b)
 
 
 def _distance_gradient_loops(normal, point, S, moves):

@@ -13,22 +13,6 @@ from crar_drake.equations.compilation import compiled
 LIMIT_CLAMP = 1e-4
 
 
-def joint_limit_potential(
-    q: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> np.ndarray:
-    """The potential h whose gradient is Eq. (17): (u-l)^2 / (4 (u-q) (q-l)).
-
-    A reference form, for tests and plots; defined between finite limits only.
-
-    Args:
-        q, lower, upper: (n,) positions and limits [rad or m].
-
-    Returns:
-        (n,) h_i [1]; 1 in the middle of the range, infinite at the limits.
-    """
-    return (upper - lower) ** 2 / (4.0 * (upper - q) * (q - lower))
-
-
 class LimitPotential(NamedTuple):
     """One set of limits, made ready for Eq. (17) by `limit_potential`; all (n,)."""
 

@@ -104,22 +104,3 @@ def constrained_resolved_acceleration(
         (n,) [rad/s^2].
     """
     return alpha + Gv * (qdot_c - qdot)
-
-
-def error_dynamics_residual(
-    e: np.ndarray,
-    e_dot: np.ndarray,
-    e_ddot: np.ndarray,
-    J: np.ndarray,
-    qdot_c: np.ndarray,
-    qdot: np.ndarray,
-    Kp: float,
-    Kv: float,
-    Gv: float,
-) -> np.ndarray:
-    """Eq. (32): e_dd + Kv e_d + Kp e + J Gv (q_dot_c - q_dot), which is 0.
-
-    A reference form, for checking a simulation against the theory. Holds for full row
-    rank, no damping and no orientation tasks; (m,).
-    """
-    return e_ddot + Kv * e_dot + Kp * e + J @ (Gv * (qdot_c - qdot))

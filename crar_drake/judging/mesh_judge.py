@@ -94,7 +94,6 @@ class MeshVerdict:
             as they are built.
         open_links: links whose surface is not closed, so that what is inside of it is
             a matter of its winding number.
-        coarse_links: links of which there are only simplified triangles.
     """
 
     num_samples: int
@@ -107,7 +106,6 @@ class MeshVerdict:
     refuted: list[PairContact]
     left_out: list[tuple[str, str]]
     open_links: list[str]
-    coarse_links: list[str]
 
 
 class MeshJudge:
@@ -134,7 +132,6 @@ class MeshJudge:
         self._plant.Finalize()
         of_links = read_link_meshes(self._plant, self._scene_graph)
         self.links = [link.name for link in of_links]
-        self.coarse_links = [link.name for link in of_links if link.coarse]
         self._bodies = [link.body for link in of_links]
         self._meshes = [TriangleMesh(*triangles_of(link.parts)) for link in of_links]
         self._indices = np.array(
@@ -204,7 +201,6 @@ class MeshJudge:
             ),
             left_out=self.left_out,
             open_links=self.open_links,
-            coarse_links=self.coarse_links,
         )
 
     def nearer(

@@ -1,7 +1,6 @@
 """Downloads trials of the CMU Graphics Lab Motion Capture Database.
 
-A file appears in the cache only when it is complete and checked: bytes gather in
-`05_02.amc.part`, which a later attempt, or a later run, continues.
+A file appears in the cache only when it is complete and checked.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import fcntl
 import hashlib
 import http.client
 import os
-import re
 import time
 import urllib.error
 import urllib.parse
@@ -23,7 +21,8 @@ from typing import Protocol
 import rich.progress
 from rich.console import Console
 
-from crar_drake.errors import MotionError
+from crar_drake.errors import MotionError, WriteError
+from crar_drake.files import whole_file
 from crar_drake.motion.catalogue import (
     SEARCH_PATH_VARIABLE,
     MotionFiles,
@@ -90,22 +89,17 @@ def fetch(
     files = trial_files(folder, trial)
 
     def download(path: Path, sha256: str | None, read: Callable[[Path], object]):
-        if path.is_file() and not force:
-            if _complaint(path, sha256, read) is None:
-                return
+        if path.is_file() and not force and not _complaint(path, sha256, read):
+            return
         url = f"{base_url.rstrip('/')}/{path.relative_to(folder).as_posix()}"
-        part = _Part(path, url)
-        if force:
-            part.discard()
-        _download(part, trial, sha256 is not None, progress, sleep)
-        complaint = _complaint(part.path, sha256, read)
-        if complaint is not None:
-            part.discard()
-            raise MotionError(
-                f"{url}: {complaint}. The download was removed; fetch it again, or put "
-                f"the right file into a folder of {SEARCH_PATH_VARIABLE}"
-            )
-        part.finish()
+        data = _download(url, trial, sha256 is not None, progress, sleep)
+        with whole_file(path) as temporary:
+            temporary.write_bytes(data)
+            if complaint := _complaint(temporary, sha256, read):
+                raise MotionError(
+                    f"{url}: {complaint}. The download was removed; fetch it again, or "
+                    f"put the right file into a folder of {SEARCH_PATH_VARIABLE}"
+                )
 
     try:
         with _one_at_a_time(folder):
@@ -115,10 +109,11 @@ def fetch(
                 known[trial].amc_sha256 if trial in known else None,
                 lambda path: read_amc(path, read_asf(files.asf)),
             )
-    except OSError as error:
+    except (OSError, WriteError) as error:
+        why = getattr(error, "strerror", None) or error
         raise MotionError(
-            f"cannot keep trial {trial} in {folder}: {error.strerror or error}; make "
-            f"room there or name another cache folder"
+            f"cannot keep trial {trial} in {folder}: {why}; make room there or name "
+            "another cache folder"
         ) from error
     return files
 
@@ -188,96 +183,51 @@ class _TryAgain(Exception):
     """An attempt failed in a way that may pass; says how."""
 
 
-class _Part:
-    """An unfinished download: its bytes, and beside them what they are bytes of."""
-
-    def __init__(self, target: Path, url: str) -> None:
-        self.target = target
-        self.url = url
-        self.path = target.with_name(target.name + ".part")
-        self._origin = target.with_name(target.name + ".part.origin")
-
-    def resume_point(self) -> tuple[int, str]:
-        """Returns how many bytes are there, and the validator of their version."""
-        try:
-            url, validator = self._origin.read_text(encoding="utf-8").splitlines()
-            size = self.path.stat().st_size
-        except (FileNotFoundError, ValueError):
-            return 0, ""
-        # Without a validator a changed file cannot be distinguished from the old one.
-        return (size, validator) if url == self.url and validator else (0, "")
-
-    def begin(self, validator: str) -> None:
-        """Drops the old bytes before it says of which version the new ones are."""
-        self.discard()
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._origin.write_text(f"{self.url}\n{validator}\n", encoding="utf-8")
-
-    def discard(self) -> None:
-        self.path.unlink(missing_ok=True)
-        self._origin.unlink(missing_ok=True)
-
-    def finish(self) -> None:
-        os.replace(self.path, self.target)
-        self._origin.unlink(missing_ok=True)
-
-
 def _download(
-    part: _Part,
+    url: str,
     trial: str,
     has_checksum: bool,
     progress: ProgressCallback | None,
     sleep: Callable[[float], object],
-) -> None:
-    """Completes a part, in several attempts if need be."""
+) -> bytes:
+    """What is at an address, in several attempts if need be."""
     for attempt in range(_ATTEMPTS):
         if attempt > 0:
             sleep(_FIRST_PAUSE * 2 ** (attempt - 1))
         try:
-            with _open(part, trial) as response:
-                _receive(response, part, has_checksum, progress)
-            return
+            with _open(url, trial) as response:
+                return _receive(response, url, has_checksum, progress)
         except _TryAgain as error:
             reason = error
     raise MotionError(
-        f"{part.url}: {reason}; gave up after {_ATTEMPTS} attempts. Run the same "
-        f"command later: it goes on with what has arrived"
+        f"{url}: {reason}; gave up after {_ATTEMPTS} attempts. Run the same command "
+        "later"
     )
 
 
-def _open(part: _Part, trial: str) -> http.client.HTTPResponse:
-    """Asks for the file, or for the rest of it."""
-    request = urllib.request.Request(part.url, headers={"User-Agent": "crar-drake"})
-    size, validator = part.resume_point()
-    if size > 0:
-        request.add_header("Range", f"bytes={size}-")
-        request.add_header("If-Range", validator)
+def _open(url: str, trial: str) -> http.client.HTTPResponse:
+    """Asks for the file."""
+    request = urllib.request.Request(url, headers={"User-Agent": "crar-drake"})
     try:
         return urllib.request.urlopen(request, timeout=_TIMEOUT)
     except urllib.error.HTTPError as error:
         error.close()
         if error.code in (404, 410):
             raise MotionError(
-                f"the database has no trial {trial}: {part.url} does not exist; look "
-                f"its number up at {DATABASE_URL}"
+                f"the database has no trial {trial}: {url} does not exist; look its "
+                f"number up at {DATABASE_URL}"
             ) from error
-        if error.code == 416:  # the file has become shorter than what we have
-            part.discard()
-            raise _TryAgain("the server has no such part of the file") from error
         if error.code >= 500 or error.code in (408, 429):
             raise _TryAgain(f"the server answers {error.code}") from error
         raise MotionError(
-            f"{part.url}: the server answers {error.code} {error.reason}; get the "
-            f"files another way and name their folder in {SEARCH_PATH_VARIABLE}"
+            f"{url}: the server answers {error.code} {error.reason}; get the files "
+            f"another way and name their folder in {SEARCH_PATH_VARIABLE}"
         ) from error
     except urllib.error.URLError as error:
-        if isinstance(error.reason, TimeoutError):
-            raise _TryAgain("the server does not answer") from error
-        if isinstance(error.reason, ConnectionError) and not isinstance(
-            error.reason, ConnectionRefusedError
-        ):
+        passing = isinstance(error.reason, TimeoutError | ConnectionError)
+        if passing and not isinstance(error.reason, ConnectionRefusedError):
             raise _TryAgain("the connection was cut off") from error
-        host = urllib.parse.urlsplit(part.url).netloc
+        host = urllib.parse.urlsplit(url).netloc
         raise MotionError(
             f"cannot reach {host} ({error.reason}); check the network, or get the "
             f"files another way and name their folder in {SEARCH_PATH_VARIABLE}"
@@ -288,60 +238,29 @@ def _open(part: _Part, trial: str) -> http.client.HTTPResponse:
 
 def _receive(
     response: http.client.HTTPResponse,
-    part: _Part,
+    url: str,
     has_checksum: bool,
     progress: ProgressCallback | None,
-) -> None:
-    """Writes the response behind what is there, or from the start."""
+) -> bytes:
+    """The whole of a response."""
     length = response.headers.get("Content-Length", "")
     total = int(length) if length.isdecimal() else None
-    done = 0
-    if response.status == 206:
-        done, validator = part.resume_point()
-        total = _continued_total(response, done, validator)
-        if total is None:
-            part.discard()
-            raise _TryAgain("the file changed on the server")
-    else:
-        part.begin(_validator(response))
-        if total is None and not response.chunked and not has_checksum:
-            raise MotionError(
-                f"{part.url}: the server does not say how long the file is, so that a "
-                f"cut-off one could not be noticed; name another server"
-            )
-
-    with open(part.path, "ab") as file:
-        while True:
-            if progress is not None:
-                progress(part.target.name, done, total)
-            try:
-                chunk = response.read(_CHUNK)
-            except (OSError, http.client.HTTPException) as error:
-                raise _TryAgain(f"cut off at {done} bytes") from error
-            if not chunk:
-                break
-            file.write(chunk)
-            done += len(chunk)
-    if total is not None and done != total:
-        raise _TryAgain(f"cut off at {done} of {total} bytes")
-
-
-def _continued_total(
-    response: http.client.HTTPResponse, done: int, validator: str
-) -> int | None:
-    """Returns the whole file's length if a 206 response continues our bytes."""
-    content = response.headers.get("Content-Range", "")
-    numbers = re.fullmatch(r"bytes ([0-9]+)-[0-9]+/([0-9]+)", content)
-    # Some servers know Range, but not If-Range.
-    same_version = _validator(response) in ("", validator)
-    if numbers is None or int(numbers[1]) != done or not same_version:
-        return None
-    return int(numbers[2])
-
-
-def _validator(response: http.client.HTTPResponse) -> str:
-    """Returns what If-Range may compare: a strong ETag, else the date, else ""."""
-    etag = response.headers.get("ETag", "")
-    if etag and not etag.startswith("W/"):
-        return etag
-    return response.headers.get("Last-Modified", "")
+    if total is None and not response.chunked and not has_checksum:
+        raise MotionError(
+            f"{url}: the server does not say how long the file is, so that a cut-off "
+            "one could not be noticed; name another server"
+        )
+    data = bytearray()
+    while True:
+        if progress is not None:
+            progress(url.rpartition("/")[2], len(data), total)
+        try:
+            chunk = response.read(_CHUNK)
+        except (OSError, http.client.HTTPException) as error:
+            raise _TryAgain(f"cut off at {len(data)} bytes") from error
+        if not chunk:
+            break
+        data += chunk
+    if total is not None and len(data) != total:
+        raise _TryAgain(f"cut off at {len(data)} of {total} bytes")
+    return bytes(data)

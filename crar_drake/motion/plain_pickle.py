@@ -1,31 +1,32 @@
 """Pickles that hold data alone, read without running anything that is in them.
 
-A pickle is a program: Python's own reader calls what it names. Here that reader
-(`plain_unpickler`) has the opcodes alone that build plain containers, numbers, texts
-and NumPy arrays; whatever else a file names or does is refused. Nothing is imported
-and nothing is called by a name from the file: the few names that NumPy and joblib
-write stand for functions of `pickled_arrays`.
-
-joblib's `dump` puts the bytes of an array behind the opcodes that describe it, perhaps
-compresses all of it; that is read, too.
+A pickle is a program: it names what is called. Names are looked up in a short list of
+those that NumPy and joblib write for arrays and plain containers; nothing is imported,
+and a file that names anything else is refused. joblib's `dump` puts the bytes of an
+array behind the opcodes that describe it, perhaps compresses all of it; that is read,
+too.
 """
 
 from __future__ import annotations
 
 import bz2
 import gzip
+import io
 import lzma
+import math
 import os
 import pickle
 import pickletools
+import re
 import zlib
+from collections import OrderedDict
 from pathlib import Path
+
+import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import LARGEST
-from crar_drake.motion.pickled_arrays import RefusedPickle
-from crar_drake.motion.plain_unpickler import PlainUnpickler
 
 # How often its own size a file may unpack to, beyond what is small [bytes]: numbers of
 # a motion do not compress that well.
@@ -38,6 +39,13 @@ _COMPRESSED = {
     b"\xfd7zXZ": lzma.open,
     b"]\x00": lzma.open,
 }
+
+# Truth values, integers, floats, texts, objects. NumPy's own reader knows far more.
+_TYPE_NAME = re.compile(r"[<>|=]?[biufUSO][0-9]{0,4}")
+
+
+class RefusedPickle(Exception):
+    """What is wrong with the file, without its name."""
 
 
 def read_plain_pickle(path: str | os.PathLike[str]) -> object:
@@ -82,36 +90,207 @@ def for_any_numpy(data: bytes) -> bytes:
     return b"".join([*parts, data[before:]])
 
 
+# --- what the names stand for -----------------------------------------------------
+
+
+class _JoblibArray:
+    """Stands before the bytes of an array in a file of joblib's."""
+
+
+_NDARRAY = "ndarray"  # is named as a class of arrays; nothing calls it
+
+
+def _array(kind: object, *rest: object) -> np.ndarray:
+    """An empty array, whose shape and numbers follow."""
+    if kind is not _NDARRAY:
+        raise RefusedPickle("it has a subclass of NumPy's arrays")
+    return np.empty(0)
+
+
+def _buffered(data: object, dtype: np.dtype, shape: tuple, order: str) -> np.ndarray:
+    return np.frombuffer(data, dtype).reshape(shape, order=order).copy()
+
+
+def _scalar(dtype: np.dtype, data: bytes) -> np.generic:
+    return np.frombuffer(data, dtype, 1)[0]
+
+
+def _dtype(name: object, *rest: object) -> np.dtype:
+    if not isinstance(name, str) or not _TYPE_NAME.fullmatch(name):
+        raise RefusedPickle("it has an array of a type that is no numbers")
+    return np.dtype(name, copy=True)  # its byte order may follow
+
+
+def _latin(text: str, encoding: str) -> bytes:
+    return text.encode("latin1")
+
+
+def _default_dict(*factory: object) -> dict:
+    """What it has for keys that are not there is no data."""
+    return {}
+
+
+KNOWN = {
+    **{
+        (f"{core}.{module}", name): function
+        for core in ("numpy.core", "numpy._core")
+        for module, name, function in (
+            ("multiarray", "_reconstruct", _array),
+            ("multiarray", "scalar", _scalar),
+            ("numeric", "_frombuffer", _buffered),
+        )
+    },
+    ("numpy", "ndarray"): _NDARRAY,
+    ("numpy", "dtype"): _dtype,
+    ("_codecs", "encode"): _latin,
+    ("collections", "OrderedDict"): OrderedDict,
+    ("collections", "defaultdict"): _default_dict,
+    **{
+        (module, kind.__name__): kind
+        for module in ("builtins", "__builtin__")
+        for kind in (dict, set, frozenset)
+    },
+    ("__builtin__", "bytes"): lambda: b"",
+    ("joblib.numpy_pickle", "NumpyArrayWrapper"): _JoblibArray,
+}
+
+
+class PlainUnpickler(pickle._Unpickler):
+    """Reads one pickle.
+
+    It is Python's own reader, the one in Python: that in C reads ahead, over the bytes
+    of joblib's arrays.
+
+    Attributes:
+        known: what stands for a name that the file has, by module and name.
+    """
+
+    known = KNOWN
+    dispatch = dict(pickle._Unpickler.dispatch)
+
+    def __init__(self, data: bytes) -> None:
+        """
+        Args:
+            data: the whole file, unpacked; arrays are no larger.
+        """
+        self._data, self._size = io.BytesIO(data), len(data)
+        # Texts of Python 2 stay bytes: an array's numbers are among them.
+        super().__init__(self._data, encoding="bytes")
+
+    def load(self) -> object:
+        """What is in the file.
+
+        Raises:
+            RefusedPickle: it is more than data, or damaged.
+        """
+        try:
+            return super().load()
+        except RefusedPickle:
+            raise
+        except EOFError:
+            raise RefusedPickle("the file is cut off") from None
+        except MemoryError:
+            raise RefusedPickle("it is larger than the memory") from None
+        except Exception as error:
+            # Damaged opcodes end in errors of any kind.
+            raise RefusedPickle(
+                f"it is no pickle of plain data, or one that is damaged ({error})"
+            ) from None
+
+    def find_class(self, module: str, name: str) -> object:
+        """What stands for a name.
+
+        Raises:
+            RefusedPickle: the name is none of those that NumPy and joblib write.
+        """
+        if (module, name) in self.known:
+            return self.known[module, name]
+        hint = ""
+        if str(module).split(".")[0] == "torch":
+            hint = "; save tensors as arrays (`.numpy()`) first"
+        raise RefusedPickle(
+            f"it names {module[:60]}.{name[:60]}, which is no plain data and could run "
+            f"code when it is loaded; only arrays and plain containers are read{hint}"
+        )
+
+    def _build(self) -> None:
+        """Fills in an array or a type; nothing else has a state."""
+        state, target = self.stack.pop(), self.stack[-1]
+        if isinstance(target, np.ndarray):
+            _, shape, dtype, fortran, data = state
+            # `np.save` puts an array without axes around a dict.
+            if dtype.hasobject and (shape != () or not isinstance(data, list)):
+                raise RefusedPickle("it has an array of objects, which are no numbers")
+            target.__setstate__((1, _lengths(shape), dtype, bool(fortran), data))
+        elif isinstance(target, np.dtype):
+            if state[2:5] != (None, None, None) or state[1] not in ("<", ">", "|", "="):
+                raise RefusedPickle("it has an array of a type that is made of others")
+            own = target.itemsize, target.alignment, target.flags
+            target.__setstate__((3, state[1], None, None, None, *own))
+        elif isinstance(target, _JoblibArray):
+            self.stack[-1] = self._joblib_array(**state)
+        else:
+            raise RefusedPickle("it sets the attributes of what is no array")
+
+    dispatch[pickle.BUILD[0]] = _build
+
+    def _joblib_array(
+        self,
+        subclass: object,
+        shape: tuple,
+        order: str,
+        dtype: np.dtype,
+        allow_mmap: object = None,
+        numpy_array_alignment_bytes: int | None = None,
+    ) -> np.ndarray:
+        """What follows in the file: perhaps padding, then the numbers."""
+        if subclass is not _NDARRAY or dtype.hasobject:
+            raise RefusedPickle(
+                "it has a subclass of NumPy's arrays, or an array of objects"
+            )
+        if numpy_array_alignment_bytes is not None:
+            self._data.read(self._data.read(1)[0])
+        size = math.prod(_lengths(shape)) * dtype.itemsize
+        if size > self._size - self._data.tell():
+            raise RefusedPickle(
+                "an array is larger than the file, which may be cut off"
+            )
+        return _buffered(self._data.read(size), dtype, shape, order)
+
+
+def _lengths(shape: object) -> tuple[int, ...]:
+    """A shape as it stands in a file.
+
+    Raises:
+        RefusedPickle: it is none.
+    """
+    if not isinstance(shape, tuple) or not all(
+        isinstance(length, int) and 0 <= length < 2**48 for length in shape
+    ):
+        raise RefusedPickle("an array is damaged")
+    return shape
+
+
 def _unpacked(path: Path) -> bytes:
-    with path.open("rb") as file:
-        start = file.read(6)
-    if not start:
-        raise RefusedPickle("the file is empty")
-    most = min(LARGEST, _SMALL + _LARGEST_RATIO * path.stat().st_size)
+    data = path.read_bytes()
+    most = min(LARGEST, _SMALL + _LARGEST_RATIO * len(data))
     try:
         for magic, opener in _COMPRESSED.items():
-            if start.startswith(magic) and not _starts_pickle(start):
+            if data.startswith(magic):
                 with opener(path, "rb") as file:
                     return _bounded(file.read(most + 1), most)
         # zlib: the first two bytes are a multiple of 31, the method is 8.
-        if start[0] == 0x78 and int.from_bytes(start[:2], "big") % 31 == 0:
+        if data[:1] == b"x" and int.from_bytes(data[:2], "big") % 31 == 0:
             unpacker = zlib.decompressobj()
-            data = unpacker.decompress(path.read_bytes(), most + 1)
-            if not unpacker.eof and len(data) <= most:
+            unpacked = unpacker.decompress(data, most + 1)
+            if not unpacker.eof and len(unpacked) <= most:
                 raise RefusedPickle("the file is cut off")
-            return _bounded(data, most)
-    except (OSError, EOFError, zlib.error, lzma.LZMAError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
+            return _bounded(unpacked, most)
+    except (EOFError, OSError, zlib.error, lzma.LZMAError) as error:
         raise RefusedPickle(
             f"the compressed file is damaged or cut off ({error})"
         ) from None
-    return path.read_bytes()
-
-
-def _starts_pickle(start: bytes) -> bool:
-    """`]` is the empty list as well as lzma's first byte; a 0 is no opcode."""
-    return start[:1] == b"]" and start[1:2] != b"\x00"
+    return data
 
 
 def _bounded(data: bytes, most: int) -> bytes:

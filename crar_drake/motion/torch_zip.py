@@ -3,7 +3,7 @@
 Such a file is a zip: `NAME/data.pkl`, a pickle of plain containers in which a tensor is
 a call of `torch._utils._rebuild_tensor_v2` with a storage, an offset, a size and
 strides (in numbers), and `NAME/data/KEY`, the bytes of each storage. The pickle is read
-by `plain_unpickler`, with the names below besides. Files of PyTorch before 1.6 are no
+by `plain_pickle`, with the names below besides. Files of PyTorch before 1.6 are no
 zips, and are not read. Source: `torch/serialization.py` and `torch/_utils.py` of
 github.com/pytorch/pytorch.
 """
@@ -19,14 +19,7 @@ import numpy as np
 
 from crar_drake.errors import MotionError
 from crar_drake.motion.array_files import LARGEST
-from crar_drake.motion.pickled_arrays import (
-    CALLED,
-    KNOWN,
-    ArrayInMaking,
-    RefusedPickle,
-    check_shape,
-)
-from crar_drake.motion.plain_unpickler import PlainUnpickler
+from crar_drake.motion.plain_pickle import KNOWN, PlainUnpickler, RefusedPickle
 
 # PyTorch's storages by their numbers' types in NumPy, little-endian.
 _STORAGES = {
@@ -85,8 +78,6 @@ class _Storage:
 
 
 class _TorchUnpickler(PlainUnpickler):
-    dispatch = dict(PlainUnpickler.dispatch)
-
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
         pickles = [n for n in archive.namelist() if n.endswith("/data.pkl")]
         if len(pickles) != 1:
@@ -103,9 +94,8 @@ class _TorchUnpickler(PlainUnpickler):
             **KNOWN,
             ("torch._utils", "_rebuild_tensor_v2"): self._tensor,
             **{("torch", name): np.dtype(kind) for name, kind in _STORAGES.items()},
-            **dict.fromkeys(_ENUMERATIONS, _text),
+            **dict.fromkeys(_ENUMERATIONS, str),
         }
-        self.called = CALLED | {self._tensor, _text}
 
     def _bytes(self, name: str, most: int) -> bytes:
         with self._archive.open(name) as file:
@@ -114,19 +104,16 @@ class _TorchUnpickler(PlainUnpickler):
             raise RefusedPickle(f"its {name} is too large")
         return data
 
-    def _persistent(self) -> None:
+    def persistent_load(self, pid: tuple) -> _Storage:
         """A storage: ("storage", type, key, device, length)."""
-        _, dtype, key, _, length = self.stack.pop()
-        if not isinstance(dtype, np.dtype) or not isinstance(key, str):
-            raise RefusedPickle("a tensor's storage is damaged")
-        self.append(_Storage(dtype, key, length))
+        _, dtype, key, _, length = pid
+        return _Storage(dtype, key, length)
 
-    def _tensor(self, storage, offset, size, stride, *rest) -> ArrayInMaking:
+    def _tensor(self, storage, offset, size, stride, *rest) -> np.ndarray:
         if not isinstance(storage, _Storage):
             raise RefusedPickle("a tensor has no storage")
-        for numbers in ((storage.length, offset), size, stride):
-            check_shape(numbers)
-        if len(size) != len(stride):
+        numbers = (storage.length, offset, *size, *stride)
+        if len(size) != len(stride) or min(numbers) < 0:
             raise RefusedPickle("a tensor is damaged")
         empty = 0 in size
         last = offset + sum((n - 1) * s for n, s in zip(size, stride, strict=True))
@@ -140,20 +127,8 @@ class _TorchUnpickler(PlainUnpickler):
         data = self._bytes(name, storage.length * step)
         if len(data) != storage.length * step:
             raise RefusedPickle("a tensor's storage is cut off")
-        array = ArrayInMaking()
         if empty:
-            array.value = np.zeros(size, storage.dtype)
-            return array
+            return np.zeros(size, storage.dtype)
         flat = np.frombuffer(data, storage.dtype)[offset:]
         strides = [step * s for s in stride]
-        array.value = np.lib.stride_tricks.as_strided(flat, size, strides).copy()
-        return array
-
-
-_TorchUnpickler.dispatch[ord("Q")] = _TorchUnpickler._persistent
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise RefusedPickle("an enumeration's value is no text")
-    return value
+        return np.lib.stride_tricks.as_strided(flat, size, strides).copy()

@@ -140,15 +140,12 @@ class NotOf:
         beyond_root: pairs with a link that the root does not carry: they depend on
             where the root is.
         without_mesh: links that have no shape.
-        coarse: links of which there are only simplified triangles: the pairs hold of
-            these.
     """
 
     one_joint: list[tuple[str, str]]
     as_built: list[tuple[str, str]]
     beyond_root: list[tuple[str, str]]
     without_mesh: list[str]
-    coarse: list[str]
 
 
 class MeshPairs:
@@ -204,7 +201,6 @@ class MeshPairs:
             as_built=as_built,
             beyond_root=self.named(beyond_root),
             without_mesh=[b.name() for b in bodies if int(b.index()) not in shaped],
-            coarse=[link.name for link in of_links if link.coarse],
         )
 
     @property

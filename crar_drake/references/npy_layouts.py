@@ -34,9 +34,11 @@ import numpy as np
 from crar_drake.errors import MotionError
 from crar_drake.files import whole_file
 from crar_drake.motion.array_files import load_arrays, npy_header
-from crar_drake.motion.pickled_arrays import RefusedPickle
-from crar_drake.motion.plain_pickle import for_any_numpy
-from crar_drake.motion.plain_unpickler import PlainUnpickler
+from crar_drake.motion.plain_pickle import (
+    PlainUnpickler,
+    RefusedPickle,
+    for_any_numpy,
+)
 from crar_drake.references.pickle_layouts import clip_of_motion, motion_of_clip
 from crar_drake.references.robot_motion import RobotMotion
 
@@ -65,6 +67,7 @@ def read_npy(
         return (_motion_of_table(path, rate, joint_names),)
     try:
         held = PlainUnpickler(path.read_bytes()[offset:]).load()
+        held = held.item() if isinstance(held, np.ndarray) and not held.ndim else held
     except RefusedPickle as error:
         raise MotionError(f"{path}: {error}") from None
     return (motion_of_clip(path, held, found, rate, joint_names),)

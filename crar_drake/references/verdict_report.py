@@ -215,11 +215,6 @@ def _mesh_lines(verdict: ReferenceVerdict) -> Iterator[str]:
     if meshes.left_out:
         pairs = ", ".join(f"{a} - {b}" for a, b in meshes.left_out)
         yield f"  left out, since their meshes meet at zero and at rest: {pairs}"
-    if meshes.coarse_links:
-        yield (
-            "  only simplified meshes are there, of an import by an earlier version; "
-            "import the robot again"
-        )
 
 
 def _pair_lines(pairs: tuple[PairFrames, ...], rate: float) -> Iterator[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -40,34 +39,30 @@ class SimulationLog:
             2 scaled towards braking), the share of the nominal step, a bound from below
             for all distances on the next braking path [m], and 1 if the present one is
             clear, else 0, the last two NaN where a watched pair is not examined; all
-            NaN unless "lookahead", while the robot brakes without targets, and in logs
-            of versions that did not keep it.
+            NaN unless "lookahead" and while the robot brakes without targets.
         balance: (T, 3) how the control step was admitted for balance (0 nominal, 1
             corrected, 2 scaled towards braking), the share of it, and what the ground
             has left on the next braking path [m of the weight's arm]; all NaN without
-            controller.balance, while the robot brakes without targets, and in logs of
-            versions that did not keep it.
+            controller.balance and while the robot brakes without targets.
         obstacles: (T, 4 N) x, y, z and radius of each sphere that moves by itself [m],
-            in the order of the scenario's; (T, 0) where there are none, and in logs of
-            versions that did not keep them.
+            in the order of the scenario's; (T, 0) where there are none.
         torque_limit: (T, 2) share of the nominal step that the effort limits allowed,
             and the excess before clipping, see `Solution`.
         position_names: (nq,) joint of each column of q.
         velocity_names: (nv,) joint of each column of v; the same, unless the root is
-            free, and in logs of versions that did not keep them.
+            free.
         actuator_names: (nu,) joint that each actuator moves.
         controlled_names: (n,) the controlled joints, without a root.
-        controlled_units: (n,) "rad" of joints that turn, "m" of those that slide;
-            "rad" in logs of versions that did not keep them.
+        controlled_units: (n,) "rad" of joints that turn, "m" of those that slide.
         task_names, task_kinds: (N,) tasks, in the order of the rows.
         pair_names: (Nc,) "link a - link b".
         lower, upper: (nq,) position limits; infinite where there is none, and for
             the prescribed joints.
         velocity_limits: (nv,) the largest speeds that the run allowed [rad/s or m/s];
-            infinite likewise, and in logs of versions that did not keep them.
+            infinite likewise.
         effort_limits: (nu,) the largest efforts of the actuators, as the controller's
             model has them, whether or not the run respected them [Nm or N]; infinite
-            where there is none, and in logs of versions that did not keep them.
+            where there is none.
         scenario: the scenario that was run, as YAML text; a robot that was named by
             a path has its absolute path there.
     """
@@ -234,19 +229,6 @@ _SHAPES: dict[str, tuple[str, ...]] = {
 # The arrays that have a row for each sample.
 OVER_TIME = tuple(name for name, axes in _SHAPES.items() if axes[0] == "T")
 
-# What logs of earlier versions do not have, and what stands for it.
-_LATER: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
-    "velocity_names": lambda arrays: arrays["position_names"],
-    "controlled_units": lambda arrays: np.full(
-        arrays["controlled_names"].shape[:1], "rad"
-    ),
-    "velocity_limits": lambda arrays: np.full(arrays["v"].shape[-1:], np.inf),
-    "effort_limits": lambda arrays: np.full(arrays["actuation"].shape[-1:], np.inf),
-    "admission": lambda arrays: np.full((*arrays["time"].shape[:1], 4), np.nan),
-    "balance": lambda arrays: np.full((*arrays["time"].shape[:1], 3), np.nan),
-    "obstacles": lambda arrays: np.empty((*arrays["time"].shape[:1], 0)),
-}
-
 
 def _read(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a log's archive; _Unfit if it is something else, or damaged."""
@@ -256,10 +238,6 @@ def _read(path: Path) -> dict[str, np.ndarray]:
         raise _Unfit(str(error).removeprefix(f"{path}: ")) from error
     known = {field.name for field in fields(SimulationLog)}
     for name in sorted(known.symmetric_difference(arrays)):
-        if name not in _LATER:
-            word = "misses" if name in known else "has"
-            raise _Unfit(f"it {word} an array {name!r}")
-    for name, usual in _LATER.items():
-        if name not in arrays:
-            arrays[name] = usual(arrays)
+        word = "misses" if name in known else "has"
+        raise _Unfit(f"it {word} an array {name!r}")
     return arrays

@@ -101,7 +101,7 @@ class Summary:
             [m]; None unless constraints are "lookahead".
         resting_margin: smallest margin to a joint limit there [rad]; likewise.
         admitted_steps: control steps in the log that tell how they were admitted; 0
-            unless constraints are "lookahead", and in logs of earlier versions.
+            unless constraints are "lookahead".
         corrected_steps: those among them that more constraints had to correct.
         scaled_steps: those that were scaled towards braking.
         unclear_steps: those that began with a braking path that was not known to be

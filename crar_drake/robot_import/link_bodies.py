@@ -7,9 +7,9 @@ import numpy as np
 from crar_drake.robot_import.capsule_fitting import coverage
 from crar_drake.robot_import.covering import covered
 from crar_drake.robot_import.import_report import ImportReport
-from crar_drake.robot_import.inertias import Inertia, own_mass, read_inertia, stand_in
+from crar_drake.robot_import.inertias import own_mass, read_inertia, stand_in
 from crar_drake.robot_import.meshes import Part
-from crar_drake.robot_import.source_robot import WORLD
+from crar_drake.robot_import.source_robot import WORLD, Inertia
 from crar_drake.robot_import.structure import welded_groups
 
 

@@ -22,7 +22,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from crar_drake.errors import ModelError
 from crar_drake.robot_import.meshes import Part, link_parts
 from crar_drake.robot_import.optional_packages import require_packages
-from crar_drake.robot_import.robot_folder import TRIANGLES, triangles_file
+from crar_drake.robot_import.robot_folder import triangles_file
 from crar_drake.robot_import.source_robot import Link, Shape, drake_shape
 
 # Module to the package that brings it.
@@ -37,13 +37,11 @@ class LinkMesh:
         name: of the link; `model::link` where several models have one of that name.
         body: of the plant.
         parts: triangles by mesh file or primitive, in the link's frame.
-        coarse: whether a mesh was read that the import had simplified.
     """
 
     name: str
     body: BodyIndex
     parts: list[Part]
-    coarse: bool
 
 
 def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
@@ -103,16 +101,15 @@ def read_link_meshes(
         name = _name(plant, body)
         if links is not None and name not in links:
             continue
-        shapes, coarse = [], False
+        shapes = []
         for geometry in _geometries(plant, inspector, body):
             pose = inspector.GetPoseInFrame(geometry)
-            shape, simplified = _shape(inspector.GetShape(geometry), pose, name)
-            coarse |= simplified
+            shape = _shape(inspector.GetShape(geometry), pose, name)
             if shape is not None:
                 shapes.append(shape)
         if shapes:
             parts = link_parts(Link(name, tuple(shapes), (), None))
-            meshes.append(LinkMesh(name, body.index(), parts, coarse))
+            meshes.append(LinkMesh(name, body.index(), parts))
     return meshes
 
 
@@ -135,15 +132,11 @@ def _name(plant: MultibodyPlant, body: RigidBody) -> str:
     return body.name()
 
 
-def _shape(
-    shape: DrakeShape, X_LG: RigidTransform, link: str
-) -> tuple[Shape | None, bool]:
-    """What the import calls the shape, and whether it is a simplified mesh."""
+def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
+    """What the import calls the shape."""
     if isinstance(shape, HalfSpace):
-        return None, False
-    path, coarse = None, False
-    if isinstance(shape, Mesh | Convex):
-        path, coarse = _file(shape, link)
+        return None
+    path = _file(shape, link) if isinstance(shape, Mesh | Convex) else None
     found = drake_shape(X_LG, shape)
     if found is None:
         raise ModelError(
@@ -152,26 +145,16 @@ def _shape(
         )
     if path is not None:
         found = replace(found, mesh=replace(found.mesh, path=path))
-    return found, coarse
+    return found
 
 
-def _file(shape: Mesh | Convex, link: str) -> tuple[Path, bool]:
-    """The file of a mesh with all its triangles, and whether there is only a coarse
-    one: what earlier versions imported."""
+def _file(shape: Mesh | Convex, link: str) -> Path:
+    """The file of a mesh with all its triangles."""
     if not shape.source().is_path():
         raise ModelError(f"link {link!r}: its mesh is not in a file")
     path = Path(shape.source().path())
-    imported = (
-        path.parent.name == "meshes" and (path.parent.parent / "import.yaml").is_file()
-    )
-    if not imported:
-        return _existing(path, link), False
-    if not (path.parent.parent / TRIANGLES).is_dir():
-        return _existing(path, link), True
-    return _existing(triangles_file(path), link), False
-
-
-def _existing(path: Path, link: str) -> Path:
+    if path.parent.name == "meshes" and (path.parent.parent / "import.yaml").is_file():
+        path = triangles_file(path)
     if not path.is_file():
         raise ModelError(
             f"link {link!r}: its mesh {path} is not there; of an imported robot, "

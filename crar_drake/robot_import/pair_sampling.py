@@ -14,10 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint
 
 from crar_drake.equations.capsule_distances import capsule_distances
+from crar_drake.equations.kinematics import link_poses
+from crar_drake.robot.kinematics import JointTree
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
-from crar_drake.robot_import.postures import Placed, Postures
 
 SAMPLES = 1000
 CLEAR = 0.005  # [m] that a pair keeps in the rest posture
@@ -53,55 +55,39 @@ class SampledPairs:
     contacts: dict[frozenset[str], float]
 
 
-class Gaps:
-    """Distances between the capsules of pairs of links."""
+def gaps(
+    capsules: Mapping[str, Sequence[FittedCapsule]],
+    pairs: Sequence[tuple[str, str]],
+    poses: Mapping[str, RigidTransform],
+) -> np.ndarray:
+    """(N,) distances between the capsules of pairs of links [m].
 
-    def __init__(
-        self,
-        capsules: Mapping[str, Sequence[FittedCapsule]],
-        pairs: Sequence[tuple[str, str]],
-    ) -> None:
-        """
-        Args:
-            capsules: link to its shapes, in its frame.
-            pairs: of links that have some.
-        """
-        ends = [(name, c) for name, of_link in capsules.items() for c in of_link]
-        first: dict[str, list[int]] = {name: [] for name in capsules}
-        for index, (name, _) in enumerate(ends):
-            first[name].append(index)
-        rows = [
-            (index, i, j)
-            for index, (a, b) in enumerate(pairs)
-            for i in first[a]
-            for j in first[b]
-        ]
-        of_pair, self._i, self._j = np.array(rows, dtype=int).reshape(-1, 3).T
-        self._starts = np.searchsorted(of_pair, np.arange(len(pairs)))
-        self._p_L = {
-            name: np.array([[c.p_L0, c.p_L1] for c in of_link])
-            for name, of_link in capsules.items()
-            if of_link
-        }
-        self._radius = np.array([c.radius for _, c in ends])
-
-    def distances(self, poses: Mapping[str, RigidTransform]) -> np.ndarray:
-        """(N,) of each pair, with the links at some poses [m]."""
-        p = np.concatenate(
-            [
-                p_L @ poses[name].rotation().matrix().T + poses[name].translation()
-                for name, p_L in self._p_L.items()
-            ]
-        )
-        i, j, radius = self._i, self._j, self._radius
-        d, *_ = capsule_distances(
-            p[i, 0], p[i, 1], radius[i], p[j, 0], p[j, 1], radius[j]
-        )
-        return np.minimum.reduceat(d, self._starts)
+    Args:
+        capsules: link to its shapes, in its frame.
+        pairs: of links that have some.
+        poses: of the links.
+    """
+    placed = {
+        name: [(poses[name] @ c.p_L0, poses[name] @ c.p_L1, c.radius) for c in of_link]
+        for name, of_link in capsules.items()
+    }
+    found = []
+    for a, b in pairs:
+        shapes = zip(*itertools.product(placed[a], placed[b]), strict=True)
+        ends = [map(np.array, zip(*side, strict=True)) for side in shapes]
+        found.append(capsule_distances(*ends[0], *ends[1])[0].min())
+    return np.array(found)
 
 
 class PairDistances:
-    """Distances of pairs of links in many postures, by their capsules."""
+    """Distances of pairs of links in many postures, by their capsules.
+
+    A root that floats stays where the plant has it by default: what moves a robot as a
+    whole does not change how far its links are apart.
+
+    Attributes:
+        lower, upper: (nq,) of `position_ranges`.
+    """
 
     def __init__(
         self,
@@ -115,15 +101,21 @@ class PairDistances:
             capsules: link to its shapes, in its frame.
             pairs: of links that have some.
         """
-        self.postures = Postures(plant)
-        flat = [
-            (int(plant.GetBodyByName(name).index()), c)
-            for name, of_link in capsules.items()
-            for c in of_link
-        ]
-        self._body = np.array([body for body, _ in flat], dtype=int)
-        self._ends = np.array([[c.p_L0, c.p_L1] for _, c in flat]).reshape(-1, 2, 3)
-        self._radius = np.array([c.radius for _, c in flat])
+        self.lower, self.upper = position_ranges(plant)
+        self._joints = JointTree(plant)
+        own, tree = self._joints.frame_of_velocity, self._joints.tree
+        # Of the joints that move one position each.
+        self._single = np.flatnonzero(~np.isin(own, tree.free[:, :1]))
+        self._own = own[self._single]
+        self._columns = tree.position[self._own]
+        self._rest = plant.GetPositions(plant.CreateDefaultContext())
+        flat = []
+        for name, of_link in capsules.items():
+            frame, X_FB = self._joints.place(plant.GetBodyByName(name))
+            flat += [(frame, X_FB @ c.p_L0, X_FB @ c.p_L1, c.radius) for c in of_link]
+        self._frame = np.array([frame for frame, *_ in flat], dtype=int)
+        self._ends = np.array([ends for _, *ends, _ in flat]).reshape(-1, 2, 3)
+        self._radius = np.array([radius for *_, radius in flat])
         names = [name for name, of_link in capsules.items() for _ in of_link]
         first = {name: names.index(name) for name in set(names)}
         count = {name: names.count(name) for name in first}
@@ -143,7 +135,9 @@ class PairDistances:
         """(K, N) of every pair in each posture (K, nq) [m]."""
         rows = np.concatenate(self._rows)
         starts = np.cumsum([0, *(len(r) for r in self._rows[:-1])])
-        p = self._axes(self.postures.place(q))
+        R, p_F = self._place(q)
+        p = np.einsum("kcxy,cey->kcex", R[:, self._frame], self._ends)
+        p += p_F[:, self._frame, np.newaxis]
         d = self._distances(p[:, rows[:, 0]], p[:, rows[:, 1]], rows[:, 0], rows[:, 1])
         return np.minimum.reduceat(d[0].reshape(len(q), -1), starts, axis=1)
 
@@ -154,12 +148,12 @@ class PairDistances:
             pairs: (K,) indices.
             q: (K, nq).
         """
-        placed = self.postures.place(q)
+        R, p = self._place(q)
         length = [len(self._rows[pair]) for pair in pairs]
         rows = np.concatenate([self._rows[pair] for pair in pairs])
         of = np.repeat(np.arange(len(pairs)), length)
         d, normal, p_A, p_B = self._distances(
-            *(self._axes_of(placed, of, rows[:, side]) for side in (0, 1)),
+            *(self._axes_of(R, p, of, rows[:, side]) for side in (0, 1)),
             rows[:, 0],
             rows[:, 1],
         )
@@ -168,21 +162,32 @@ class PairDistances:
         # The first row of each posture that has its least distance.
         at = np.flatnonzero(d == least[of])
         at = at[np.unique(of[at], return_index=True)[1]]
-        a, b = (self._body[rows[at, side]] for side in (0, 1))
-        gradient = self.postures.gradients(placed, a, p_A[at], normal[at])
-        gradient -= self.postures.gradients(placed, b, p_B[at], normal[at])
+        own, single = self._own, self._single
+        turns, slides = (
+            (R[:, own] @ way[single, :, np.newaxis])[..., 0]
+            for way in (self._joints.turns, self._joints.slides)
+        )
+        gradient = np.zeros_like(q)
+        for side, points, sign in ((0, p_A, 1.0), (1, p_B, -1.0)):
+            arms = points[at, np.newaxis] - p[:, own]
+            moved = np.cross(turns, arms) + slides
+            along = np.einsum("knx,kx->kn", moved, normal[at])
+            by = self._joints.moved_by[self._frame[rows[at, side]]][:, single]
+            gradient[:, self._columns] += sign * np.where(by, along, 0.0)
         return least, gradient
 
-    def _axes(self, placed: Placed) -> np.ndarray:
-        """(K, C, 2, 3) ends of all capsules' axes in the world [m]."""
-        R, p = placed.R[:, self._body], placed.p[:, self._body]
-        return np.einsum("kcxy,cey->kcex", R, self._ends) + p[:, :, np.newaxis]
+    def _place(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """R_WF (K, F, 3, 3) and p_WF (K, F, 3) of all frames in each posture [m]."""
+        tree, posture = self._joints.tree, np.tile(self._rest, (len(q), 1))
+        posture[:, self._columns] = q[:, self._columns]
+        X = link_poses(posture, tree, tree.every).reshape(len(q), -1, 4, 3)
+        return X[:, :, :3].swapaxes(2, 3), X[:, :, 3]
 
-    def _axes_of(self, placed: Placed, of: np.ndarray, shapes: np.ndarray):
+    def _axes_of(self, R, p, of: np.ndarray, shapes: np.ndarray):
         """(N, 2, 3) of one capsule each, in the postures `of`."""
-        bodies = self._body[shapes]
-        turned = self._ends[shapes] @ np.swapaxes(placed.R[of, bodies], 1, 2)
-        return turned + placed.p[of, bodies][:, np.newaxis]
+        frames = self._frame[shapes]
+        turned = self._ends[shapes] @ np.swapaxes(R[of, frames], 1, 2)
+        return turned + p[of, frames][:, np.newaxis]
 
     def _distances(self, p_a, p_b, i, j):
         count = p_a.size // (6 * len(i))
@@ -213,7 +218,7 @@ def nearest_postures(
     Returns:
         (K,) the least distances found [m] and (K, nq) where.
     """
-    lower, upper = distances.postures.lower, distances.postures.upper
+    lower, upper = distances.lower, distances.upper
     q = q.copy()
     d, gradient = distances.of_each(pairs, q)
     alive = d > enough
@@ -277,10 +282,10 @@ def sample_pairs(
     if not candidates:
         return SampledPairs([], [], [], [], 0, {})
     distances = PairDistances(plant, capsules, candidates)
-    postures = distances.postures
     at_rest = distances.of_all(rest[np.newaxis])[0]
     rng = np.random.default_rng(0)
-    q = rng.uniform(postures.lower, postures.upper, size=(samples, postures.size))
+    lower, upper = distances.lower, distances.upper
+    q = rng.uniform(lower, upper, size=(samples, len(lower)))
     seen = np.concatenate(
         [distances.of_all(q[k : k + _BLOCK]) for k in range(0, samples, _BLOCK)]
     )
@@ -334,3 +339,18 @@ def candidate_pairs(
         for a, b in itertools.combinations(links, 2)
         if frozenset((a, b)) not in adjacent and b not in welded[a]
     ]
+
+
+def position_ranges(plant: MultibodyPlant) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) lower and upper positions that are worth trying: a whole turn at most."""
+    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    unlimited = ~(np.isfinite(lower) & np.isfinite(upper))
+    lower = np.where(unlimited, np.maximum(lower, -np.pi), lower)
+    upper = np.where(unlimited, np.minimum(upper, lower + 2.0 * np.pi), upper)
+    lower = np.where(unlimited, np.maximum(lower, upper - 2.0 * np.pi), lower)
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if isinstance(joint, RevoluteJoint):
+            at = joint.position_start()
+            upper[at] = min(upper[at], lower[at] + 2.0 * np.pi)
+    return lower, upper

@@ -15,7 +15,7 @@ from crar_drake.robot_import.alarms import joints_between
 from crar_drake.robot_import.anatomy import AWAY, Anatomy, find_anatomy, guess_rest
 from crar_drake.robot_import.leg_and_head_frames import bent_knees
 from crar_drake.robot_import.meshes import lowest_points
-from crar_drake.robot_import.pair_sampling import CLEAR, Gaps
+from crar_drake.robot_import.pair_sampling import CLEAR, gaps
 from crar_drake.robot_import.source_robot import WORLD, SourceRobot
 
 # How far arms are from the trunk at rest and how far hips roll outwards, tried in turn
@@ -71,15 +71,13 @@ def _clear_rest(
         for pair in itertools.combinations(links, 2)
         if joints_between(robot, locked, *pair) > _SOCKET
     ]
-    gaps = Gaps(capsules, pairs)
     found = []
     for away, spread in itertools.product(_AWAY, _SPREAD):
         arms = guess_rest(robot, anatomy, locked, away)
         legs = bent_knees(robot, anatomy, locked, spread)
-        rest, touching = arms | legs, 0
-        if pairs:
-            distances = gaps.distances(robot.poses({**locked, **rest}))
-            touching = np.count_nonzero(distances < CLEAR)
+        rest = arms | legs
+        distances = gaps(capsules, pairs, robot.poses({**locked, **rest}))
+        touching = np.count_nonzero(distances < CLEAR)
         found.append((touching, rest, bool(legs)))
     _, rest, knees = min(found, key=lambda each: each[0])
     return rest, knees

@@ -14,14 +14,12 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.inertias import inertial_element
 from crar_drake.robot_import.mjcf_actuators import effort_limits
 from crar_drake.robot_import.mjcf_geoms import body_shapes, pose_of
 from crar_drake.robot_import.mjcf_keyframes import keyframe_posture
@@ -29,6 +27,7 @@ from crar_drake.robot_import.optional_packages import require_packages
 from crar_drake.robot_import.robot_files import default_name
 from crar_drake.robot_import.source_robot import (
     WORLD,
+    Inertia,
     Joint,
     Link,
     Loop,
@@ -245,8 +244,8 @@ class _Reader:
     def _add_link(self, body: int) -> None:
         name = self._bodies[body]
         visual, collision = body_shapes(self._model, body, name, self._notes)
-        inertial = _inertial(self._model, body)
-        self._links[name] = Link(name, visual, collision, inertial)
+        inertia = _inertia(self._model, body)
+        self._links[name] = Link(name, visual, collision, inertia)
 
     def _add_body(self, body: int, parent: str, X_PB: RigidTransform) -> None:
         """Adds a body below a link: its joints, one after the other, and its link."""
@@ -391,12 +390,12 @@ class _Reader:
             body = int(self._model.body_parentid[body])
 
 
-def _inertial(model, body: int) -> ElementTree.Element | None:
-    """A body's mass and central inertia, in the body's axes, as a URDF has them."""
+def _inertia(model, body: int) -> Inertia | None:
+    """A body's mass and central inertia, in the body's axes."""
     mass = float(model.body_mass[body])
     if not mass > 0.0:
         return None
     wxyz = np.array(model.body_iquat[body])
     R = RotationMatrix(Quaternion(wxyz / np.linalg.norm(wxyz))).matrix()
     moments = R @ np.diag(model.body_inertia[body]) @ R.T
-    return inertial_element(mass, model.body_ipos[body], moments)
+    return Inertia(mass, RigidTransform(model.body_ipos[body]), moments)

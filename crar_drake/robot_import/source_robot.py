@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -80,13 +79,28 @@ def drake_shape(
 
 
 @dataclass(frozen=True)
+class Inertia:
+    """Mass and central inertia of a link.
+
+    Attributes:
+        mass: [kg].
+        X_LB: pose of the central frame in the link's.
+        moments: (3, 3) central inertia in that frame [kg m^2].
+    """
+
+    mass: float
+    X_LB: RigidTransform
+    moments: np.ndarray
+
+
+@dataclass(frozen=True)
 class Link:
-    """A link with its shapes and its inertial element, if there is one."""
+    """A link with its shapes and its inertia, if the file gives one."""
 
     name: str
     visual: tuple[Shape, ...]
     collision: tuple[Shape, ...]
-    inertial: ElementTree.Element | None
+    inertia: Inertia | None
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ from pydrake.multibody.tree import Joint as DrakeJoint
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError
-from crar_drake.robot_import.inertias import inertial_element
 from crar_drake.robot_import.robot_files import robot_name
 from crar_drake.robot_import.sdf_copies import COLLISION, SdfCopies
 from crar_drake.robot_import.source_robot import (
     WORLD,
+    Inertia,
     Joint,
     Link,
     Loop,
@@ -201,7 +201,7 @@ class _Reader:
                     "box, cylinder, sphere, capsule or ellipsoid, is left out"
                 )
         self._links[name] = Link(
-            name, tuple(shapes["visual"]), tuple(shapes["collision"]), _inertial(body)
+            name, tuple(shapes["visual"]), tuple(shapes["collision"]), _inertia(body)
         )
 
     def _shape(self, geometry) -> Shape | None:
@@ -363,7 +363,7 @@ def _unique_names(elements: Sequence, model: str) -> dict:
     }
 
 
-def _inertial(body: RigidBody):
+def _inertia(body: RigidBody) -> Inertia | None:
     """A link's mass and central inertia; None where the file gives none."""
     M_L = body.default_spatial_inertia()
     mass, p_LC = M_L.get_mass(), M_L.get_com()
@@ -371,7 +371,7 @@ def _inertial(body: RigidBody):
     # What SDF says of a link without an inertia.
     if mass == 1.0 and not p_LC.any() and np.array_equal(moments, np.eye(3)):
         return None
-    return inertial_element(mass, p_LC, moments)
+    return Inertia(mass, RigidTransform(p_LC), moments)
 
 
 def _limit(value: float) -> float | None:

@@ -17,6 +17,7 @@ from crar_drake.robot_import.robot_files import read_xml, robot_name
 from crar_drake.robot_import.source_robot import (
     MOVING,
     WORLD,
+    Inertia,
     Joint,
     Link,
     Mesh,
@@ -222,19 +223,23 @@ def _read_link(element, colours, meshes, path, notes) -> Link:
         )
         for kind in ("visual", "collision")
     }
-    inertial = element.find("inertial")
-    if inertial is not None:
-        _check_numbers(inertial)
-    return Link(name, shapes["visual"], shapes["collision"], inertial)
+    return Link(name, shapes["visual"], shapes["collision"], _read_inertia(element))
 
 
-def _check_numbers(inertial: ElementTree.Element) -> None:
-    """What is read later; ValueError where it is no number."""
-    _origin(inertial)
-    for element in inertial:
-        for key in ("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-            if (text := element.get(key)) is not None:
-                one_number(text)
+def _read_inertia(link: ElementTree.Element) -> Inertia | None:
+    """A link's inertia; None without a mass."""
+    element = link.find("inertial")
+    if element is None:
+        return None
+    X_LB, mass, matrix = _origin(element), *map(element.find, ("mass", "inertia"))
+    xx, yy, zz, xy, xz, yz = (
+        0.0 if matrix is None else one_number(matrix.get(key, "0"))
+        for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    )
+    if mass is None:
+        return None
+    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Inertia(one_number(mass.get("value", "0")), X_LB, moments)
 
 
 def _read_shape(element, link, colours, meshes, path, notes) -> Shape | None:

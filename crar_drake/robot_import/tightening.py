@@ -135,11 +135,10 @@ class _Lost:
         return self._share(pair, d[:, 0], at_rest[0])
 
     def _distances(self, distances: PairDistances) -> tuple[np.ndarray, np.ndarray]:
-        postures = distances.postures
         if self._q is None:
-            self._q = np.random.default_rng(0).uniform(
-                postures.lower, postures.upper, size=(_SAMPLES, postures.size)
-            )
+            lower, upper = distances.lower, distances.upper
+            rng = np.random.default_rng(0)
+            self._q = rng.uniform(lower, upper, size=(_SAMPLES, len(lower)))
         blocks = np.array_split(self._q, max(1, _SAMPLES // 50))
         d = np.concatenate([distances.of_all(block) for block in blocks])
         return d, distances.of_all(self._rest[np.newaxis])[0]

@@ -39,8 +39,3 @@ def one_number(text: str, infinite: bool = False) -> float:
     if len(numbers) != 1:
         raise ValueError(f"{text!r} is not a number")
     return numbers[0]
-
-
-def vector_of(text: str) -> np.ndarray:
-    """(3,) the numbers that an attribute is; ValueError if it is none."""
-    return np.array(three_numbers(text))

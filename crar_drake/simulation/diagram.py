@@ -15,7 +15,9 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     OutputPort,
 )
-from pydrake.systems.primitives import LogVectorOutput, Selector, SelectorParams
+from pydrake.systems.lcm import ApplyLcmBusConfig
+from pydrake.systems.primitives import LogVectorOutput
+from pydrake.visualization import ApplyVisualizationConfig
 
 from crar_drake.control import modes
 from crar_drake.control.commanded_motion import CommandedMotion
@@ -43,7 +45,8 @@ from crar_drake.simulation.scenario import (
     check_experiment,
     check_periods,
 )
-from crar_drake.simulation.visualization import AddVisualization
+from crar_drake.simulation.visualization import set_surroundings
+from crar_drake.simulation.visuals import draw_collision_shapes
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
 from crar_drake.targets.whole_body import follows_legs, with_joints
@@ -302,16 +305,15 @@ def MakeCrarDiagram(
     "desired_tasks", (if there are prescribed joints) "desired_prescribed" and (if there
     are any) "obstacles"; one "log_state", "log_desired_tasks" and "log_diagnostics" (of
     the controller), "log_obstacles"; without
-    contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser and
-    "playback_overlay". The default context starts at rest in a valid pose near the
-    first target.
+    contact "nothing_to_touch", an empty scene; with `meshcat` its visualiser. The
+    default context starts at rest in a valid pose near the first target.
 
     Exported outputs: "state", "query", "desired_tasks" and every output of the
     controller. There are no inputs.
 
     Args:
         scenario: from `load_scenario`, or made in Python.
-        meshcat: draws the robot, the targets and the warnings; None for none.
+        meshcat: draws the robot while it moves; None for none.
         setup: of this scenario, if it is at hand already.
 
     Raises:
@@ -396,7 +398,7 @@ def MakeCrarDiagram(
     for name, port in logged.items():
         LogVectorOutput(port, builder, period).set_name(f"log_{name}")
     if meshcat is not None:
-        _add_visualization(builder, scenario, meshcat, model, tasks, controller)
+        _draw(builder, scenario, meshcat, plant, scene_graph)
 
     builder.ExportOutput(plant.get_state_output_port(), "state")
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
@@ -492,59 +494,24 @@ def _touch_nothing(
     builder.Connect(nothing.get_query_output_port(), port)
 
 
-def _add_visualization(
+def _draw(
     builder: DiagramBuilder,
     scenario: Scenario,
     meshcat: Meshcat,
-    model: ControlModel,
-    tasks: OutputPort,
-    controller: CrarController,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
 ) -> None:
-    """The robot, its targets and its warnings, drawn into `meshcat`."""
-    layout = model.layout
-    overlay = AddVisualization(
+    """Adds Drake's visualiser of the robot; nothing goes to a network."""
+    config = scenario.visualization
+    draw_collision_shapes(plant, scene_graph)
+    ApplyVisualizationConfig(
+        config,
         builder,
-        scenario.visualization,
-        meshcat,
-        builder.GetSubsystemByName("plant"),
-        builder.GetSubsystemByName("scene_graph"),
-        [(a, b) for a, b in model.description.pairs],
-        [layout.names[i] for i in layout.linear_tasks],
-        scenario.warning_distance,
+        # A bus that goes nowhere. (A DrakeLcm of our own would have to outlive the
+        # diagram, which does not keep it.)
+        lcm_buses=ApplyLcmBusConfig({config.lcm_bus: None}, builder),
+        plant=plant,
+        scene_graph=scene_graph,
+        meshcat=meshcat,
     )
-    if len(layout.linear_tasks):
-        entries = layout.position_entries.ravel()
-        positions = select_entries(builder, tasks, entries, "target_positions")
-        builder.Connect(positions, overlay.get_input_port_target_positions())
-    distances = select_entries(
-        builder,
-        controller.get_output_port_diagnostics(),
-        controller.diagnostics_slices["signed_distances"],
-        "signed_distances",
-    )
-    builder.Connect(distances, overlay.get_input_port_signed_distances())
-
-
-def select_entries(
-    builder: DiagramBuilder, port: OutputPort, entries: np.ndarray | slice, name: str
-) -> OutputPort:
-    """A port with some entries of another one, by Drake's Selector.
-
-    Args:
-        port: of a vector.
-        entries: of it, by number (k,), or a slice.
-        name: of the Selector, in the diagram.
-    """
-    params = SelectorParams
-    output = params.OutputPortParams(
-        name=name,
-        selections=[
-            params.OutputSelection(input_port_index=0, input_offset=int(entry))
-            for entry in np.arange(port.size())[entries]
-        ],
-    )
-    inputs = [params.InputPortParams(name=port.get_name(), size=port.size())]
-    selector = Selector(params(inputs=inputs, outputs=[output]))
-    some = builder.AddNamedSystem(name, selector)
-    builder.Connect(port, some.get_input_port())
-    return some.get_output_port()
+    set_surroundings(meshcat)

@@ -33,17 +33,6 @@ from crar_drake.yaml_files import load_yaml, read_text
 # A log of more samples takes its memory from the run: 60 s at 1 ms take 100 MB.
 MAX_LOG_SAMPLES = 60_000
 
-# Settings of earlier versions, and what to do about them.
-_RETIRED = {
-    ("controller", "arithmetic"): "there is no choice any more: the control law is "
-    "compiled wherever Numba is installed (pip install '.[compiled]'); leave "
-    "the key out",
-    ("controller", "lookahead", "longest_move"): "the nominal velocity is bounded, not "
-    "what it moves in a period: write nominal_speed_limit, what stands here over the "
-    "control period [rad/s]",
-    ("controller", "lookahead", "fastest_wish"): "it is nominal_speed_limit now",
-}
-
 # A simulation runs at about real time, and this is twelve days.
 MAX_DURATION = 1e6  # [s]
 
@@ -353,7 +342,7 @@ def load_scenario(scenario: str | os.PathLike[str]) -> Scenario:
                 f"ones{nearest(path.stem, scenario_names())}"
             )
         path = shipped
-    parsed = parse_scenario(read_text(path, ScenarioError), str(path), of_log=False)
+    parsed = parse_scenario(read_text(path, ScenarioError), str(path))
     # A file may name what lies beside it, wherever it is run from.
     for name in ("robot", "motion", "skeleton", "joints"):
         beside = path.parent / getattr(parsed, name)
@@ -373,9 +362,7 @@ def _is_robot(folder: Path) -> bool:
     return (folder / "robot.yaml").is_file()
 
 
-def parse_scenario(
-    text: str, source: str = "scenario", *, of_log: bool = True
-) -> Scenario:
+def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Parses and validates a scenario's YAML text.
 
     A setting of another Drake's that says what this one does anyway is left out: a
@@ -384,9 +371,6 @@ def parse_scenario(
     Args:
         text: YAML.
         source: what to call it in messages.
-        of_log: whether an earlier version may have written it: settings that there
-            are no more are then left out, for they say what was run; else they are
-            an error.
 
     Raises:
         ScenarioError: as `load_scenario`.
@@ -399,8 +383,6 @@ def parse_scenario(
         manual="diagrams/README.md",
         defaults=Scenario(),
         of_others=settings_of_others(),
-        left_out=_RETIRED if of_log else (),
-        retired={} if of_log else _RETIRED,
     )
     try:
         scenario.validate()

@@ -4,8 +4,8 @@ from dataclasses import fields
 
 from benchmarks import parameter_study
 from benchmarks.parameter_study import HEADER, line, variations
+from benchmarks.sweep.cases import Result
 from crar_drake.control.parameters import LookaheadParameters
-from crar_drake.studies.sweep import Result
 
 
 def result(**changes) -> Result:

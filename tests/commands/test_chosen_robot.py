@@ -59,12 +59,6 @@ def test_a_robots_own_motion_is_recognised(command, before, empty_folder, capsys
     assert "crar-drake judge" in told and "crar-drake clean" in told
 
 
-def test_a_sweep_tells_of_a_robots_own_motion(empty_folder, capsys):
-    (empty_folder / "dance.csv").write_text("0,0,0.7,0,0,0,1,0.1,0.2\n" * 3)
-    main(["sweep", "dance.csv", "--experiment", "wrists", "--jobs", "1"])
-    assert "dance.csv is a motion of a robot's own joints" in capsys.readouterr().err
-
-
 def test_a_persons_motion_is_no_scenario(empty_folder, capsys):
     (empty_folder / "walk.bvh").write_text("HIERARCHY\n")
     told = refused(capsys, "run", "walk.bvh")

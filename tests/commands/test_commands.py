@@ -16,7 +16,7 @@ from small_logs import small_log
 from small_urdfs import humanoid
 
 import crar_drake.run
-from crar_drake.commands import main, options, parse
+from crar_drake.commands import main, make_parser, options, parse
 from crar_drake.control.modes import MODES
 from crar_drake.control.parameters import LEVELS
 from crar_drake.errors import ScenarioError
@@ -285,8 +285,6 @@ def test_motions_of_one_name_have_folders_of_their_own(
         "playback log.npz --out {}/x.html",
         "compare log.npz log.npz --out {}/x.html",
         "motion dance --plot {}/x.png",
-        "sweep dance --out {}/x.csv",
-        "reproduce --out {}",
     ],
 )
 @pytest.mark.parametrize("place", ["file/below", "locked"])
@@ -299,15 +297,13 @@ def test_impossible_places_are_refused_before_the_work(
     if place == "locked" and os.geteuid() == 0:  # who may write there
         place = "/proc/self"
     # What is imported later would keep what is replaced here.
-    for module in ("motion.picture", "play.saving", "studies.section_iv.reproduce"):
+    for module in ("motion.picture", "play.saving"):
         importlib.import_module(f"crar_drake.{module}")
     for name in (
         "crar_drake.run.run_scenario",
         "crar_drake.results.playback.record_log",
         "crar_drake.results.playback.compare_logs",
         "crar_drake.motion.report.inspect",
-        "crar_drake.studies.sweep.run_case",
-        "crar_drake.studies.section_iv.simulate.run_plan",
     ):
         if name.endswith("run_scenario") and command.startswith("run "):
             continue  # it looks itself, first of all
@@ -500,9 +496,8 @@ def test_without_a_command_help_is_printed(capsys):
 
 
 def test_a_simulation_that_would_take_years_is_refused(empty_folder, capsys):
-    for command in ("run", "sweep dance"):
-        message = refused(capsys, *command.split(), "--duration", "1e9")
-        assert "11,574 days" in message and "at most 1e+06 s" in message
+    message = refused(capsys, "run", "--duration", "1e9")
+    assert "11,574 days" in message and "at most 1e+06 s" in message
     message = refused(capsys, "run", "--duration", "1e6")
     assert "GiB of memory" in message and "--no-recording" in message
 
@@ -519,15 +514,15 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
 @pytest.mark.parametrize(
     "command, expected",
     [
-        ("rum", "'rum' is unknown; did you mean run?"),
-        ("run --experimant wrists", "--experimant; did you mean --experiment?"),
-        ("run --experimant=wrists", "--experimant; did you mean --experiment?"),
-        ("run --lev velocity", "unknown option --lev; did you mean --level?"),
+        ("rum", "'rum' is unknown; did you mean 'run'?"),
+        ("run --experimant wrists", "--experimant; did you mean '--experiment'?"),
+        ("run --experimant=wrists", "--experimant; did you mean '--experiment'?"),
+        ("run --lev velocity", "unknown option --lev; did you mean '--level'?"),
         ("run dance_wrists boxing_wrists", "unexpected argument 'boxing_wrists'"),
-        ("run --level velocty", "'velocty' is unknown; did you mean velocity?"),
-        ("run --level x", "'x' is unknown; known: velocity, acceleration"),
-        ("run --experiment wrist", "did you mean wrists?"),
-        ("run --constraints lookahed", "did you mean lookahead?"),
+        ("run --level velocty", "'velocty' is unknown; did you mean 'velocity'?"),
+        ("run --level x", "'x' is unknown; known are acceleration, velocity"),
+        ("run --experiment wrist", "did you mean 'wrists'?"),
+        ("run --constraints lookahed", "did you mean 'lookahead'?"),
         ("run --experiment whole-body", "robot upper_body has no feet"),
         ("run --robot nobody", "no robot 'nobody'"),
         ("run --duration -1", "--duration: '-1' is not a positive number"),
@@ -547,10 +542,12 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(empty_folder, capsys)
         ("run --frame-rate 0", "--frame-rate: '0' is not a positive number"),
         ("run obstacle_arm --frame-rate 60", "frame_rate: keyframes have times"),
         ("motion dance --frame-rate fast", "'fast' is not a positive number"),
-        ("sweep dance --frame-rate nan", "'nan' is not a positive number"),
+        ("motion dance --frame-rate nan", "'nan' is not a positive number"),
+        ("sweep dance", "sweep is no command any more: `python -m benchmarks.sweep`"),
+        ("reproduce", "no command any more: `python -m benchmarks.section_iv`"),
         ("motion nowhere.amc", "nowhere.amc: there is no such motion file"),
         ("motion", "required: MOTION (see crar-drake motion --help)"),
-        ("motion dance --polt x.png", "--polt; did you mean --plot?"),
+        ("motion dance --polt x.png", "--polt; did you mean '--plot'?"),
         ("fetch 5-2", "'5-2' names no trial"),
         ("fetch", "required: TRIAL"),
         ("playback nowhere.npz", "nowhere.npz: there is no such log"),
@@ -790,8 +787,6 @@ def test_the_package_runs_as_a_module():
 COMMANDS = {
     "run": [],
     "play": [],
-    "sweep": ["dance"],
-    "reproduce": [],
     "motion": ["dance"],
     "list": [],
     "fetch": ["05_02"],
@@ -836,7 +831,7 @@ def test_every_option_says_what_it_does(command, capsys):
         main([command, "--help"])
     assert exit.value.code == 0
     usage = capsys.readouterr().out
-    parser = parse([command, *COMMANDS[command]]).parser
+    parser = parse(make_parser(), [command, *COMMANDS[command]]).parser
     for action in parser._actions:
         assert re.match(r"[a-z]\w* ", action.help), action.dest
         assert (action.option_strings or [action.metavar or action.dest])[-1] in usage

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.multibody.tree import MultibodyForces
+from reference_forms import error_dynamics_residual, weighted_pseudo_inverse
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, free_of_constraints, make_model, random_state
@@ -18,8 +19,6 @@ from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
 from crar_drake.equations.compilation import IS_COMPILED
 from crar_drake.equations.lookahead import lookahead_or_scaled
-from crar_drake.equations.resolved_acceleration import error_dynamics_residual
-from crar_drake.equations.weighted_inverse import weighted_pseudo_inverse
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+from reference_forms import collision_potential, distance_gradient
 
 from crar_drake.equations import collisions
 from crar_drake.equations.collisions import (
     DISTANCE_CLAMP,
     collision_gradient,
-    collision_potential,
     collision_potential_slope,
     collision_proximity,
     collision_weights,
-    distance_gradient,
     distance_gradient_about_origin,
     pair_weights,
 )

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from reference_forms import joint_limit_potential
 
 from crar_drake.equations.joint_limits import (
     LIMIT_CLAMP,
-    joint_limit_potential,
     joint_limit_weights,
     limit_gradient,
     limit_potential,

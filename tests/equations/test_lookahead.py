@@ -10,6 +10,7 @@ from one_sided_least_squares import (
     every_consistent_minimum,
     one_sided_least_squares,
 )
+from reference_forms import damped_weighted_pseudo_inverse
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
@@ -45,7 +46,6 @@ from crar_drake.equations.lookahead_rows import (
     weighed_margins,
 )
 from crar_drake.equations.one_sided import _lowest_on_way, one_sided_minimum
-from crar_drake.equations.weighted_inverse import damped_weighted_pseudo_inverse
 
 T, GV, DAMPING = 1.0 / 30.0, 30.0, 0.1
 D_MIN, GAMMA = 0.002, 20.0

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from reference_forms import error_dynamics_residual
 
 from crar_drake.equations.paper import PaperGains, weighted_acceleration
 from crar_drake.equations.references import References, reference_acceleration
@@ -11,7 +12,6 @@ from crar_drake.equations.resolved_acceleration import (
     acceleration_level_acceleration,
     constrained_resolved_acceleration,
     constrained_velocity,
-    error_dynamics_residual,
     null_space_motion,
     velocity_level_acceleration,
 )

@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
+from reference_forms import (
+    damped_weighted_pseudo_inverse,
+    null_space_projector,
+    weighted_pseudo_inverse,
+)
 from scipy.optimize import minimize
 
 from crar_drake.equations.weighted_inverse import (
     damped_inverse,
-    damped_weighted_pseudo_inverse,
     inverse_times,
-    null_space_projector,
     project_to_null_space,
-    weighted_pseudo_inverse,
 )
 
 SHAPES = [(3, 7), (6, 11), (6, 6), (7, 4), (21, 11), (1, 1), (3, 1)]

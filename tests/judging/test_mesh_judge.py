@@ -304,19 +304,16 @@ def test_a_mesh_that_cannot_be_read(folder, capsys, content):
 
 
 def test_all_triangles_of_an_imported_robot(imported, tmp_path):
-    """Not those that are drawn; of one that has none, the drawn ones, and that is
-    told; one that went missing is named."""
+    """Not those that are drawn; one that went missing is named."""
     folder = tmp_path / "it"
     shutil.copytree(imported.folder, folder)
     file = folder / "triangles" / "torso_0.obj"
     assert file.is_file()
     description = load_robot_description(folder)
-    assert MeshJudge(description).coarse_links == []
+    MeshJudge(description)
     file.unlink()
     with pytest.raises(ModelError, match="'torso'.*triangles/torso_0.obj is not there"):
         MeshJudge(description)
-    shutil.rmtree(folder / "triangles")
-    assert "torso" in MeshJudge(description).coarse_links
 
 
 def test_an_ellipsoid_is_judged_by_its_own_shape():

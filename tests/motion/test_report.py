@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import (
     Bone,
@@ -15,8 +16,6 @@ from crar_drake.motion.formats.asf_amc import (
     Skeleton,
     read_amc,
     read_asf,
-    write_amc,
-    write_asf,
 )
 from crar_drake.motion.picture import plot_motion
 from crar_drake.motion.report import MotionReport, describe, inspect

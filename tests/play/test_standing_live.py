@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from spy_meshcat import SpyMeshcat
+from pydrake.geometry import Meshcat
 from standing_robots import HEIGHT, standing_robot
 
 from crar_drake.control.parameters import CrarParameters
@@ -47,7 +47,7 @@ def test_it_stands_whatever_a_person_does(live) -> None:
 
 
 def test_the_page_shows_the_robot_itself(live) -> None:
-    scene = LiveScene(live, SpyMeshcat())
+    scene = LiveScene(live, Meshcat())
     frame = scene.frame(Pacer(time.monotonic()), time.monotonic(), "")
     poses = np.reshape(frame["poses"], (-1, 7))
     assert len(poses) == len(scene.robot.paths)

@@ -34,6 +34,8 @@ DATA = {
     )
 }
 DATA["clip"]["shared"] = DATA["clip"]["dof"]
+# What NumPy's own pickles become: arrays in the machine's byte order.
+NATIVE = {"clip": DATA["clip"] | {"big_endian": np.arange(3.0)}}
 
 
 def same(a, b) -> bool:
@@ -46,20 +48,11 @@ def same(a, b) -> bool:
     return type(a) is type(b) and a == b
 
 
-def native(value):
-    """Arrays in the machine's byte order, OrderedDicts as dicts."""
-    if isinstance(value, dict):
-        return {key: native(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return value.astype(value.dtype.newbyteorder("="))
-    return value
-
-
 @pytest.mark.parametrize("protocol", range(6))
 def test_every_protocol_reads_as_python_reads_it(tmp_path: Path, protocol: int):
     file = tmp_path / "a.pkl"
     file.write_bytes(pickle.dumps(DATA, protocol=protocol))
-    assert same(native(pickle.loads(file.read_bytes())), read_plain_pickle(file))
+    assert same(pickle.loads(file.read_bytes()), read_plain_pickle(file))
 
 
 @pytest.mark.parametrize("name", [b"numpy.core.multiarray", b"numpy._core.multiarray"])
@@ -73,9 +66,9 @@ def test_names_of_numpy_1_and_2(tmp_path: Path, name: bytes):
 
 def test_what_is_written_is_read_by_pickle_and_has_no_name_of_numpy_2(tmp_path: Path):
     file = tmp_path / "a.pkl"
-    write_plain_pickle(file, native(DATA))
-    assert same(native(DATA), pickle.loads(file.read_bytes()))
-    assert same(native(DATA), read_plain_pickle(file))
+    write_plain_pickle(file, DATA)
+    assert same(NATIVE, pickle.loads(file.read_bytes()))
+    assert same(NATIVE, read_plain_pickle(file))
     assert b"numpy._core" not in file.read_bytes()
 
 
@@ -119,14 +112,14 @@ def joblib_file(tmp_path: Path, monkeypatch) -> Path:
 
 
 def test_a_file_as_joblib_writes_it(joblib_file: Path):
-    assert same(native(DATA), read_plain_pickle(joblib_file))
+    assert same(DATA, read_plain_pickle(joblib_file))
 
 
 def test_a_compressed_file_as_joblib_writes_it(joblib_file: Path):
     data = joblib_file.read_bytes()
     for packed in (zlib.compress(data, 3), gzip.compress(data)):
         joblib_file.write_bytes(packed)
-        assert same(native(DATA), read_plain_pickle(joblib_file))
+        assert same(DATA, read_plain_pickle(joblib_file))
         joblib_file.write_bytes(packed[: len(packed) // 2])
         with pytest.raises(MotionError, match="cut off"):
             read_plain_pickle(joblib_file)
@@ -136,9 +129,9 @@ def test_joblib_itself(tmp_path: Path):
     joblib = pytest.importorskip("joblib")
     for compress in (0, 3, ("gzip", 3), ("xz", 3), ("lzma", 3), ("bz2", 3)):
         joblib.dump(DATA, tmp_path / "a.pkl", compress=compress)
-        assert same(native(DATA), read_plain_pickle(tmp_path / "a.pkl"))
-    write_plain_pickle(tmp_path / "b.pkl", native(DATA))
-    assert same(native(DATA), joblib.load(tmp_path / "b.pkl"))
+        assert same(DATA, read_plain_pickle(tmp_path / "a.pkl"))
+    write_plain_pickle(tmp_path / "b.pkl", DATA)
+    assert same(NATIVE, joblib.load(tmp_path / "b.pkl"))
 
 
 # --- hostile ----------------------------------------------------------------------
@@ -160,9 +153,6 @@ def hostile(marker: str) -> dict[str, bytes]:
     text = marker.encode()
     numpy_call = b"cnumpy\n%s\n(X" + struct.pack("<I", len(text)) + text + b"tR."
     array = pickle.dumps(np.arange(3.0), protocol=3)
-    laughs = b"]" + b"q\x00"
-    for _ in range(40):  # each list holds the one before twice
-        laughs = laughs + b"](h\x00h\x00eq\x00"
     return {
         "system": pickle.dumps(Does(os.system, f"touch {marker}")),
         "eval": pickle.dumps(Does(eval, touch)),
@@ -191,9 +181,6 @@ def hostile(marker: str) -> dict[str, bytes]:
         "negative shape": array.replace(b"K\x03\x85", b"J\xff\xff\xff\xff\x85"),
         "bytes beyond the file": b"\x80\x04\x8e" + struct.pack("<Q", 2**62) + b"a.",
         "texts beyond the file": b"X\xff\xff\xff\x7fa.",
-        "list in itself": b"]q\x00h\x00a.",
-        "list of lists of lists": laughs + b".",
-        "deep": b"]" * 100 + b"a" * 99 + b".",
         "out of band": b"\x80\x05\x97.",
         "no end": b"]",
         "nothing on the stack": b".",

@@ -77,8 +77,8 @@ def test_tensors_of_any_strides(tmp_path: Path) -> None:
         ({"more": tensor("0", "Float", 60, 1, (60,), (1,))}, "larger than its storage"),
         ({"more": tensor("0", "Float", 9999, 0, (1,), (1,))}, "storage is cut off"),
         ({"more": tensor("0", "Float", 60, 0, (2**30, 8), (0, 0))}, "too large"),
-        ({"more": tensor("0", "Float", 60, 0, (2,), (-1,))}, "array is damaged"),
-        ({"more": tensor("x", "Float", 60, 0, (2,), (1,))}, "damaged pickle"),
+        ({"more": tensor("0", "Float", 60, 0, (2,), (-1,))}, "tensor is damaged"),
+        ({"more": tensor("x", "Float", 60, 0, (2,), (1,))}, "that is damaged"),
         ({"more": tensor("0", "BFloat16", 60, 0, (2,), (1,))}, "names torch.BFloat16"),
     ],
 )  # fmt: skip

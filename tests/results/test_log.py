@@ -22,31 +22,6 @@ def test_round_trip(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["log.npz"]
 
 
-def test_a_log_of_an_earlier_version_knows_no_speed_limits(tmp_path):
-    arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
-    del arrays["velocity_limits"], arrays["controlled_units"]
-    np.savez(tmp_path / "log.npz", **arrays)
-    log = SimulationLog.load(tmp_path / "log.npz")
-    np.testing.assert_array_equal(log.velocity_limits, [np.inf] * 3)
-    assert log.controlled_units.tolist() == ["rad", "rad"]
-    np.testing.assert_array_equal(log.v, small_log().v)
-    # One of a wrong size is no log nevertheless.
-    np.savez(tmp_path / "log.npz", **arrays, velocity_limits=np.ones(2))
-    with pytest.raises(CrarError, match=r"'velocity_limits' is of shape \(2,\)"):
-        SimulationLog.load(tmp_path / "log.npz")
-
-
-def test_a_log_of_an_earlier_version_knows_no_admission(tmp_path):
-    arrays = {f.name: getattr(small_log(), f.name) for f in fields(SimulationLog)}
-    del arrays["admission"]
-    np.savez(tmp_path / "log.npz", **arrays)
-    log = SimulationLog.load(tmp_path / "log.npz")
-    np.testing.assert_array_equal(log.admission, np.full((3, 4), np.nan))
-    np.savez(tmp_path / "log.npz", **arrays, admission=np.ones((3, 2)))
-    with pytest.raises(CrarError, match=r"'admission' is of shape \(3, 2\)"):
-        SimulationLog.load(tmp_path / "log.npz")
-
-
 @pytest.mark.parametrize(
     "period, first", [(0.5, [0, 1, 2]), (1.0, [0, 2]), (0.1, [0, 1, 2]), (9.0, [0])]
 )

@@ -12,21 +12,12 @@ from small_urdfs import joint, link, robot, write
 from crar_drake.robot_import import import_robot
 from crar_drake.robot_import.inertias import read_inertia, stand_in
 from crar_drake.robot_import.meshes import link_parts
-from crar_drake.robot_import.source_robot import Link, Shape
+from crar_drake.robot_import.source_robot import Inertia, Link, Shape
 
 
-def element(mass="2", **inertia) -> Link:
-    values = dict(ixx=0.02, iyy=0.03, izz=0.04, ixy=0, ixz=0, iyz=0) | inertia
-    text = " ".join(f'{key}="{value}"' for key, value in values.items())
-    return Link(
-        "l",
-        (),
-        (),
-        ElementTree.fromstring(
-            f'<inertial><origin xyz="1 2 3"/><mass value="{mass}"/>'
-            f"<inertia {text}/></inertial>"
-        ),
-    )
+def element(mass=2.0, ixx=0.02, iyy=0.03, izz=0.04) -> Link:
+    X_LB = RigidTransform([1.0, 2.0, 3.0])
+    return Link("l", (), (), Inertia(mass, X_LB, np.diag([ixx, iyy, izz])))
 
 
 def test_as_it_stands():
@@ -40,7 +31,7 @@ def test_as_it_stands():
     "link, complaint",
     [
         (Link("l", (), (), None), "no inertia"),
-        (element(mass="0"), "no mass"),
+        (element(mass=0.0), "no mass"),
         (element(ixx=0, iyy=0, izz=0), "an inertia of zero"),
         (element(izz=0.5), "that no body of 2 kg can have"),  # triangle inequality
         (element(ixx=-0.01), "that no body"),

@@ -9,11 +9,11 @@ from small_urdfs import joint, link, robot
 
 from crar_drake.robot_import.capsule_fitting import FittedCapsule
 from crar_drake.robot_import.pair_sampling import (
-    Gaps,
     PairDistances,
+    gaps,
+    position_ranges,
     sample_pairs,
 )
-from crar_drake.robot_import.postures import position_ranges
 
 BALL = FittedCapsule(np.zeros(3), np.zeros(3), 0.1)
 POST = FittedCapsule(np.zeros(3), np.array([0, 0, 1.0]), 0.1)
@@ -87,7 +87,7 @@ def test_minimising_finds_what_samples_do_not(plant):
     }
     pairs = [("ahead", "tail")]
     distances = PairDistances(plant, capsules, pairs)
-    lower, upper = distances.postures.lower, distances.postures.upper
+    lower, upper = distances.lower, distances.upper
     q = np.random.default_rng(0).uniform(lower, upper, size=(20, 1))
     assert distances.of_all(q).min() > 1.0
     found = sample_pairs(plant, capsules, np.zeros(1), set(), 20)
@@ -105,7 +105,7 @@ def test_distances_and_gradients_of_many_postures(plant):
         "aside": [BALL],
     }
     pairs = [("ahead", "tail"), ("tail", "aside")]
-    distances, gaps = PairDistances(plant, capsules, pairs), Gaps(capsules, pairs)
+    distances = PairDistances(plant, capsules, pairs)
     q = np.array([[-1.1], [0.2], [0.9]])
     context = plant.CreateDefaultContext()
     for row, at in zip(distances.of_all(q), q, strict=True):
@@ -114,7 +114,7 @@ def test_distances_and_gradients_of_many_postures(plant):
             name: plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
             for name in capsules
         }
-        np.testing.assert_allclose(row, gaps.distances(poses), atol=1e-12)
+        np.testing.assert_allclose(row, gaps(capsules, pairs, poses), atol=1e-12)
     which = np.array([0, 1, 0])
     d, gradient = distances.of_each(which, q)
     np.testing.assert_allclose(d, distances.of_all(q)[np.arange(3), which])

@@ -117,7 +117,7 @@ def test_inertias_limits_and_what_moves_them(features):
         atol=1e-12,
     )
     # SDF's own idea of a link without an inertia, 1 kg and 1 kg m^2, is none.
-    assert robot.links["upper"].inertial is None
+    assert robot.links["upper"].inertia is None
     beside, slide, right = (robot.joints[n] for n in ("beside", "slide", "right_turn"))
     assert (beside.kind, slide.kind, right.kind) == (
         "revolute",

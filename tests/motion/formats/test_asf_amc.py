@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.amc_files import write_amc, write_asf
 from crar_drake.errors import MotionError
 from crar_drake.motion.formats.asf_amc import (
     Bone,
@@ -17,8 +18,6 @@ from crar_drake.motion.formats.asf_amc import (
     read_amc,
     read_asf,
     rest_pose,
-    write_amc,
-    write_asf,
 )
 
 ASF = """\

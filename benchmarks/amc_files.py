@@ -1,0 +1,126 @@
+"""Acclaim skeletons (ASF) and motions (AMC), written: what `asf_amc` reads."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from crar_drake.errors import MotionError
+from crar_drake.files import whole_file
+from crar_drake.motion.formats.asf_amc import ROOT_ORDER, Clip, Skeleton
+
+
+def write_asf(path: str | os.PathLike[str], skeleton: Skeleton) -> None:
+    """Writes the skeleton as an ASF file in degrees."""
+    lines = [
+        ":version 1.10",
+        f":name {skeleton.name}",
+        ":units",
+        "  mass 1.0",
+        f"  length {_text(skeleton.length_unit)}",
+        "  angle deg",
+        ":root",
+        f"  order {' '.join(ROOT_ORDER)}",
+        "  axis XYZ",
+        "  position 0 0 0",
+        "  orientation 0 0 0",
+        ":bonedata",
+    ]
+    children: dict[str, list[str]] = {}
+    for number, bone in enumerate(skeleton.bones.values(), start=1):
+        if bone.parent != "root" and bone.parent not in skeleton.bones:
+            raise MotionError(
+                f"skeleton {skeleton.name}: bone {bone.name} hangs on the unknown "
+                f"bone {bone.parent}"
+            )
+        children.setdefault(bone.parent, []).append(bone.name)
+        lines += [
+            "  begin",
+            f"    id {number}",
+            f"    name {bone.name}",
+            f"    direction {_texts(bone.direction)}",
+            f"    length {_text(bone.length / skeleton.metres_per_unit)}",
+            f"    axis {_texts(np.degrees(bone.axis))} XYZ",
+        ]
+        if bone.dof:
+            lines.append(f"    dof {' '.join(bone.dof)}")
+        for index, pair in enumerate(bone.limits):
+            word = "limits" if index == 0 else "      "
+            lines.append(f"    {word} ({_texts(np.degrees(pair))})")
+        lines.append("  end")
+    lines += [":hierarchy", "  begin"]
+    for parent in ["root", *skeleton.bones]:
+        if parent in children:
+            lines.append(f"    {parent} {' '.join(children[parent])}")
+    lines.append("  end")
+    with whole_file(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_amc(path: str | os.PathLike[str], clip: Clip) -> None:
+    """Writes the motion as an AMC file in degrees, with its frame rate.
+
+    Values keep 12 significant digits and no trailing zeros, so that a motion whose
+    angles were rounded in degrees (and its root in file units) stays small.
+
+    Raises:
+        MotionError: the clip does not fit its skeleton, has fewer than two frames,
+            or holds a value that is not finite.
+    """
+    _check_writable(clip)
+    blocks = [
+        (
+            "root",
+            np.hstack(
+                [
+                    clip.root_position / clip.skeleton.metres_per_unit,
+                    np.degrees(clip.root_rotation),
+                ]
+            ),
+        )
+    ]
+    for bone in clip.skeleton.bones.values():
+        if bone.dof:
+            blocks.append((bone.name, np.degrees(clip.joints[bone.name])))
+    with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8") as file:
+        file.write(":FULLY-SPECIFIED\n:DEGREES\n")
+        file.write(f":SAMPLES-PER-SECOND {_text(clip.frame_rate)}\n")
+        for frame in range(clip.num_frames):
+            file.write(f"{frame + 1}\n")
+            for name, values in blocks:
+                file.write(f"{name} {_texts(values[frame])}\n")
+
+
+def _check_writable(clip: Clip) -> None:
+    if clip.num_frames < 2:
+        raise MotionError(f"motion {clip.name}: at least 2 frames are needed")
+    shapes = {
+        bone.name: (clip.num_frames, len(bone.dof))
+        for bone in clip.skeleton.bones.values()
+        if bone.dof
+    }
+    arrays = dict(clip.joints)
+    if set(arrays) != set(shapes):
+        odd = ", ".join(sorted(set(arrays) ^ set(shapes)))
+        raise MotionError(f"motion {clip.name} does not fit its skeleton in: {odd}")
+    shapes |= {"root position": (clip.num_frames, 3)}
+    shapes |= {"root rotation": (clip.num_frames, 3)}
+    arrays |= {"root position": clip.root_position}
+    arrays |= {"root rotation": clip.root_rotation}
+    for name, values in arrays.items():
+        if np.shape(values) != shapes[name]:
+            raise MotionError(
+                f"motion {clip.name}: {name} has shape {np.shape(values)}, "
+                f"not {shapes[name]}"
+            )
+        if not np.all(np.isfinite(values)):
+            raise MotionError(f"motion {clip.name}: {name} is not finite")
+
+
+def _text(value: float) -> str:
+    return f"{value:.12g}"
+
+
+def _texts(values: np.ndarray) -> str:
+    return " ".join(f"{value:.12g}" for value in values)

@@ -1,0 +1,366 @@
+"""The figures of Section IV, from the plan's outcomes and logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.section_iv.plan import (
+    EXPERIMENT_1,
+    EXPERIMENT_2,
+    LABELS,
+    REDUNDANCY,
+    SERIES,
+    VARIANTS,
+    Plan,
+)
+from benchmarks.section_iv.simulate import Outcome
+from benchmarks.section_iv.snapshots import SnapshotRenderer
+from benchmarks.sweep.figures import clip_label
+from crar_drake.control.parameters import LEVELS
+from crar_drake.results.controlled_joints import controlled_joints
+from crar_drake.results.log import SimulationLog
+from crar_drake.results.logged_robot import load_logged_robot
+from crar_drake.robot.description import LIMIT_TOLERANCE
+
+COLOURS = {
+    "velocity": "tab:orange",
+    "acceleration": "tab:green",
+    "lookahead": "tab:blue",
+    "inertia": "tab:purple",
+    "adaptive-gain": "tab:brown",
+    "less-damping": "tab:pink",
+}
+_HANDS = "left_hand - right_hand"
+_SNAPSHOTS = 8
+_POINTS = 600  # of a curve in a figure
+
+
+@dataclass(frozen=True)
+class Bars:
+    """The numbers of a bar chart.
+
+    Attributes:
+        quantity, unit: what is shown.
+        motions: labels of the groups.
+        series: keys of LABELS.
+        values: (motions, series); NaN where a simulation failed.
+    """
+
+    quantity: str
+    unit: str
+    motions: tuple[str, ...]
+    series: tuple[str, ...]
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One moment of Fig. 3.
+
+    Attributes:
+        sample: of the log.
+        tinted: links that penetrate others at that moment of the raw motion.
+    """
+
+    sample: int
+    tinted: tuple[str, ...]
+
+
+def violation_counts(log: SimulationLog) -> np.ndarray:
+    """(T,) joints beyond a limit plus penetrating pairs, per sample."""
+    beyond = controlled_joints(log).excess > LIMIT_TOLERANCE
+    return beyond.sum(axis=1) + (log.signed_distances < 0.0).sum(axis=1)
+
+
+def frame_samples(log: SimulationLog, frame_rate: float) -> np.ndarray:
+    """Indices of the samples nearest to the frames of the motion."""
+    frames = np.arange(0.0, log.time[-1] + 1e-9, 1.0 / frame_rate)
+    step = (log.time[-1] - log.time[0]) / (len(log.time) - 1)
+    return np.minimum(np.round(frames / step).astype(int), len(log.time) - 1)
+
+
+def bars(
+    plan: Plan,
+    outcomes: Mapping[str, Outcome],
+    experiment: str,
+    field: str,
+    quantity: str,
+    unit: str,
+    factor: float = 1.0,
+    series: Sequence[str] = tuple(SERIES),
+) -> Bars:
+    """A field of the results, by motion and series."""
+    by_key = {
+        (o.simulation.motion, o.simulation.experiment, o.simulation.series): o
+        for o in outcomes.values()
+    }
+    values = [
+        [
+            factor * getattr(by_key[motion, experiment, name].result, field)
+            for name in series
+        ]
+        for motion in plan.motions
+    ]
+    labels = tuple(clip_label(motion) for motion in plan.motions)
+    return Bars(quantity, unit, labels, tuple(series), np.array(values))
+
+
+def draw_violations(log: SimulationLog, frame_rate: float) -> Figure:
+    """Fig. 2: constraint violations per frame of the raw dance, Experiment 1.
+
+    Beside it the share of the frames by their number of violations.
+    """
+    counts = violation_counts(log)[frame_samples(log, frame_rate)]
+    figure = Figure(figsize=(8.6, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3.2, 1.0), sharey=True)
+    left.stairs(counts, fill=True, color="tab:blue")  # a bar for each frame
+    left.set_xlim(0, len(counts))
+    left.set_xlabel(f"frame number ({frame_rate:g} frames a second)")
+    left.set_ylabel("constraint violations")
+    left.annotate(
+        "redundancy: fewer than five",
+        (0.01, REDUNDANCY),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        color="tab:red",
+        fontsize="small",
+    )
+    numbers = np.arange(max(counts.max(), REDUNDANCY) + 2)
+    share = [100.0 * (counts == number).mean() for number in numbers]
+    right.barh(numbers, share, color="tab:blue", height=0.8)
+    right.set_xlabel("share of frames [%]")
+    for ax in (left, right):
+        ax.axhline(REDUNDANCY, color="tab:red", linewidth=1.0, linestyle="--")
+        _clean(ax)
+    left.set_ylim(0.0, numbers[-1])
+    return figure
+
+
+def choose_snapshots(raw: SimulationLog, number: int = _SNAPSHOTS) -> list[Snapshot]:
+    """Moments for Fig. 3: one from each of `number` equal stretches of time.
+
+    It is where most pairs of the raw motion penetrate, or else the middle.
+    """
+    penetrating = raw.signed_distances < 0.0
+    chosen = []
+    for stretch in np.array_split(np.arange(len(raw.time)), number):
+        counts = penetrating[stretch].sum(axis=1)
+        middle = len(stretch) // 2
+        at = stretch[int(np.argmax(counts)) if counts.any() else middle]
+        names = raw.pair_names[penetrating[at]].tolist()
+        links = sorted({link for name in names for link in name.split(" - ")})
+        chosen.append(Snapshot(int(at), tuple(links)))
+    return chosen
+
+
+def draw_distances(
+    log: SimulationLog, raw: SimulationLog, title: str, frame_rate: float
+) -> Figure:
+    """Fig. 3: the distances of all pairs over the dance, under pictures of the robot.
+
+    Args:
+        log: of a run in Experiment 2.
+        raw: of the raw motion in Experiment 2, whose penetrating segments are
+            yellow in the pictures.
+        title: what the run is.
+        frame_rate: of the motion [1/s].
+    """
+    figure = Figure(figsize=(8.6, 5.2), layout="constrained")
+    above, ax = figure.subplots(2, 1, height_ratios=(1.0, 2.4), sharex=True)
+    frames = log.time * frame_rate
+    renderer = SnapshotRenderer(load_logged_robot(log))
+    snapshots = choose_snapshots(raw)
+    width = frames[-1] / len(snapshots)
+    for i, snapshot in enumerate(snapshots):
+        picture = renderer.render(log.q[snapshot.sample], snapshot.tinted)
+        above.imshow(
+            picture, extent=(i * width, (i + 1) * width, 0.0, 1.0), aspect="auto"
+        )
+        frame = frames[snapshot.sample]
+        ax.axvline(frame, color="0.8", linewidth=0.7)
+        above.text((i + 0.5) * width, 0.0, f"{frame:.0f}", ha="center", va="bottom")
+    above.set_xlim(0.0, frames[-1])
+    above.set_ylim(0.0, 1.0)
+    above.set_axis_off()
+
+    shown = _spread(len(log.time))
+    for i, name in enumerate(log.pair_names.tolist()):
+        hands = name == _HANDS
+        ax.plot(
+            frames[shown],
+            log.signed_distances[shown, i],
+            color="tab:red" if hands else None,
+            linewidth=2.0 if hands else 0.7,
+            label="left hand and right hand" if hands else None,
+            zorder=3 if hands else 2,
+        )
+    low = log.signed_distances.min()
+    if low < 0.0:
+        ax.axhspan(1.2 * low, 0.0, color="tab:red", alpha=0.12, linewidth=0.0)
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ax.set_ylim(min(1.2 * low, 0.0), 1.05 * log.signed_distances.max())
+    ax.set_xlabel(f"frame number ({frame_rate:g} frames a second)")
+    ax.set_ylabel("distance [m]")
+    ax.set_title(
+        f"{title}: smallest distance {1e3 * low:.1f} mm", loc="left", fontsize="medium"
+    )
+    if _HANDS in log.pair_names.tolist():
+        ax.legend(loc="upper right", fontsize="small", frameon=False)
+    _clean(ax)
+    return figure
+
+
+def draw_bars(data: Bars) -> Figure:
+    """Figs. 4 to 7: a group per motion, a bar per series."""
+    figure = Figure(figsize=(8.6, 3.2), layout="constrained")
+    ax = figure.subplots()
+    width = 0.8 / len(data.series)
+    for i, name in enumerate(data.series):
+        x = np.arange(len(data.motions)) + (i - 0.5 * (len(data.series) - 1)) * width
+        drawn = ax.bar(
+            x, data.values[:, i], 0.9 * width, color=COLOURS[name], label=LABELS[name]
+        )
+        ax.bar_label(drawn, fmt="%.0f", fontsize="x-small", padding=1)
+    ax.set_xticks(np.arange(len(data.motions)), data.motions)
+    ax.set_ylabel(f"{data.quantity} [{data.unit}]")
+    ax.legend(fontsize="small", frameon=False, ncols=len(data.series))
+    ax.margins(y=0.15)
+    _clean(ax)
+    return figure
+
+
+def draw_torque_spikes(velocity: SimulationLog, acceleration: SimulationLog) -> Figure:
+    """Why the velocity level takes more power: torque and W about its largest spike.
+
+    From the top: the largest torque of any joint over the whole dance, both levels;
+    the same for a fifth of a second about the largest spike; the elements of W of
+    the velocity level then.
+    """
+    logs = {"velocity": velocity, "acceleration": acceleration}
+    torque = {
+        name: np.abs(controlled_joints(log).torque).max(axis=1)
+        for name, log in logs.items()
+    }
+    figure = Figure(figsize=(8.6, 6.0), layout="constrained")
+    whole, near, weights = figure.subplots(3, 1)
+    for name, log in logs.items():
+        style = {"color": COLOURS[name], "linewidth": 0.7, "label": LABELS[name]}
+        whole.plot(log.time, torque[name], **style)
+        near.plot(log.time, torque[name], **style | {"linewidth": 1.2})
+    at = velocity.time[int(np.argmax(torque["velocity"]))]
+    window = (max(at - 0.1, 0.0), min(at + 0.1, velocity.time[-1]))
+    inside = (velocity.time >= window[0]) & (velocity.time <= window[1])
+    weights.plot(velocity.time[inside], velocity.constraint_weights[inside], lw=1.0)
+    for ax in (near, weights):
+        ax.set_xlim(window)
+    for ax in (whole, near):
+        ax.set_yscale("log")
+        ax.set_ylim(bottom=1.0)
+        ax.set_ylabel("largest torque [Nm]")
+    weights.set_yscale("log")
+    weights.set_ylabel("diagonal of W,\nvelocity level")
+    weights.set_xlabel("time [s]")
+    whole.axvspan(*window, color="0.85")
+    whole.legend(fontsize="small", frameon=False, ncols=2)
+    for ax in (whole, near, weights):
+        _clean(ax)
+    return figure
+
+
+def draw_damping(plan: Plan, outcomes: Mapping[str, Outcome]) -> Figure:
+    """The sweep over lambda: task error and power, both levels, with and without W."""
+    figure = Figure(figsize=(8.6, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for level in LEVELS:
+        for constraints, style in (("paper", "o-"), ("none", "o:")):
+            points = [
+                outcomes[plan.damping[level, constraints, value]].result
+                for value in plan.damping_factors
+            ]
+            label = LABELS[level] + ("" if constraints == "paper" else ", W = I")
+            for ax, values in (
+                (left, [1e3 * p.rms_task_error for p in points]),
+                (right, [p.mean_power for p in points]),
+            ):
+                ax.plot(
+                    plan.damping_factors,
+                    values,
+                    style,
+                    color=COLOURS[level],
+                    markersize=4,
+                    label=label,
+                )
+    for ax, label in ((left, "rms task error [mm]"), (right, "mean power [W]")):
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_xticks(plan.damping_factors, [f"{v:g}" for v in plan.damping_factors])
+        ax.minorticks_off()
+        ax.set_xlabel("λ [m]")
+        ax.set_ylabel(label)
+        _clean(ax)
+    left.legend(fontsize="small", frameon=False)
+    return figure
+
+
+def all_figures(
+    plan: Plan,
+    outcomes: Mapping[str, Outcome],
+    log: Callable[[str, str], SimulationLog],
+    frame_rate: float,
+) -> dict[str, Callable[[], Figure]]:
+    """Every figure by the name of its file, drawn when called.
+
+    Args:
+        plan, outcomes: of the reproduction.
+        log: loads the dance's log of an experiment and a series.
+        frame_rate: of the dance [1/s].
+    """
+    figures: dict[str, Callable[[], Figure]] = {
+        "figure-2": lambda: draw_violations(log(EXPERIMENT_1, "raw"), frame_rate)
+    }
+    for name in SERIES:
+        figures[f"figure-3-{name}"] = lambda name=name: draw_distances(
+            log(EXPERIMENT_2, name), log(EXPERIMENT_2, "raw"), LABELS[name], frame_rate
+        )
+    for number, data in bar_data(plan, outcomes).items():
+        figures[number] = lambda data=data: draw_bars(data)
+    figures["torque-spikes"] = lambda: draw_torque_spikes(
+        log(EXPERIMENT_1, "velocity"), log(EXPERIMENT_1, "acceleration")
+    )
+    figures["damping"] = lambda: draw_damping(plan, outcomes)
+    return figures
+
+
+def bar_data(plan: Plan, outcomes: Mapping[str, Outcome]) -> dict[str, Bars]:
+    """The numbers of Figs. 4 to 7 and of the variants, by the name of the figure."""
+    error = ("rms_task_error", "rms task error", "mm", 1e3)
+    power = ("mean_power", "average absolute power", "W", 1.0)
+    both = ("acceleration", *VARIANTS)
+
+    def data(experiment: str, what: tuple, series=tuple(SERIES)) -> Bars:
+        field, quantity, unit, factor = what
+        return bars(plan, outcomes, experiment, field, quantity, unit, factor, series)
+
+    return {
+        "figure-4": data(EXPERIMENT_1, error),
+        "figure-5": data(EXPERIMENT_1, power),
+        "figure-6": data(EXPERIMENT_2, error),
+        "figure-7": data(EXPERIMENT_2, power),
+        "variants-error": data(EXPERIMENT_1, error, both),
+        "variants-power": data(EXPERIMENT_1, power, both),
+    }
+
+
+def _spread(samples: int) -> np.ndarray:
+    """Indices of at most _POINTS samples."""
+    return np.unique(np.linspace(0, samples - 1, min(samples, _POINTS)).astype(int))
+
+
+def _clean(ax: Axes) -> None:
+    ax.spines[["top", "right"]].set_visible(False)

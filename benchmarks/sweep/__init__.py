@@ -1,0 +1,1 @@
+"""Many motions through many settings, each simulation judged."""

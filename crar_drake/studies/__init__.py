@@ -1,1 +1,0 @@
-"""What users run on many motions: sweeps, and the paper's Section IV."""

@@ -1,1 +1,0 @@
-"""Section IV of the paper, reproduced: `crar-drake reproduce`."""

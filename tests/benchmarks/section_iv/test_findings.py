@@ -1,0 +1,227 @@
+"""Each finding's verdict turns with the figure that it is about, and only with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_logs import small_log
+
+from benchmarks.section_iv.findings import check_findings
+from benchmarks.section_iv.plan import Plan, Simulation
+from benchmarks.section_iv.simulate import Details, Outcome
+from benchmarks.sweep.cases import Result
+
+MOTIONS = ("dance", "boxing")
+FACTORS = (0.2, 0.1, 0.05)
+DETAILS = Details(
+    violated_share=0.0,
+    most_violations=0,
+    above_redundancy=0.0,
+    error_in_violation=float("nan"),
+    error_otherwise=0.02,
+    squared_error_in_violation=0.0,
+    power_in_violation=float("nan"),
+    power_otherwise=90.0,
+    limited_joint="",
+    limited_joint_share=0.0,
+    rms_torque_step=1.0,
+    power_of_peaks=0.1,
+    spikes_at_jumps=0.9,
+    jumps=0.1,
+)
+
+# rms error [m], power [W], peak torque [Nm], rms torque step [Nm], share violated
+FIGURES = {
+    ("wrists", "velocity"): (0.030, 120.0, 900.0, 50.0, 0.0),
+    ("wrists", "acceleration"): (0.030, 100.0, 200.0, 1.0, 0.0),
+    ("wrists", "lookahead"): (0.030, 90.0, 200.0, 1.0, 0.0),
+    ("wrists", "inertia"): (0.032, 60.0, 200.0, 1.0, 0.0),
+    ("wrists", "adaptive-gain"): (0.033, 100.0, 200.0, 1.0, 0.0),
+    ("wrists", "less-damping"): (0.020, 110.0, 200.0, 1.0, 0.0),
+    ("upper-body", "velocity"): (0.060, 50.0, 400.0, 20.0, 0.0),
+    ("upper-body", "acceleration"): (0.065, 45.0, 100.0, 1.0, 0.0),
+    ("upper-body", "lookahead"): (0.060, 40.0, 100.0, 1.0, 0.0),
+}
+
+
+def outcome(
+    motion, experiment, series, error, power, peak, step, violated, **changes
+) -> Outcome:
+    result = Result(
+        motion,
+        experiment,
+        "paper",
+        "acceleration",
+        1e-3,
+        samples=1000,
+        smallest_distance=0.02,
+        smallest_pair="left_hand - pelvis",
+        rms_task_error=error,
+        mean_power=power,
+        peak_torque=peak,
+    )
+    details = replace(DETAILS, rms_torque_step=step, violated_share=violated)
+    own = {k: v for k, v in changes.items() if hasattr(result, k)}
+    others = {k: v for k, v in changes.items() if k not in own}
+    return Outcome(
+        Simulation(motion, experiment, series, "", 1.0),
+        replace(result, **own),
+        replace(details, **others),
+    )
+
+
+def made_up(changes: dict | None = None) -> tuple[Plan, dict[str, Outcome]]:
+    """Data in which every finding holds, with changes by (experiment, series).
+
+    A change concerns the boxing, or of the sweep and Fig. 3 the dance.
+    """
+    changes = changes or {}
+    outcomes, damping = {}, {}
+    for motion in MOTIONS:
+        for (experiment, series), figures in FIGURES.items():
+            on = changes.get((motion, experiment, series), {})
+            o = outcome(motion, experiment, series, *figures, **on)
+            outcomes[o.simulation.name] = o
+    for constraints in ("paper", "none"):
+        for level in ("velocity", "acceleration"):
+            for value in FACTORS:
+                small = value < 0.1
+                power = 400.0 if small and level == "velocity" else 100.0
+                error = 0.02 if small else 0.03
+                on = changes.get((constraints, level, value), {})
+                series = f"damping-{level}-{constraints}-{value:g}"
+                o = outcome(
+                    "dance", "wrists", series, error, power, 100.0, 1.0, 0.0, **on
+                )
+                outcomes[o.simulation.name] = o
+                damping[level, constraints, value] = o.simulation.name
+    plan = Plan(MOTIONS, tuple(o.simulation for o in outcomes.values()), damping, None)
+    return plan, outcomes
+
+
+def raw_log(pairs: int, sample: int):
+    """Ten samples, one of which has `pairs` penetrating pairs."""
+    distances = np.full((10, 8), 0.1)
+    distances[sample, :pairs] = -0.01
+    q = np.zeros((10, 3))
+    return small_log(
+        time=np.arange(10.0),
+        q=q,
+        v=q,
+        actuation=q,
+        desired_acceleration=q,
+        signed_distances=distances,
+        pair_names=np.array([f"a{i} - b{i}" for i in range(8)]),
+    )
+
+
+def verdicts(changes: dict | None = None, raw=None) -> dict[tuple[str, str], bool]:
+    """By source and the beginning of the statement."""
+    findings = check_findings(*made_up(changes), lambda *_: raw or raw_log(6, 7))
+    found = {(f.source, f.statement): f.holds for f in findings}
+    assert len(found) == len(findings) == 16
+    for f in findings:
+        assert f.figures and f.criterion
+        assert f.verdict == ("holds" if f.holds else "does not hold")
+    return found
+
+
+def test_all_hold_in_data_made_for_them():
+    assert all(verdicts().values())
+
+
+@pytest.mark.parametrize(
+    "raw, holds",
+    [(raw_log(5, 7), False), (raw_log(6, 7), True), (raw_log(6, 2), False)],
+    ids=["five", "six", "six, but early"],
+)
+def test_more_than_five_violations_in_the_latter_half(raw, holds):
+    failing = [key for key, held in verdicts(raw=raw).items() if not held]
+    assert [source for source, _ in failing] == ([] if holds else ["Fig. 2"])
+
+
+LIMIT = {"beyond_limit": 3}
+DEEP = {"penetrating": 3, "smallest_distance": -0.01}
+
+
+@pytest.mark.parametrize(
+    "where, change, failing",
+    [
+        (("dance", "upper-body", "velocity"), DEEP, {"Fig. 3", "Section V"}),
+        (("dance", "upper-body", "acceleration"), DEEP, {"Fig. 3", "Section V"}),
+        (("boxing", "upper-body", "velocity"), DEEP, {"Section V"}),
+        (("boxing", "wrists", "acceleration"), LIMIT, {"Section V"}),
+        (("boxing", "upper-body", "lookahead"), DEEP, set()),
+        # The velocity level's error is then a third more.
+        (("boxing", "wrists", "velocity"), {"rms_task_error": 0.040}, {"Fig. 4"}),
+        (("boxing", "wrists", "velocity"), {"mean_power": 99.0}, {"Fig. 5"}),
+        (("boxing", "wrists", "velocity"), {"peak_torque": 150.0}, {"Fig. 5"}),
+        (("boxing", "wrists", "velocity"), {"rms_torque_step": 0.9}, {"Fig. 5"}),
+        (
+            ("paper", "acceleration", 0.05),
+            {"mean_power": 201.0},
+            {"Section IV, on Fig. 4"},
+        ),
+        (
+            ("paper", "acceleration", 0.05),
+            {"rms_task_error": 0.031},
+            {"Section IV, on Fig. 4"},
+        ),
+        (("paper", "velocity", 0.05), {"mean_power": 150.0}, {"Section IV, on Fig. 4"}),
+        (
+            ("boxing", "wrists", "less-damping"),
+            {"rms_task_error": 0.031},
+            {"Section IV, on Fig. 4"},
+        ),
+        (
+            ("boxing", "upper-body", "velocity"),
+            {"rms_task_error": 0.029},
+            {"Fig. 6"},  # both of them
+        ),
+        (
+            ("boxing", "upper-body", "acceleration"),
+            {"rms_task_error": 0.08},
+            {"Fig. 6"},
+        ),
+        (("boxing", "upper-body", "velocity"), {"mean_power": 95.0}, {"Fig. 7"}),
+        (("boxing", "upper-body", "acceleration"), {"mean_power": 51.0}, {"Fig. 7"}),
+        (("boxing", "upper-body", "acceleration"), {"mean_power": 36.0}, {"Fig. 7"}),
+        (
+            ("boxing", "wrists", "inertia"),
+            {"mean_power": 101.0},
+            {"Section IV, on Fig. 7"},
+        ),
+        (
+            ("boxing", "wrists", "adaptive-gain"),
+            {"violated_share": 0.1},
+            {"Section III-D"},
+        ),
+        (
+            ("boxing", "wrists", "adaptive-gain"),
+            {"rms_task_error": 0.040},
+            {"Section III-D"},
+        ),
+    ],
+)
+def test_a_verdict_turns_with_its_figure(where, change, failing):
+    found = verdicts({where: change})
+    assert {source for (source, _), held in found.items() if not held} == failing
+
+
+def test_what_does_not_hold_has_a_reason():
+    boxing = ("boxing", "wrists", "acceleration")
+    change = {
+        "rms_task_error": 0.05,
+        "violated_share": 0.25,
+        "squared_error_in_violation": 0.9,
+        "limited_joint": "left_elbow",
+        "limited_joint_share": 0.2,
+    }
+    findings = check_findings(*made_up({boxing: change}), lambda *_: raw_log(6, 7))
+    (finding,) = [f for f in findings if f.source == "Fig. 4"]
+    assert finding.figures == (
+        "acceleration against velocity level: dance +0 %, boxing +67 %"
+    )
+    assert "boxing, acceleration level: 90 % of the squared error" in finding.reason
+    assert "from the 25 % of the samples in violation" in finding.reason
+    assert "left_elbow is beyond its limit in 20 %" in finding.reason

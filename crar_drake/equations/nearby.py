@@ -91,6 +91,9 @@ def some_shapes(robot: Held, rows: np.ndarray) -> Held:
         every,
         every.reshape(-1, 1),
         pairs.moves[rows],
+        pairs.hull_a,
+        pairs.hull_b,
+        pairs.hulls,
     )
     return hold(
         Robot(

@@ -74,87 +74,83 @@ def corners_of(
 
 
 @compiled(loops=True)
-def _lowest(points, n):
-    """Which of (V, 3) points is lowest along n (3,)."""
+def _lowest(points, x, y, z):
+    """Which of (V, 3) points is lowest along (x, y, z)."""
     which, low = 0, np.inf
     for i in range(len(points)):
-        height = points[i, 0] * n[0] + points[i, 1] * n[1] + points[i, 2] * n[2]
+        height = points[i, 0] * x + points[i, 1] * y + points[i, 2] * z
         if height < low:
             which, low = i, height
     return which
 
 
 @compiled(loops=True)
-def _nearest_of_simplex(w, count):
-    """The shares (4,) of up to four corners in what is nearest to the origin.
+def _determinant(a, b, c):
+    """Of three rows (3,)."""
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
 
-    Each candidate is a point of the simplex, so that none is too near, and one of
-    them, inside it or within a face or an edge, is the nearest.
+
+@compiled(loops=True)
+def _nearest_of_simplex(w, count, share):
+    """The shares of up to four corners in what is nearest to the origin, in place.
+
+    That is in a vertex, an edge or a face of the last corner, which has come since the
+    nearest point of the others was found. Each candidate is a point of the simplex, so
+    that none is too near.
+
+    Args:
+        w: (4, 3) corners, of which there are
+        count: the last one at count - 1.
+        share: (4,) where the shares are put.
 
     Returns:
-        The shares, and whether the origin is inside.
+        Whether the origin is inside.
     """
-    share, least = np.zeros(4), np.inf
-    for i in range(count):
-        for j in range(i, count):
-            dd = ad = 0.0
-            for c in range(3):
-                d = w[j, c] - w[i, c]
-                dd += d * d
-                ad += w[i, c] * d
-            t = min(max(-ad / dd, 0.0), 1.0) if dd > 0.0 else 0.0
-            pp = 0.0
-            for c in range(3):
-                p = w[i, c] + t * (w[j, c] - w[i, c])
-                pp += p * p
-            if pp < least:
-                least = pp
-                share[:] = 0.0
-                share[i] += 1.0 - t
-                share[j] += t
-    normal = np.empty(3)
-    for i in range(count - 2):
-        for j in range(i + 1, count - 1):
-            for k in range(j + 1, count):
-                e, f, a = w[j] - w[i], w[k] - w[i], w[i]
-                normal[0] = e[1] * f[2] - e[2] * f[1]
-                normal[1] = e[2] * f[0] - e[0] * f[2]
-                normal[2] = e[0] * f[1] - e[1] * f[0]
-                nn = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
-                if not nn > 0.0:
-                    continue
-                # n . (f x a) and n . (a x e)
-                s = normal[0] * (f[1] * a[2] - f[2] * a[1])
-                s += normal[1] * (f[2] * a[0] - f[0] * a[2])
-                s += normal[2] * (f[0] * a[1] - f[1] * a[0])
-                t = normal[0] * (a[1] * e[2] - a[2] * e[1])
-                t += normal[1] * (a[2] * e[0] - a[0] * e[2])
-                t += normal[2] * (a[0] * e[1] - a[1] * e[0])
-                if not (s > 0.0 and t > 0.0 and s + t < nn):
-                    continue
-                height = a[0] * normal[0] + a[1] * normal[1] + a[2] * normal[2]
-                pp = height * height / nn
-                if pp < least:
-                    least = pp
+    last, least = count - 1, np.inf
+    x, y, z = w[last, 0], w[last, 1], w[last, 2]
+    for i in range(count):  # edges; with i = last, the corner itself
+        a, b, c = w[i, 0] - x, w[i, 1] - y, w[i, 2] - z
+        length = a * a + b * b + c * c
+        t = 0.0
+        if length > 0.0:
+            t = min(max(-(x * a + y * b + z * c) / length, 0.0), 1.0)
+        p, q, r = x + t * a, y + t * b, z + t * c
+        if p * p + q * q + r * r < least:
+            least = p * p + q * q + r * r
+            share[:] = 0.0
+            share[last] = 1.0 - t
+            share[i] += t
+    for i in range(last - 1):  # faces
+        a, b, c = w[i, 0] - x, w[i, 1] - y, w[i, 2] - z
+        for j in range(i + 1, last):
+            d, e, f = w[j, 0] - x, w[j, 1] - y, w[j, 2] - z
+            k, m, n = b * f - c * e, c * d - a * f, a * e - b * d  # the normal
+            length = k * k + m * m + n * n
+            if not length > 0.0:
+                continue
+            s = k * (y * f - z * e) + m * (z * d - x * f) + n * (x * e - y * d)
+            t = k * (b * z - c * y) + m * (c * x - a * z) + n * (a * y - b * x)
+            s, t = -s, -t
+            height = x * k + y * m + z * n
+            if s > 0.0 and t > 0.0 and s + t < length:
+                if height * height < least * length:
+                    least = height * height / length
                     share[:] = 0.0
-                    share[i] = 1.0 - (s + t) / nn
-                    share[j], share[k] = s / nn, t / nn
+                    share[last] = 1.0 - (s + t) / length
+                    share[i], share[j] = s / length, t / length
     if count < 4:
-        return share, False
-    # The origin is inside if it and each corner are on one side of the face opposite.
-    for i in range(4):
-        a, b, c = w[(i + 1) % 4], w[(i + 2) % 4], w[(i + 3) % 4]
-        e, f = b - a, c - a
-        normal[0] = e[1] * f[2] - e[2] * f[1]
-        normal[1] = e[2] * f[0] - e[0] * f[2]
-        normal[2] = e[0] * f[1] - e[1] * f[0]
-        here = own = 0.0
-        for k in range(3):
-            here -= normal[k] * a[k]
-            own += normal[k] * (w[i, k] - a[k])
-        if not here * own > 0.0:
-            return share, False
-    return share, True
+        return False
+    # Inside, the origin and each corner are on one side of the face opposite: the
+    # volumes with the origin in the place of a corner have one sign.
+    a, b, c = _determinant(w[1], w[2], w[3]), _determinant(w[0], w[2], w[3]), 0.0
+    c, d = _determinant(w[0], w[1], w[3]), _determinant(w[0], w[1], w[2])
+    return (a > 0.0 and b < 0.0 and c > 0.0 and d < 0.0) or (
+        a < 0.0 and b > 0.0 and c < 0.0 and d > 0.0
+    )
 
 
 @compiled(loops=True)
@@ -176,7 +172,7 @@ def nearest_apart(
     w, of = np.zeros((4, 3)), np.zeros((4, 2), dtype=np.int64)
     share = np.zeros(4)
     share[0] = 1.0
-    count, size, gap = 1, np.inf, np.nan
+    count, size, gap, apart = 1, np.inf, np.nan, True
     v, n, x = np.empty(3), np.zeros(3), np.zeros(3)
     for c in range(3):
         w[0, c] = a[0, c] + shift[c] - b[0, c]
@@ -184,37 +180,38 @@ def nearest_apart(
     for _ in range(_MOST):
         length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         if length < _TOUCHING:
-            return False, 0.0, n, x
-        if not length < size:
+            apart = False
+        if not apart or not length < size:
             break  # no nearer: as near as rounding lets it
         size = length
         for c in range(3):
             n[c], x[c] = v[c] / length, shift[c]
             for k in range(count):
                 x[c] += share[k] * a[of[k, 0], c]
-        i, j = _lowest(a, n), _lowest(b, -n)
+        i = _lowest(a, n[0], n[1], n[2])
+        j = _lowest(b, -n[0], -n[1], -n[2])
         gap = 0.0
         for c in range(3):
-            gap += n[c] * (a[i, c] + shift[c] - b[j, c])
+            w[count, c] = a[i, c] + shift[c] - b[j, c]
+            gap += n[c] * w[count, c]
         if size - gap <= _ENOUGH:
             break
-        for c in range(3):
-            w[count, c] = a[i, c] + shift[c] - b[j, c]
         of[count, 0], of[count, 1] = i, j
-        share, inside = _nearest_of_simplex(w, count + 1)
-        if inside:
-            return False, 0.0, n, x
+        apart = not _nearest_of_simplex(w, count + 1, share)
         kept = 0
         for k in range(count + 1):
             if share[k] > 0.0:
-                w[kept], of[kept], share[kept] = w[k], of[k], share[k]
+                for c in range(3):
+                    w[kept, c] = w[k, c]
+                of[kept, 0], of[kept, 1] = of[k, 0], of[k, 1]
+                share[kept] = share[k]
                 kept += 1
         count = kept
         for c in range(3):
             v[c] = 0.0
             for k in range(count):
                 v[c] += share[k] * w[k, c]
-    return True, gap, n, x
+    return apart, gap, n, x
 
 
 @compiled(loops=True)

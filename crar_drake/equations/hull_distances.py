@@ -317,7 +317,7 @@ def hull_distance(
 def shadow_rates(
     n: np.ndarray, points: np.ndarray, V: np.ndarray, half: float
 ) -> tuple[float, float, float, float]:
-    """(A4) of a moving hull: the ends of its shadow on n where a time begins and ends.
+    """The ends of a moving hull's shadow on n where a time begins and ends, for (A4).
 
     A point's shadow n . p moves at n . (v + w x p) to the first order, so that at t it
     is (n + t n x w) . p + t n . v: that of a resting hull on another direction.

@@ -2,6 +2,10 @@
 
 python -m benchmarks.faults [--motion M ...] [--period P] [--preview S]
     [--page docs/measurements/faults.md]
+python -m benchmarks.faults --tracking-error E [--tracking-error E ...] [--motion M ...]
+
+The latter is of the filter of joint commands, and a robot that follows them with an
+error: `benchmarks.filter_faults`.
 """
 
 from __future__ import annotations
@@ -12,12 +16,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from benchmarks.filter_faults import filter_table, run_filter_faults
 from benchmarks.page import Benchmark, Table, run
 from benchmarks.preview_option import (
     add_preview_option,
     defaults_or_preview,
     lookahead_defaults,
 )
+from crar_drake.commands.options import positive
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.records import InputError
 from crar_drake.judging.referee import Referee
 from crar_drake.robot.task import EXPERIMENTS
@@ -432,6 +439,33 @@ def _excess(angle: float) -> str:
     return f"{np.rad2deg(angle):.2f}°" if angle > 0.0 else "none"
 
 
+def tracking_tables(motions: Sequence[str], errors: Sequence[float]) -> list[Table]:
+    """Of each stated tracking error [rad]: every fault on some motions."""
+    runs, moments = {}, {}
+    for motion in motions:
+        scenario = base_scenario(motion, "upper-body")
+        controller = replace(scenario.controller, constraints="none")
+        found = run_scenario(replace(scenario, controller=controller), record=False)
+        moment = find_moment(found)
+        runs[motion] = found
+        moments[motion] = moment.time, moment.hand, moment.towards
+    ahead = LookaheadParameters()
+    floor = ahead.distance_margin - ahead.admission_slack
+    return [
+        filter_table(
+            run_filter_faults(
+                error,
+                runs,
+                moments,
+                lambda o: print(f"{o.where}: {o.fault}: {o.error:.2f} E", flush=True),
+            ),
+            error,
+            floor,
+        )
+        for error in errors
+    ]
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs all faults on dance and boxing, in both experiments."""
     benchmark = Benchmark("benchmarks.faults", __doc__, "faults")
@@ -441,7 +475,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--period", type=float, default=PERIOD, help="control period")
     add_preview_option(parser)
-    arguments = benchmark.parse(argv, defaults_or_preview)
+    parser.add_argument(
+        "--tracking-error",
+        type=positive,
+        action="append",
+        metavar="E",
+        help="the filter with this stated error of joints [rad]; may be repeated",
+    )
+    arguments = benchmark.parse(
+        argv, lambda a: "tracking" if a.tracking_error else defaults_or_preview(a)
+    )
+    if arguments.tracking_error:
+        motions = arguments.motion or ("dance", "boxing")
+        benchmark.report(tracking_tables(motions, arguments.tracking_error))
+        return
     outcomes = run_all(
         arguments.motion or ("dance", "boxing"),
         period=arguments.period,

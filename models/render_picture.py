@@ -14,7 +14,6 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
-import yaml
 from pydrake.geometry import (
     Box,
     ClippingRange,
@@ -28,13 +27,13 @@ from pydrake.geometry import (
     Rgba,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from benchmarks.section_iv.snapshots import look_from
 from crar_drake.files import whole_file
+from crar_drake.robot.description import add_robot, load_robot_description
 
 _FLOOR = np.array([0.80, 0.85, 0.87])
 _OVERSAMPLING = 3  # the picture is rendered larger and averaged: smooth edges
@@ -69,15 +68,10 @@ def render(
         yaw: the camera's azimuth about world z [rad]; 0 is on the +x axis.
         pitch: the camera's elevation [rad].
     """
-    with open(description, encoding="utf-8") as file:
-        robot = yaml.safe_load(file)
+    robot = load_robot_description(description)
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    parser = Parser(plant)
-    parser.package_map().AddPackageXml(str(description.parent / "package.xml"))
-    parser.AddModels(str(description.parent / robot["model"]))
-    if robot["base"]:
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(robot["base"]))
+    add_robot(plant, robot)
     plant.Finalize()
 
     # Key, fill, from above, and from the camera, whose shadows nobody sees.
@@ -129,7 +123,7 @@ def render(
     _set_posture(
         plant,
         plant.GetMyMutableContextFromRoot(context),
-        {**(robot.get("rest_posture") or {}), **pose},
+        {**robot.rest_posture, **pose},
     )
     query = scene_graph.get_query_output_port().Eval(
         scene_graph.GetMyContextFromRoot(context)

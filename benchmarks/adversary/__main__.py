@@ -43,7 +43,7 @@ from benchmarks.adversary.report import (
     rich_table,
     verdict_line,
 )
-from benchmarks.adversary.robots import NOT_EXAMINED, ROBOTS, load_subject
+from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.page import Part, check_part, machine_line, version_line, write_part
 from crar_drake.control.modes import MODES
@@ -55,7 +55,7 @@ LINES = "cases.jsonl"
 WHOLE = "adversary.json"
 TABLES = "adversary.md"
 FOUND = "found"
-VOUCHED = [robot for robot in ROBOTS if robot not in NOT_EXAMINED]
+USUAL = [robot for robot in ROBOTS if robot not in ASKED_FOR]
 WIDTH = 180  # of the table where it goes into a file
 QUICK_STEPS, EXACT_STEPS, TORQUE_STEPS = 200, 5000, 600
 
@@ -149,7 +149,7 @@ def _part(options: argparse.Namespace, results: Sequence[Result]) -> Part:
     """The command, what came of it in a line, and the tables, of one plant."""
     words = ["python -m benchmarks.adversary"]
     for name, default in (
-        ("robots", VOUCHED),
+        ("robots", USUAL),
         ("attacks", None),
         ("plants", ["exact"]),
         ("periods", list(PERIODS)),
@@ -248,8 +248,8 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--robots",
         type=names(ROBOTS, "robot"),
-        default=list(VOUCHED),
-        help="by default all but boxes, of which the law proves nothing",
+        default=list(USUAL),
+        help=f"by default all but {' and '.join(ASKED_FOR)}",
     )
     parser.add_argument(
         "--attacks",

@@ -173,7 +173,7 @@ def make_cases(
         for period in periods
         for attack in attacks_on(plant)
         if attacks is None or attack in attacks
-        if not (attack == "moving" and robot == "obstacle_arm")
+        if not (attack == "moving" and robot in ("obstacle_arm", "shelf_arm"))
         and not (plant == "torque" and (attack in EXACT_ONLY or robot in KINDS))
     ]
 

@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from pydrake.geometry import Box, Capsule, SceneGraph, Sphere
+from pydrake.geometry import Box, Capsule, Convex, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, RigidBody, WeldJoint
+from scipy.spatial import ConvexHull
 
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import LIMIT_TOLERANCE, find_body
@@ -97,7 +98,8 @@ class _Joint:
 
 @dataclass
 class _Shapes:
-    """All watched shapes, in their bodies' frames; a box has its middle for an axis."""
+    """All watched shapes, in their bodies' frames; a box or a convex piece has its
+    middle for an axis."""
 
     body: list[int] = field(default_factory=list)
     start: list[np.ndarray] = field(default_factory=list)
@@ -105,6 +107,8 @@ class _Shapes:
     radius: list[float] = field(default_factory=list)
     turn: list[np.ndarray] = field(default_factory=list)
     half: list[np.ndarray] = field(default_factory=list)  # edges of a box; else 0
+    corners: list[np.ndarray] = field(default_factory=list)  # (V, 3) of a convex piece,
+    # from its middle; else none
 
 
 class Judge:
@@ -133,7 +137,8 @@ class Judge:
 
         Raises:
             ModelError: a joint has several positions, or a watched shape is neither a
-                capsule nor a sphere nor a box.
+                capsule nor a sphere nor a box nor a convex piece; or such a piece is
+                watched against anything but capsules and spheres.
         """
         self._joints = _read_joints(plant)
         shapes, of_body = _Shapes(), {}
@@ -158,8 +163,26 @@ class Judge:
         self._turn = np.array(shapes.turn).reshape(-1, 3, 3)
         self._half = np.array(shapes.half).reshape(-1, 3)
         self._is_box = self._half.any(axis=1)
+        self._triangles = {
+            k: corners[ConvexHull(corners).simplices]
+            for k, corners in enumerate(shapes.corners)
+            if len(corners)
+        }
+        self._is_hull = np.isin(np.arange(len(shapes.body)), list(self._triangles))
+        solid = self._is_box | self._is_hull
+        if (
+            solid[self._a]
+            & solid[self._b]
+            & (self._is_hull[self._a] | self._is_hull[self._b])
+        ).any():
+            raise ModelError(
+                "a convex piece is watched against a box or another one: the judge "
+                "knows its distance to capsules and spheres alone"
+            )
         ball = 0.5 * np.linalg.norm(self._end - self._start, axis=1) + self._radius
         ball += np.linalg.norm(self._half, axis=1)
+        for k, corners in enumerate(shapes.corners):
+            ball[k] += np.linalg.norm(corners, axis=1).max(initial=0.0)
         self._radii = self._radius[self._a] + self._radius[self._b]
         self._balls = ball[self._a] + ball[self._b]
         self._num_bodies = plant.num_bodies()
@@ -176,7 +199,8 @@ class Judge:
         return self._placed(np.asarray(q, dtype=float))[:2]
 
     def _placed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same, and rotations (T, A, 3, 3) of the boxes (others have none)."""
+        """The same, and rotations (T, A, 3, 3) of boxes and pieces (others have
+        none)."""
         T = len(q)
         R = np.zeros((self._num_bodies, T, 3, 3))
         p = np.zeros((self._num_bodies, T, 3))
@@ -199,8 +223,9 @@ class Judge:
         for k, body in enumerate(self._body):
             start[:, k] = p[body] + R[body] @ self._start[k]
             end[:, k] = p[body] + R[body] @ self._end[k]
-        turned = np.zeros((T, len(self._body) if self._is_box.any() else 0, 3, 3))
-        for k in np.flatnonzero(self._is_box):
+        solid = np.flatnonzero(self._is_box | self._is_hull)
+        turned = np.zeros((T, len(self._body) if len(solid) else 0, 3, 3))
+        for k in solid:
             turned[:, k] = R[self._body[k]] @ self._turn[k]
         return start, end, turned
 
@@ -261,6 +286,15 @@ class Judge:
                     for x in (start, end)
                 )
                 d[k] = segments_to_boxes(*ends, self._half[i]) - self._radius[j]
+            for i, triangles in self._triangles.items():
+                k = np.flatnonzero(box == i)
+                at, j = row[k], other[k]
+                if len(k):
+                    ends = (
+                        np.einsum("nji,nj->ni", turned[at, i], x[at, j] - start[at, i])
+                        for x in (start, end)
+                    )
+                    d[k] = segments_to_hull(*ends, triangles) - self._radius[j]
         return d
 
     def excess(self, q: np.ndarray) -> np.ndarray:
@@ -452,6 +486,47 @@ def segments_to_boxes(p0: np.ndarray, p1: np.ndarray, half: np.ndarray) -> np.nd
     return np.linalg.norm(outside(best[:, None])[:, 0], axis=1)
 
 
+def segments_to_hull(
+    p0: np.ndarray, p1: np.ndarray, triangles: np.ndarray
+) -> np.ndarray:
+    """Distances (N,) of segments p0 p1 (N, 3) from a hull of F triangles (F, 3, 3); 0
+    where they meet.
+
+    Of each triangle: its sides against the segment, and what is straight above it of
+    the ends. A segment that meets the hull passes through a triangle, or is inside.
+    """
+    d = np.full(len(p0), np.inf)
+    inside = np.ones(len(p0), dtype=bool)
+    middle = triangles.mean(axis=(0, 1))
+    for a, b, c in triangles:
+        n = np.cross(b - a, c - a)
+        n *= np.sign(n @ (a - middle)) / np.linalg.norm(n)
+        high_0, high_1 = (p0 - a) @ n, (p1 - a) @ n
+        inside &= high_0 <= 0.0
+        for start, end in ((a, b), (b, c), (c, a)):
+            both = np.broadcast_to(start, p0.shape), np.broadcast_to(end, p0.shape)
+            d = np.minimum(d, segment_distances(p0, p1, *both))
+        for p, high in ((p0, high_0), (p1, high_1)):
+            over = _straight_above(p, a, b, c)
+            d = np.where(over, np.minimum(d, np.abs(high)), d)
+        crosses = high_0 * high_1 <= 0.0
+        drop = np.where(crosses, high_0 - high_1, 1.0)
+        share = np.divide(high_0, drop, out=np.zeros(len(p0)), where=drop != 0.0)
+        crosses &= _straight_above(p0 + share[:, None] * (p1 - p0), a, b, c)
+        d[crosses] = 0.0
+    d[inside] = 0.0
+    return d
+
+
+def _straight_above(p: np.ndarray, a, b, c) -> np.ndarray:
+    """(N,) whether points are above or below a triangle."""
+    e, f = b - a, c - a
+    n = np.cross(e, f)
+    s = np.cross(p - a, f) @ n
+    t = np.cross(e, p - a) @ n
+    return (s >= 0.0) & (t >= 0.0) & (s + t <= n @ n)
+
+
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 _EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit])
 
@@ -561,18 +636,24 @@ def _read_shapes(
     first = len(shapes.body)
     for geometry in plant.GetCollisionGeometriesForBody(body):
         shape = inspector.GetShape(geometry)
-        if not isinstance(shape, (Capsule, Sphere, Box)):
+        if not isinstance(shape, (Capsule, Sphere, Box, Convex)):
             raise ModelError(
                 f"link {body.name()!r} has a {type(shape).__name__}; the judge knows "
-                "capsules, spheres and boxes"
+                "capsules, spheres, boxes and convex pieces"
             )
-        is_box = isinstance(shape, Box)
+        is_box, corners = isinstance(shape, Box), np.zeros((0, 3))
         half = 0.5 * shape.length() if isinstance(shape, Capsule) else 0.0
         R, p = _parts(inspector.GetPoseInFrame(geometry))
+        if isinstance(shape, Convex):
+            hull = shape.GetConvexHull()
+            corners = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+            middle = corners.mean(axis=0)
+            corners, p = corners - middle, p + R @ middle
         shapes.body.append(int(body.index()))
         shapes.start.append(p - half * R[:, 2])
         shapes.end.append(p + half * R[:, 2])
-        shapes.radius.append(0.0 if is_box else shape.radius())
+        shapes.radius.append(0.0 if is_box or len(corners) else shape.radius())
+        shapes.corners.append(corners)
         shapes.turn.append(R)
         shapes.half.append(0.5 * shape.size() if is_box else np.zeros(3))
     return range(first, len(shapes.body))

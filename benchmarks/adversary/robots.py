@@ -17,8 +17,8 @@ from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
 
 # Shipped or imported robots; the jaw is the adversary's own. Of the others each episode
 # draws one of its own.
-ROBOTS = ("upper_body", "obstacle_arm", "g1", "talos", "jaw", *KINDS)
-NOT_EXAMINED = ("boxes",)  # the law vouches for no pair with a box
+ROBOTS = ("upper_body", "obstacle_arm", "shelf_arm", "g1", "talos", "jaw", *KINDS)
+ASKED_FOR = ("boxes", "shelf_arm")  # attacked only if they are named
 _OWN = {"jaw": Path(__file__).parent / "jaw"}
 
 
@@ -38,6 +38,7 @@ TASKS = {
         "pose": _poses("tool"),
         "position": position_tasks(["tool"]),
     },
+    "shelf_arm": {"pose": _poses("tool"), "position": position_tasks(["tool"])},
     "jaw": {"position": position_tasks(["hand"]), "pose": _poses("hand")},
 }
 

@@ -165,7 +165,7 @@ def run_log(arguments: argparse.Namespace) -> int:
         print(
             "certificate: none: the controller does not examine the braking paths of "
             f"{named}{f' and {more} more' if more > 0 else ''}, whose shapes are not "
-            "all capsules and spheres"
+            "all capsules, spheres and convex hulls"
         )
     touched = judge_obstacles(
         log, scenario, model.plant, model.scene_graph, description.pairs

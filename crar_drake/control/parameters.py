@@ -143,7 +143,7 @@ class CrarParameters:
             they are only judged.
         velocity_limits: joint to its largest speed [rad/s or m/s], instead of the
             robot's times `velocity_scale`; infinite for none.
-        distances: "closed_form" for capsules and spheres, or "scene_graph" for
+        distances: "closed_form" for all but cylinders and such, or "scene_graph" for
             all shapes.
         lookahead: what the mode "lookahead" needs besides.
         governor: bounds on the targets' speed and acceleration; by default none.

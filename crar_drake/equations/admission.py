@@ -8,9 +8,9 @@ admitted only if the next state is clear, too: as the guard has it, else correct
 else scaled towards braking, which always is. `docs/theory/theorem.md` has theorem and
 proof.
 
-Clear is found for the whole of a path, by bounds and not by samples: two capsules are
-at least as far apart as their shadows on any fixed direction, and how a shadow moves
-is known to the second order.
+Clear is found for the whole of a path, by bounds and not by samples: two capsules or
+convex hulls are at least as far apart as their shadows on any fixed direction, and how
+a shadow moves is known to the second order.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from crar_drake.equations.capsule_distances import ShapePairs, nearest_points
 from crar_drake.equations.compilation import Held, compiled, hold
 from crar_drake.equations.free_joints import displaced, displacement
+from crar_drake.equations.hull_distances import corners_of, shadow_rates
 from crar_drake.equations.kinematics import Robot
 from crar_drake.equations.placed_shapes import (
     distances_at,
@@ -303,7 +304,8 @@ def shadow_gap(
 
     Each end's shadow n . p moves at n . p_dot to the first order. The gap between two
     segments, the smallest of four differences, is then concave in time, and smallest
-    where the time begins or ends. A half space that stands still, n its normal, has the
+    where the time begins or ends. So is that of two hulls, the smallest of as many as
+    they have pairs of corners. A half space that stands still, n its normal, has the
     shadow of its axis, and all of it is behind.
 
     Args:
@@ -319,8 +321,20 @@ def shadow_gap(
     Returns:
         (k,) a bound from below, to the first order [m].
     """
-    gap = np.empty(len(n))
+    gap, hulls = np.empty(len(n)), pairs.hulls.value
     for k in range(len(n)):
+        of = some[k]
+        if pairs.hull_a[of] >= 0 or pairs.hull_b[of] >= 0:
+            corners = corners_of(
+                at, pairs.start_a[of], pairs.vector_a[of], pairs.hull_a[of], hulls
+            )
+            low_0, low_1, _, _ = shadow_rates(n[k], corners, a[k], half)
+            corners = corners_of(
+                at, pairs.start_b[of], pairs.vector_b[of], pairs.hull_b[of], hulls
+            )
+            _, _, high_0, high_1 = shadow_rates(n[k], corners, b[k], half)
+            gap[k] = min(low_0 - high_0, low_1 - high_1)
+            continue
         p, u = at[pairs.start_a[some[k]]], at[pairs.vector_a[some[k]]]
         a_0, a_1, da_0, da_1 = _end_shadows(n[k], p, u, a[k], half)
         p, u = at[pairs.start_b[some[k]]], at[pairs.vector_b[some[k]]]

@@ -5,7 +5,8 @@ a collision library. For capsules (a sphere is one of length zero) the closed fo
 is exact and much faster than reading a library's answers one by one. A half space (the
 ground) is always the second shape, the first one a sphere: the ends of a capsule are
 two, the corners of a box eight. It is given by an axis, from a point of its surface
-straight into it.
+straight into it. A pair with a box or another convex hull is asked of
+`hull_distances`, one by one.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.compilation import compiled
+from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.hull_distances import hull_distance, no_hulls
 from crar_drake.equations.vectors import clip_to_unit, cross_rows, dot_rows, smallest
 
 # Below this sin^2 of the angle between two axes, cancellation spoils the plain
@@ -87,11 +89,14 @@ class ShapePairs(NamedTuple):
     order: np.ndarray  # (K N,) where each is among these and then the others
     members: np.ndarray  # (K Nr, most) shape pairs of each row; the first fills up
     moves: np.ndarray  # (Nr, nv) see `collisions.distance_gradient_about_origin`
+    hull_a: np.ndarray  # (K Ns,) which hull a is, whose axis is its middle; -1 if none
+    hull_b: np.ndarray
+    hulls: Held  # of `Hulls`
 
 
 def _nearest_points_loops(at, pairs, some):
     count = len(some)
-    sizes = pairs.sizes
+    sizes, hulls = pairs.sizes, pairs.hulls.value
     d, normal = np.empty(count), np.empty((count, 3))
     nearest_a, nearest_b = np.empty((count, 3)), np.empty((count, 3))
     # Of a signed place Numba asks each time whether it counts from the end.
@@ -99,6 +104,22 @@ def _nearest_points_loops(at, pairs, some):
         of = np.uintp(some[i])
         a, b = np.uintp(pairs.start_a[of]), np.uintp(pairs.start_b[of])
         u, v = np.uintp(pairs.vector_a[of]), np.uintp(pairs.vector_b[of])
+        if pairs.hull_a[of] >= 0 or pairs.hull_b[of] >= 0:
+            far, n, x = hull_distance(
+                at,
+                pairs.start_a[of],
+                pairs.vector_a[of],
+                pairs.hull_a[of],
+                pairs.start_b[of],
+                pairs.vector_b[of],
+                pairs.hull_b[of],
+                hulls,
+            )
+            d[i] = far - sizes.radii[of]
+            for c in range(3):
+                normal[i, c], nearest_a[i, c] = n[c], x[c]
+                nearest_b[i, c] = x[c] - far * n[c]
+            continue
         a_0, a_1, a_2 = at[a, 0], at[a, 1], at[a, 2]
         b_0, b_1, b_2 = at[b, 0], at[b, 1], at[b, 2]
         u_0, u_1, u_2 = at[u, 0], at[u, 1], at[u, 2]
@@ -156,14 +177,14 @@ def _to_unit(x):
 def nearest_points(
     at: np.ndarray, pairs: ShapePairs, some: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances, normals and witness points of N pairs of capsules.
+    """Distances, normals and witness points of N pairs of capsules or hulls.
 
     The signed distance is that of the axes less both radii: exact outside, and
     inside the depth along the line between the axes' nearest points. Of parallel
     axes that face each other the witness points are in the middle of the overlap.
     Where the axes meet, the normal is perpendicular to both. Above a half space it is
     the height of the sphere's centre less its radius, and the normal is the half
-    space's, everywhere.
+    space's, everywhere. A hull takes the place of an axis, see `hull_distance`.
 
     Args:
         at: (K P, 3) points, where the axes start [m] and from there to their ends
@@ -217,6 +238,14 @@ def nearest_points(
             for k in range(3):
                 normal[i, k] = -v[i, k] * np.sqrt(sizes.per_vv[i])
                 nearest_b[i, k] = p_a[i, k] - height * normal[i, k]
+    hull_a, hull_b = pairs.hull_a[some], pairs.hull_b[some]
+    for i in np.flatnonzero((hull_a >= 0) | (hull_b >= 0)):
+        a, b = pairs.start_a[some[i]], pairs.start_b[some[i]]
+        along_a, along_b = pairs.vector_a[some[i]], pairs.vector_b[some[i]]
+        axis_distance[i], normal[i], nearest_a[i] = hull_distance(
+            at, a, along_a, hull_a[i], b, along_b, hull_b[i], pairs.hulls.value
+        )
+        nearest_b[i] = nearest_a[i] - axis_distance[i] * normal[i]
     return axis_distance - sizes.radii, normal, nearest_a, nearest_b
 
 
@@ -282,8 +311,10 @@ def capsule_distances(
     every = np.arange(len(u))
     a, b, along_a, along_b = (every + i * len(u) for i in range(4))
     members = every[:, np.newaxis]
+    moves = np.zeros((len(u), 0))
     pairs = ShapePairs(
-        a, b, along_a, along_b, sizes, every, every, members, np.zeros((len(u), 0))
+        *(a, b, along_a, along_b, sizes, every, every, members, moves),
+        *no_hulls(len(u)),
     )
     return nearest_points(np.concatenate((p_a0, p_b0, u, v)), pairs, every)
 

@@ -45,7 +45,7 @@ def nearby_distances(q: np.ndarray, enough: np.ndarray, robot: Held) -> np.ndarr
         q: (T, nq) positions in the plant's order.
         enough: (T, Nr) [m]: a pair is examined only if the balls about its shapes are
             not so far apart.
-        robot: holds a `Robot` with a row for each pair of capsules and spheres.
+        robot: holds a `Robot` with a row for each pair of shapes.
 
     Returns:
         (T, Nr) the signed distances where they were examined, else those of the balls,
@@ -91,6 +91,9 @@ def some_shapes(robot: Held, rows: np.ndarray) -> Held:
         every,
         every.reshape(-1, 1),
         pairs.moves[rows],
+        pairs.hull_a,
+        pairs.hull_b,
+        pairs.hulls,
     )
     return hold(
         Robot(

@@ -59,12 +59,17 @@ def needed_by(
             them, and two frames.)
 
     Returns:
-        (N,) bool, the frames: those that carry the shapes. The points: the axes of the
-        shapes, and of the joints that move these frames.
+        (N,) bool, the frames: those that carry the shapes. The points: the axes and
+        corners of the shapes, and the axes of the joints that move these frames.
     """
-    axes = 3 * nv
+    axes, hulls = 3 * nv, pairs.hulls.value
     frames = np.zeros(len(tree.parent), dtype=np.bool_)
-    points = np.empty(axes + 4 * len(shapes), dtype=np.int64)
+    size = axes + 4 * len(shapes)
+    for of in shapes:
+        for hull in (pairs.hull_a[of], pairs.hull_b[of]):
+            if hull >= 0:
+                size += hulls.corners[hull]
+    points = np.empty(size, dtype=np.int64)
     count = 0
     for of in shapes:
         for point in (
@@ -79,6 +84,16 @@ def needed_by(
             while not frames[frame]:
                 frames[frame] = True
                 frame = tree.parent[frame]
+        # Corners are in the frame of their hull's middle.
+        for start, hull in (
+            (pairs.start_a[of], pairs.hull_a[of]),
+            (pairs.start_b[of], pairs.hull_b[of]),
+        ):
+            if hull >= 0:
+                corner = start + hulls.after[hull]
+                for point in range(corner, corner + hulls.corners[hull]):
+                    points[count] = point
+                    count += 1
     for point in range(axes):
         if frames[first[point] // 4]:
             points[count] = point

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import (
+    Box,
     Capsule,
+    Convex,
     HalfSpace,
+    Mesh,
     SceneGraph,
     SceneGraphInspector,
     Sphere,
@@ -23,7 +26,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.errors import ModelError
-from crar_drake.judging.referee_distances import distance_of_axes
+from crar_drake.judging.referee_distances import WorldAxis, distance_of_axes
+from crar_drake.judging.referee_hulls import Polytope, polytope
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE, find_body
 
 
@@ -72,11 +76,20 @@ class Violations:
 
 @dataclass(frozen=True)
 class _Axis:
-    """The axis of a capsule (or sphere) in the frame of its body B."""
+    """The axis of a capsule (or sphere) in the frame of its body B; or a hull, whose
+    middle it is."""
 
     p_B0: np.ndarray  # (3,) [m]
     p_B1: np.ndarray  # (3,) [m]
     radius: float  # [m]
+    hull: Polytope | None = None  # in B
+
+    @property
+    def ball(self) -> float:
+        """The radius of a ball about the axis' middle with all of the shape [m]."""
+        if self.hull is not None:
+            return float(np.linalg.norm(self.hull.points - self.p_B0, axis=1).max())
+        return math.dist(self.p_B0, self.p_B1) / 2.0 + self.radius
 
 
 class Referee:
@@ -115,7 +128,7 @@ class Referee:
         Raises:
             ModelError: the plant is not finalized or not registered, a link does
                 not exist, or has no collision shape, or one that is neither sphere
-                nor capsule nor half space.
+                nor capsule nor half space, nor a box or a convex hull (a mesh is one).
             ValueError: `velocity_limits` has another size, or a NaN.
         """
         if not plant.is_finalized():
@@ -341,7 +354,7 @@ class Referee:
             name: np.array([(a.p_B0 + a.p_B1) / 2.0 for a in self._axes[name]])
             for name in names
         }
-        balls = np.array([math.dist(a.p_B0, a.p_B1) / 2.0 + a.radius for a in axes])
+        balls = np.array([axis.ball for axis in axes])
         together = [
             (column, i, j)
             for column, (a, b) in enumerate(self.pairs)
@@ -397,16 +410,17 @@ class Referee:
                 raise ValueError(f"position of joint {name!r} is {value}")
         return q
 
-    def _axes_in_world(self, name: str) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """(p_W0, p_W1, radius) of each shape of a body, in the present context.
-
-        Of a half space a point of the surface, one straight above it, and infinity.
-        """
+    def _axes_in_world(self, name: str) -> list[WorldAxis]:
+        """Each shape of a body, in the present context."""
         X_WB = self.plant.EvalBodyPoseInWorld(self._context, self._bodies[name])
-        return [
-            (X_WB.multiply(axis.p_B0), X_WB.multiply(axis.p_B1), axis.radius)
-            for axis in self._axes[name]
-        ]
+        placed = []
+        for axis in self._axes[name]:
+            hull = axis.hull
+            if hull is not None:
+                hull = hull._replace(points=X_WB.multiply(hull.points.T).T)
+            ends = X_WB.multiply(axis.p_B0), X_WB.multiply(axis.p_B1)
+            placed.append(WorldAxis(*ends, axis.radius, hull))
+        return placed
 
 
 def _body_axes(
@@ -421,6 +435,11 @@ def _body_axes(
             up = X_BG.multiply(np.array([0.0, 0.0, 1.0]))
             axes.append(_Axis(X_BG.translation(), up, math.inf))
             continue
+        if isinstance(shape, Box | Convex | Mesh):
+            hull = polytope(X_BG.multiply(_corners(shape).T).T)
+            middle = hull.points.mean(axis=0)
+            axes.append(_Axis(middle, middle, 0.0, hull))
+            continue
         if isinstance(shape, Sphere):
             half_length = 0.0
         elif isinstance(shape, Capsule):
@@ -429,7 +448,7 @@ def _body_axes(
             raise ModelError(
                 f"link {body.name()!r}: collision geometry "
                 f"{inspector.GetName(geometry)!r} is a {type(shape).__name__}; the "
-                "referee knows only Sphere, Capsule and HalfSpace"
+                "referee knows only Sphere, Capsule, Box, Convex, Mesh and HalfSpace"
             )
         # Drake's capsule lies along z of its geometry frame, centred.
         p_B0 = X_BG.multiply(np.array([0.0, 0.0, -half_length]))
@@ -440,6 +459,14 @@ def _body_axes(
             f"link {body.name()!r} is in a watched pair, but has no collision geometry"
         )
     return axes
+
+
+def _corners(shape: Box | Convex | Mesh) -> np.ndarray:
+    """(N, 3) points in the geometry frame of which a shape is the hull [m]."""
+    if isinstance(shape, Box):
+        return shape.size() * (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5)
+    hull = shape.GetConvexHull()
+    return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
 
 
 def _place(table: np.ndarray, flat_index: int) -> tuple[int, int]:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+
+from crar_drake.judging.referee_hulls import Polytope, axis_polytope, polytope_distance
 
 
 def capsule_distance(
@@ -68,19 +71,35 @@ def capsule_distance(
     return distance, np.array(p_a), np.array(p_b)
 
 
-_WorldAxis = tuple[np.ndarray, np.ndarray, float]
+class WorldAxis(NamedTuple):
+    """A shape in the world. Of a half space `start` is on its surface, `end` straight
+    above, and the radius is infinite."""
+
+    start: np.ndarray  # (3,) [m]
+    end: np.ndarray  # (3,) [m]
+    radius: float  # [m]
+    hull: Polytope | None = None  # in the place of an axis
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(N, 3) points of which the axis is the hull [m]."""
+        if self.hull is not None:
+            return self.hull.points
+        return np.array([self.start, self.end])
 
 
-def distance_of_axes(a: _WorldAxis, b: _WorldAxis) -> float:
+def distance_of_axes(a: WorldAxis, b: WorldAxis) -> float:
     """The signed distance of two shapes; of which one may be a half space [m]."""
-    if math.isinf(a[2]):
+    if math.isinf(a.radius):
         a, b = b, a
-    if not math.isinf(b[2]):
-        return capsule_distance(*a, *b)[0]
-    on_surface, above, _ = b
-    # A capsule is lowest at an end.
-    lowest = min(float((above - on_surface) @ (end - on_surface)) for end in a[:2])
-    return lowest - a[2]
+    if math.isinf(b.radius):
+        # A shape is lowest at an end.
+        up = b.end - b.start
+        return min(float(up @ (end - b.start)) for end in a.ends) - a.radius
+    if a.hull is None and b.hull is None:
+        return capsule_distance(*a[:3], *b[:3])[0]
+    a_hull, b_hull = (x.hull or axis_polytope(x.start, x.end) for x in (a, b))
+    return polytope_distance(a_hull, b_hull) - a.radius - b.radius
 
 
 # Three coordinates as plain floats: as short as NumPy here, and ten times faster.

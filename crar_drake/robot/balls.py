@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from crar_drake.equations.capsule_distances import ShapePairs
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.path_balls import Balls
 from crar_drake.robot.collision_pairs import CapsuleAxis
@@ -26,26 +25,20 @@ def robot_in_closed_form(model: ControlModel, robot: Held) -> Held:
     if len(closed) == len(pairs.moves):
         return robot
     every = np.arange(2 * len(closed))
-    some = ShapePairs(
-        pairs.start_a,
-        pairs.start_b,
-        pairs.vector_a,
-        pairs.vector_b,
-        pairs.sizes,
-        every,
-        every,
-        every.reshape(-1, 1),
-        np.ascontiguousarray(pairs.moves[closed]),
+    some = pairs._replace(
+        shapes=every,
+        order=every,
+        members=every.reshape(-1, 1),
+        moves=np.ascontiguousarray(pairs.moves[closed]),
     )
     return hold(r._replace(pairs=hold(some)))
 
 
 def ball_about(axes: Sequence[CapsuleAxis]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Of N capsules and spheres of a body B: (2 N, 3) the ends of their axes, and a
-    ball with all of them in it, its centre (3,) and radius, in B [m]."""
-    ends = np.array([end for axis in axes for end in (axis.p_B0, axis.p_B1)])
-    ends = ends.reshape(-1, 3)
-    radii = np.repeat([axis.radius for axis in axes], 2)
+    """Of the shapes of a body B: (N, 3) the points of which their axes are the hulls,
+    and a ball with all of them in it, its centre (3,) and radius, in B [m]."""
+    ends = np.array([end for axis in axes for end in axis.ends]).reshape(-1, 3)
+    radii = np.repeat([axis.radius for axis in axes], [len(axis.ends) for axis in axes])
     centre = np.zeros(3)
     if len(ends):
         centre = 0.5 * ((ends - radii[:, None]).min(0) + (ends + radii[:, None]).max(0))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from pydrake.geometry import (
-    Box,
     Capsule,
     GeometryId,
     HalfSpace,
@@ -21,8 +19,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from crar_drake.equations.capsule_distances import ShapePairs, capsule_sizes
+from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
 from crar_drake.robot.description import GROUND
+from crar_drake.robot.hulls import Hull, hull_of, numbers_of_hulls, shape_corners
 
 DISTANCES = ("closed_form", "scene_graph")
 
@@ -31,23 +31,40 @@ DISTANCES = ("closed_form", "scene_graph")
 class CapsuleAxis:
     """A capsule's or sphere's axis, fixed in its link's frame B.
 
-    That of a half space leads from a point of its surface into it, by 1 m.
+    That of a half space leads from a point of its surface into it, by 1 m. Of a hull
+    it is a point in its middle.
     """
 
     p_B0: np.ndarray  # (3,) [m]
     p_B1: np.ndarray  # (3,) [m]
     radius: float  # [m]
     flat: bool = False  # whether it is that of a half space
+    hull: Hull | None = None  # that is in the place of an axis, in B
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(N, 3) points of which the axis is the hull, in B [m]."""
+        if self.hull is not None:
+            return self.hull.corners
+        return np.array([self.p_B0, self.p_B1])
+
+    @property
+    def extent(self) -> float:
+        """Of a hull, from its middle to its farthest corner [m]; else 0."""
+        if self.hull is None:
+            return 0.0
+        return float(np.linalg.norm(self.hull.corners - self.p_B0, axis=1).max())
 
 
 class WatchedPairs:
     """The watched segment pairs of a plant, by body, with their shapes.
 
     A segment may carry several shapes: the pair's distance is then the smallest
-    over its shape pairs. Pairs of capsules and spheres are computed in closed
-    form; other shapes are asked of SceneGraph. Against a half space, which must be one
-    of the world's own shapes, the ends of a capsule and the corners of a box count as
-    shapes of their own, in closed form in any case.
+    over its shape pairs. Pairs of capsules, spheres, boxes and convex hulls (of meshes,
+    too) are computed by the equations, "in closed form" below; other shapes are asked
+    of SceneGraph. Against a half space, which must be one of the world's own shapes,
+    the ends of a capsule and the corners of a hull count as shapes of their own, in
+    closed form in any case.
 
     Attributes:
         names: per pair (link a, link b), in the documented order of the ports; the
@@ -77,8 +94,9 @@ class WatchedPairs:
 
         Raises:
             ModelError: a segment has no collision shape, or is watched against
-                itself; or a half space is on another link than the world, or is watched
-                against a shape that is neither sphere, capsule nor box.
+                itself; a mesh cannot be read, or is flat; or a half space is on another
+                link than the world, or is watched against a shape that is neither
+                sphere, capsule nor hull.
         """
         if distances not in DISTANCES:
             raise ModelError(f"distances: {distances!r} is none of {DISTANCES}")
@@ -107,9 +125,14 @@ class WatchedPairs:
             for geometry in ids:
                 axis, shape = None, inspector.GetShape(geometry)
                 if distances == "closed_form" or isinstance(shape, HalfSpace):
-                    axis = capsule_axis(
-                        shape, inspector.GetPoseInFrame(geometry).GetAsMatrix34()
-                    )
+                    X_BG = inspector.GetPoseInFrame(geometry).GetAsMatrix34()
+                    try:
+                        axis = shape_axis(shape, X_BG)
+                    except ModelError as error:
+                        raise ModelError(
+                            f"link {body.name()!r}: collision geometry "
+                            f"{inspector.GetName(geometry)!r}: {error}"
+                        ) from error
                 entries.append((geometry, len(axes) if axis else None))
                 if axis:
                     axes.append(axis)
@@ -196,7 +219,7 @@ class WatchedPairs:
             if points is None:
                 raise ModelError(
                     f"link {self.bodies[body].name()!r} is watched against a half "
-                    "space; give it spheres, capsules or boxes only"
+                    "space; give it spheres, capsules, boxes or convex meshes only"
                 )
             axes = self.axes[body]
             found[geometry] = list(range(len(axes), len(axes) + len(points)))
@@ -245,7 +268,8 @@ class WatchedPairs:
             K: configurations.
             num_points: of one configuration, all of them.
             first: of these the first axis' start; all axes' starts stand there, those
-                of `axes[0]` first, and then the vectors from there to their ends.
+                of `axes[0]` first, then the vectors from there to their ends, and then
+                the corners of hulls.
             moves: (Nc, nv) 1 where a velocity moves segment a alone, -1 where b alone.
             by_shape: whether every shape pair has a row of its own; else each watched
                 pair has one, of its nearest shapes.
@@ -270,6 +294,17 @@ class WatchedPairs:
         N = self._num_shape_pairs
         stands = np.concatenate([repeated(self._closed, N), repeated(asked, N)])
         start, vector = first, first + len(every)
+        hulls, after, of_axis = [], [], np.full(len(every), -1)
+        corner = vector + len(every)
+        for i, axis in enumerate(every):
+            if axis.hull is not None:
+                of_axis[i] = len(hulls)
+                hulls.append(axis.hull)
+                after.append(corner - (start + i))
+                corner += len(axis.hull.corners)
+        extents = np.array([axis.extent for axis in every])
+        balls = sizes.balls + extents[self._axis_a] + extents[self._axis_b]
+        sizes = sizes._replace(balls=balls)
         members = self.shape_pairs
         if by_shape:
             members, moves = np.arange(N)[:, np.newaxis], moves[self.pair_of_shapes]
@@ -283,6 +318,9 @@ class WatchedPairs:
             order=np.argsort(stands),
             members=repeated(members, N),
             moves=np.ascontiguousarray(moves),
+            hull_a=np.tile(of_axis[self._axis_a], K),
+            hull_b=np.tile(of_axis[self._axis_b], K),
+            hulls=hold(numbers_of_hulls(hulls, after)),
         )
 
     def ask(self, queries: Sequence[QueryObject]) -> np.ndarray:
@@ -357,12 +395,15 @@ def _height(
     return np.concatenate([[height], normal, p_W - radius * normal])
 
 
-def capsule_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
-    """The axis of a capsule, a sphere or a half space; None for any other shape.
+def shape_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
+    """The axis of a capsule, a sphere or a half space, or a hull; None for any other.
 
     Args:
         shape: SceneGraph's shape in the geometry frame G.
         X_BG: (3, 4) pose of G in the link's frame B.
+
+    Raises:
+        ModelError: a mesh cannot be read, or has no volume.
     """
     if isinstance(shape, Capsule):
         half = 0.5 * shape.length() * X_BG[:, 2]
@@ -371,7 +412,12 @@ def capsule_axis(shape: Shape, X_BG: np.ndarray) -> CapsuleAxis | None:
         return CapsuleAxis(X_BG[:, 3].copy(), X_BG[:, 3].copy(), shape.radius())
     if isinstance(shape, HalfSpace):
         return CapsuleAxis(X_BG[:, 3].copy(), X_BG[:, 3] - X_BG[:, 2], 0.0, flat=True)
-    return None
+    corners = shape_corners(shape)
+    if corners is None:
+        return None
+    hull = hull_of(corners @ X_BG[:, :3].T + X_BG[:, 3])
+    middle = hull.corners.mean(axis=0)
+    return CapsuleAxis(middle, middle, 0.0, hull=hull)
 
 
 def standing_points(shape: Shape) -> list[tuple[np.ndarray, float]] | None:
@@ -382,14 +428,12 @@ def standing_points(shape: Shape) -> list[tuple[np.ndarray, float]] | None:
 
     Returns:
         (3,) centre in G [m] and radius [m] of the ends of a capsule, a sphere itself,
-        the corners of a box; None for any other shape.
+        the corners of a box or of a mesh's hull; None for any other shape.
     """
-    if isinstance(shape, Box):
-        half = 0.5 * shape.size()
-        return [(half * signs, 0.0) for signs in product((-1.0, 1.0), repeat=3)]
     if isinstance(shape, Sphere):
         return [(np.zeros(3), shape.radius())]
     if isinstance(shape, Capsule):
         half = np.array([0.0, 0.0, 0.5 * shape.length()])
         return [(-half, shape.radius()), (half, shape.radius())]
-    return None
+    corners = shape_corners(shape)
+    return None if corners is None else [(corner, 0.0) for corner in corners]

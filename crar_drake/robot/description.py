@@ -23,6 +23,7 @@ from pydrake.multibody.tree import (
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
+from crar_drake.robot.environment import Fixture, add_environment
 from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.
@@ -97,6 +98,8 @@ class RobotDescription:
             world counts as environment.
         ground: height of the ground in the world [m], a half space that pairs name
             "ground"; None for none, or for that of the plant.
+        environment: name to what stands in the world, given as meshes; pairs name it as
+            a link.
         rest_posture: joint to position [rad or m]; those not named are at 0.
         velocity_limits: joint to its largest speed [rad/s or m/s], instead of that of
             the model; infinite for none.
@@ -113,6 +116,7 @@ class RobotDescription:
     task_frames: dict[str, str] = field(default_factory=dict)
     pairs: list[list[str]] = field(default_factory=list)
     ground: float | None = None
+    environment: dict[str, Fixture] = field(default_factory=dict)
     rest_posture: dict[str, float] = field(default_factory=dict)
     velocity_limits: dict[str, float] = field(default_factory=dict)
     soles: dict[str, list[list[float]]] = field(default_factory=dict)
@@ -163,6 +167,13 @@ class RobotDescription:
                     f"robot {self.name}: ground: {self.ground}, but no pair names "
                     f"{GROUND!r}, so that nothing keeps above it; add pairs such as "
                     f"[left_foot, {GROUND}]"
+                )
+        for name, fixture in self.environment.items():
+            fixture.validate(f"robot {self.name}: environment: {name}")
+            if not any(name in pair for pair in self.pairs):
+                raise ModelError(
+                    f"robot {self.name}: environment: {name}: no pair names it, so "
+                    f"that nothing keeps off it; add pairs such as [hand, {name}]"
                 )
         for joint, source in self.prescribed_joints.items():
             if source not in PRESCRIBED_SOURCES:
@@ -358,11 +369,13 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
     """Parses the robot's model into a plant that is registered with a SceneGraph,
     and welds its base to the world, unless it floats. The plant is not finalized.
 
-    A ground that the description has is added to the world's shapes.
+    A ground that the description has is added to the world's shapes, and a link for
+    each thing of its environment.
 
     Raises:
         ModelError: the model file cannot be parsed, or there is no such base, or it
-            cannot be welded; or there is a ground, and a link "ground" as well.
+            cannot be welded; or there is a ground, and a link "ground" as well; or a
+            mesh of the environment cannot be used.
     """
     folder = Path(description.folder)
     parser = Parser(plant)
@@ -380,6 +393,10 @@ def add_robot(plant: MultibodyPlant, description: RobotDescription) -> None:
                 f"robot {description.name}"
             )
         _add_ground(plant, description.ground)
+    try:
+        add_environment(plant, description.environment, folder)
+    except ModelError as error:
+        raise ModelError(f"robot {description.name}: {error}") from error
     if description.base:
         if description.root != "fixed":
             body = find_body(plant, description.base)

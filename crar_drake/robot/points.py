@@ -62,6 +62,12 @@ def numbers_of_robot(
     ]
     placed += [coordinates(body, axis.p_B0, 1.0) for body, axis in axes]
     placed += [coordinates(body, axis.p_B1 - axis.p_B0, 0.0) for body, axis in axes]
+    placed += [
+        coordinates(body, corner, 1.0)
+        for body, axis in axes
+        if axis.hull is not None
+        for corner in axis.hull.corners
+    ]
 
     def moved(bodies: Sequence[RigidBody]) -> np.ndarray:
         """(B, nv) 1 where a velocity, in the order of `order`, moves a body.

@@ -20,10 +20,10 @@ def find_reaches(
     lower: np.ndarray,
     upper: np.ndarray,
 ) -> Reaches:
-    """The reaches of all pairs of capsules and spheres.
+    """The reaches of all pairs of capsules, spheres and convex hulls.
 
     The reach of joint j for a shape is the length of the chain from j's axis to the
-    farther end of the shape's axis, stretched out.
+    farther end of the shape's axis, stretched out; of a hull, to its farthest corner.
 
     The limits of slides bound how far they take what they carry; where they are beyond
     their limits, or have none, `equations.admission.reaching` looks where they are.
@@ -46,7 +46,7 @@ def find_reaches(
     found, body_of = [], []
     for body, axes in zip(pairs.bodies, pairs.axes, strict=True):
         for axis in axes:
-            found.append(chain_reaches(joints, order, body, (axis.p_B0, axis.p_B1)))
+            found.append(chain_reaches(joints, order, body, axis.ends))
             body_of.append(joints.place(body)[0])
     at_zero = np.array([reach for reach, _ in found]).reshape(-1, len(order))
     by_slide = np.array([by for _, by in found]).reshape(-1, len(per_slide), len(order))

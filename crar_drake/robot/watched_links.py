@@ -27,7 +27,8 @@ def watched_links(
         The links, and their names.
 
     Raises:
-        ScenarioError: a joint that slides without limits is carried by one that errs.
+        ScenarioError: a joint that slides without limits is carried by one that errs,
+            or a link has a box or another hull.
     """
     joints, order = model.joints, model.order
     nv = len(order)
@@ -41,6 +42,11 @@ def watched_links(
         axes = [axis for axis in axes if not axis.flat]
         if not axes or not moved.any():
             continue
+        if any(axis.hull is not None for axis in axes):
+            raise ScenarioError(
+                f"obstacles: link {body.name()!r} has a box or a convex mesh, which is "
+                "not kept from obstacles that move; give it capsules or spheres"
+            )
         ends, centre, size = ball_about(axes)
         at_zero, by_slide = chain_reaches(joints, order, body, [centre, *ends])
         names.append(body.name())

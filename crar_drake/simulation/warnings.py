@@ -90,9 +90,9 @@ def _of_what_is_not_examined(scenario: Scenario, model: ControlModel) -> Iterato
     named = ", ".join(f"{a} - {b}" for a, b in pairs[:_MOST])
     more = f" and {len(pairs) - _MOST} more" if len(pairs) > _MOST else ""
     yield (
-        f"not examined: {named}{more}: not all of their shapes are capsules and "
-        "spheres, so that no braking path is shown to be clear; the law keeps them "
-        "apart as well as it can, but nothing is proved of them"
+        f"not examined: {named}{more}: not all of their shapes are capsules, spheres "
+        "and convex hulls, so that no braking path is shown to be clear; the law keeps "
+        "them apart as well as it can, but nothing is proved of them"
     )
 
 

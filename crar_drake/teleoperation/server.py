@@ -2,7 +2,9 @@
 
 One thread does all of it. Between two ticks it waits for messages and judges them as
 they come; at each tick it takes a control step and sends the command. No message can
-hold it up: how much is read in a period, and until when, is bounded.
+hold it up: how much is judged in a period, and until when, is bounded. In a flood the
+socket is emptied all the same, so that nothing grows old in it, and of what is too much
+the newest of each sender are judged before the step.
 """
 
 from __future__ import annotations
@@ -38,11 +40,16 @@ from crar_drake.teleoperation.messages import (
     as_targets,
     parse,
 )
+from crar_drake.teleoperation.newest_messages import NewestMessages
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.target_stream import Gate, TargetStream
 
-# Messages that are read in one period; of more, as many again are thrown away at once.
+# Messages that are judged in one period as they come.
 _MOST_PER_PERIOD = 64
+# Datagrams that are taken from the socket at once: more small ones than it holds.
+_MOST_AT_ONCE = 1024
+# What a flood may take from a step [s]; then one message of each sender is judged.
+_GRACE = 1e-3
 # Clients that get commands; another one takes the place of who was silent longest.
 _MOST_CLIENTS = 8
 _CLIENT_TIMEOUT = 5.0  # [s] of silence
@@ -62,8 +69,9 @@ class Statistics:
 
     Attributes:
         messages: datagrams that arrived, by what became of them: "taken", "malformed",
-            "oversized", "flooding" (more in a period than are read), "not driving"
-            (targets of another client than the one that drives).
+            "oversized", "flooding" (more in a period than are judged, and not the
+            newest of their sender), "not driving" (targets of another client than the
+            one that drives).
         targets: verdict to number of targets, see `target_stream.VERDICTS`.
         steps: status of the command to how many there were.
         held_back: steps that were corrected or scaled.
@@ -220,6 +228,7 @@ class TeleoperationServer:
         self._of: float | None = None
         self._here = motion.where()
         self._budget = _MOST_PER_PERIOD
+        self._newest = NewestMessages()  # of what is beyond the budget
         self._start = time.monotonic()
         self._stopped = self._ends = False
 
@@ -262,6 +271,7 @@ class TeleoperationServer:
             if self._stopped or asked() or (duration and tick - self._start > duration):
                 return self.statistics
             self._wait(tick)
+            self._take_newest()
             self._budget = _MOST_PER_PERIOD
             tick += self.period
         if self._start_measured:
@@ -294,6 +304,7 @@ class TeleoperationServer:
             now: on our monotonic clock [s].
         """
         statistics = self.statistics
+        self._take_newest()
         began = time.monotonic()
         desired = self.stream.desired_at(now, self._here)
         follows = self.robot.follows(now, self.stream.gate.timeout)
@@ -337,9 +348,7 @@ class TeleoperationServer:
             if self._lcm is not None:
                 self._receive_lcm(until)
                 left = min(left, _LCM_POLL)
-            if self._budget <= 0:
-                time.sleep(left)  # a flood: the rest waits, and is thrown away
-            elif select.select([self._socket], [], [], left)[0]:
+            if select.select([self._socket], [], [], left)[0]:
                 self._receive(until)
         # Also those that came while nothing waited.
         self._receive(until)
@@ -347,26 +356,40 @@ class TeleoperationServer:
             self._receive_lcm(until)
 
     def _receive(self, until: float = math.inf) -> None:
-        """Reads what is there, at most the period's budget, and drops as many more.
+        """Reads what is there. Beyond the period's budget the newest are kept.
 
         Args:
-            until: when the next step is due [s]. After that one message of the period
-                is still read, if none was, and the rest is dropped.
+            until: when the next step is due [s]; what is read later is kept, too.
         """
-        while self._budget > -_MOST_PER_PERIOD:
+        for _ in range(_MOST_AT_ONCE):
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
             except BlockingIOError:
                 return
             except OSError:  # an answer to nobody: the network says so here
                 continue
-            finally:
-                self._budget -= 1
             now = time.monotonic()
-            if self._too_many(now, until):
-                self.statistics.messages[FLOODING] += 1
-            else:
+            if self._budget > 0 and now <= until:
+                self._budget -= 1
                 self._take(data, sender, now)
+            else:
+                self._flooded(self._newest.add(data, sender, self._driver))
+
+    def _take_newest(self) -> None:
+        """Judges what `_receive` has kept: who drives comes first."""
+        late = time.monotonic() + _GRACE
+        for sender, kept in self._newest.take(self._driver):
+            while kept:
+                if time.monotonic() > late:
+                    while len(kept) > 1:
+                        kept.popleft()
+                        self._flooded(1)
+                self._budget = 0  # of several lines the last one
+                self._take(kept.popleft(), sender, time.monotonic())
+
+    def _flooded(self, count: int) -> None:
+        if count > 0:
+            self.statistics.messages[FLOODING] += count
 
     def _receive_lcm(self, until: float) -> None:
         """The same of LCM, where what is not read waits in a queue of LCM's own."""
@@ -394,12 +417,11 @@ class TeleoperationServer:
             self.statistics.messages[OVERSIZED] += 1
             return
         lines = [line for line in data.split(b"\n") if line.strip()] or [data]
-        for number, line in enumerate(lines):
-            self._budget -= number > 0  # the datagram is counted already
-            if self._budget < 0:
-                self.statistics.messages[FLOODING] += 1
-            else:
-                self._take_line(line, sender, now)
+        room = 1 + self._budget  # the datagram is counted already
+        self._flooded(len(lines) - room)
+        for line in lines[-room:]:
+            self._take_line(line, sender, now)
+        self._budget -= min(len(lines), room) - 1
 
     def _take_line(self, line: bytes, sender: Address, now: float) -> None:
         try:

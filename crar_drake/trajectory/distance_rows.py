@@ -69,7 +69,7 @@ def find_near_rows(
         enough: (S,) pairs that are as far apart are left out [m].
         room: (Nr,) and those that are so much farther apart than that.
         before: number of unknowns before the joints.
-        robot: holds a `Robot` with a row for each pair of capsules and spheres.
+        robot: holds a `Robot` with a row for each pair of shapes that are examined.
     """
     r = robot.value
     pairs, tree, n = r.pairs.value, r.tree.value, r.n

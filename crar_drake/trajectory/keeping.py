@@ -141,12 +141,12 @@ class Keeper:
             meshes: are parted as well.
 
         Raises:
-            ModelError: watched shapes are others than capsules and spheres.
+            ModelError: watched shapes are others than capsules, spheres and hulls.
         """
         if model.pairs.needs_query:
             raise ModelError(
                 f"robot {model.description.name} has watched shapes that are neither "
-                "capsules nor spheres; these alone are examined"
+                "capsules nor spheres nor convex hulls; these alone are examined"
             )
         self.model, self.rate, self.rest = model, rate, model.rest_positions()
         self.floor, self.floor_between = floor, floor_between

@@ -54,7 +54,7 @@ def find_margins(
     """The margins of a motion.
 
     Args:
-        model: of the robot, its root fixed; its watched pairs are capsules and spheres.
+        model: of the robot, its root fixed; its watched pairs are examined.
         reaches: holds `Reaches` of its pairs.
         q: (T, n) positions of the controlled joints [rad or m].
         rate: frames per second [Hz].

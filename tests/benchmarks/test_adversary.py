@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.multibody.tree import PrismaticJoint
+from scipy.spatial import ConvexHull
 
 from benchmarks.adversary import __main__ as command
 from benchmarks.adversary import drive
@@ -21,6 +22,7 @@ from benchmarks.adversary.judge import (
     box_distances,
     segment_distances,
     segments_to_boxes,
+    segments_to_hull,
 )
 from benchmarks.adversary.policies import POLICIES
 from benchmarks.adversary.random_robots import KINDS, draw_robot
@@ -745,11 +747,48 @@ def test_a_file_that_is_no_counterexample_is_refused(tmp_path, capsys):
 
 
 def test_boxes_are_attacked_when_asked_for():
-    """The law does not examine them, and does not say that it does."""
+    """And examined by the law."""
     assert "boxes" not in command.parse([]).robots
     assert command.parse(["--robots", "boxes"]).robots == ["boxes"]
     model = load_subject("boxes", 1).model("drawn")
-    assert model.pairs.not_examined
+    assert not model.pairs.not_examined
+
+
+def test_distances_of_a_convex_piece_are_those_of_a_box_and_of_the_law():
+    corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
+    half = np.array([0.2, 0.5, 0.8])
+    box = 2.0 * half * corners
+    triangles = box[ConvexHull(box).simplices]
+    p0, p1 = np.random.default_rng(9).normal(size=(2, 300, 3))
+    d = segments_to_hull(p0, p1, triangles)
+    boxes = segments_to_boxes(p0, p1, np.broadcast_to(half, p0.shape))
+    np.testing.assert_allclose(d, boxes, atol=1e-12)
+    assert (d == 0.0).any() and (d > 0.1).any()
+    subject = load_subject("shelf_arm")
+    model = subject.model("pose")
+    q = np.random.default_rng(10).uniform(-1.5, 1.5, (200, model.n))
+    found = subject.judge.distances(q)
+    first = np.array([name.split(" - ")[0] for name in subject.judge.pair_names])
+    second = np.array([name.split(" - ")[1] for name in subject.judge.pair_names])
+    apart = 0
+    for k, x in enumerate(q):
+        state = model.evaluate(model.MakeWorkspace(), x, 0.0 * x)
+        for (a, b), d in zip(model.pairs.names, state.d, strict=True):
+            mine = found[k][(first == a) & (second == b)].min()
+            if d > 0.0:
+                assert mine == pytest.approx(d, abs=1e-9)
+                apart += 1
+    assert apart > 1000
+
+
+@pytest.mark.parametrize("robot", ["boxes", "shelf_arm"])
+def test_boxes_and_convex_pieces_stay_clear_under_attack(robot):
+    """A few episodes of what the whole search does."""
+    cases = make_cases([robot], ["posture", "sine"], [0.01], steps=200)
+    for case in cases:
+        result = run_case(case)
+        assert result.steps >= 200 and not result.error
+        assert not result.below and not result.blocked and not result.penetrating
 
 
 def test_cases_are_all_combinations_that_there_are():

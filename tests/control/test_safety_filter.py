@@ -434,10 +434,10 @@ def _distances(filter: SafetyFilter, q: np.ndarray) -> float:
     return referee.distances(q).min()
 
 
-def test_of_boxes_nothing_is_said_and_the_others_are_kept_apart():
-    box = '<box size="0.1 0.1 0.1"/>'
+def test_of_cylinders_nothing_is_said_and_the_others_are_kept_apart():
+    cylinder = '<cylinder radius="0.05" length="0.1"/>'
     urdf = chain_urdf("zzzz", shapes=(CAPSULE,), extra="").replace(
-        f"<geometry>{CAPSULE}</geometry>", f"<geometry>{box}</geometry>", 1
+        f"<geometry>{CAPSULE}</geometry>", f"<geometry>{cylinder}</geometry>", 1
     )
     pairs = [["l0", "l2"], ["l1", "l3"]]
     filter = SafetyFilter(make_model(urdf, [], pairs=pairs), 0.01)

@@ -56,6 +56,7 @@ from crar_drake.equations.admission import (
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
 from crar_drake.equations.compilation import IS_COMPILED, hold
 from crar_drake.equations.free_joints import PLAIN
+from crar_drake.equations.hull_distances import no_hulls
 from crar_drake.equations.lookahead_guard import admit
 from crar_drake.equations.lookahead_rows import Constraints
 from crar_drake.equations.placed_shapes import own_velocities
@@ -421,7 +422,9 @@ def shape_pairs(start_a, vector_a, start_b, vector_b) -> ShapePairs:
     nothing = np.zeros(0)
     sizes = CapsuleSizes(*[nothing] * len(CapsuleSizes._fields))
     return ShapePairs(
-        start_a, start_b, vector_a, vector_b, sizes, start_a, start_a, start_a, nothing
+        *(start_a, start_b, vector_a, vector_b, sizes),
+        *(start_a, start_a, start_a, nothing),
+        *no_hulls(len(start_a)),
     )
 
 

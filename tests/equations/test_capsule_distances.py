@@ -19,6 +19,7 @@ from crar_drake.equations.capsule_distances import (
     capsule_sizes,
     nearest_of_pairs,
 )
+from crar_drake.equations.hull_distances import no_hulls
 from crar_drake.judging.referee_distances import capsule_distance
 
 NUM_PAIRS = 100_000
@@ -438,6 +439,7 @@ def test_the_nearest_shapes_of_each_watched_pair(others):
         order=np.array(order),
         members=np.array(members),
         moves=np.zeros((3, 1)),
+        **dict(zip(("hull_a", "hull_b", "hulls"), no_hulls(4 * K), strict=True)),
     )
     d, normal, p_a = nearest_of_pairs(
         points, asked if others else np.zeros((0, 7)), pairs

@@ -14,6 +14,7 @@ from pydrake.multibody.tree import (
 
 from crar_drake.equations import kinematics, placed_shapes
 from crar_drake.equations.capsule_distances import CapsuleSizes, ShapePairs
+from crar_drake.equations.hull_distances import no_hulls
 from crar_drake.equations.kinematics import link_poses, place_points
 from crar_drake.equations.placed_shapes import needed_by
 from crar_drake.errors import ModelError
@@ -107,6 +108,7 @@ def test_what_is_needed_by_shapes_is_placed_as_all_is(plant, poses, place) -> No
         CapsuleSizes(*[nothing] * len(CapsuleSizes._fields)),
         *[np.arange(2)] * 2,
         *[nothing] * 2,
+        *no_hulls(2),
     )
     for shapes, of_frames in (([1], ends[2:]), ([0, 1], ends), ([], [])):
         frames, some = needed_by(np.array(shapes, dtype=int), pairs, first, tree, N - 1)

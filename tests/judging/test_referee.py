@@ -277,8 +277,8 @@ URDF = (
     + link("hand", (SPHERE.format(0.07), "0.1 0.05 0", "0 0 0"))
     + link("slider", (SPHERE.format(0.05), "0 0 0.1", "0 0 0"))
     + link("bare")
-    + link("box", ('<box size="1 2 3"/>', "0 0 0", "0 0 0"))
-    + joint("weld_box", "fixed", "base", "box", "0 0 0", "")
+    + link("can", ('<cylinder radius="1" length="3"/>', "0 0 0", "0 0 0"))
+    + joint("weld_can", "fixed", "base", "can", "0 0 0", "")
     + joint("weld_bare", "fixed", "base", "bare", "0 0 0", "")
     + joint("weld", "fixed", "world", "base", "0 0 0.1", "")
     + joint(
@@ -490,7 +490,7 @@ def test_a_clean_trajectory_without_pairs(robot):
 @pytest.mark.parametrize(
     ("pair", "message"),
     [
-        (["hand", "box"], "box.*is a Box"),
+        (["hand", "can"], "can.*is a Cylinder"),
         (["hand", "bare"], "'bare'.*no collision geometry"),
         (["hnad", "base"], "'hnad'.*did you mean 'hand'"),
     ],

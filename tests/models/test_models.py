@@ -447,6 +447,7 @@ def test_efforts_hold_the_robot_up(robot: Loaded) -> None:
         ("make_obstacle_arm", "obstacle_arm_urdf", "obstacle_arm/obstacle_arm.urdf"),
         ("make_obstacle_arm", "obstacle_urdf", "obstacle_arm/obstacle.urdf"),
         ("make_tipping_cell", "frame_urdf", "tipping_cell/frame.urdf"),
+        ("make_shelf_arm", "shelf_obj", "shelf_arm/shelf.obj"),
     ],
 )
 def test_files_are_what_the_scripts_write(
@@ -457,7 +458,7 @@ def test_files_are_what_the_scripts_write(
     assert text == (MODELS / file).read_text("utf-8")
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", [*ROBOTS, "shelf_arm"])
 def test_picture_is_small(name: str) -> None:
     picture = MODELS / name / "picture.png"
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -2,17 +2,20 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Capsule, QueryObject, Sphere
+from pydrake.geometry import Box, Capsule, Cylinder, QueryObject, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from small_robots import CAPSULE, chain_urdf, make_model, random_state
 
 from crar_drake.errors import ModelError
-from crar_drake.robot.collision_pairs import capsule_axis
+from crar_drake.robot.collision_pairs import shape_axis
+
+BOX = '<box size="0.05 0.07 0.2"/>'
+CYLINDER = '<cylinder radius="0.04" length="0.2"/>'
 
 
 def test_axis_of_a_capsule_is_its_z_axis():
     X_BG = RigidTransform(RotationMatrix.MakeYRotation(0.3), [0.1, 0.2, 0.3])
-    axis = capsule_axis(Capsule(radius=0.05, length=0.4), X_BG.GetAsMatrix34())
+    axis = shape_axis(Capsule(radius=0.05, length=0.4), X_BG.GetAsMatrix34())
     np.testing.assert_allclose(axis.p_B0, X_BG @ np.array([0, 0, -0.2]))
     np.testing.assert_allclose(axis.p_B1, X_BG @ np.array([0, 0, 0.2]))
     assert axis.radius == 0.05
@@ -20,7 +23,7 @@ def test_axis_of_a_capsule_is_its_z_axis():
 
 def test_axis_of_a_sphere_is_a_point():
     X_BG = RigidTransform([0.1, 0.2, 0.3]).GetAsMatrix34()
-    axis = capsule_axis(Sphere(0.07), X_BG)
+    axis = shape_axis(Sphere(0.07), X_BG)
     np.testing.assert_array_equal(axis.p_B0, axis.p_B1)
     np.testing.assert_array_equal(axis.p_B0, [0.1, 0.2, 0.3])
     assert axis.radius == 0.07
@@ -28,8 +31,20 @@ def test_axis_of_a_sphere_is_a_point():
     assert axis.p_B1[0] == 0.1
 
 
-def test_a_box_has_no_axis():
-    assert capsule_axis(Box(1, 1, 1), np.eye(4)[:3]) is None
+def test_a_cylinder_has_no_axis():
+    assert shape_axis(Cylinder(1, 1), np.eye(4)[:3]) is None
+
+
+def test_a_box_is_the_hull_of_its_corners():
+    X_BG = RigidTransform(RotationMatrix.MakeYRotation(0.3), [0.1, 0.2, 0.3])
+    axis = shape_axis(Box(0.2, 0.4, 0.6), X_BG.GetAsMatrix34())
+    np.testing.assert_allclose(axis.p_B0, [0.1, 0.2, 0.3])
+    p_G = X_BG.inverse().multiply(axis.ends.T)
+    np.testing.assert_allclose(np.abs(p_G.T), np.tile([0.1, 0.2, 0.3], (8, 1)))
+    assert len({tuple(np.sign(p)) for p in p_G.T}) == 8
+    assert axis.extent == pytest.approx(np.sqrt(0.14))
+    # Of parallel faces and edges there is one.
+    assert axis.hull.faces.shape == (3, 3) and axis.hull.edges.shape == (3, 2)
 
 
 def sampled_distance(model, link_a, link_b, q, count=400) -> float:
@@ -75,7 +90,7 @@ def test_smallest_over_all_shape_pairs_in_the_order_given():
 
 def test_the_order_within_a_pair_does_not_matter():
     """For closed forms and for SceneGraph, which has an order of its own."""
-    for shapes in ((CAPSULE,), ('<box size="0.05 0.07 0.2"/>',)):
+    for shapes in ((CAPSULE,), (BOX,), (CYLINDER,)):
         urdf = chain_urdf("zyzy", shapes=shapes)
         pairs = [["l0", "l2"], ["l3", "post"], ["l1", "l3"]]
         there = make_model(urdf, pairs=pairs)
@@ -87,8 +102,8 @@ def test_the_order_within_a_pair_does_not_matter():
 
 
 def test_mixed_closed_and_queried_rows_stay_in_order():
-    """A box between capsules: the answers are put back where they belong."""
-    shapes = (CAPSULE, '<box size="0.05 0.07 0.2"/>')
+    """Between capsules and boxes: the answers are put back where they belong."""
+    shapes = (CAPSULE, CYLINDER, BOX)
     pairs = [["l0", "post"], ["l1", "l3"], ["l2", "post"], ["l0", "l3"]]
     urdf = chain_urdf("zyzy", shapes=shapes)
     mixed = make_model(urdf, pairs=pairs)
@@ -108,6 +123,6 @@ def test_shape_without_a_distance_is_refused(monkeypatch):
     monkeypatch.setattr(
         QueryObject, "ComputeSignedDistancePairClosestPoints", refuse, raising=True
     )
-    urdf = chain_urdf("zz", shapes=('<box size="0.05 0.07 0.2"/>',))
+    urdf = chain_urdf("zz", shapes=(CYLINDER,))
     with pytest.raises(ModelError, match="cannot compute.*not supported"):
         make_model(urdf, pairs=[["l1", "post"]])

@@ -3,6 +3,8 @@
 import json
 import re
 import socket
+import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -19,6 +21,7 @@ from crar_drake.teleoperation import server as module
 from crar_drake.teleoperation.heard_obstacles import HeardObstacles
 from crar_drake.teleoperation.lcm_link import TARGETS
 from crar_drake.teleoperation.messages import LONGEST, MessageError
+from crar_drake.teleoperation.newest_messages import EACH, SENDERS, NewestMessages
 from crar_drake.teleoperation.safe_motion import SafeMotion
 from crar_drake.teleoperation.server import TeleoperationServer
 from crar_drake.teleoperation.serving import make_server
@@ -267,15 +270,103 @@ def test_a_robot_that_is_beyond_its_limits_cannot_begin_there(made):
         motion.begin({})
 
 
-def test_a_flood_is_read_in_part_and_thrown_away(server, client):
+def test_of_a_flood_the_first_and_the_newest_are_judged(server, client):
     for k in range(200):
-        client.send(targets(float(k), left_wrist=[0.2, 0.2, 0.9]))
+        client.send(targets(0.001 * k, left_wrist=[0.2, 0.2, 0.9]))
     server._receive()
     messages = server.statistics.messages
-    assert messages["taken"] == 64 and messages["flooding"] == 64
-    server.tick(0.0)  # a new period, a new budget
+    assert messages["taken"] == 64 and messages["flooding"] == 200 - 64 - EACH
+    command = server.tick(0.0)  # a new period, a new budget
+    assert command.of == pytest.approx(0.199)
+    assert messages["taken"] == 64 + EACH and sum(messages.values()) == 200
+    client.send(targets(0.21, left_wrist=[0.2, 0.2, 0.9]))
     server._receive()
-    assert sum(messages.values()) == 200
+    assert messages["taken"] == 65 + EACH and not len(server._newest)
+
+
+def test_nobodys_flood_drowns_another_client(server, client, monkeypatch):
+    """Garbage by thousands, also from many addresses, before and after each target."""
+    now = 100.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    others = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(20)]
+    for k in range(60):
+        now = 100.0 + k * server.period
+        for batch in range(10):
+            for other in others[: 1 if k < 30 else None]:
+                for _ in range(20 if k < 30 else 1):
+                    other.sendto(b"[1, 2", server.address)
+            if batch == 4:
+                client.send(targets(0.01 * k, left_wrist=[0.25, 0.2, 0.95]))
+            server._receive()
+        command = server.tick(now)
+        assert command.of == pytest.approx(0.01 * k)
+        assert len(server._newest) == 0
+    messages = server.statistics.messages
+    assert messages["taken"] == 60 and messages["flooding"] > 5000
+    assert sum(messages.values()) == 60 * 200 + 60
+    for other in others:
+        other.close()
+
+
+FLOOD = """
+import socket, sys, time
+junk = [b"{" * 500, b"\\xff" * 4000, b'{"time": 1e9, "targets": {"left_wrist": '
+        b'{"position": [1, 1, 1]}}}']
+other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+other.connect((sys.argv[1], int(sys.argv[2])))
+sent, start = 0, time.monotonic()
+while time.monotonic() - start < 30.0:
+    while sent < 6000 * (time.monotonic() - start):
+        try:
+            other.send(junk[sent % 3])
+        except OSError:
+            pass
+        sent += 1
+    time.sleep(1e-3)
+"""
+
+
+def test_a_flood_leaves_the_loop_in_time(server, client):
+    """6,000 messages a second of another process: garbage, and targets of nobody."""
+    flood = subprocess.Popen(
+        [sys.executable, "-c", FLOOD, server.address[0], str(server.address[1])]
+    )
+    try:
+        running = threading.Thread(target=server.run, args=(3.0,))
+        running.start()
+        client.setblocking(False)
+        told, k = set(), 0
+        while running.is_alive():
+            there = targets(0.01 * k, left_wrist=[0.25, 0.2, 0.95])
+            client.send(b'{"drive": true}\n' + there if k % 10 == 0 else there)
+            k += 1
+            with suppress(BlockingIOError):
+                while True:
+                    told.add(json.loads(client.recv(65536))["of"])
+            time.sleep(0.01)
+    finally:
+        flood.kill()
+        flood.wait()
+    statistics = server.statistics
+    messages = statistics.messages
+    assert sum(messages.values()) > 3000 and messages["flooding"] > 100
+    assert messages["not driving"] > 10
+    # Who drives is heard all the same, and the newest is what a command knows.
+    assert len(told - {None}) > 0.3 * k
+    assert statistics.latency.percentile(50) < 2 * server.period
+    assert len(server._newest) <= EACH * SENDERS
+
+
+def test_what_is_kept_of_a_flood_is_bounded():
+    newest, lost = NewestMessages(), 0
+    for k in range(1000):
+        lost += newest.add(b"%d" % k, k % 50, driver=7)
+        assert len(newest) <= EACH * SENDERS
+    assert lost == 1000 - len(newest)
+    kept = list(newest.take(driver=7))
+    assert len(newest) == 0 and kept[0][0] == 7
+    assert list(kept[0][1]) == [b"807", b"857", b"907", b"957"]
+    assert {sender for sender, _ in kept} == {7, *range(43, 50)}
 
 
 def test_several_lines_in_a_datagram_are_as_many_messages(server, client):
@@ -309,13 +400,17 @@ def test_messages_that_take_long_to_read_do_not_hold_up_the_step(
         client.send(b"[{}]")
     server._receive(until=0.01)
     assert now == pytest.approx(0.012)
-    assert server.statistics.messages == {"malformed": 3, "flooding": 27}
-    # Even where there is no time at all, one message is read.
+    assert server.statistics.messages == {"malformed": 3, "flooding": 27 - EACH}
+    # Of what is kept the newest is read, and what there is time for.
     server.tick(now)
-    client.send(b"[{}]")
-    client.send(b"[{}]")
+    assert now == pytest.approx(0.020)
+    assert server.statistics.messages == {"malformed": 5, "flooding": 25}
+    for _ in range(3):
+        client.send(b"[{}]")
     server._receive(until=now - 1.0)
-    assert server.statistics.messages == {"malformed": 4, "flooding": 28}
+    assert now == pytest.approx(0.020)
+    server.tick(now)
+    assert server.statistics.messages == {"malformed": 7, "flooding": 26}
 
 
 def test_a_flood_over_lcm_is_read_in_part(made):

@@ -1,0 +1,113 @@
+"""Convex hulls: what a box, a convex shape or a mesh of SceneGraph's is taken for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from pydrake.geometry import Box, Convex, Mesh, Shape
+from scipy.spatial import ConvexHull, QhullError
+
+from crar_drake.equations.hull_distances import Hulls
+from crar_drake.errors import ModelError
+
+# Directions that differ by less count as one [rad].
+_PARALLEL = 1e-9
+
+
+@dataclass(frozen=True)
+class Hull:
+    """The convex hull of V corners."""
+
+    corners: np.ndarray  # (V, 3) in the frame that they are given in [m]
+    faces: np.ndarray  # (F, 3) three corners of each face, one of parallel faces
+    edges: np.ndarray  # (E, 2) both ends of each edge, one of parallel edges
+
+
+def shape_corners(shape: Shape) -> np.ndarray | None:
+    """(V, 3) points in the geometry frame of which a shape is the hull [m].
+
+    SceneGraph takes a mesh for its hull, too, where distances are asked.
+
+    Returns:
+        None of a shape that is none: of spheres, capsules, cylinders and others.
+
+    Raises:
+        ModelError: the file of a mesh cannot be read.
+    """
+    if isinstance(shape, Box):
+        half = 0.5 * shape.size()
+        return np.array([half * signs for signs in product((-1.0, 1.0), repeat=3)])
+    if not isinstance(shape, Convex | Mesh):
+        return None
+    try:
+        hull = shape.GetConvexHull()
+    except RuntimeError as error:
+        raise ModelError(f"its hull cannot be found: {error}") from error
+    return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+
+
+def hull_of(points: np.ndarray) -> Hull:
+    """The hull of points (N, 3) [m].
+
+    Raises:
+        ModelError: they have no hull with a volume.
+    """
+    try:
+        found = ConvexHull(points)
+    except (QhullError, ValueError) as error:
+        raise ModelError(
+            "it is flat, or has fewer than four points; give it a thickness"
+        ) from error
+    number = np.full(len(points), -1)
+    number[found.vertices] = np.arange(len(found.vertices))
+    triangles, normals = number[found.simplices], found.equations[:, :3]
+    faces = triangles[_one_of_parallels(normals)]
+    edges = []
+    for i, neighbors in enumerate(found.neighbors):
+        for k, j in enumerate(neighbors):
+            # The triangle's side opposite to its corner k; between parts of one face
+            # there is none.
+            if i < j and np.linalg.norm(np.cross(normals[i], normals[j])) > _PARALLEL:
+                edges.append(np.delete(triangles[i], k))
+    edges = np.array(edges, dtype=int).reshape(-1, 2)
+    corners = np.ascontiguousarray(points[found.vertices], dtype=float)
+    along = corners[edges[:, 1]] - corners[edges[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return Hull(corners, faces, edges[_one_of_parallels(along)])
+
+
+def _one_of_parallels(directions: np.ndarray) -> list[int]:
+    """Which of unit vectors (N, 3) are left if each line is to be there once."""
+    kept: list[int] = []
+    for i, direction in enumerate(directions):
+        if kept:
+            across = np.cross(directions[kept], direction)
+            if (np.linalg.norm(across, axis=1) <= _PARALLEL).any():
+                continue
+        kept.append(i)
+    return kept
+
+
+def numbers_of_hulls(hulls: Sequence[Hull], after: Sequence[int]) -> Hulls:
+    """Hulls for the equations.
+
+    Args:
+        hulls: in their order.
+        after: of each, from its middle to its first corner, among all points.
+    """
+
+    def starts(lists: Sequence[np.ndarray]) -> np.ndarray:
+        return np.cumsum([0, *map(len, lists)])
+
+    faces, edges = [hull.faces for hull in hulls], [hull.edges for hull in hulls]
+    return Hulls(
+        np.array(after, dtype=int),
+        np.array([len(hull.corners) for hull in hulls], dtype=int),
+        np.concatenate([np.zeros((0, 3), dtype=int), *faces]),
+        np.concatenate([np.zeros((0, 2), dtype=int), *edges]),
+        starts(faces),
+        starts(edges),
+    )

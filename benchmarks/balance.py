@@ -1,6 +1,6 @@
 """Does what a standing robot is told ever take what the ground cannot give?
 
-    python -m benchmarks.balance [--steps 100000] [--seed 1] [--page PAGE]
+    python -m benchmarks.balance [--steps 100000] [--seeds 1 2 ...] [--page PAGE]
 
 Wrists of robots that stand on their soles, or whose base stands on feet of its own, are
 asked for anything: swings of up to 3 Hz and 30 cm, jumps, targets out of reach, numbers
@@ -10,19 +10,21 @@ friction, a watched pair below its floor, or a joint beyond its limit.
 
 What is judged is Drake's inverse dynamics of the robot with a floating root, at three
 instants of each step, and Drake's distances once: nothing of the law takes part.
-Episodes alternate with those of the same law without balance.
+Episodes alternate with those of the same law without balance. Each seed has as many
+steps; what it has is kept in out/balance, so that a run that was stopped goes on.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import ConvexHull
 
+from benchmarks.kept import Kept, add_seeds, measured_by
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.parameters import BalanceParameters, CrarParameters
@@ -180,7 +182,7 @@ class Tally:
     """What was seen of a robot and a law."""
 
     steps: int = 0
-    hows: np.ndarray = field(default_factory=lambda: np.zeros(3, dtype=int))
+    hows: list[int] = field(default_factory=lambda: [0, 0, 0])
     outside: int = 0
     farthest: float = -np.inf
     slips: int = 0
@@ -190,8 +192,21 @@ class Tally:
     followed: int = 0
     fastest: float = 0.0
 
+    @property
+    def violations(self) -> int:
+        return self.outside + self.slips + self.pairs + self.limits
+
+    def add(self, other: Tally) -> None:
+        """Goes on with what another saw."""
+        self.hows = [a + b for a, b in zip(self.hows, other.hows, strict=True)]
+        for name in ("farthest", "fastest"):
+            setattr(self, name, max(getattr(self, name), getattr(other, name)))
+        for name in ("steps", "outside", "slips", "pairs", "limits", "squares"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.followed += other.followed
+
     def cells(self, robot: str, law: str) -> list[str]:
-        hows = " ".join(f"{n / max(self.hows.sum(), 1):.0%}" for n in self.hows)
+        hows = " ".join(f"{n / max(sum(self.hows), 1):.1%}" for n in self.hows)
         error = np.sqrt(self.squares / max(self.followed, 1))
         return [
             *(robot, law, f"{self.steps:,}", hows if law == "balance" else "–"),
@@ -201,18 +216,16 @@ class Tally:
         ]
 
 
-def run_at(
-    subject: Subject, attack: str, seed: int, tally: Tally, steps: int = EPISODE
-) -> Tally:
-    """An episode from rest.
+def run_at(subject: Subject, attack: str, seed: int, steps: int = EPISODE) -> Tally:
+    """What is seen of an episode from rest.
 
     Args:
         subject: begun anew here.
         attack: of `ATTACKS`.
         seed: of the dice.
-        tally: that is gone on with.
         steps: periods.
     """
+    tally = Tally()
     model, law = subject.model, subject.law
     rng = np.random.default_rng(seed)
     q = model.rest_positions()
@@ -243,22 +256,54 @@ def run_at(
             tally.steps += 1
     Q, V, A = map(np.array, (Q, V, A))
     outside, slope = subject.demand(Q, V, A)
-    tally.outside += int((outside > 1e-8).sum())
-    tally.farthest = max(tally.farthest, float(outside.max()))
-    tally.slips += int((slope > subject.friction * (1.0 + 1e-8)).sum())
-    tally.pairs += subject.referee.violations(Q[:: len(INSTANTS)]).num_violated
+    tally.outside = int((outside > 1e-8).sum())
+    tally.farthest = float(outside.max())
+    tally.slips = int((slope > subject.friction * (1.0 + 1e-8)).sum())
+    tally.pairs = subject.referee.violations(Q[:: len(INSTANTS)]).num_violated
     at = model.controlled_positions[: model.n]
     beyond = (Q[:, at] < model.lower - 1e-6) | (Q[:, at] > model.upper + 1e-6)
-    tally.limits += int(beyond.any(axis=1).sum())
+    tally.limits = int(beyond.any(axis=1).sum())
     return tally
 
 
+def attack_all(subjects: dict[tuple[str, str], Subject], steps: int, seed: int) -> Kept:
+    """Episodes of one seed, each robot and attack in turn, from where it was stopped.
+
+    Args:
+        subjects: by robot and law, "balance" and "without".
+        steps: with balance.
+        seed: of all dice.
+    """
+    kept, done, episode = Kept("balance", seed), 0, 0
+    robots = list(dict.fromkeys(robot for robot, _ in subjects))
+    while done < steps:
+        robot = robots[episode % len(robots)]
+        attack = list(ATTACKS)[episode // len(robots) % len(ATTACKS)]
+        dice = int(np.random.default_rng([seed, episode]).integers(2**31))
+        # The same attack without balance, of some: it is only there to compare.
+        for law in ("balance", "without") if episode % 5 == 0 else ("balance",):
+            key = f"{episode} {attack} {robot} {law}"
+            if key not in kept.results:
+                kept.keep({key: asdict(run_at(subjects[robot, law], attack, dice))})
+            if law == "balance":
+                tally = Tally(**kept.results[key])
+                done += tally.steps
+                if tally.violations:
+                    print(f"violated: seed {seed}, {key}", file=sys.stderr)
+        episode += 1
+        if episode % 20 == 0:
+            print(f"seed {seed}: {episode} episodes, {done:,} steps", file=sys.stderr)
+    return kept
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    """Attacks both robots in turn, and prints or writes the table."""
+    """Attacks all robots in turn, and prints or writes the table."""
     benchmark = Benchmark("benchmarks.balance", __doc__, "balance")
     parser = benchmark.parser
-    parser.add_argument("--steps", type=int, default=100_000, help="with balance")
-    parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    parser.add_argument(
+        "--steps", type=int, default=100_000, help="of each seed, with balance"
+    )
+    add_seeds(parser, "balance")
     options = benchmark.parse(argv, lambda options: "attacks")
     subjects = {}
     for robot in (*ROBOTS, *ON_A_BASE):
@@ -267,34 +312,23 @@ def main(argv: Sequence[str] | None = None) -> None:
                 subjects[robot, name] = Subject(robot, given)
         except ModelError as error:
             print(f"left out: {error}", file=sys.stderr)
+    seeds = [attack_all(subjects, options.steps, seed) for seed in options.seeds]
     tallies = {key: Tally() for key in subjects}
-    robots = list(dict.fromkeys(robot for robot, _ in subjects))
-    episode = 0
-    while (
-        sum(t.steps for (_, n), t in tallies.items() if n == "balance") < options.steps
-    ):
-        robot = robots[episode % len(robots)]
-        attack = list(ATTACKS)[episode // len(robots) % len(ATTACKS)]
-        dice = int(np.random.default_rng([options.seed, episode]).integers(2**31))
-        # The same attack without balance, of some: it is only there to compare.
-        for law in ("balance", "without") if episode % 5 == 0 else ("balance",):
-            tally = tallies[robot, law]
-            before = tally.outside + tally.slips + tally.pairs + tally.limits
-            run_at(subjects[robot, law], attack, dice, tally)
-            after = tally.outside + tally.slips + tally.pairs + tally.limits
-            if law == "balance" and after > before:
-                print(f"violated: {episode}, {robot}, {attack}", file=sys.stderr)
-        episode += 1
-        if episode % 20 == 0:
-            print(f"{episode} episodes", file=sys.stderr)
+    for kept in seeds:
+        for key, found in kept.results.items():
+            *_, robot, law = key.split()
+            if (robot, law) in tallies:
+                tallies[robot, law].add(Tally(**found))
     rows = [tally.cells(*key) for key, tally in tallies.items()]
-    kept = [t for (_, name), t in tallies.items() if name == "balance"]
-    bad = sum(t.outside + t.slips + t.pairs + t.limits for t in kept)
-    found = (
-        f"{episode} episodes, {sum(t.steps for t in kept):,} steps with balance, each "
-        f"judged at {len(INSTANTS)} instants: {bad} violations. Errors are of swings."
+    balanced = [t for (_, name), t in tallies.items() if name == "balance"]
+    bad = sum(t.violations for t in balanced)
+    episodes = sum(k.endswith("balance") for each in seeds for k in each.results)
+    text = (
+        f"{episodes:,} episodes, {sum(t.steps for t in balanced):,} steps with "
+        f"balance, each judged at {len(INSTANTS)} instants: {bad} violations. Errors "
+        f"are of swings. {measured_by(seeds)}"
     )
-    benchmark.report([Table(HEADER, rows)], found)
+    benchmark.report([Table(HEADER, rows)], text.strip())
 
 
 if __name__ == "__main__":

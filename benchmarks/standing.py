@@ -1,12 +1,14 @@
 """Does a robot that stands stay on its feet, in Drake's contact simulation?
 
-    python -m benchmarks.standing [--runs 20] [--seconds 10] [--seed 1] [--page PAGE]
+    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--page PAGE]
 
 Wrists of robots that nothing but a floor carries are asked for swings of up to 3 Hz and
 30 cm, with `balance` and without. The controller believes the model; the robot is as
 believed, or a tenth heavier or lighter, on a floor with less friction, or pushed at its
 neck with 30 N for a fifth of a second, in each second another way. Each run is one of
 `crar-drake run`: a fall, and what touches or is beyond a limit, is found by its log.
+Each seed has as many runs; what it has is kept in out/standing, so that a benchmark
+that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.balance import PERIOD, ROBOTS, TRACKED, swings
+from benchmarks.kept import Kept, add_seeds, measured_by
 from benchmarks.page import Benchmark, Table, run
 from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ModelError
@@ -90,21 +93,61 @@ def scenario(
     )
 
 
-def cells(summaries: Sequence[Summary]) -> list[str]:
-    """Of a row, what was seen."""
-    stood = [summary.stance for summary in summaries]
-    leans = np.degrees([each.lean for each in stood])
-    bad = sum(
-        bool(each.penetrating_samples or each.beyond_limit_samples)
-        for each in summaries
-    )
-    errors = [each.rms_task_error for each in summaries]
-    fell = sum(each.fell is not None for each in stood)
+def figures(summary: Summary) -> dict[str, float | bool]:
+    """What is kept of a run."""
+    stance = summary.stance
+    return {
+        "fell": stance.fell is not None,
+        "lean": float(stance.lean),
+        "slide": float(stance.slide),
+        "bad": bool(summary.penetrating_samples or summary.beyond_limit_samples),
+        "error": float(summary.rms_task_error),
+    }
+
+
+def cells(runs: Sequence[dict]) -> list[str]:
+    """Of a row, what was seen in its runs."""
+    leans = np.degrees([each["lean"] for each in runs])
     return [
-        *(f"{len(stood)}", f"{fell}", f"{np.median(leans):.1f}°, {leans.max():.1f}°"),
-        f"{1e3 * max(each.slide for each in stood):.0f} mm",
-        *(f"{bad}", f"{1e3 * np.median(errors):.0f} mm"),
+        *(f"{len(runs)}", f"{sum(each['fell'] for each in runs)}"),
+        f"{np.median(leans):.1f}°, {leans.max():.1f}°",
+        f"{1e3 * max(each['slide'] for each in runs):.0f} mm",
+        f"{sum(each['bad'] for each in runs)}",
+        f"{1e3 * np.median([each['error'] for each in runs]):.0f} mm",
     ]
+
+
+def run_all(runs: int, seconds: float, seed: int) -> Kept:
+    """The runs of one seed, from where it was stopped.
+
+    Args:
+        runs: of a robot as believed; a quarter of each other kind.
+        seconds: of a run.
+        seed: of all dice.
+    """
+    kept = Kept("standing", seed)
+    for k in range(runs):
+        dice = int(np.random.default_rng([seed, k]).integers(2**31))
+        for robot in ROBOTS:
+            for condition in CONDITIONS:
+                if condition != AS_BELIEVED and k >= runs // 4:
+                    continue
+                for law in ("balance", "without"):
+                    key = f"{robot}; {condition}; {law}; {seconds:g} s; {k}"
+                    if key in kept.results:
+                        continue
+                    try:
+                        each = scenario(
+                            robot, condition, law == "balance", dice, seconds
+                        )
+                    except ModelError as error:
+                        print(f"left out: {error}", file=sys.stderr)
+                        break
+                    summary = run_scenario(each).summary
+                    kept.keep({key: figures(summary)})
+                    told = summary.stance.line()
+                    print(f"seed {seed}: {key}: {told}", file=sys.stderr)
+    return kept
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -112,36 +155,41 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.standing", __doc__, "standing")
     parser = benchmark.parser
     parser.add_argument(
-        "--runs", type=int, default=20, help="of a robot as believed; a quarter else"
-    )
+        "--runs", type=int, default=20,
+        help="of each seed, of a robot as believed; a quarter else",
+    )  # fmt: skip
     parser.add_argument("--seconds", type=float, default=10.0, help="of a run")
-    parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    add_seeds(parser, "standing")
     options = benchmark.parse(argv, lambda options: "swings")
-    rows, count = [], 0
-    for robot in ROBOTS:
-        for condition in CONDITIONS:
-            runs = options.runs if condition == AS_BELIEVED else options.runs // 4
-            for law in ("balance", "without"):
-                found = []
-                for k in range(runs):
-                    dice = int(np.random.default_rng([options.seed, k]).integers(2**31))
-                    try:
-                        each = scenario(
-                            robot, condition, law == "balance", dice, options.seconds
-                        )
-                    except ModelError as error:
-                        print(f"left out: {error}", file=sys.stderr)
-                        break
-                    found.append(run_scenario(each).summary)
-                    told = found[-1].stance.line()
-                    print(f"{robot}, {condition}, {law}, {k}: {told}", file=sys.stderr)
-                if found:
-                    rows.append([robot, condition, law, *cells(found)])
-                    count += len(found)
+    seeds = [run_all(options.runs, options.seconds, seed) for seed in options.seeds]
+    found: dict[tuple[str, str, str], list[dict]] = {
+        (robot, condition, law): []
+        for robot in ROBOTS
+        for condition in CONDITIONS
+        for law in ("balance", "without")
+    }
+    for kept in seeds:
+        for key, figure in kept.results.items():
+            *kind, length, _ = key.split("; ")
+            if length == f"{options.seconds:g} s":
+                found[tuple(kind)].append(figure)
+    rows = [[*kind, *cells(runs)] for kind, runs in found.items() if runs]
     if not rows:
         raise ModelError("benchmarks.standing needs g1_whole_body or talos_whole_body")
-    text = f"{count} runs of {options.seconds:g} s."
-    benchmark.report([Table(HEADER, rows)], text)
+    fell = {
+        name: (
+            sum(each["fell"] for kind, runs in found.items() for each in runs
+                if kind[2] == name),
+            sum(len(runs) for kind, runs in found.items() if kind[2] == name),
+        )
+        for name in ("balance", "without")
+    }  # fmt: skip
+    text = (
+        f"Runs of {options.seconds:g} s: with balance {fell['balance'][0]} of "
+        f"{fell['balance'][1]} fell, without {fell['without'][0]} of "
+        f"{fell['without'][1]}. {measured_by(seeds)}"
+    )
+    benchmark.report([Table(HEADER, rows)], text.strip())
 
 
 if __name__ == "__main__":

@@ -20,18 +20,15 @@ from crar_drake.equations.balance import (
     balance_level,
     balance_rows,
 )
+from crar_drake.equations.balance_correction import correction_norm, nearest_balanced
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.one_sided import one_sided_nearest
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.soles import find_masses, ground_cone, sole_corners
 
 # How often a correction is tried, with rows about the one before.
 _CORRECTIONS = 4
-# A row weighs so much more than an acceleration [1/m of the weight's arm], and so much
-# a joint's bound.
-_ROW_WEIGHT = 1e6
 # What the pieces of a path may add to a face's value, and what a correction leaves to
 # spare [m of the weight's arm]: small beside a sole.
 _FINEST = 2e-4
@@ -40,9 +37,9 @@ _SPARE = 1e-3
 _ROUNDING = 1e-9
 # What a joint counts beside the tasks where a step is corrected [m].
 _DAMPING = 0.3
-# Rows that are farther from binding are left out of a correction [m, as above].
-_FAR = 0.5
-
+# Faces that are farther below their level get no rows, and rows that are farther from
+# binding are left out of a correction [m, as above].
+_NEAR, _FAR = 0.1, 0.5
 
 # Accelerations to what the mode leaves of them and what it reports; None if the motors
 # have not the torque.
@@ -111,6 +108,7 @@ class Balance:
                 float(period),
                 float(min(model.plant.time_step(), period)),
                 _FINEST * self.weight,
+                _NEAR * self.weight,
             )
         )
         rest = model.rest_positions()
@@ -146,29 +144,42 @@ class Balance:
         excess = excess_of(vdot)
         if excess <= enough:
             return vdot, self._report(AS_NOMINAL, 1.0, excess)
+        at = self._controlled
         brake = np.zeros_like(v)
-        brake[self._controlled] = -v[self._controlled] / self._T
-        root = np.linalg.cholesky(self._norm(measured))
+        brake[at] = -v[at] / self._T
+        root = correction_norm(q, _DAMPING, self._model.robot_by_pair)
         bounds = self._mode.acceleration_bounds(measured)
         # Rows about braking first: nearer to what comes out than the nominal is.
         _, g, b = balance_rows(q, v, brake, level, -np.inf, self._law)
         for _ in range(_CORRECTIONS):
             # Not more is asked for than braking has, which is balanced.
-            b = np.maximum(b - _SPARE * self.weight, g @ brake[self._controlled])
-            aim = self._nearest(root, vdot, g, b, bounds)
+            b = np.maximum(b - _SPARE * self.weight, g @ brake[at])
+            aim = vdot.copy()
+            aim[at] = nearest_balanced(
+                root, vdot[at], g / self.weight, b / self.weight, *bounds, _FAR
+            )
+            excess, g, b = balance_rows(q, v, aim, level, enough, self._law)
+            if excess > enough:
+                continue
+            # Asked last, for pairs and torques take longer than balance.
             found = admit(aim)
-            there, asked = (aim, -np.inf) if found is None else (found[0], enough)
-            excess, g, b = balance_rows(q, v, there, level, asked, self._law)
-            if excess <= asked:
-                return there, {**found[1], **self._report(CORRECTED, 1.0, excess)}
+            if found is None:
+                break
+            if not np.array_equal(found[0], aim):
+                excess, g, b = balance_rows(q, v, found[0], level, enough, self._law)
+            if excess <= enough:
+                return found[0], {**found[1], **self._report(CORRECTED, 1.0, excess)}
         # Braking is balanced by the theorem, where the bounds do not show it, too.
         best = brake, self._report(SCALED, 0.0, min(excess_of(brake), 0.0))
         share, failed = 0.0, 1.0
         for _ in range(BISECTIONS):
             middle = 0.5 * (share + failed)
-            found = admit(brake + middle * (aim - brake))
-            excess = np.inf if found is None else excess_of(found[0])
-            if excess <= enough:
+            there = brake + middle * (aim - brake)
+            excess = excess_of(there)
+            found = admit(there) if excess <= enough else None
+            if found is not None and not np.array_equal(found[0], there):
+                excess = excess_of(found[0])
+            if found is not None and excess <= enough:
                 share = middle
                 best = found[0], {**found[1], **self._report(SCALED, share, excess)}
             else:
@@ -181,38 +192,11 @@ class Balance:
         level = balance_level(q, v, self._law)
         balance_excess(q, v, np.zeros_like(v), level, self._law)
         _, g, b = balance_rows(q, v, np.zeros_like(v), level, -np.inf, self._law)
-        root = np.linalg.cholesky(self._norm(measured))
+        root = correction_norm(q, _DAMPING, self._model.robot_by_pair)
         bounds = self._mode.acceleration_bounds(measured)
-        self._nearest(root, np.zeros_like(v), g, np.minimum(b, -self.weight), bounds)
-
-    def _norm(self, measured: Measured) -> np.ndarray:
-        """(n, n) in which accelerations are changed the least: by what that does to the
-        tasks, and a little by itself."""
-        J = self._model.state_here(measured).J[:, : len(self._controlled)]
-        norm = J.T @ J + _DAMPING**2 * np.eye(J.shape[1])
-        return norm * (len(norm) / np.trace(norm))
-
-    def _nearest(
-        self,
-        root: np.ndarray,
-        vdot: np.ndarray,
-        g: np.ndarray,
-        b: np.ndarray,
-        bounds: tuple[np.ndarray, np.ndarray],
-    ) -> np.ndarray:
-        """The accelerations (nv,) nearest to others for which g . q_ddot <= b of the
-        controlled joints and each is within its bounds, in the norm of root root^T."""
-        at, each = self._controlled, np.eye(len(self._controlled))
-        near = np.flatnonzero(g @ vdot[at] > b - _FAR * self.weight)
-        g, b = g[near] / self.weight, b[near] / self.weight
-        rows = _ROW_WEIGHT * np.vstack([-g, each, -each])
-        desired = _ROW_WEIGHT * np.concatenate([-b, bounds[0], -bounds[1]])
-        rows = np.ascontiguousarray(np.linalg.solve(root, rows.T).T)
-        nearest = vdot.copy()
-        nearest[at] = np.linalg.solve(
-            root.T, one_sided_nearest(root.T @ vdot[at], rows, desired)
+        nearest_balanced(
+            root, v[self._controlled], g, np.minimum(b, -1.0), *bounds, np.inf
         )
-        return nearest
 
     def _report(self, how: float, share: float, excess: float) -> dict[str, np.ndarray]:
         return {"balance": np.array([how, share, -excess / self.weight])}

@@ -566,8 +566,12 @@ class ControlLaw:
         """Leaves of a solution what is balanced."""
 
         def admit(vdot: np.ndarray):
+            if not self._efforts.within(workspace, vdot):
+                return None
             found, reported = self.mode.admit_again(measured, vdot)
-            return (found, reported) if self._efforts.within(workspace, found) else None
+            if np.array_equal(found, vdot) or self._efforts.within(workspace, found):
+                return found, reported
+            return None
 
         vdot, reported = self._balance.limit(measured, solution.acceleration, admit)
         solution.of_mode = {**solution.of_mode, **reported}

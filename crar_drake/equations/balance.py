@@ -31,32 +31,23 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
-from crar_drake.equations.kinematics import link_poses
+from crar_drake.equations.wrenches import (
+    MOMENTUM_Q,
+    MOMENTUM_X,
+    TURNING_Q,
+    TURNING_X,
+    WEIGHT_Q,
+    Masses,
+    wrench_slopes,
+    wrenches,
+)
 
-# More pieces of a path than this are not worth their time; a path that would need more
-# is taken as if it bent more, and so for less balanced than it is.
-_PIECES = 40
-
-
-class Masses(NamedTuple):
-    """The masses of a robot whose base is fixed; all that is welded is one frame.
-
-    Of the N frames of `Tree`, the world's, 0, has the base. Each other moves by one
-    velocity.
-    """
-
-    tree: Held  # of a `Tree`
-    velocity: (
-        np.ndarray
-    )  # (N,) which of the plant's velocities moves the frame; 0's any
-    turn: np.ndarray  # (N, 3) its axis of rotation in the frame, 0 if it only slides
-    slide: np.ndarray  # (N, 3) the direction of its slide in the frame, 0 if it turns
-    mass: np.ndarray  # (N,) [kg]
-    centre: np.ndarray  # (N, 3) of mass, in the frame [m]
-    inertia: np.ndarray  # (N, 3, 3) about the centre, in the frame's axes [kg m^2]
-    offset: np.ndarray  # (N,) how far the frame is from its parent, joints at 0 [m]
-    radius: np.ndarray  # (N,) root mean square distance of its masses from it [m]
-    g: float  # [m/s^2], downwards
+# More pieces of a path than this are not worth their time, a power of 2; a path that
+# would need more is taken for less balanced than it is.
+_PIECES = 64
+# Of how far a face is from its level, the share that a piece of the path may add; and
+# where all that counts is whether it is below.
+_CLOSE, _UNASKED = 0.1, 1e9
 
 
 class Ground(NamedTuple):
@@ -66,97 +57,6 @@ class Ground(NamedTuple):
     moment: np.ndarray  # (F,) norms of the rows' first halves
     force: np.ndarray  # (F,) and of what they are on forces through
     about: np.ndarray  # (3,) a point amid the soles [m]
-
-
-class Wrenches(NamedTuple):
-    """The three terms of (B1) at a configuration, (6,) each, for displacements x."""
-
-    weight: np.ndarray
-    turning: np.ndarray
-    momentum: np.ndarray
-
-
-@compiled(loops=True)
-def wrenches(q: np.ndarray, x: np.ndarray, masses: Masses) -> Wrenches:
-    """The terms of (B1) by a pass from the base outwards (Featherstone, Rigid Body
-    Dynamics Algorithms, 2008, chapter 5), about the world's origin.
-
-    Args:
-        q: (nq,) positions, in the plant's order.
-        x: (nv,) velocities, or displacements of a path, likewise.
-        masses: of the robot.
-    """
-    tree = masses.tree.value
-    N = len(masses.mass)
-    X = link_poses(q.reshape(1, -1), tree, tree.every)[0]
-    # Velocity and acceleration of what passes the world's origin, with each frame.
-    w, u = np.zeros((N, 3)), np.zeros((N, 3))
-    alpha, a = np.zeros((N, 3)), np.zeros((N, 3))
-    weight, turning, momentum = np.zeros(6), np.zeros(6), np.zeros(6)
-    s, t, c, v, acc = np.empty((5, 3))
-    own_w, own_alpha, spin, change = np.empty((4, 3))
-    for i in range(N):
-        R, p = X[4 * i : 4 * i + 3], X[4 * i + 3]  # R transposed
-        if i:
-            up, rate = tree.parent[i], x[masses.velocity[i]]
-            for k in range(3):
-                s[k], t[k] = 0.0, 0.0
-                for j in range(3):
-                    s[k] += rate * masses.turn[i, j] * R[j, k]
-                    t[k] += rate * masses.slide[i, j] * R[j, k]
-            for k in range(3):
-                m, n = (k + 1) % 3, (k + 2) % 3
-                v[k] = t[k] + p[m] * s[n] - p[n] * s[m]
-            for k in range(3):
-                w[i, k] = w[up, k] + s[k]
-                u[i, k] = u[up, k] + v[k]
-            for k in range(3):
-                m, n = (k + 1) % 3, (k + 2) % 3
-                # d/dt of the joint's own motion [s; v], as of `task_bias`.
-                alpha[i, k] = alpha[up, k] + w[i, m] * s[n] - w[i, n] * s[m]
-                a[i, k] = a[up, k] + (w[i, m] * v[n] - w[i, n] * v[m])
-                a[i, k] += u[i, m] * s[n] - u[i, n] * s[m]
-        mass = masses.mass[i]
-        if mass == 0.0:
-            continue
-        for k in range(3):
-            c[k] = p[k]
-            for j in range(3):
-                c[k] += masses.centre[i, j] * R[j, k]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            v[k] = u[i, k] + w[i, m] * c[n] - w[i, n] * c[m]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            acc[k] = a[i, k] + alpha[i, m] * c[n] - alpha[i, n] * c[m]
-            acc[k] += w[i, m] * v[n] - w[i, n] * v[m]
-        # In the frame's axes, I w and I alpha + w x I w.
-        for j in range(3):
-            own_w[j], own_alpha[j] = 0.0, 0.0
-            for k in range(3):
-                own_w[j] += R[j, k] * w[i, k]
-                own_alpha[j] += R[j, k] * alpha[i, k]
-        for j in range(3):
-            spin[j], change[j] = 0.0, 0.0
-            for k in range(3):
-                spin[j] += masses.inertia[i, j, k] * own_w[k]
-                change[j] += masses.inertia[i, j, k] * own_alpha[k]
-        for j in range(3):
-            m, n = (j + 1) % 3, (j + 2) % 3
-            change[j] += own_w[m] * spin[n] - own_w[n] * spin[m]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            momentum[k] += mass * (c[m] * v[n] - c[n] * v[m])
-            turning[k] += mass * (c[m] * acc[n] - c[n] * acc[m])
-            momentum[3 + k] += mass * v[k]
-            turning[3 + k] += mass * acc[k]
-            for j in range(3):
-                momentum[k] += spin[j] * R[j, k]
-                turning[k] += change[j] * R[j, k]
-        weight[0] += mass * masses.g * c[1]
-        weight[1] -= mass * masses.g * c[0]
-        weight[5] += mass * masses.g
-    return Wrenches(weight, turning, momentum)
 
 
 class Bends(NamedTuple):
@@ -258,6 +158,19 @@ def _bell(rate: float, change: float, B: np.ndarray) -> None:
     B[4] = rate**4 + 6.0 * rate**2 * change + 3.0 * change**2
 
 
+class BalanceLaw(NamedTuple):
+    """What the admission of balance needs of a robot and its law."""
+
+    masses: Masses
+    ground: Ground
+    controlled: np.ndarray  # (n,) velocities of the controlled joints, in the plant's
+    T: float  # braking horizon [s]
+    period: float  # [s]
+    step: float  # of the plant [s]; 0 if it is continuous
+    finest: float  # of a face's value, what pieces of a way may always add to it [Nm]
+    near: float  # rows are of faces that are less below their level [Nm]
+
+
 class Balanced(NamedTuple):
     """What is found of a braking path, or of a step.
 
@@ -265,24 +178,19 @@ class Balanced(NamedTuple):
         values: (F,) upper bounds of what R w comes to [Nm]; balanced where none is
             above 0.
         seen: (F,) the largest that it comes to at the places that were looked at.
-        at, share: (F,), (F,) where, u, and at which kappa it is largest.
+        at, share, brake: (F,) where, u, and at which kappa and a it is largest.
     """
 
     values: np.ndarray
     seen: np.ndarray
     at: np.ndarray
     share: np.ndarray
+    brake: np.ndarray
 
 
-@compiled(loops=True)
+@compiled
 def examine_braking(
-    q: np.ndarray,
-    v: np.ndarray,
-    T: float,
-    h: float,
-    finest: float,
-    ground: Ground,
-    masses: Masses,
+    q: np.ndarray, v: np.ndarray, level: np.ndarray, close: float, law: BalanceLaw
 ) -> Balanced:
     """The largest of R w over (B2), by a bound that holds for every point of it.
 
@@ -291,50 +199,141 @@ def examine_braking(
     the length l apart, a face's value is at most the larger of both ends' and an eighth
     of l^2 times (B3), of which what moves shrinks with the speed that is left.
 
+    The path is one piece at first. A piece is halved while it adds too much to a face
+    that may be the worst there: more than `finest`, and than a share of how far the
+    face is then from its level.
+
     Args:
         q, v: (nq,), (nv,) state, in the plant's order; prescribed joints at rest.
-        T: braking horizon [s].
-        h: control period / T.
-        finest: of a face's value, what pieces may add to it; it decides how many there
-            are.
-        ground, masses: of the robot.
+        level: (F,) what the faces' values may come to.
+        close: of how far a face is from its level, the share that pieces may add.
+        law: of the robot.
     """
-    x = T * v
-    speed = np.abs(x)
-    bend = bends(q, x, speed, np.zeros(len(v)), T, ground.about, masses)
-    F = len(ground.rows)
-    most = 0.0
-    for f in range(F):
-        most = max(most, _bent(bend, 1.0, ground.moment[f], ground.force[f]))
-    pieces = min(max(1, int(np.ceil(np.sqrt(most / (8.0 * finest))))), _PIECES)
+    x, still = law.T * v, np.zeros(len(v))
+    bend = bends(q, x, np.abs(x), still, law.T, law.ground.about, law.masses)
+    return _largest(q, x, still, True, bend, level, close, law)
+
+
+@compiled
+def examine_step(
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    level: np.ndarray,
+    close: float,
+    law: BalanceLaw,
+) -> Balanced:
+    """The largest of R w while an acceleration is held for a period.
+
+    As `examine_braking` of the path, with u the share of the period.
+
+    Args:
+        q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
+        level, close, law: as there.
+    """
+    period = law.period
+    along = period * v + 0.5 * period * (period + law.step) * a
+    fastest = np.abs(v) + (period + 0.5 * law.step) * np.abs(a)
+    bend = bends(q, along, fastest, np.abs(a), 0.0, law.ground.about, law.masses)
+    square = period**2
+    bend = Bends(square * bend.still, square * bend.moment, square * bend.force)
+    return _largest(q, v, a, False, bend, level, close, law)
+
+
+@compiled(loops=True)
+def _largest(
+    q: np.ndarray,
+    x: np.ndarray,
+    a: np.ndarray,
+    brakes: bool,
+    bend: Bends,
+    level: np.ndarray,
+    close: float,
+    law: BalanceLaw,
+) -> Balanced:
+    """Of a braking path q + u x, or of the step from (q, x) by a."""
+    ground, F = law.ground, len(law.ground.rows)
+    h = law.period / law.T
     values, seen = np.full(F, -np.inf), np.full(F, -np.inf)
-    at, share = np.zeros((2, F))
-    length = 1.0 / pieces
-    for k in range(pieces + 1):
-        u = k * length
-        # The fastest that the pieces on both sides are passed.
-        left = min(1.0, 1.0 - u + length)
-        found = wrenches(q + u * x, x, masses)
+    at, share, braked = np.zeros((3, F))
+    # Of each place u: R weight, R turning / T^2, - R momentum / T^2; and of the pieces
+    # that are left, the first on top, their ends.
+    places, where = np.empty((_PIECES + 1, 3, F)), np.empty(_PIECES + 1)
+    ends, left, count = np.empty((_PIECES, 2), dtype=np.int64), 1, 2
+    bounds, kappas = np.empty((2, F)), np.empty((2, F))
+    for end in range(2):
+        where[end], ends[0, end] = end, end
+        _look(q, x, a, brakes, where[end], law, places[end], seen)
+    while left:
+        left -= 1
+        first, last = ends[left, 0], ends[left, 1]
+        u, length = where[first], where[last] - where[first]
+        fast = 1.0 - u if brakes else 1.0  # the largest kappa
+        hardest = min(1.0, fast / (1.0 - h)) if h < 1.0 else 1.0
+        done = True
         for f in range(F):
-            still, quick, brake = 0.0, 0.0, 0.0
-            for c in range(6):
-                r = ground.rows[f, c]
-                still += r * found.weight[c]
-                quick += r * found.turning[c]
-                brake -= r * found.momentum[c]
-            value, kappa = _worst(still, quick / T**2, brake / T**2, left, h)
-            seen[f] = max(
-                seen[f], _worst(still, quick / T**2, brake / T**2, 1.0 - u, h)[0]
-            )
-            hardest = min(1.0, left / (1.0 - h)) if h < 1.0 else 1.0
-            value += (
-                0.125
-                * length**2
-                * _bent(bend, hardest, ground.moment[f], ground.force[f])
-            )
-            if value > values[f]:
-                values[f], at[f], share[f] = value, u, kappa
-    return Balanced(values, seen, at, share)
+            adds = 0.125 * length**2
+            adds *= _bent(bend, hardest, ground.moment[f], ground.force[f])
+            largest = -np.inf
+            for end in range(2):
+                place = places[ends[left, end]]
+                value, kappa = _worst(place[0, f], place[1, f], place[2, f], fast, h)
+                bounds[end, f], kappas[end, f] = value + adds, kappa
+                largest = max(largest, value + adds)
+            if adds > max(law.finest, close * abs(level[f] - largest)):
+                done = done and largest <= seen[f] + law.finest
+        if done or length * _PIECES < 1.5:
+            for f in range(F):
+                for end in range(2):
+                    if bounds[end, f] > values[f]:
+                        kappa, place = kappas[end, f], last if end else first
+                        most = min(1.0, kappa / (1.0 - h)) if h < 1.0 else 1.0
+                        values[f], at[f], share[f] = bounds[end, f], where[place], kappa
+                        braked[f] = most if places[place, 2, f] > 0.0 else kappa
+            continue
+        where[count] = u + 0.5 * length
+        _look(q, x, a, brakes, where[count], law, places[count], seen)
+        ends[left, 0], ends[left, 1] = count, last
+        ends[left + 1, 0], ends[left + 1, 1] = first, count
+        left += 2
+        count += 1
+    return Balanced(values, seen, at, share, braked)
+
+
+@compiled(loops=True)
+def _look(
+    q: np.ndarray,
+    x: np.ndarray,
+    a: np.ndarray,
+    brakes: bool,
+    u: float,
+    law: BalanceLaw,
+    place: np.ndarray,
+    seen: np.ndarray,
+) -> None:
+    """Writes a place (3, F) of `_largest`; `seen` is gone on with."""
+    rows, T, h = law.ground.rows, law.T, law.period / law.T
+    t = u * law.period
+    if brakes:
+        found = wrenches(q + u * x, x, law.masses)
+        momentum = found.momentum
+    else:
+        there = q + t * x + 0.5 * t * (t + law.step) * a
+        found = wrenches(there, x + t * a, law.masses)
+        momentum = wrenches(there, a, law.masses).momentum
+    for f in range(len(seen)):
+        still, quick, brake = 0.0, 0.0, 0.0
+        for c in range(6):
+            still += rows[f, c] * found.weight[c]
+            quick += rows[f, c] * found.turning[c]
+            brake -= rows[f, c] * momentum[c]
+        if brakes:
+            place[0, f], place[1, f], place[2, f] = still, quick / T**2, brake / T**2
+            value, _ = _worst(still, place[1, f], place[2, f], 1.0 - u, h)
+        else:
+            value = still + quick - brake
+            place[0, f], place[1, f], place[2, f] = value, 0.0, 0.0
+        seen[f] = max(seen[f], value)
 
 
 @compiled
@@ -373,63 +372,6 @@ def _worst(
     return best, at
 
 
-@compiled(loops=True)
-def examine_step(
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    period: float,
-    step: float,
-    ground: Ground,
-    masses: Masses,
-) -> Balanced:
-    """The largest of R w while an acceleration is held for a period.
-
-    The largest of both ends' and an eighth of period^2 times (B3). `at` is then 0 or 1:
-    the end.
-
-    Args:
-        q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
-        period: [s].
-        step: of the plant [s]; 0 if it is continuous.
-        ground, masses: of the robot.
-    """
-    along = period * v + 0.5 * period * (period + step) * a
-    fastest = np.abs(v) + (period + 0.5 * step) * np.abs(a)
-    bend = bends(q, along, fastest, np.abs(a), 0.0, ground.about, masses)
-    F = len(ground.rows)
-    values, seen = np.full(F, -np.inf), np.full(F, -np.inf)
-    at = np.zeros(F)
-    for end in range(2):
-        found = wrenches(q + end * along, v + end * period * a, masses)
-        pushed = wrenches(q + end * along, a, masses).momentum
-        for f in range(F):
-            value = 0.0
-            for c in range(6):
-                value += ground.rows[f, c] * (
-                    found.weight[c] + found.turning[c] + pushed[c]
-                )
-            seen[f] = max(seen[f], value)
-            value += (
-                0.125 * period**2 * _bent(bend, 1.0, ground.moment[f], ground.force[f])
-            )
-            if value > values[f]:
-                values[f], at[f] = value, end
-    return Balanced(values, seen, at, np.ones(F))
-
-
-class BalanceLaw(NamedTuple):
-    """What the admission of balance needs of a robot and its law."""
-
-    masses: Masses
-    ground: Ground
-    controlled: np.ndarray  # (n,) velocities of the controlled joints, in the plant's
-    T: float  # braking horizon [s]
-    period: float  # [s]
-    step: float  # of the plant [s]; 0 if it is continuous
-    finest: float  # of `examine_braking` [Nm]
-
-
 @compiled
 def next_state(
     q: np.ndarray, v: np.ndarray, a: np.ndarray, law: BalanceLaw
@@ -448,8 +390,8 @@ def balance_level(q: np.ndarray, v: np.ndarray, held: Held) -> np.ndarray:
     path. Nothing then gets worse.
     """
     law = held.value
-    h = law.period / law.T
-    found = examine_braking(q, v, law.T, h, law.finest, law.ground, law.masses)
+    none = np.zeros(len(law.ground.rows))
+    found = examine_braking(q, v, none, _UNASKED, law)
     return np.maximum(found.seen, 0.0)
 
 
@@ -468,23 +410,16 @@ def balance_excess(
         held: holds the `BalanceLaw`.
 
     Returns:
-        The largest R w above its level [Nm]; negative is what is left of it.
+        The largest R w above its level [Nm]; negative is what is left of it. Where the
+        step itself is above it, of the step alone.
     """
-    way, path = _examined(q, v, a, held.value)
-    return max((way.values - level).max(), (path.values - level).max())
-
-
-@compiled
-def _examined(
-    q: np.ndarray, v: np.ndarray, a: np.ndarray, law: BalanceLaw
-) -> tuple[Balanced, Balanced]:
-    """A step, and the braking path of the state that it leads to."""
-    ground, masses = law.ground, law.masses
-    way = examine_step(q, v, a, law.period, law.step, ground, masses)
-    q_next, v_next = next_state(q, v, a, law)
-    h = law.period / law.T
-    path = examine_braking(q_next, v_next, law.T, h, law.finest, ground, masses)
-    return way, path
+    law = held.value
+    way = (examine_step(q, v, a, level, _CLOSE, law).values - level).max()
+    if way > 0.0:
+        return way
+    at, speed = next_state(q, v, a, law)
+    path = examine_braking(at, speed, level, _CLOSE, law)
+    return max(way, (path.values - level).max())
 
 
 @compiled(loops=True)
@@ -501,8 +436,7 @@ def balance_rows(
     on the next braking path.
 
     The wrenches change with an acceleration as the step's own forces do, and as the
-    next path's place, velocities and braking do: by differences, of one acceleration
-    after the other.
+    next path's place, velocities and braking do.
 
     Args:
         q, v, a, level, held: as of `balance_excess`.
@@ -514,56 +448,68 @@ def balance_rows(
     law = held.value
     ground, masses, T = law.ground, law.masses, law.T
     n, F = len(law.controlled), len(ground.rows)
-    way, path = _examined(q, v, a, law)
+    way = examine_step(q, v, a, level, _CLOSE, law)
+    q_next, v_next = next_state(q, v, a, law)
+    path = examine_braking(q_next, v_next, level, _CLOSE, law)
     excess = max((way.values - level).max(), (path.values - level).max())
     if excess <= enough:
         return excess, np.zeros((0, n)), np.zeros(0)
-    h = law.period / T
-    q_next, v_next = next_state(q, v, a, law)
-    g, b = np.zeros((2 * F, n)), np.empty(2 * F)
-    bend = 0.5 * law.period * (law.period + law.step)
-    for end in range(2):
-        at, speed = (q_next, v_next) if end else (q, v)
-        change = _changes(at, speed, end * bend, end * law.period, law)
-        pushed = wrenches(at, a, masses).momentum
+    g, b = np.zeros((2 * F, n)), np.full(2 * F, np.inf)
+    on_way, on_path = way.values > level - law.near, path.values > level - law.near
+    change = np.empty((n, 6))
+    done = ~on_way
+    for first in range(F):
+        if done[first]:
+            continue
+        u = way.at[first]
+        t = u * law.period
+        of_q = 0.5 * t * (t + law.step)
+        at = q + t * v + of_q * a
+        moving = wrench_slopes(at, v + t * a, law.controlled, masses)
+        # What the acceleration is for itself.
+        pushed = wrench_slopes(at, a, law.controlled, masses)
         for j in range(n):
-            # What the acceleration is for the place, and for itself.
-            moved, more = at.copy(), a.copy()
-            moved[law.controlled[j]] += end * bend
-            more[law.controlled[j]] += 1.0
-            push = wrenches(moved, more, masses).momentum
-            for f in range(F):
-                if way.at[f] == end:
-                    for c in range(6):
-                        g[f, j] += ground.rows[f, c] * (
-                            change[j, 0, c] + change[j, 1, c] + push[c] - pushed[c]
-                        )
-    done = np.zeros(F, dtype=np.bool_)
+            for c in range(6):
+                change[j, c] = (
+                    of_q * (moving[j, WEIGHT_Q, c] + moving[j, TURNING_Q, c])
+                    + t * moving[j, TURNING_X, c]
+                    + of_q * pushed[j, MOMENTUM_Q, c]
+                    + pushed[j, MOMENTUM_X, c]
+                )
+        for f in range(F):
+            if not done[f] and way.at[f] == u:
+                done[f] = True
+                _project(ground.rows[f], change, g[f])
+    x = T * v_next
+    bend, of_x = 0.5 * law.period * (law.period + law.step), T * law.period
+    done = ~on_path
     for first in range(F):
         if done[first]:
             continue
         u = path.at[first]
-        at, x = q_next + u * T * v_next, T * v_next
-        change = _changes(at, x, bend + u * T * law.period, T * law.period, law)
-        momentum = wrenches(at, x, masses).momentum
+        slopes = wrench_slopes(q_next + u * x, x, law.controlled, masses)
+        of_q = bend + u * of_x
         for f in range(F):
-            if path.at[f] != u:
+            if done[f] or path.at[f] != u:
                 continue
             done[f] = True
-            kappa, brake = path.share[f], 0.0
-            for c in range(6):
-                brake -= ground.rows[f, c] * momentum[c]
-            most = min(1.0, kappa / (1.0 - h)) if h < 1.0 else 1.0
-            share = most if brake > 0.0 else kappa
+            turns, brakes = (path.share[f] / T) ** 2, path.brake[f] / T**2
             for j in range(n):
                 for c in range(6):
-                    g[F + f, j] += ground.rows[f, c] * (
-                        change[j, 0, c]
-                        + (kappa**2 * change[j, 1, c] - share * change[j, 2, c]) / T**2
+                    change[j, c] = of_q * (
+                        slopes[j, WEIGHT_Q, c]
+                        + turns * slopes[j, TURNING_Q, c]
+                        - brakes * slopes[j, MOMENTUM_Q, c]
+                    ) + of_x * (
+                        turns * slopes[j, TURNING_X, c]
+                        - brakes * slopes[j, MOMENTUM_X, c]
                     )
+            _project(ground.rows[f], change, g[F + f])
     for f in range(F):
-        b[f] = level[f] - way.values[f]
-        b[F + f] = level[f] - path.values[f]
+        if on_way[f]:
+            b[f] = level[f] - way.values[f]
+        if on_path[f]:
+            b[F + f] = level[f] - path.values[f]
     for row in range(2 * F):
         for j in range(n):
             b[row] += g[row, j] * a[law.controlled[j]]
@@ -571,21 +517,9 @@ def balance_rows(
 
 
 @compiled(loops=True)
-def _changes(
-    q: np.ndarray, x: np.ndarray, of_q: float, of_x: float, law: BalanceLaw
-) -> np.ndarray:
-    """How `wrenches` change with the accelerations of the controlled joints, each of
-    which changes its q by `of_q` and its x by `of_x`: (n, 3, 6), by differences."""
-    masses, n = law.masses, len(law.controlled)
-    here = wrenches(q, x, masses)
-    changes = np.empty((n, 3, 6))
-    for j in range(n):
-        moved, faster = q.copy(), x.copy()
-        moved[law.controlled[j]] += of_q
-        faster[law.controlled[j]] += of_x
-        there = wrenches(moved, faster, masses)
+def _project(row: np.ndarray, change: np.ndarray, g: np.ndarray) -> None:
+    """Writes how a face's value (6,) changes where the wrench does by (n, 6), (n,)."""
+    for j in range(len(g)):
+        g[j] = 0.0
         for c in range(6):
-            changes[j, 0, c] = there.weight[c] - here.weight[c]
-            changes[j, 1, c] = there.turning[c] - here.turning[c]
-            changes[j, 2, c] = there.momentum[c] - here.momentum[c]
-    return changes
+            g[j] += row[c] * change[j, c]

@@ -47,7 +47,8 @@ class LinkMesh:
 
 
 def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
-    """Whether a link has a mesh; primitives alone are what the referee knows.
+    """Whether a link has a mesh of a file; primitives and convex points alone are what
+    the referee knows.
 
     Args:
         plant: finalized.
@@ -55,7 +56,7 @@ def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
     """
     inspector = scene_graph.model_inspector()
     return any(
-        isinstance(inspector.GetShape(geometry), Mesh | Convex)
+        _is_of_file(inspector.GetShape(geometry))
         for body in _bodies(plant)
         for geometry in _geometries(plant, inspector, body)
     )
@@ -116,6 +117,10 @@ def read_link_meshes(
     return meshes
 
 
+def _is_of_file(shape: DrakeShape) -> bool:
+    return isinstance(shape, Mesh | Convex) and shape.source().is_path()
+
+
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
     return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
 
@@ -141,8 +146,10 @@ def _shape(
     """What the import calls the shape, and whether it is a simplified mesh."""
     if isinstance(shape, HalfSpace):
         return None, False
+    if isinstance(shape, Mesh) and not _is_of_file(shape):
+        raise ModelError(f"link {link!r}: its mesh is not in a file")
     path, coarse = None, False
-    if isinstance(shape, Mesh | Convex):
+    if _is_of_file(shape):
         path, coarse = _file(shape, link)
     found = drake_shape(X_LG, shape)
     if found is None:
@@ -158,8 +165,6 @@ def _shape(
 def _file(shape: Mesh | Convex, link: str) -> tuple[Path, bool]:
     """The file of a mesh with all its triangles, and whether there is only a coarse
     one: what earlier versions imported."""
-    if not shape.source().is_path():
-        raise ModelError(f"link {link!r}: its mesh is not in a file")
     path = Path(shape.source().path())
     imported = (
         path.parent.name == "meshes" and (path.parent.parent / "import.yaml").is_file()

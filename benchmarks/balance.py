@@ -16,7 +16,7 @@ Episodes alternate with those of the same law without balance.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,8 +29,13 @@ from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
 from crar_drake.references.ground_demand import ground_wrench
-from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.description import (
+    GROUND,
+    find_body,
+    load_robot_description,
+)
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.moving_pelvis import WholeCommand
 from crar_drake.robot.soles import sole_corners
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
@@ -80,12 +85,23 @@ class Soles:
 class Subject:
     """A robot that stands, its law, and Drake's own of it with a root that floats."""
 
-    def __init__(self, name: str, balance: BalanceParameters | None) -> None:
+    def __init__(
+        self,
+        name: str,
+        balance: BalanceParameters | None,
+        pelvis: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        """
+        Args:
+            name: of the robot.
+            balance: of the law.
+            pelvis: the box that it moves in, as of `standing_description`.
+        """
         whole = standing = load_robot_description(name)
         if name in ON_A_BASE:
             whole = replace(standing, root="prescribed")
         else:
-            standing = standing_description(whole)
+            standing = standing_description(whole, pelvis)
         tasks = position_tasks(TRACKED)
         self.model = model = ControlModel.FromDescription(
             standing, tasks, time_step=0.0
@@ -96,21 +112,53 @@ class Subject:
         corners = sole_corners(model, standing.soles)
         self._soles = Soles(corners, margins.margin)
         self.friction = margins.friction
-        self.referee = Referee(model.plant, model.scene_graph, standing.pairs)
         self._floating = floating = ControlModel.FromDescription(whole, tasks)
+        pairs = [pair for pair in whole.pairs if GROUND not in pair]
+        self.referee = Referee(floating.plant, floating.scene_graph, pairs)
         self._rest = floating.rest_positions()
         ours = list(model.position_names)
         theirs = list(floating.position_names), list(floating.velocity_names)
-        self._q_at, self._v_at = ([names.index(n) for n in ours] for names in theirs)
+        joints = [n for n in ours if n in theirs[0]]
+        self._at = [ours.index(n) for n in joints]
+        self._q_at, self._v_at = ([names.index(n) for n in joints] for names in theirs)
+        self._command = WholeCommand(getattr(standing, "pelvis", None), ours)
+        self._feet = [
+            (find_body(floating.plant, link), np.array(corners, dtype=float).T)
+            for link, corners in whole.soles.items()
+        ]
+
+    def whole(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions (T, nq), velocities and accelerations (T, nv) of the robot whose
+        root floats, of those of the law's."""
+        found = np.tile(self._rest, (len(q), 1))
+        rates = np.zeros((2, len(q), self._floating.plant.num_velocities()))
+        for k, each in enumerate(zip(q, v, a, strict=True)):
+            joints, base = self._command(*each)
+            joints = joints[:, self._at]
+            found[k, self._q_at], rates[0, k, self._v_at] = joints[0], joints[1]
+            rates[1, k, self._v_at] = joints[2]
+            if base.any():
+                found[k, self._floating.root_positions[4:]] += base[0]
+                rates[:, k, self._floating.unactuated[3:]] = base[1:]
+        return found, rates[0], rates[1]
 
     def demand(self, q: np.ndarray, v: np.ndarray, a: np.ndarray):
         """How far (T,) centres of pressure are outside the soles less the margin [m],
-        and (T,) the slope of the force."""
-        whole = np.tile(self._rest, (len(q), 1))
-        whole[:, self._q_at] = q
-        rates = np.zeros((2, len(q), self._floating.plant.num_velocities()))
-        rates[0][:, self._v_at], rates[1][:, self._v_at] = v, a
-        return self._soles.demand(self._floating.plant, whole, *rates)
+        and (T,) the slope of the force, of the robot whose root floats."""
+        return self._soles.demand(self._floating.plant, q, v, a)
+
+    def feet(self, q: np.ndarray) -> np.ndarray:
+        """(T,) how far a sole's corner is from where it stands, at most [m]."""
+        plant = self._floating.plant
+        context = plant.CreateDefaultContext()
+        found = []
+        for each in (self._rest, *q):
+            plant.SetPositions(context, each)
+            corners = [plant.EvalBodyPoseInWorld(context, b) @ c for b, c in self._feet]
+            found.append(np.hstack(corners).T)
+        return np.linalg.norm(np.array(found[1:]) - found[0], axis=2).max(axis=1)
 
 
 def swings(
@@ -189,6 +237,8 @@ class Tally:
     squares: float = 0.0
     followed: int = 0
     fastest: float = 0.0
+    soles: float = 0.0
+    nearest: float = np.inf
 
     def cells(self, robot: str, law: str) -> list[str]:
         hows = " ".join(f"{n / max(self.hows.sum(), 1):.0%}" for n in self.hows)
@@ -242,14 +292,17 @@ def run_at(
             tally.fastest = max(tally.fastest, float(np.abs(v).max()))
             tally.steps += 1
     Q, V, A = map(np.array, (Q, V, A))
-    outside, slope = subject.demand(Q, V, A)
+    whole = subject.whole(Q, V, A)
+    outside, slope = subject.demand(*whole)
     tally.outside += int((outside > 1e-8).sum())
     tally.farthest = max(tally.farthest, float(outside.max()))
     tally.slips += int((slope > subject.friction * (1.0 + 1e-8)).sum())
-    tally.pairs += subject.referee.violations(Q[:: len(INSTANTS)]).num_violated
-    at = model.controlled_positions[: model.n]
-    beyond = (Q[:, at] < model.lower - 1e-6) | (Q[:, at] > model.upper + 1e-6)
-    tally.limits += int(beyond.any(axis=1).sum())
+    some = whole[0][:: len(INSTANTS)]
+    seen = subject.referee.violations(some)
+    tally.pairs += seen.num_penetrating
+    tally.limits += seen.num_beyond_limit
+    tally.nearest = min(tally.nearest, seen.smallest_distance)
+    tally.soles = max(tally.soles, float(subject.feet(some).max()))
     return tally
 
 

@@ -25,6 +25,7 @@ from crar_drake.equations.kinematics import Measured
 from crar_drake.equations.one_sided import one_sided_nearest
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.moving_pelvis import SLIDES
 from crar_drake.robot.soles import find_masses, ground_cone, sole_corners
 
 # How often a correction is tried, with rows about the one before.
@@ -40,6 +41,10 @@ _SPARE = 1e-3
 _ROUNDING = 1e-9
 # What a joint counts beside the tasks where a step is corrected [m].
 _DAMPING = 0.3
+# The same of slides of a base on its legs, and their largest acceleration there
+# [m/s^2]: what legs do in a step that is faster has no close bound.
+_SLIDE_DAMPING = 0.1
+_SLIDE_ACCELERATION = 5.0
 # Rows that are farther from binding are left out of a correction [m, as above].
 _FAR = 0.5
 
@@ -101,6 +106,8 @@ class Balance:
         self._controlled = model.controlled
         self._model = model
         self._mode = mode
+        self._slides = np.isin(model.joint_names, SLIDES)
+        self._damping = np.where(self._slides, _SLIDE_DAMPING, _DAMPING)
         self._T = float(mode.horizon)
         self._law = hold(
             BalanceLaw(
@@ -149,7 +156,7 @@ class Balance:
         brake = np.zeros_like(v)
         brake[self._controlled] = -v[self._controlled] / self._T
         root = np.linalg.cholesky(self._norm(measured))
-        bounds = self._mode.acceleration_bounds(measured)
+        bounds = self._bounds(measured)
         # Rows about braking first: nearer to what comes out than the nominal is.
         _, g, b = balance_rows(q, v, brake, level, -np.inf, self._law)
         for _ in range(_CORRECTIONS):
@@ -182,15 +189,23 @@ class Balance:
         balance_excess(q, v, np.zeros_like(v), level, self._law)
         _, g, b = balance_rows(q, v, np.zeros_like(v), level, -np.inf, self._law)
         root = np.linalg.cholesky(self._norm(measured))
-        bounds = self._mode.acceleration_bounds(measured)
+        bounds = self._bounds(measured)
         self._nearest(root, np.zeros_like(v), g, np.minimum(b, -self.weight), bounds)
 
     def _norm(self, measured: Measured) -> np.ndarray:
         """(n, n) in which accelerations are changed the least: by what that does to the
         tasks, and a little by itself."""
         J = self._model.state_here(measured).J[:, : len(self._controlled)]
-        norm = J.T @ J + _DAMPING**2 * np.eye(J.shape[1])
+        norm = J.T @ J + np.diag(self._damping**2)
         return norm * (len(norm) / np.trace(norm))
+
+    def _bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+        """(n,), (n,) of the accelerations of a corrected step."""
+        lower, upper = self._mode.acceleration_bounds(measured)
+        slow, slides = _SLIDE_ACCELERATION, self._slides
+        lower[slides] = np.clip(lower[slides], -slow, slow)
+        upper[slides] = np.clip(upper[slides], -slow, slow)
+        return lower, upper
 
     def _nearest(
         self,

@@ -37,6 +37,7 @@ from crar_drake.equations.moving_legs import Legs, leg_bounds, leg_motion
 # More pieces of a path than this are not worth their time; a path that would need more
 # is taken as if it bent more, and so for less balanced than it is.
 _PIECES = 40
+_STEP_PIECES = 8  # likewise of a step
 
 
 class Masses(NamedTuple):
@@ -408,29 +409,39 @@ def examine_step(
     a: np.ndarray,
     period: float,
     step: float,
+    finest: float,
     ground: Ground,
     masses: Masses,
 ) -> Balanced:
     """The largest of R w while an acceleration is held for a period.
 
-    The largest of both ends' and an eighth of period^2 times (B3). `at` is then 0 or 1:
-    the end.
+    Of each piece of it, of the length l, the larger of both ends' and an eighth of l^2
+    times (B3). `at` is the share of the period.
 
     Args:
         q, v, a: (nq,), (nv,), (nv,) state and acceleration, in the plant's order.
         period: [s].
         step: of the plant [s]; 0 if it is continuous.
+        finest: as of `examine_braking`.
         ground, masses: of the robot.
     """
     along = period * v + 0.5 * period * (period + step) * a
     fastest = np.abs(v) + (period + 0.5 * step) * np.abs(a)
     bend = bends(q, along, fastest, np.abs(a), 0.0, ground.about, masses)
     F = len(ground.rows)
+    most = 0.0
+    for f in range(F):
+        most = max(most, _bent(bend, 1.0, ground.moment[f], ground.force[f]))
+    pieces = int(np.ceil(period * np.sqrt(most / (8.0 * finest))))
+    pieces = min(max(1, pieces), _STEP_PIECES)
     values, seen = np.full(F, -np.inf), np.full(F, -np.inf)
     at = np.zeros(F)
-    for end in range(2):
-        found = wrenches(q + end * along, v + end * period * a, masses)
-        pushed = wrenches(q + end * along, a, masses).momentum
+    for k in range(pieces + 1):
+        u = k / pieces
+        t = u * period
+        there, speed = q + t * v + 0.5 * t * (t + step) * a, v + t * a
+        found = wrenches(there, speed, masses)
+        pushed = wrenches(there, a, masses).momentum
         for f in range(F):
             value = 0.0
             for c in range(6):
@@ -439,10 +450,12 @@ def examine_step(
                 )
             seen[f] = max(seen[f], value)
             value += (
-                0.125 * period**2 * _bent(bend, 1.0, ground.moment[f], ground.force[f])
+                0.125
+                * (period / pieces) ** 2
+                * _bent(bend, 1.0, ground.moment[f], ground.force[f])
             )
             if value > values[f]:
-                values[f], at[f] = value, end
+                values[f], at[f] = value, u
     return Balanced(values, seen, at, np.ones(F))
 
 
@@ -508,7 +521,7 @@ def _examined(
 ) -> tuple[Balanced, Balanced]:
     """A step, and the braking path of the state that it leads to."""
     ground, masses = law.ground, law.masses
-    way = examine_step(q, v, a, law.period, law.step, ground, masses)
+    way = examine_step(q, v, a, law.period, law.step, law.finest, ground, masses)
     q_next, v_next = next_state(q, v, a, law)
     h = law.period / law.T
     path = examine_braking(q_next, v_next, law.T, h, law.finest, ground, masses)
@@ -550,23 +563,30 @@ def balance_rows(
     q_next, v_next = next_state(q, v, a, law)
     g, b = np.zeros((2 * F, n)), np.empty(2 * F)
     bend = 0.5 * law.period * (law.period + law.step)
-    for end in range(2):
-        at, speed = (q_next, v_next) if end else (q, v)
-        change = _changes(at, speed, end * bend, end * law.period, law)
+    done = np.zeros(F, dtype=np.bool_)
+    for first in range(F):
+        if done[first]:
+            continue
+        t = way.at[first] * law.period
+        of_q = 0.5 * t * (t + law.step)
+        at, speed = q + t * v + of_q * a, v + t * a
+        change = _changes(at, speed, of_q, t, law)
         pushed = wrenches(at, a, masses).momentum
         for j in range(n):
             # What the acceleration is for the place, and for itself.
             moved, more = at.copy(), a.copy()
-            moved[law.controlled[j]] += end * bend
+            moved[law.controlled[j]] += of_q
             more[law.controlled[j]] += 1.0
             push = wrenches(moved, more, masses).momentum
             for f in range(F):
-                if way.at[f] == end:
-                    for c in range(6):
-                        g[f, j] += ground.rows[f, c] * (
-                            change[j, 0, c] + change[j, 1, c] + push[c] - pushed[c]
-                        )
-    done = np.zeros(F, dtype=np.bool_)
+                if way.at[f] != way.at[first]:
+                    continue
+                done[f] = True
+                for c in range(6):
+                    g[f, j] += ground.rows[f, c] * (
+                        change[j, 0, c] + change[j, 1, c] + push[c] - pushed[c]
+                    )
+    done[:] = False
     for first in range(F):
         if done[first]:
             continue

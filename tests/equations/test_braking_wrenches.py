@@ -180,7 +180,9 @@ def test_no_wrench_of_a_step_is_above_its_bound(robot, step):
     rng = np.random.default_rng(3)
     for _ in range(5):
         q, v, a = robot.state(rng, 2.0)
-        found = examine_step(q, v, a, PERIOD, step, robot.ground, robot.masses)
+        found = examine_step(
+            q, v, a, PERIOD, step, 2e-4 * robot.weight, robot.ground, robot.masses
+        )
         for t in np.linspace(0.0, PERIOD, 13):
             there = q + t * v + 0.5 * t * (t + step) * a
             w = robot.asked(there, v + t * a, a)
@@ -216,7 +218,9 @@ def test_rows_are_the_derivatives_of_the_faces(robot, at):
     def values(more):
         if at == "in the step":
             ground, masses = robot.ground, robot.masses
-            return examine_step(q, v, more, PERIOD, 0.0, ground, masses).seen
+            return examine_step(
+                q, v, more, PERIOD, 0.0, 2e-4 * robot.weight, ground, masses
+            ).seen
         q_next, v_next = next_state(q, v, more, law.value)
         return examine_braking(
             q_next, v_next, T, PERIOD / T, 2e-4 * robot.weight, robot.ground,

@@ -41,9 +41,8 @@ _SPARE = 1e-3
 _ROUNDING = 1e-9
 # What a joint counts beside the tasks where a step is corrected [m].
 _DAMPING = 0.3
-# The same of slides of a base on its legs, and their largest acceleration there
-# [m/s^2]: what legs do in a step that is faster has no close bound.
-_SLIDE_DAMPING = 0.1
+# The largest acceleration there of a base that slides on its legs [m/s^2]: what legs do
+# in a step that is quicker has no close bound.
 _SLIDE_ACCELERATION = 5.0
 # Rows that are farther from binding are left out of a correction [m, as above].
 _FAR = 0.5
@@ -107,7 +106,6 @@ class Balance:
         self._model = model
         self._mode = mode
         self._slides = np.isin(model.joint_names, SLIDES)
-        self._damping = np.where(self._slides, _SLIDE_DAMPING, _DAMPING)
         self._T = float(mode.horizon)
         self._law = hold(
             BalanceLaw(
@@ -196,7 +194,7 @@ class Balance:
         """(n, n) in which accelerations are changed the least: by what that does to the
         tasks, and a little by itself."""
         J = self._model.state_here(measured).J[:, : len(self._controlled)]
-        norm = J.T @ J + np.diag(self._damping**2)
+        norm = J.T @ J + _DAMPING**2 * np.eye(J.shape[1])
         return norm * (len(norm) / np.trace(norm))
 
     def _bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:

@@ -37,6 +37,7 @@ from crar_drake.equations.moving_legs import Legs, leg_bounds, leg_motion
 # More pieces of a path than this are not worth their time; a path that would need more
 # is taken as if it bent more, and so for less balanced than it is.
 _PIECES = 40
+_PART = 0.05  # of an acceleration of 1, that rows are differences by
 _STEP_PIECES = 8  # likewise of a step
 
 
@@ -623,17 +624,20 @@ def _changes(
     q: np.ndarray, x: np.ndarray, of_q: float, of_x: float, law: BalanceLaw
 ) -> np.ndarray:
     """How `wrenches` change with the accelerations of the controlled joints, each of
-    which changes its q by `of_q` and its x by `of_x`: (n, 3, 6), by differences."""
+    which changes its q by `of_q` and its x by `of_x`: (n, 3, 6), by differences.
+
+    Wrenches are quadratic in x: of a small part of these.
+    """
     masses, n = law.masses, len(law.controlled)
     here = wrenches(q, x, masses)
     changes = np.empty((n, 3, 6))
     for j in range(n):
         moved, faster = q.copy(), x.copy()
-        moved[law.controlled[j]] += of_q
-        faster[law.controlled[j]] += of_x
+        moved[law.controlled[j]] += _PART * of_q
+        faster[law.controlled[j]] += _PART * of_x
         there = wrenches(moved, faster, masses)
         for c in range(6):
-            changes[j, 0, c] = there.weight[c] - here.weight[c]
-            changes[j, 1, c] = there.turning[c] - here.turning[c]
-            changes[j, 2, c] = there.momentum[c] - here.momentum[c]
+            changes[j, 0, c] = (there.weight[c] - here.weight[c]) / _PART
+            changes[j, 1, c] = (there.turning[c] - here.turning[c]) / _PART
+            changes[j, 2, c] = (there.momentum[c] - here.momentum[c]) / _PART
     return changes

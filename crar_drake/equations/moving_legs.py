@@ -32,7 +32,7 @@ class Legs(NamedTuple):
     degrees: np.ndarray  # (M, 3)
     coefficients: np.ndarray  # (M, L) [rad]
     powers: np.ndarray  # (B, 3) of s, from 1 to 4 in all
-    bounds: np.ndarray  # (B, L) |D^k theta_j [x, ..., x]| <= sum_b bounds_bj |x / half|^b
+    bounds: np.ndarray  # (B, L) of |D^k theta [x, ..., x]|, by sum bounds |x / half|^b
 
 
 @compiled(loops=True)
@@ -78,8 +78,8 @@ def leg_motion(
 
 @compiled(loops=True)
 def leg_bounds(v: np.ndarray, a: np.ndarray, legs: Legs) -> np.ndarray:
-    """(L, 4) bounds of the first four derivatives of the joints by a parameter, of which
-    the base's rates are at most v and change at most at the rates a, (3,) each.
+    """(L, 4) bounds of the joints' first four derivatives by a parameter, by which the
+    base has rates of at most v that change at most at the rates a, (3,) each.
 
     With D^k theta k-linear, and derivatives of p beyond the second 0, these are D[v],
     D^2[v, v] + D[a], D^3[v, v, v] + 3 D^2[v, a] and

@@ -24,8 +24,8 @@ from pydrake.multibody.tree import (
 
 from crar_drake.errors import ModelError
 from crar_drake.nearest import nearest
-from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
+from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis
 from crar_drake.yaml_files import load_yaml, read_text
 
 # What `crar-drake import-robot` decided about a robot, beside its robot.yaml.

@@ -77,7 +77,9 @@ class MovingPelvis:
         leg_v: Sequence[int],
     ) -> Legs:
         """For the equations, with where in q and v slides and joints are."""
-        indices = (np.array(x, dtype=np.int64) for x in (slide_q, slide_v, leg_q, leg_v))
+        indices = (
+            np.array(x, dtype=np.int64) for x in (slide_q, slide_v, leg_q, leg_v)
+        )
         return Legs(
             *indices, self.middle, self.half,
             np.ascontiguousarray(self.degrees, dtype=np.int64),

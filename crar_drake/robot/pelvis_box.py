@@ -7,8 +7,8 @@ shown is of explicit functions. Nothing of it is sampled.
 
 *A point of a leg*, seen from the base, is a function x(p). Its N-th derivative along an
 axis is at most B_N times the length of its chain, with the complete Bell polynomial of
-the sums S_k of the joints' k-th derivatives; so the polynomial that it is at N_x N_y N_z
-Chebyshev nodes is off by at most
+the sums S_k of the joints' k-th derivatives; so the polynomial that it is at the N_x
+times N_y times N_z Chebyshev nodes is off by at most
 
     e_x + L_x e_y + L_x L_y e_z,   e = B_N length / (2^(N-1) N!),                   (P1)
 
@@ -35,7 +35,7 @@ from itertools import product
 import numpy as np
 from numpy.polynomial import chebyshev
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import BodyIndex, Joint, JacobianWrtVariable, RigidBody
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, Joint, RigidBody
 from scipy.fft import dctn
 
 from crar_drake.equations.kinematics import link_poses, place_points
@@ -198,8 +198,8 @@ class _Robot:
     def _followed(
         self, pelvis: MovingPelvis, placed: list
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points of links as polynomials: coefficients (N, N, N, P, 3), and (P,) how far
-        they are off, (P1) [m]."""
+        """Points of links as polynomials: coefficients (N_x, N_y, N_z, P, 3), and (P,)
+        how far they are off, (P1) [m]."""
         tree = self.model.joints.tree
         own = np.zeros((_MOST_NODES, 3, len(self.rest)))
         for k in range(_MOST_NODES):
@@ -266,8 +266,8 @@ class _Robot:
         error = self.sole_error(pelvis)
         if error > _SOLE:
             raise ModelError(
-                f"{self.what}: the soles would move by up to {1e3 * error:.2f} mm; give "
-                "a smaller box, or a rest posture with knees that are bent more"
+                f"{self.what}: the soles would move by up to {1e3 * error:.2f} mm; "
+                "give a smaller box, or a rest posture with knees that are bent more"
             )
 
     # --- limits -------------------------------------------------------------------

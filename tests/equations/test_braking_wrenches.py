@@ -19,6 +19,7 @@ from crar_drake.equations.balance import (
 from crar_drake.equations.compilation import hold
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.moving_pelvis import SLIDES, WholeCommand
 from crar_drake.robot.soles import find_masses, ground_cone, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
 
@@ -28,8 +29,9 @@ T, PERIOD = 0.1, 0.01
 class Standing:
     """A robot of the tests that stands, and Drake's own of it."""
 
-    def __init__(self, folder):
-        description = standing_description(standing_robot(folder))
+    def __init__(self, folder, box):
+        description = standing_description(standing_robot(folder), box)
+        self.pelvis = description.pelvis
         self.model = ControlModel.FromDescription(description, [], time_step=0.0)
         self.masses = find_masses(self.model)
         self.soles = sole_corners(self.model, description.soles)
@@ -37,12 +39,21 @@ class Standing:
         self.plant = self.model.plant
         self.context = self.plant.CreateDefaultContext()
         self.weight = self.masses.mass.sum() * self.masses.g
+        names = self.model.velocity_names
+        self.command = WholeCommand(self.pelvis, names)
+        self.slides = [names.index(name) for name in SLIDES if name in names]
 
     def state(self, rng, fast=1.0):
-        """Positions, velocities and accelerations, legs at rest."""
+        """Positions, velocities and accelerations, legs at rest; a base that moves may
+        brake within its box."""
         q = self.model.rest_positions()
         v, a = np.zeros((2, self.plant.num_velocities()))
-        at = self.model.controlled
+        at = [j for j in self.model.controlled if j not in self.slides]
+        if self.slides:
+            half, way = self.pelvis.half, 0.15 * min(fast, 1.0)
+            q[self.slides] = self.pelvis.middle + half * rng.uniform(-0.8, 0.8, 3)
+            v[self.slides] = way * half * rng.uniform(-1.0, 1.0, 3) / T
+            a[self.slides] = rng.uniform(-2.0, 2.0, 3)
         q[at] += rng.normal(0.0, 0.4, len(at))
         v[at] = rng.normal(0.0, fast, len(at))
         a[at] = rng.normal(0.0, 10.0 * fast, len(at))
@@ -51,6 +62,7 @@ class Standing:
     def asked(self, q, v, a):
         """(6,) what Newton and Euler ask of the ground, by Drake's accelerations."""
         plant, context = self.plant, self.context
+        q, v, a = self.command(q, v, a)[0]  # with legs that follow
         plant.SetPositions(context, q)
         plant.SetVelocities(context, v)
         W = plant.world_frame()
@@ -78,18 +90,20 @@ class Standing:
             found += np.append(np.cross(X.multiply(c), f) + turn, f)
         return found
 
-    def law(self, step=0.0):
+    def law(self, step=0.0, finest=2e-4):
         return hold(
             BalanceLaw(
                 self.masses, self.ground, self.model.controlled, T, PERIOD, step,
-                2e-4 * self.weight,
+                finest * self.weight,
             )
         )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory) -> Standing:
-    return Standing(tmp_path_factory.mktemp("robot") / "stander")
+@pytest.fixture(scope="module", params=["still", "sways"])
+def robot(request, tmp_path_factory) -> Standing:
+    box = {"x": (-0.04, 0.04), "y": (-0.03, 0.03), "z": (-0.06, 0.005)}
+    folder = tmp_path_factory.mktemp("robot") / "stander"
+    return Standing(folder, box if request.param == "sways" else None)
 
 
 def test_wrenches_are_newtons_and_eulers(robot):
@@ -208,7 +222,8 @@ def test_braking_from_a_balanced_state_stays_balanced(robot, step):
 
 @pytest.mark.parametrize("at", ["in the step", "on the path"])
 def test_rows_are_the_derivatives_of_the_faces(robot, at):
-    rng, law = np.random.default_rng(5), robot.law()
+    finest = 2e-6  # where a bound is largest, what is seen is, too
+    rng, law = np.random.default_rng(5), robot.law(finest=finest)
     F = len(robot.ground.rows)
     q, v, a = robot.state(rng, 0.5)
     level = np.zeros(F)
@@ -219,11 +234,11 @@ def test_rows_are_the_derivatives_of_the_faces(robot, at):
         if at == "in the step":
             ground, masses = robot.ground, robot.masses
             return examine_step(
-                q, v, more, PERIOD, 0.0, 2e-4 * robot.weight, ground, masses
+                q, v, more, PERIOD, 0.0, finest * robot.weight, ground, masses
             ).seen
         q_next, v_next = next_state(q, v, more, law.value)
         return examine_braking(
-            q_next, v_next, T, PERIOD / T, 2e-4 * robot.weight, robot.ground,
+            q_next, v_next, T, PERIOD / T, finest * robot.weight, robot.ground,
             robot.masses,
         ).seen  # fmt: skip
 

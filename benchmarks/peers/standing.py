@@ -5,7 +5,7 @@
 The law with balance and without, PlaCo's `DynamicsSolver` with planar contacts at both
 feet and TSID with 6d contacts are given the same targets, from rest: two recordings,
 and swings of three kinds. Each runs on its own command. PlaCo and TSID move legs and
-pelvis, too; the law keeps them still.
+pelvis, too; the law keeps them still, but for a row whose pelvis sways and squats.
 
 The judge is the same for all and nothing of theirs: Drake's inverse dynamics of the
 robot with a root that floats, at three instants of each step, and Drake's distances and
@@ -69,10 +69,13 @@ SWINGS = {
     "wild swings": ((0.15, 0.3), (0.5, 3.0)),
 }
 TUNING = ("middling swings", "wild swings")
-# Rows besides: the law without balance, else the same; TSID's step is short enough for
-# another period; with its pelvis held it may do no more than the law.
+# Rows besides: the law with a pelvis that sways, and without balance; TSID's step is
+# short enough for another period; with its pelvis held it may do no more than the law.
 VARIANTS = {
-    "law": {"without balance": {"balance": False}},
+    "law": {
+        "the pelvis sways": {"pelvis": True},
+        "without balance": {"balance": False},
+    },
     "TSID": {"1 ms": {"period": SAMPLE}, "pelvis held": {"held": 1e4}},
 }
 HEADER = (

@@ -28,7 +28,7 @@ from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
 from crar_drake.run import run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push
-from crar_drake.simulation.scenario import Scenario, Standing
+from crar_drake.simulation.scenario import Pelvis, Scenario, Standing
 from crar_drake.targets.keyframes import Keyframe
 
 FRICTION = 0.8
@@ -58,7 +58,12 @@ def keyframes(robot: str, seed: int, seconds: float) -> dict[str, list[Keyframe]
 
 
 def scenario(
-    robot: str, condition: str, balanced: bool, seed: int, seconds: float
+    robot: str,
+    condition: str,
+    balanced: bool,
+    seed: int,
+    seconds: float,
+    pelvis: bool = False,
 ) -> Scenario:
     """A run's."""
     rng = np.random.default_rng([seed, 1])
@@ -81,7 +86,7 @@ def scenario(
         robot=robot,
         tasks=position_tasks(TRACKED),
         keyframes=keyframes(robot, seed, seconds),
-        standing=Standing(friction=friction),
+        standing=Standing(friction, Pelvis() if pelvis else None),
         controller=replace(
             parameters,
             lookahead=replace(parameters.lookahead, horizon=0.1, tracking_error=0.003),
@@ -116,6 +121,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--seconds", type=float, default=10.0, help="of a run")
     parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    parser.add_argument("--pelvis", action="store_true", help="sways and squats")
     options = benchmark.parse(argv, lambda options: "swings")
     rows, count = [], 0
     for robot in ROBOTS:
@@ -127,8 +133,9 @@ def main(argv: Sequence[str] | None = None) -> None:
                     dice = int(np.random.default_rng([options.seed, k]).integers(2**31))
                     try:
                         each = scenario(
-                            robot, condition, law == "balance", dice, options.seconds
-                        )
+                            robot, condition, law == "balance", dice, options.seconds,
+                            options.pelvis,
+                        )  # fmt: skip
                     except ModelError as error:
                         print(f"left out: {error}", file=sys.stderr)
                         break

@@ -186,3 +186,27 @@ def test_what_cannot_move_is_told(tmp_path, both) -> None:
     soles["right_foot"] = whole.soles["right_foot"]
     with pytest.raises(ModelError, match="left_ankle has 5 joints; it needs six"):
         standing_description(replace(whole, soles=soles), BOX)
+
+
+def test_boxes_of_the_base_are_examined_and_those_of_legs_refused(tmp_path, both):
+    """A shin's ball is 48 cm below the trunk's origin where the knees are bent most."""
+    ball, of_trunk = '<geometry><sphere radius="0.05"/>', '<origin xyz="0 0 0.2"/>'
+    box = '<geometry><box size="0.1 {} {}"/>'
+    for name, height in (("above", 1.28), ("beside", 1.4)):
+        robot = changed(
+            both.whole,
+            tmp_path / name,
+            of_trunk + ball,
+            of_trunk + box.format(0.3, height),
+        )
+        if name == "above":
+            assert standing_description(robot, BOX).pelvis.sole_error < 5e-4
+            continue
+        with pytest.raises(ModelError, match="trunk and left_shin come within"):
+            standing_description(robot, BOX)
+    of_leg = '<origin xyz="0 0 -0.2"/>'
+    square = changed(
+        both.whole, tmp_path / "square", of_leg + ball, of_leg + box.format(0.1, 0.1)
+    )
+    with pytest.raises(ModelError, match="left_thigh: a box or a mesh cannot be made"):
+        standing_description(square, BOX)

@@ -23,6 +23,7 @@ class MovingPelvis:
         lower, upper: (3,) the box, of the base from where it rests [m].
         speed: (3,) largest speed along each axis [m/s]; then legs keep their limits.
         joints: (L,) names of the legs' joints.
+        rest: (L,) these where the robot rests; where its soles then are they stand.
         degrees, coefficients, powers, bounds: of `equations.moving_legs.Legs`.
         held: (3,) a place in the box; to the law, legs are on the base as they are
             there [m].
@@ -35,6 +36,7 @@ class MovingPelvis:
     upper: np.ndarray
     speed: np.ndarray
     joints: tuple[str, ...]
+    rest: np.ndarray
     degrees: np.ndarray
     coefficients: np.ndarray
     powers: np.ndarray

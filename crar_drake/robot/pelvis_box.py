@@ -144,8 +144,8 @@ class _Robot:
         sups = [_sup(degrees, b) @ np.abs(coefficients) for b in powers]
         bounds = np.array(counts)[:, np.newaxis] * np.array(sups)
         return MovingPelvis(
-            lower, upper, np.zeros(3), self.names, degrees, coefficients, powers,
-            bounds, 0.5 * (lower + upper), {}, 0.0,
+            lower, upper, np.zeros(3), self.names, self.rest[self.at], degrees,
+            coefficients, powers, bounds, 0.5 * (lower + upper), {}, 0.0,
         )  # fmt: skip
 
     def _solved(self, sole: RigidBody, at: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -164,7 +164,7 @@ def sole_corners(
         # They stand wherever the base is; so where legs are as at rest.
         moving = set(SLIDES)
         at = [list(model.position_names).index(name) for name in pelvis.joints]
-        q[at] = pelvis.positions(np.zeros((1, 3)))[0]
+        q[at] = pelvis.rest
     plant.SetPositions(context, q)
     held = moving | {
         joint

@@ -57,11 +57,11 @@ def corners_of(
     """(V, 3) the points of which a shape, less its radius, is the hull [m].
 
     Args:
-        at: (P, 3) points, where the shape's axis starts [m] and from there to its end
-            among them at
-        start, vector: and its corners if it is
-        hull: one of
-        hulls: and no capsule, -1.
+        at: (P, 3) points, among them where the shape's axis starts [m], the vector from
+            there to its end, and the corners of hulls.
+        start, vector: which of the points.
+        hull: which of `hulls` the shape is; -1 of a capsule or sphere.
+        hulls: all of them.
     """
     if hull >= 0:
         first = start + hulls.after[hull]

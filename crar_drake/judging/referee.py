@@ -393,7 +393,7 @@ class Referee:
                 if name not in axes_W:
                     axes_W[name] = self._axes_in_world(name)
                 axes.append(axes_W[name][k])
-            d = distance_of_axes(*axes)
+            d = distance_of_axes(*axes, enough=bound)
             column = int(columns[row])
             near[column] = min(d, near.get(column, math.inf))
         return near

@@ -88,8 +88,13 @@ class WorldAxis(NamedTuple):
         return np.array([self.start, self.end])
 
 
-def distance_of_axes(a: WorldAxis, b: WorldAxis) -> float:
-    """The signed distance of two shapes; of which one may be a half space [m]."""
+def distance_of_axes(a: WorldAxis, b: WorldAxis, enough: float = math.inf) -> float:
+    """The signed distance of two shapes; of which one may be a half space [m].
+
+    Args:
+        a, b: in the world.
+        enough: of hulls that are as far apart a bound will do, which is no less [m].
+    """
     if math.isinf(a.radius):
         a, b = b, a
     if math.isinf(b.radius):
@@ -99,7 +104,8 @@ def distance_of_axes(a: WorldAxis, b: WorldAxis) -> float:
     if a.hull is None and b.hull is None:
         return capsule_distance(*a[:3], *b[:3])[0]
     a_hull, b_hull = (x.hull or axis_polytope(x.start, x.end) for x in (a, b))
-    return polytope_distance(a_hull, b_hull) - a.radius - b.radius
+    radii = a.radius + b.radius
+    return polytope_distance(a_hull, b_hull, enough + radii) - radii
 
 
 # Three coordinates as plain floats: as short as NumPy here, and ten times faster.

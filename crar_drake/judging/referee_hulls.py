@@ -44,12 +44,16 @@ def axis_polytope(start: np.ndarray, end: np.ndarray) -> Polytope:
     )
 
 
-def polytope_distance(a: Polytope, b: Polytope) -> float:
+def polytope_distance(a: Polytope, b: Polytope, enough: float = np.inf) -> float:
     """The signed distance: where they meet minus the shortest way that parts them [m].
 
     Args:
         a, b: of which one is a hull, in one frame.
+        enough: of what is shown to be as far apart a bound from below will do, which
+            is no less [m].
     """
+    if (apart := _gap_on(_face_normals(a, b), a, b)) >= enough:
+        return apart
     parting = _largest_gap(a, b)
     if parting <= 0.0:
         return parting
@@ -64,19 +68,26 @@ def polytope_distance(a: Polytope, b: Polytope) -> float:
 
 def _largest_gap(a: Polytope, b: Polytope) -> float:
     """Between the shadows of both, over all normals of faces and across edges [m]."""
-    normals = []
-    for of in (a, b):
-        p, q, r = np.moveaxis(of.points[of.triangles], 1, 0)
-        normals.append(np.cross(q - p, r - p))
     along_a, along_b = (
         x.points[x.edges[:, 1]] - x.points[x.edges[:, 0]] for x in (a, b)
     )
     across = np.cross(along_a[:, None], along_b[None]).reshape(-1, 3)
     size = np.outer(*(np.linalg.norm(x, axis=1) for x in (along_a, along_b))).ravel()
-    normals.append(across[np.linalg.norm(across, axis=1) > _PARALLEL * size])
-    n = np.concatenate(normals)
+    across = across[np.linalg.norm(across, axis=1) > _PARALLEL * size]
+    return _gap_on(np.concatenate([_face_normals(a, b), across]), a, b)
+
+
+def _face_normals(a: Polytope, b: Polytope) -> np.ndarray:
+    """(N, 3) of both, of any length."""
+    triangles = np.concatenate([of.points[of.triangles] for of in (a, b)])
+    p, q, r = np.moveaxis(triangles, 1, 0)
+    return np.cross(q - p, r - p)
+
+
+def _gap_on(n: np.ndarray, a: Polytope, b: Polytope) -> float:
+    """The largest gap between the shadows of both on (N, 3) directions [m]."""
     n = n[np.linalg.norm(n, axis=1) > 0.0]
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    n = n / np.linalg.norm(n, axis=1, keepdims=True)
     on_a, on_b = n @ a.points.T, n @ b.points.T
     gaps = (on_a.min(1) - on_b.max(1)).max(), (on_b.min(1) - on_a.max(1)).max()
     return float(max(gaps))

@@ -45,7 +45,8 @@ class LinkMesh:
 
 
 def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
-    """Whether a link has a mesh; primitives alone are what the referee knows.
+    """Whether a link has a mesh of a file; primitives and convex points alone are what
+    the referee knows.
 
     Args:
         plant: finalized.
@@ -53,7 +54,7 @@ def has_meshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> bool:
     """
     inspector = scene_graph.model_inspector()
     return any(
-        isinstance(inspector.GetShape(geometry), Mesh | Convex)
+        _is_of_file(inspector.GetShape(geometry))
         for body in _bodies(plant)
         for geometry in _geometries(plant, inspector, body)
     )
@@ -113,6 +114,10 @@ def read_link_meshes(
     return meshes
 
 
+def _is_of_file(shape: DrakeShape) -> bool:
+    return isinstance(shape, Mesh | Convex) and shape.source().is_path()
+
+
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
     return [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
 
@@ -136,7 +141,9 @@ def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
     """What the import calls the shape."""
     if isinstance(shape, HalfSpace):
         return None
-    path = _file(shape, link) if isinstance(shape, Mesh | Convex) else None
+    if isinstance(shape, Mesh) and not _is_of_file(shape):
+        raise ModelError(f"link {link!r}: its mesh is not in a file")
+    path = _file(shape, link) if _is_of_file(shape) else None
     found = drake_shape(X_LG, shape)
     if found is None:
         raise ModelError(
@@ -150,8 +157,6 @@ def _shape(shape: DrakeShape, X_LG: RigidTransform, link: str) -> Shape | None:
 
 def _file(shape: Mesh | Convex, link: str) -> Path:
     """The file of a mesh with all its triangles."""
-    if not shape.source().is_path():
-        raise ModelError(f"link {link!r}: its mesh is not in a file")
     path = Path(shape.source().path())
     if path.parent.name == "meshes" and (path.parent.parent / "import.yaml").is_file():
         path = triangles_file(path)

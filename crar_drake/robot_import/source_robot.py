@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -55,11 +56,20 @@ def drake_shape(
 
     Args:
         X_LG: its pose in the link's frame.
-        shape: a mesh of a file, or a primitive.
+        shape: a mesh of a file, convex points, or a primitive.
         rgba: its colour; None if it has none.
     """
-    mesh = None
+    mesh = triangles = None
     match shape:
+        case pydrake.geometry.Convex() if not shape.source().is_path():
+            # Drake's hull has polygons, outward.
+            hull, faces = shape.GetConvexHull(), []
+            for polygon in map(hull.element, range(hull.num_elements())):
+                around = [polygon.vertex(i) for i in range(polygon.num_vertices())]
+                faces += [(around[0], a, b) for a, b in itertools.pairwise(around[1:])]
+            corners = [hull.vertex(i) for i in range(hull.num_vertices())]
+            triangles = np.array(corners), np.array(faces)
+            kind, size = "triangles", ()
         case pydrake.geometry.Mesh() | pydrake.geometry.Convex():
             mesh = Mesh(Path(shape.source().path()), tuple(map(float, shape.scale3())))
             kind, size = "mesh", ()
@@ -75,7 +85,7 @@ def drake_shape(
             kind, size = "ellipsoid", (shape.a(), shape.b(), shape.c())
         case _:
             return None
-    return Shape(X_LG, kind, mesh, size, rgba)
+    return Shape(X_LG, kind, mesh, size, rgba, triangles)
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,12 @@ from scipy.spatial import ConvexHull
 from small_robots import chain_urdf
 
 from crar_drake.errors import ModelError
+from crar_drake.judging.mesh_distance import TriangleMesh
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.environment import convex_pieces
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
+from crar_drake.robot_import.link_meshes import has_meshes, read_link_meshes
 
 CUBE = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
 
@@ -218,6 +220,20 @@ def test_distances_to_a_mesh_are_drakes_to_boxes_in_its_place(tmp_path):
         np.testing.assert_allclose(a.dd_dq[outside], b.dd_dq[outside], atol=5e-3)
         apart += outside.sum()
     assert apart > 40
+
+
+def test_what_judges_meshes_reads_the_pieces(tmp_path):
+    """As closed triangles, outward; nothing of them is in a file."""
+    robot = load_robot_description(described(tmp_path))
+    model = ControlModel.FromDescription(robot, [])
+    assert not has_meshes(model.plant, model.scene_graph)
+    (table,) = read_link_meshes(model.plant, model.scene_graph, ["table"])
+    assert len(table.parts) == 2
+    for part, expected in zip(table.parts, TWO, strict=True):
+        assert TriangleMesh(part.vertices, part.faces).is_closed
+        a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+        volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+        assert volume == pytest.approx(np.ptp(expected, axis=0).prod())
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,71 @@
+"""The filter's faults: what the robot does is simulated, and told as it is."""
+
+import numpy as np
+import pytest
+
+from benchmarks.filter_faults import (
+    PERIOD,
+    FilterFault,
+    filter_faults,
+    filter_table,
+    make_filter,
+    run_filter_fault,
+    stated_errors,
+)
+from crar_drake.simulation.disturbances import Push
+
+E = 0.02
+
+
+@pytest.fixture(scope="module")
+def filter():
+    return make_filter(E)
+
+
+def swing(filter, periods: int) -> np.ndarray:
+    """Both elbows and a shoulder to and fro about the rest posture."""
+    wanted = np.tile(filter.model.rest_positions(), (periods, 1))
+    way = 0.3 * (1.0 - np.cos(2.0 * np.pi * np.arange(periods) * PERIOD))
+    wanted[:, filter.joint_names.index("left_shoulder_roll")] += way
+    return wanted
+
+
+def test_errors_are_those_of_stiffness_masses_pushes_and_delays(filter):
+    wanted = swing(filter, 60)
+    push = Push("right_hand", [0.0, 0.0, 400.0], 0.1, 0.15)
+    light, heavy, pushed, late = (
+        run_filter_fault(filter, E, wanted, fault, "swing")
+        for fault in (
+            FilterFault("light", mass_scale=0.2),
+            FilterFault("heavy", mass_scale=2.0),
+            FilterFault("pushed", pushes=(push,)),
+            FilterFault("late", late_commands=0.03),
+        )
+    )
+    assert light.error < heavy.error and light.error < pushed.error
+    # A lag of 30 ms at up to 1.9 rad/s; E of slides is a tenth.
+    assert 1.0 < late.error < 0.03 * 1.9 / E + 1.0
+    assert late.joint == "left_shoulder_roll" and late.braked > 0
+    assert light.braked == 0 and light.periods == 60 and light.steps == 300
+    assert all(o.violated == 0 for o in (light, heavy, pushed, late))
+    allowed = stated_errors(filter, E)
+    assert set(allowed.round(12)) == {E, 0.1 * E}
+
+
+def test_noise_beyond_the_error_stops_the_robot(filter):
+    wanted = swing(filter, 40)
+    noisy = run_filter_fault(filter, E, wanted, FilterFault("", noise=0.1), "swing")
+    assert noisy.braked > 30
+    table = filter_table([noisy], E, 0.004)
+    assert table.rows[0][4] == f"{noisy.braked} of 40"
+    assert table.rows[0][3] == "kept" and "E = 0.02 rad" in table.title
+
+
+def test_the_faults_are_masses_noise_delays_and_pushes():
+    faults = filter_faults(2.0, "left_hand", np.array([0.0, 1.0, 0.0]))
+    names = [fault.name for fault in faults]
+    assert len(set(names)) == len(names) == 15
+    assert {f.late_commands for f in faults} == {0.0, 0.01, 0.02, 0.03}
+    assert {f.mass_scale for f in faults} == {0.8, 1.0, 1.2}
+    forces = [f.pushes[0].force for f in faults if f.pushes]
+    assert np.allclose(np.linalg.norm(forces, axis=1), 50.0)

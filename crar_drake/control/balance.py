@@ -25,7 +25,6 @@ from crar_drake.equations.compilation import hold
 from crar_drake.equations.kinematics import Measured
 from crar_drake.errors import ModelError, ScenarioError
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.moving_pelvis import SLIDES
 from crar_drake.robot.soles import find_masses, ground_cone, sole_corners
 
 # How often a correction is tried, with rows about the one before.
@@ -102,7 +101,7 @@ class Balance:
         self._controlled = model.controlled
         self._model = model
         self._mode = mode
-        self._slides = np.isin(model.joint_names, SLIDES)
+        self._slides = np.isin(model.joint_names, description.slides)
         self._T = float(mode.horizon)
         self._law = hold(
             BalanceLaw(

@@ -209,6 +209,11 @@ class RobotDescription:
         """Whether it is one of `standing_description`: its root rests on its soles."""
         return bool(self.soles) and self.root == "fixed"
 
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """The joints that its base slides on over soles that stand, if it does."""
+        return ()
+
     def without_ground(self) -> "RobotDescription":
         """The same robot in the air: no ground, and no pair with it."""
         pairs = [pair for pair in self.pairs if GROUND not in pair]
@@ -228,6 +233,10 @@ class StandingDescription(RobotDescription):
     """
 
     pelvis: MovingPelvis | None = None
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        return SLIDES if self.pelvis else ()
 
 
 def check_soles(soles: dict[str, list[list[float]]], where: str) -> None:

@@ -40,7 +40,6 @@ from crar_drake.equations.preview import make_preview
 from crar_drake.equations.references import Targets, TaskGains
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
-from crar_drake.robot.moving_pelvis import SLIDES
 from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.workspace import Workspace
 
@@ -70,7 +69,7 @@ def longer_horizons(horizon: float, longest: float) -> list[float]:
 
 def _more_damping(model: ControlModel) -> np.ndarray:
     """(n,) added to lambda^2 of the controlled joints [m^2]; (0,) if nothing is."""
-    slides = np.isin(model.joint_names, SLIDES)
+    slides = np.isin(model.joint_names, model.description.slides)
     return _SLIDE_DAMPING**2 * slides if slides.any() else np.zeros(0)
 
 

@@ -31,8 +31,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from benchmarks.section_iv.snapshots import look_from
 from crar_drake.files import whole_file
+from crar_drake.results.snapshots import look_from
 from crar_drake.robot.description import add_robot, load_robot_description
 
 _FLOOR = np.array([0.80, 0.85, 0.87])

@@ -215,7 +215,7 @@ def test_every_command_tidies_up_when_it_is_asked_to_end(
 
     monkeypatch.setattr(
         "crar_drake.commands.parse",
-        lambda argv: argparse.Namespace(command=command, verbose=False),
+        lambda *_: argparse.Namespace(command=command, verbose=False),
     )
     assert main(["list"]) == 130 and tidied == [True]
     assert "interrupted" in capsys.readouterr().err

@@ -51,7 +51,6 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
 _NOTHING = np.zeros(0)
-_NO_ROWS = np.zeros((0, 0))
 # Of a period: so little more is none.
 _ROUNDING = 1e-9
 _STATUS = {
@@ -349,7 +348,7 @@ class ControlLaw:
             measured,
             Targets(tasks, targets.prescribed, posture, start, blend),
             before if before.continues else None,
-            self._efforts.rows(workspace) if mode.plans else _NO_ROWS,
+            **({"efforts": self._efforts.rows(workspace)} if mode.plans else {}),
         )
         if governed is not None and not np.array_equal(governed, targets.tasks):
             solution.task_error = self._error(measured, targets.tasks)

@@ -101,7 +101,7 @@ class FadingMode(Mode):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
-        efforts: np.ndarray,
+        **planned: np.ndarray,
     ) -> Solution:
         fading = None if before is None else before.solution.kept
         begins = before is not None and not isinstance(fading, Fading)
@@ -110,7 +110,7 @@ class FadingMode(Mode):
             inner = before if self._keeps_memory else None
         elif before is not None:
             inner = _with_kept(before, fading.inner)
-        solution = self._mode.resolve(workspace, measured, targets, inner, efforts)
+        solution = self._mode.resolve(workspace, measured, targets, inner, **planned)
         vdot, controlled = solution.acceleration, self._model.controlled
         if before is None:
             fading = Fading(None, None, 0)

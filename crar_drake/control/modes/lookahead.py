@@ -280,7 +280,7 @@ class LookaheadMode(Mode):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
-        efforts: np.ndarray,
+        efforts: np.ndarray = _NO_EFFORTS,
     ) -> Solution:
         if before is None:
             last = (measured.v, self._still, self._kept_first)

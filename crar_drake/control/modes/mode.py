@@ -30,7 +30,8 @@ class Mode(ABC):
         brakes_without_targets: whether a NaN in the targets makes the robot brake;
             else it is an error.
         keeps_off_obstacles: whether obstacles that move are kept off.
-        plans: whether it looks ahead, and needs to know of the motors.
+        plans: whether `resolve` is also to be given `efforts`, (k, nv + 2) of
+            `EffortLimits.rows`.
         slower: the same mode with longer horizons, for states in which motors have not
             the torque to brake within the short one.
     """
@@ -105,7 +106,6 @@ class Mode(ABC):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
-        efforts: np.ndarray,
     ) -> Solution:
         """The accelerations that follow the targets under the constraints.
 
@@ -116,8 +116,6 @@ class Mode(ABC):
             targets: what to do.
             before: of the control step one period ago; None at the first step, after
                 braking without targets and after a gap in time.
-            efforts: (k, nv + 2) of `EffortLimits.rows`; none of a mode that does not
-                plan.
 
         Returns:
             A new one, with `acceleration` and what stands before `actuation`.

@@ -58,7 +58,6 @@ class PaperMode(Mode):
         measured: Measured,
         targets: Targets,
         before: Memory | None,
-        efforts: np.ndarray,
     ) -> Solution:
         model = self._model
         found = paper_control(

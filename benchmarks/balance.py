@@ -1,6 +1,7 @@
 """Does what a standing robot is told ever take what the ground cannot give?
 
-    python -m benchmarks.balance [--steps 100000] [--seeds 1 2 ...] [--page PAGE]
+    python -m benchmarks.balance [--steps 100000] [--seeds 1 2 ...] [--pelvis]
+                                 [--page PAGE]
 
 Wrists of robots that stand on their soles, or whose base stands on feet of its own, are
 asked for anything: swings of up to 3 Hz and 30 cm, jumps, targets out of reach, numbers
@@ -9,15 +10,17 @@ is a centre of pressure outside the soles less the margin, a force outside the c
 friction, a watched pair below its floor, or a joint beyond its limit.
 
 What is judged is Drake's inverse dynamics of the robot with a floating root, at three
-instants of each step, and Drake's distances once: nothing of the law takes part.
-Episodes alternate with those of the same law without balance. Each seed has as many
-steps; what it has is kept in out/balance, so that a run that was stopped goes on.
+instants of each step, and Drake's distances once: nothing of the law takes part. With
+`--pelvis` legs follow it; then soles that move by more than half a millimetre count,
+too. Episodes alternate with those of the same law without balance. Each seed has as
+many steps; what it has is kept in out/balance, or out/balance-pelvis, so that a run
+that was stopped goes on.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -31,22 +34,29 @@ from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ModelError
 from crar_drake.judging.referee import Referee
 from crar_drake.references.ground_demand import ground_wrench
-from crar_drake.robot.description import load_robot_description
+from crar_drake.robot.description import (
+    GROUND,
+    find_body,
+    load_robot_description,
+)
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.moving_pelvis import WholeCommand
 from crar_drake.robot.soles import sole_corners
 from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
+from crar_drake.simulation.scenario import Pelvis
 
 ROBOTS = ("g1_whole_body", "talos_whole_body")
 ON_A_BASE = ("tipping_cell",)  # the base is fixed
 PERIOD = 0.005  # [s]
 EPISODE = 600  # periods
+SOLES_MOVE = 5e-4  # [m] more is none that stand
 INSTANTS = (0.0, 0.5, 1.0)  # of each step
 TRACKED = ["left_wrist", "right_wrist"]
 HEADER = (
     *("robot", "law", "steps", "admitted as nominal, corrected, scaled"),
     *("outside the soles", "farthest outside", "beyond friction", "pairs", "limits"),
-    *("rms error", "fastest joint"),
+    *("rms error", "fastest joint", "soles move"),
 )
 
 
@@ -82,12 +92,23 @@ class Soles:
 class Subject:
     """A robot that stands, its law, and Drake's own of it with a root that floats."""
 
-    def __init__(self, name: str, balance: BalanceParameters | None) -> None:
+    def __init__(
+        self,
+        name: str,
+        balance: BalanceParameters | None,
+        pelvis: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        """
+        Args:
+            name: of the robot.
+            balance: of the law.
+            pelvis: the box that it moves in, as of `standing_description`.
+        """
         whole = standing = load_robot_description(name)
         if name in ON_A_BASE:
             whole = replace(standing, root="prescribed")
         else:
-            standing = standing_description(whole)
+            standing = standing_description(whole, pelvis)
         tasks = position_tasks(TRACKED)
         self.model = model = ControlModel.FromDescription(
             standing, tasks, time_step=0.0
@@ -98,21 +119,53 @@ class Subject:
         corners = sole_corners(model, standing.soles)
         self._soles = Soles(corners, margins.margin)
         self.friction = margins.friction
-        self.referee = Referee(model.plant, model.scene_graph, standing.pairs)
         self._floating = floating = ControlModel.FromDescription(whole, tasks)
+        pairs = [pair for pair in whole.pairs if GROUND not in pair]
+        self.referee = Referee(floating.plant, floating.scene_graph, pairs)
         self._rest = floating.rest_positions()
         ours = list(model.position_names)
         theirs = list(floating.position_names), list(floating.velocity_names)
-        self._q_at, self._v_at = ([names.index(n) for n in ours] for names in theirs)
+        joints = [n for n in ours if n in theirs[0]]
+        self._at = [ours.index(n) for n in joints]
+        self._q_at, self._v_at = ([names.index(n) for n in joints] for names in theirs)
+        self._command = WholeCommand(getattr(standing, "pelvis", None), ours)
+        self._feet = [
+            (find_body(floating.plant, link), np.array(corners, dtype=float).T)
+            for link, corners in whole.soles.items()
+        ]
+
+    def whole(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions (T, nq), velocities and accelerations (T, nv) of the robot whose
+        root floats, of those of the law's."""
+        found = np.tile(self._rest, (len(q), 1))
+        rates = np.zeros((2, len(q), self._floating.plant.num_velocities()))
+        for k, each in enumerate(zip(q, v, a, strict=True)):
+            joints, base = self._command(*each)
+            joints = joints[:, self._at]
+            found[k, self._q_at], rates[0, k, self._v_at] = joints[0], joints[1]
+            rates[1, k, self._v_at] = joints[2]
+            if base.any():
+                found[k, self._floating.root_positions[4:]] += base[0]
+                rates[:, k, self._floating.unactuated[3:]] = base[1:]
+        return found, rates[0], rates[1]
 
     def demand(self, q: np.ndarray, v: np.ndarray, a: np.ndarray):
         """How far (T,) centres of pressure are outside the soles less the margin [m],
-        and (T,) the slope of the force."""
-        whole = np.tile(self._rest, (len(q), 1))
-        whole[:, self._q_at] = q
-        rates = np.zeros((2, len(q), self._floating.plant.num_velocities()))
-        rates[0][:, self._v_at], rates[1][:, self._v_at] = v, a
-        return self._soles.demand(self._floating.plant, whole, *rates)
+        and (T,) the slope of the force, of the robot whose root floats."""
+        return self._soles.demand(self._floating.plant, q, v, a)
+
+    def feet(self, q: np.ndarray) -> np.ndarray:
+        """(T,) how far a sole's corner is from where it stands, at most [m]."""
+        plant = self._floating.plant
+        context = plant.CreateDefaultContext()
+        found = []
+        for each in (self._rest, *q):
+            plant.SetPositions(context, each)
+            corners = [plant.EvalBodyPoseInWorld(context, b) @ c for b, c in self._feet]
+            found.append(np.hstack(corners).T)
+        return np.linalg.norm(np.array(found[1:]) - found[0], axis=2).max(axis=1)
 
 
 def swings(
@@ -191,15 +244,18 @@ class Tally:
     squares: float = 0.0
     followed: int = 0
     fastest: float = 0.0
+    soles: float = 0.0
 
     @property
     def violations(self) -> int:
-        return self.outside + self.slips + self.pairs + self.limits
+        """Of all kinds."""
+        found = self.outside + self.slips + self.pairs + self.limits
+        return found + int(self.soles > SOLES_MOVE)
 
     def add(self, other: Tally) -> None:
         """Goes on with what another saw."""
         self.hows = [a + b for a, b in zip(self.hows, other.hows, strict=True)]
-        for name in ("farthest", "fastest"):
+        for name in ("farthest", "fastest", "soles"):
             setattr(self, name, max(getattr(self, name), getattr(other, name)))
         for name in ("steps", "outside", "slips", "pairs", "limits", "squares"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -213,6 +269,7 @@ class Tally:
             *(f"{self.outside:,}", f"{1e3 * self.farthest:.2f} mm"),
             *(f"{self.slips:,}", f"{self.pairs:,}", f"{self.limits:,}"),
             *(f"{1e3 * error:.0f} mm", f"{self.fastest:.1f} rad/s"),
+            f"{1e3 * self.soles:.2f} mm",
         ]
 
 
@@ -255,26 +312,35 @@ def run_at(subject: Subject, attack: str, seed: int, steps: int = EPISODE) -> Ta
             tally.fastest = max(tally.fastest, float(np.abs(v).max()))
             tally.steps += 1
     Q, V, A = map(np.array, (Q, V, A))
-    outside, slope = subject.demand(Q, V, A)
+    whole = subject.whole(Q, V, A)
+    outside, slope = subject.demand(*whole)
     tally.outside = int((outside > 1e-8).sum())
     tally.farthest = float(outside.max())
     tally.slips = int((slope > subject.friction * (1.0 + 1e-8)).sum())
-    tally.pairs = subject.referee.violations(Q[:: len(INSTANTS)]).num_violated
+    some = whole[0][:: len(INSTANTS)]
+    tally.pairs = subject.referee.violations(some).num_violated
+    tally.soles = float(subject.feet(some).max())
     at = model.controlled_positions[: model.n]
     beyond = (Q[:, at] < model.lower - 1e-6) | (Q[:, at] > model.upper + 1e-6)
     tally.limits = int(beyond.any(axis=1).sum())
     return tally
 
 
-def attack_all(subjects: dict[tuple[str, str], Subject], steps: int, seed: int) -> Kept:
+def attack_all(
+    subjects: dict[tuple[str, str], Subject],
+    steps: int,
+    seed: int,
+    name: str = "balance",
+) -> Kept:
     """Episodes of one seed, each robot and attack in turn, from where it was stopped.
 
     Args:
         subjects: by robot and law, "balance" and "without".
         steps: with balance.
         seed: of all dice.
+        name: of what is kept.
     """
-    kept, done, episode = Kept("balance", seed), 0, 0
+    kept, done, episode = Kept(name, seed), 0, 0
     robots = list(dict.fromkeys(robot for robot, _ in subjects))
     while done < steps:
         robot = robots[episode % len(robots)]
@@ -304,15 +370,21 @@ def main(argv: Sequence[str] | None = None) -> None:
         "--steps", type=int, default=100_000, help="of each seed, with balance"
     )
     add_seeds(parser, "balance")
+    parser.add_argument(
+        "--pelvis", action="store_true", help="of robots on legs, sways and squats"
+    )
     options = benchmark.parse(argv, lambda options: "attacks")
     subjects = {}
     for robot in (*ROBOTS, *ON_A_BASE):
         try:
             for name, given in (("balance", BalanceParameters()), ("without", None)):
-                subjects[robot, name] = Subject(robot, given)
+                moves = options.pelvis and robot not in ON_A_BASE
+                box = Pelvis().box() if moves else None
+                subjects[robot, name] = Subject(robot, given, box)
         except ModelError as error:
             print(f"left out: {error}", file=sys.stderr)
-    seeds = [attack_all(subjects, options.steps, seed) for seed in options.seeds]
+    name = "balance-pelvis" if options.pelvis else "balance"
+    seeds = [attack_all(subjects, options.steps, seed, name) for seed in options.seeds]
     tallies = {key: Tally() for key in subjects}
     for kept in seeds:
         for key, found in kept.results.items():

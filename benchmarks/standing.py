@@ -1,14 +1,16 @@
 """Does a robot that stands stay on its feet, in Drake's contact simulation?
 
-    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--page PAGE]
+    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--pelvis]
+                                  [--page PAGE]
 
 Wrists of robots that nothing but a floor carries are asked for swings of up to 3 Hz and
 30 cm, with `balance` and without. The controller believes the model; the robot is as
 believed, or a tenth heavier or lighter, on a floor with less friction, or pushed at its
 neck with 30 N for a fifth of a second, in each second another way. Each run is one of
 `crar-drake run`: a fall, and what touches or is beyond a limit, is found by its log.
-Each seed has as many runs; what it has is kept in out/standing, so that a benchmark
-that was stopped goes on.
+Each seed has as many runs; what it has is kept in out/standing, or, of a pelvis
+that sways and squats, in out/standing-pelvis, so that a benchmark that was stopped goes
+on.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from crar_drake.robot.standing import standing_description
 from crar_drake.robot.task import position_tasks
 from crar_drake.run import run_scenario
 from crar_drake.simulation.disturbances import Disturbances, Push
-from crar_drake.simulation.scenario import Scenario, Standing
+from crar_drake.simulation.scenario import Pelvis, Scenario, Standing
 from crar_drake.targets.keyframes import Keyframe
 
 FRICTION = 0.8
@@ -61,7 +63,12 @@ def keyframes(robot: str, seed: int, seconds: float) -> dict[str, list[Keyframe]
 
 
 def scenario(
-    robot: str, condition: str, balanced: bool, seed: int, seconds: float
+    robot: str,
+    condition: str,
+    balanced: bool,
+    seed: int,
+    seconds: float,
+    pelvis: bool = False,
 ) -> Scenario:
     """A run's."""
     rng = np.random.default_rng([seed, 1])
@@ -84,7 +91,7 @@ def scenario(
         robot=robot,
         tasks=position_tasks(TRACKED),
         keyframes=keyframes(robot, seed, seconds),
-        standing=Standing(friction=friction),
+        standing=Standing(friction, Pelvis() if pelvis else None),
         controller=replace(
             parameters,
             lookahead=replace(parameters.lookahead, horizon=0.1, tracking_error=0.003),
@@ -117,15 +124,16 @@ def cells(runs: Sequence[dict]) -> list[str]:
     ]
 
 
-def run_all(runs: int, seconds: float, seed: int) -> Kept:
+def run_all(runs: int, seconds: float, seed: int, pelvis: bool = False) -> Kept:
     """The runs of one seed, from where it was stopped.
 
     Args:
         runs: of a robot as believed; a quarter of each other kind.
         seconds: of a run.
         seed: of all dice.
+        pelvis: whether it sways and squats.
     """
-    kept = Kept("standing", seed)
+    kept = Kept("standing-pelvis" if pelvis else "standing", seed)
     for k in range(runs):
         dice = int(np.random.default_rng([seed, k]).integers(2**31))
         for robot in ROBOTS:
@@ -138,8 +146,9 @@ def run_all(runs: int, seconds: float, seed: int) -> Kept:
                         continue
                     try:
                         each = scenario(
-                            robot, condition, law == "balance", dice, seconds
-                        )
+                            robot, condition, law == "balance", dice, seconds,
+                            pelvis,
+                        )  # fmt: skip
                     except ModelError as error:
                         print(f"left out: {error}", file=sys.stderr)
                         break
@@ -160,8 +169,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     )  # fmt: skip
     parser.add_argument("--seconds", type=float, default=10.0, help="of a run")
     add_seeds(parser, "standing")
+    parser.add_argument("--pelvis", action="store_true", help="sways and squats")
     options = benchmark.parse(argv, lambda options: "swings")
-    seeds = [run_all(options.runs, options.seconds, seed) for seed in options.seeds]
+    seeds = [
+        run_all(options.runs, options.seconds, seed, options.pelvis)
+        for seed in options.seeds
+    ]
     found: dict[tuple[str, str, str], list[dict]] = {
         (robot, condition, law): []
         for robot in ROBOTS

@@ -5,7 +5,7 @@
 The law with balance and without, PlaCo's `DynamicsSolver` with planar contacts at both
 feet and TSID with 6d contacts are given the same targets, from rest: two recordings,
 and swings of three kinds. Each runs on its own command. PlaCo and TSID move legs and
-pelvis, too; the law keeps them still.
+pelvis, too; the law keeps them still, but for a row whose pelvis sways and squats.
 
 The judge is the same for all and nothing of theirs: Drake's inverse dynamics of the
 robot with a root that floats, at three instants of each step, and Drake's distances and
@@ -50,9 +50,11 @@ from crar_drake.robot.description import (
     load_robot_description,
 )
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.moving_pelvis import SLIDES, WholeCommand
 from crar_drake.robot.soles import shrunk, sole_corners
 from crar_drake.robot.standing import leg_joints, standing_description
 from crar_drake.robot.task import position_tasks
+from crar_drake.simulation.scenario import Pelvis
 from crar_drake.targets.motion import load_motion_targets
 
 SETTINGS = Path(__file__).parent / "standing-settings.json"
@@ -69,10 +71,13 @@ SWINGS = {
     "wild swings": ((0.15, 0.3), (0.5, 3.0)),
 }
 TUNING = ("middling swings", "wild swings")
-# Rows besides: the law without balance, else the same; TSID's step is short enough for
-# another period; with its pelvis held it may do no more than the law.
+# Rows besides: the law with a pelvis that sways, and without balance; TSID's step is
+# short enough for another period; with its pelvis held it may do no more than the law.
 VARIANTS = {
-    "law": {"without balance": {"balance": False}},
+    "law": {
+        "the pelvis sways": {"pelvis": True},
+        "without balance": {"balance": False},
+    },
     "TSID": {"1 ms": {"period": SAMPLE}, "pelvis held": {"held": 1e4}},
 }
 HEADER = (
@@ -212,12 +217,17 @@ class Judge:
             if joint.name() not in legs:
                 self._efforts[joint.velocity_start()] = actuator.effort_limit()
         self._context = model.plant.CreateDefaultContext()
+        self._command: WholeCommand | None = None
         self.rest = model.rest_positions()[self._q_at]
         points, self._soles = self._places(self.rest[None])
         self.home = points[0]
 
     def figures(
-        self, found: dict[str, np.ndarray], p: np.ndarray, every: int = EVERY
+        self,
+        found: dict[str, np.ndarray],
+        p: np.ndarray,
+        every: int = EVERY,
+        follow: Callable | None = None,
     ) -> Figures:
         """Judges what a driver recorded.
 
@@ -225,6 +235,8 @@ class Judge:
             found: by the driver.
             p: (T, tasks, 3) targets at its times [m].
             every: so many steps apart, pairs are looked at; 0 for never.
+            follow: makes of a state and accelerations those whose legs follow the root,
+                where these are no accelerations that are held.
         """
         Q, V, A = found["q"], found["v"], found["a"]
         away = np.linalg.norm(Q[:, 4:7] - self.rest[4:7], axis=1)
@@ -238,7 +250,11 @@ class Judge:
         shares = [share * period for share in INSTANTS]
         q = np.array([after(*x, t) for x in zip(Q, V, A, strict=True) for t in shares])
         v = np.array([v + t * a for v, a in zip(V, A, strict=True) for t in shares])
-        outside, slope = self.demand(q, v, np.repeat(A, len(shares), axis=0))
+        a = np.repeat(A, len(shares), axis=0)
+        if follow is not None:
+            q, v, a = (np.array(x) for x in zip(*map(follow, q, v, a), strict=True))
+            Q, V, A = (x[:: len(shares)] for x in (q, v, a))
+        outside, slope = self.demand(q, v, a)
         whole = self._whole(Q)
         lower, upper = self._referee.lower, self._referee.upper
         beyond = np.maximum(lower - whole, whole - upper) > LIMIT_TOLERANCE
@@ -262,6 +278,23 @@ class Judge:
             pelvis=float(away[:on].max()),
             soles=float(moved.max()),
             lost=float(off.mean()),
+        )
+
+    def legs_follow(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same with legs as they follow a pelvis in our law's command."""
+        if self._command is None:
+            description = standing_description(self.whole, Pelvis().box())
+            names = [*SLIDES, *self.joints]
+            self._command = WholeCommand(description.pelvis, names)
+        at = q[4:] - np.append(self.rest[4:7], np.zeros(len(self.joints)))
+        joints, _ = self._command(at, v[3:], a[3:])
+        q_joints, v_joints, a_joints = joints[:, 3:]
+        return (
+            np.append(q[:7], q_joints),
+            np.append(v[:6], v_joints),
+            np.append(a[:6], a_joints),
         )
 
     def demand(
@@ -498,7 +531,8 @@ class Runs:
             found = dict(np.load(one["out"]))
             p = np.load(self._folder / f"{case}.npz")["p"]
             p = p[:: round(period / SAMPLE)]
-            figures.append(self._judge.figures(found, p, every))
+            follow = self._judge.legs_follow if settings.get("pelvis") else None
+            figures.append(self._judge.figures(found, p, every, follow))
             times.append(found["step_time"][WARM_UP:])
         return figures, times
 

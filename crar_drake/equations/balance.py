@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crar_drake.equations.compilation import Held, compiled
+from crar_drake.equations.moving_legs import leg_bounds
 from crar_drake.equations.wrenches import (
     MOMENTUM_Q,
     MOMENTUM_X,
@@ -83,16 +84,17 @@ def bends(
 ) -> Bends:
     """(B3): how much r . w bends while the robot moves.
 
-    The k-th derivative of a chain of frames that turn at most at the rate Omega, which
-    changes at most at the rate A, is at most B_k(Omega, A) times its length, with the
+    The k-th derivative of a chain of frames that turn by angles whose k-th derivatives
+    are at most r_k in all is at most B_k(r_1, ..., r_k) times its length, with the
     complete Bell polynomials
 
-        B_1 = Omega,  B_2 = Omega^2 + A,  B_3 = Omega^3 + 3 Omega A,
-        B_4 = Omega^4 + 6 Omega^2 A + 3 A^2;
+        B_1 = r_1,  B_2 = r_1^2 + r_2,  B_3 = r_1^3 + 3 r_1 r_2 + r_3,
+        B_4 = r_1^4 + 6 r_1^2 r_2 + 3 r_2^2 + 4 r_1 r_3 + r_4;
 
-    that of a slide follows by Leibniz. A frame's mass counts at the root mean square of
-    its distance: all that is summed is at most quadratic in it. With X_k of a mass, D
-    its largest distance from `about`, and Y_k the bound of the k-th derivative of its
+    that of a slide follows by Leibniz. Joints have r_3 = r_4 = 0 but for legs that
+    follow the base (`leg_bounds`). A frame's mass counts at the root mean square of its
+    distance: all that is summed is at most quadratic in it. With X_k of a mass, D its
+    largest distance from `about`, and Y_k the bound of the k-th derivative of its
     acceleration,
 
         |d^2 (r . w)| <= sum m [|r_M| (X_2 (g + Y_0) + 2 X_1 Y_1 + D Y_2) + |r_F| Y_2].
@@ -108,7 +110,13 @@ def bends(
     """
     tree = masses.tree.value
     N = len(masses.mass)
-    rate, change, far = np.zeros(N), np.zeros(N), np.zeros(N)
+    D = np.zeros((len(v), 4))  # bounds of the joints' derivatives
+    for j in range(len(v)):
+        D[j, 0], D[j, 1] = v[j], a[j]
+    if masses.moving:
+        legs = masses.legs.value
+        D[legs.leg_v] = leg_bounds(v[legs.slide_v], a[legs.slide_v], legs)
+    r, far = np.zeros((N, 4)), np.zeros(N)
     X = np.zeros((N, 5))
     B, Y = np.empty(5), np.empty(3)
     far[0] = np.sqrt(about[0] ** 2 + about[1] ** 2 + about[2] ** 2)
@@ -122,7 +130,7 @@ def bends(
             out = masses.offset[i]
             if slides:
                 out += max(abs(q[at]), abs(q[at] + x[j]))
-            _bell(rate[up], change[up], B)
+            _bell(r[up], B)
             far[i] = far[up] + out
             for k in range(1, 5):
                 X[i, k] = X[up, k] + out * B[k]
@@ -130,32 +138,33 @@ def bends(
                     X[i, k] += k * B[k - 1] * v[j]
                     if k > 1:
                         X[i, k] += 0.5 * k * (k - 1) * B[k - 2] * a[j]
-            rate[i] = rate[up] + (v[j] if turns else 0.0)
-            change[i] = change[up] + (a[j] if turns else 0.0)
-        m, r = masses.mass[i], masses.radius[i]
-        if m == 0.0 or not (X[i].any() or rate[i] > 0.0 or change[i] > 0.0):
+            for k in range(4):
+                r[i, k] = r[up, k] + (D[j, k] if turns else 0.0)
+        m, out = masses.mass[i], masses.radius[i]
+        if m == 0.0 or not (X[i].any() or r[i].any()):
             continue
-        _bell(rate[i], change[i], B)
-        x_1, x_2 = X[i, 1] + r * B[1], X[i, 2] + r * B[2]
-        x_3, x_4 = X[i, 3] + r * B[3], X[i, 4] + r * B[4]
+        _bell(r[i], B)
+        x_1, x_2 = X[i, 1] + out * B[1], X[i, 2] + out * B[2]
+        x_3, x_4 = X[i, 3] + out * B[3], X[i, 4] + out * B[4]
         if T > 0.0:
             Y[0], Y[1], Y[2] = x_2 + x_1, x_3 + x_2, x_4 + x_3
             Y /= T * T
         else:
             Y[0], Y[1], Y[2] = x_2, x_3, x_4
         still += m * masses.g * x_2
-        moment += m * (x_2 * Y[0] + 2.0 * x_1 * Y[1] + (far[i] + r) * Y[2])
+        moment += m * (x_2 * Y[0] + 2.0 * x_1 * Y[1] + (far[i] + out) * Y[2])
         force += m * Y[2]
     return Bends(still, moment, force)
 
 
 @compiled
-def _bell(rate: float, change: float, B: np.ndarray) -> None:
-    """Writes B_0 to B_4."""
-    B[0], B[1] = 1.0, rate
-    B[2] = rate**2 + change
-    B[3] = rate**3 + 3.0 * rate * change
-    B[4] = rate**4 + 6.0 * rate**2 * change + 3.0 * change**2
+def _bell(r: np.ndarray, B: np.ndarray) -> None:
+    """Writes B_0 to B_4 of (4,) bounds."""
+    B[0], B[1] = 1.0, r[0]
+    B[2] = r[0] ** 2 + r[1]
+    B[3] = r[0] ** 3 + 3.0 * r[0] * r[1] + r[2]
+    B[4] = r[0] ** 4 + 6.0 * r[0] ** 2 * r[1] + 3.0 * r[1] ** 2
+    B[4] += 4.0 * r[0] * r[2] + r[3]
 
 
 class BalanceLaw(NamedTuple):

@@ -111,8 +111,11 @@ def as_measured(
         errors[i] = error_from_targets(at.q, at.R, at.p, desired_tasks[i], rows)
     errors[np.isnan(reported["task_error"])] = np.nan
     weights = np.ones((len(q), simulated.num_joints))
-    places = [simulated.joint_names.index(name) for name in commanded.joint_names]
-    weights[:, places] = reported["constraint_weights"]
+    for column, name in zip(
+        reported["constraint_weights"].T, commanded.joint_names, strict=True
+    ):
+        if name in simulated.joint_names:  # slides of a pelvis are none of its joints
+            weights[:, simulated.joint_names.index(name)] = column
     return {
         "task_error": errors,
         "signed_distances": distances,

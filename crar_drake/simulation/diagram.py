@@ -279,12 +279,14 @@ def _prepare_standing(scenario: Scenario, description: RobotDescription) -> Setu
     """The law's model stands still on its soles, and is at each instant what the law
     commands; what is simulated floats. Both start as the robot rests."""
     tasks, distances = scenario.task_list(), scenario.controller.distances
+    pelvis = scenario.standing.pelvis
+    standing = standing_description(description, pelvis and pelvis.box())
     model, simulated = (
         ControlModel.FromDescription(
             described, tasks, distances=distances, time_step=time_step
         )
         for described, time_step in (
-            (standing_description(description), 0.0),
+            (standing, 0.0),
             (description, scenario.plant_config.time_step),
         )
     )
@@ -456,7 +458,8 @@ def AddStandingController(
     motion = builder.AddSystem(
         CommandedMotion(model.rest_positions(), parameters.period)
     )
-    standing = builder.AddSystem(StandingController(law, model.velocity_names))
+    pelvis = getattr(model.description, "pelvis", None)
+    standing = builder.AddSystem(StandingController(law, model.velocity_names, pelvis))
     command = motion.get_output_port_state()
     acceleration = controller.get_output_port_desired_acceleration()
     state = estimated_state or plant.get_state_output_port()

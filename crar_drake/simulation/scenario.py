@@ -81,14 +81,39 @@ class SimulatedRobot:
 
 
 @dataclass
+class Pelvis:
+    """How far the pelvis of a robot that stands may go from where it rests.
+
+    Attributes:
+        x, y: to both sides along the world's axes [m].
+        down, up: along z [m].
+    """
+
+    x: float = 0.04
+    y: float = 0.04
+    down: float = 0.06
+    up: float = 0.005
+
+    def box(self) -> dict[str, tuple[float, float]]:
+        """As `standing_description` takes it."""
+        return {
+            "x": (-self.x, self.x),
+            "y": (-self.y, self.y),
+            "z": (-self.down, self.up),
+        }
+
+
+@dataclass
 class Standing:
     """A robot that stands on its soles, on a floor with contact and friction.
 
     Attributes:
         friction: Coulomb's coefficient of the floor.
+        pelvis: that sways and squats while the soles stand; None for one that rests.
     """
 
     friction: float = 0.8
+    pelvis: Pelvis | None = None
 
 
 @dataclass
@@ -167,7 +192,7 @@ class Scenario:
         self.disturbances.validate()
         check_obstacles(self.obstacles)
         if self.standing is not None:
-            self._validate_standing(self.standing.friction)
+            self._validate_standing(self.standing)
             if self.obstacles:
                 raise ScenarioError(
                     "obstacles: a robot that stands on its own soles keeps off none "
@@ -222,9 +247,23 @@ class Scenario:
             )
         check_periods(self.controller, self.plant_config.time_step)
 
-    def _validate_standing(self, friction: float) -> None:
+    def _validate_standing(self, standing: Standing) -> None:
+        friction = standing.friction
         if not 0.0 < friction < math.inf:
             raise ScenarioError(f"standing.friction: {friction} must be positive")
+        if standing.pelvis is not None:
+            for name, value in vars(standing.pelvis).items():
+                if not 0.0 < value < 1.0:
+                    raise ScenarioError(
+                        f"standing.pelvis.{name}: {value} must be a length of some "
+                        "centimetres [m]"
+                    )
+            if self.controller.constraints != "lookahead":
+                raise ScenarioError(
+                    "standing.pelvis: that legs can follow is shown within limits of "
+                    "place and speed that constraints lookahead keep alone; leave it "
+                    "out, or use lookahead"
+                )
         if not self.plant_config.time_step > 0.0:
             raise ScenarioError(
                 "plant_config.time_step: 0: a robot that stands needs a discrete "

@@ -20,6 +20,7 @@ from crar_drake.equations.compilation import hold
 from crar_drake.equations.wrenches import wrench_slopes, wrenches
 from crar_drake.errors import ModelError
 from crar_drake.robot.model import ControlModel
+from crar_drake.robot.moving_pelvis import SLIDES, WholeCommand
 from crar_drake.robot.soles import find_masses, ground_cone, shrunk, sole_corners
 from crar_drake.robot.standing import standing_description
 
@@ -29,8 +30,9 @@ T, PERIOD = 0.1, 0.01
 class Standing:
     """A robot of the tests that stands, and Drake's own of it."""
 
-    def __init__(self, folder):
-        description = standing_description(standing_robot(folder))
+    def __init__(self, folder, box):
+        description = standing_description(standing_robot(folder), box)
+        self.pelvis = description.pelvis
         self.model = ControlModel.FromDescription(description, [], time_step=0.0)
         self.masses = find_masses(self.model)
         self.soles = sole_corners(self.model, description.soles)
@@ -38,12 +40,21 @@ class Standing:
         self.plant = self.model.plant
         self.context = self.plant.CreateDefaultContext()
         self.weight = self.masses.mass.sum() * self.masses.g
+        names = self.model.velocity_names
+        self.command = WholeCommand(self.pelvis, names)
+        self.slides = [names.index(name) for name in SLIDES if name in names]
 
     def state(self, rng, fast=1.0):
-        """Positions, velocities and accelerations, legs at rest."""
+        """Positions, velocities and accelerations, legs at rest; a base that moves may
+        brake within its box."""
         q = self.model.rest_positions()
         v, a = np.zeros((2, self.plant.num_velocities()))
-        at = self.model.controlled
+        at = [j for j in self.model.controlled if j not in self.slides]
+        if self.slides:
+            half, way = self.pelvis.half, 0.15 * min(fast, 1.0)
+            q[self.slides] = self.pelvis.middle + half * rng.uniform(-0.8, 0.8, 3)
+            v[self.slides] = way * half * rng.uniform(-1.0, 1.0, 3) / T
+            a[self.slides] = rng.uniform(-2.0, 2.0, 3)
         q[at] += rng.normal(0.0, 0.4, len(at))
         v[at] = rng.normal(0.0, fast, len(at))
         a[at] = rng.normal(0.0, 10.0 * fast, len(at))
@@ -52,6 +63,7 @@ class Standing:
     def asked(self, q, v, a):
         """(6,) what Newton and Euler ask of the ground, by Drake's accelerations."""
         plant, context = self.plant, self.context
+        q, v, a = self.command(q, v, a)[0]  # with legs that follow
         plant.SetPositions(context, q)
         plant.SetVelocities(context, v)
         W = plant.world_frame()
@@ -88,9 +100,11 @@ class Standing:
         )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory) -> Standing:
-    return Standing(tmp_path_factory.mktemp("robot") / "stander")
+@pytest.fixture(scope="module", params=["still", "sways"])
+def robot(request, tmp_path_factory) -> Standing:
+    box = {"x": (-0.04, 0.04), "y": (-0.03, 0.03), "z": (-0.06, 0.005)}
+    folder = tmp_path_factory.mktemp("robot") / "stander"
+    return Standing(folder, box if request.param == "sways" else None)
 
 
 def test_wrenches_are_newtons_and_eulers(robot):
@@ -277,32 +291,41 @@ def test_the_nearest_accelerations_are_those_of_a_quadratic_program(robot):
 
 @pytest.mark.parametrize("at", ["in the step", "on the path"])
 def test_rows_are_the_derivatives_of_the_faces(robot, at):
+    """By Drake, where each face is found to be largest."""
     rng, law = np.random.default_rng(5), robot.law(near=np.inf)
     F = len(robot.ground.rows)
     q, v, a = robot.state(rng, 0.5)
     level = np.zeros(F)
     excess, g, b = balance_rows(q, v, a, level, -np.inf, law)
     assert (excess > 0.0) == (balance_excess(q, v, a, level, law) > 0.0)
+    if at == "in the step":
+        rows, bounds = g[:F], b[:F]
+        found = examine_step(q, v, a, level, 0.1, law.value)
+    else:
+        rows, bounds = g[F:], b[F:]
+        found = examine_braking(*next_state(q, v, a, law.value), level, 0.1, law.value)
 
-    def values(more):
+    def value(face, more):
+        u = found.at[face]
         if at == "in the step":
-            return examine_step(q, v, more, level, 0.0, law.value).seen
-        q_next, v_next = next_state(q, v, more, law.value)
-        return examine_braking(q_next, v_next, level, 0.0, law.value).seen
+            t = u * PERIOD
+            there = q + t * v + 0.5 * t * t * more
+            w = robot.asked(there, v + t * more, more)
+        else:
+            end, x = next_state(q, v, more, law.value)
+            share, brake = found.share[face], found.brake[face]
+            w = robot.asked(end + u * T * x, share * x, -brake * x / T)
+        return robot.ground.rows[face] @ w
 
-    rows = g[:F] if at == "in the step" else g[F:]
-    checked = 0
-    for j, joint in enumerate(robot.model.controlled):
-        e = np.zeros(len(a))
-        e[joint] = 1e-3
-        up, down = values(a + e), values(a - e)
-        slopes = (up - down) / 2e-3
-        smooth = np.abs(up + down - 2.0 * values(a)) < 1e-7 * robot.weight
-        np.testing.assert_allclose(
-            rows[smooth, j], slopes[smooth], rtol=0.02, atol=2e-3
-        )
-        checked += smooth.sum()
-    assert checked > F
+    for face in range(F):
+        assert value(face, a) <= found.values[face] + 1e-9 * robot.weight
+        for j, joint in enumerate(robot.model.controlled):
+            e = np.zeros(len(a))
+            e[joint] = 1e-3
+            slope = (value(face, a + e) - value(face, a - e)) / 2e-3
+            assert rows[face, j] == pytest.approx(slope, rel=1e-4, abs=1e-6)
+    at_a = rows @ a[robot.model.controlled]
+    np.testing.assert_allclose(at_a - bounds, found.values, atol=1e-9 * robot.weight)
 
 
 def test_an_excess_is_the_larger_of_step_and_path(robot):

@@ -11,7 +11,7 @@ from crar_drake.equations.kinematics import (
     place_points,
     task_jacobian,
 )
-from crar_drake.equations.one_sided import one_sided_nearest
+from crar_drake.equations.one_sided import one_sided_nearest_in
 from crar_drake.equations.vectors import cholesky, gram, some_columns, times
 
 # A row weighs so much more than an acceleration [1/m of the weight's arm], and so much
@@ -78,19 +78,4 @@ def nearest_balanced(
         i = len(near) + 2 * j
         rows[i, j], desired[i] = _ROW_WEIGHT, _ROW_WEIGHT * lower[j]
         rows[i + 1, j], desired[i + 1] = -_ROW_WEIGHT, -_ROW_WEIGHT * upper[j]
-    # In y = L^T q_ddot the norm is the usual one.
-    for row in rows:
-        for j in range(n):
-            for k in range(j):
-                row[j] -= root[j, k] * row[k]
-            row[j] /= root[j, j]
-    y = np.zeros(n)
-    for j in range(n):
-        for k in range(j, n):
-            y[j] += root[k, j] * wanted[k]
-    x = one_sided_nearest(y, rows, desired).copy()
-    for j in range(n - 1, -1, -1):
-        for k in range(j + 1, n):
-            x[j] -= root[k, j] * x[k]
-        x[j] /= root[j, j]
-    return x
+    return one_sided_nearest_in(root, wanted, rows, desired)

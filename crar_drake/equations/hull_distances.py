@@ -146,7 +146,7 @@ def _nearest_of_simplex(w, count, share):
         return False
     # Inside, the origin and each corner are on one side of the face opposite: the
     # volumes with the origin in the place of a corner have one sign.
-    a, b, c = _determinant(w[1], w[2], w[3]), _determinant(w[0], w[2], w[3]), 0.0
+    a, b = _determinant(w[1], w[2], w[3]), _determinant(w[0], w[2], w[3])
     c, d = _determinant(w[0], w[1], w[3]), _determinant(w[0], w[1], w[2])
     return (a > 0.0 and b < 0.0 and c > 0.0 and d < 0.0) or (
         a < 0.0 and b > 0.0 and c < 0.0 and d > 0.0

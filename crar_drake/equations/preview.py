@@ -392,7 +392,6 @@ def plan_accelerations(
     task_damping: float,
     posture_error: np.ndarray,
     qdot: np.ndarray,
-    plan: np.ndarray,
     rows: np.ndarray,
     least: np.ndarray,
     preview: Preview,
@@ -416,11 +415,10 @@ def plan_accelerations(
         task_damping: lambda [m].
         posture_error: (n,) q - q_nominal, or zeros [rad].
         qdot: (n,) velocities.
-        plan: (N, n) the last one, where the search for the minimum begins.
         rows, least: of `rows_ahead`.
         preview: of the law.
     """
-    N, n = plan.shape
+    N, n = len(preview.times), len(qdot)
     shares = task_shares(references.e, of_rows, preview.farthest)
     J = shares[:, np.newaxis] * references.J
     damping2 = task_damping**2
@@ -506,7 +504,6 @@ def preview_plan(
         preview.task_damping,
         posture_error,
         state.v[:n],
-        plan,
         np.concatenate((rows, slow, weak)),
         np.concatenate((least, least_slow, least_weak)),
         preview,

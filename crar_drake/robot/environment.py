@@ -20,13 +20,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.errors import ModelError
 from crar_drake.resources import install_command
+from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 
 # A piece is convex if its hull is nowhere farther beyond it [m].
 CONVEX_TOLERANCE = 1e-3
 
-# What is read with the extra `robots`; in the last two y is up, always.
-_OTHER_FORMATS = (".stl", ".ply", ".gltf", ".glb")
-_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+# What is read with the extra `robots`.
+_OTHER_FORMATS = (".stl", ".ply", *Y_UP)
 
 # A scale nearer to 0 leaves nothing.
 _SMALLEST_SCALE = 1e-8
@@ -184,32 +184,14 @@ def _read(path: Path) -> list[tuple[np.ndarray, np.ndarray]]:
             "it as one of these"
         )
     try:
-        import trimesh
+        meshes = read_meshes(path, f"{path}:")
     except ImportError as error:
         raise ModelError(
             f"{path}: only OBJ files are read without the extra robots; run "
             f"`{install_command('robots')}`, or save the mesh as OBJ"
         ) from error
-    try:
-        if suffix == ".stl":
-            _check_stl(path.read_bytes())
-        found = trimesh.load_scene(path, process=False).dump()
-    except Exception as error:  # each format's reader has errors of its own
-        raise ModelError(f"{path}: cannot be read: {error}") from error
-    turn = _Z_UP if suffix in _OTHER_FORMATS[2:] else np.eye(3)
+    turn = Z_UP["y" if suffix in Y_UP else "z"][:3, :3]
     return [
-        (np.asarray(mesh.vertices, dtype=float) @ turn, np.asarray(mesh.faces))
-        for mesh in found
-        if isinstance(mesh, trimesh.Trimesh)
+        (np.asarray(mesh.vertices, dtype=float) @ turn.T, np.asarray(mesh.faces))
+        for mesh in meshes
     ]
-
-
-def _check_stl(data: bytes) -> None:
-    """ValueError where a binary STL has fewer triangles than it says: what is left
-    would have a smaller hull."""
-    count = int.from_bytes(data[80:84], "little")
-    if b"facet" not in data[:1000] and len(data) < 84 + 50 * count:
-        raise ValueError(
-            f"it is cut off: {max(len(data) - 84, 0) // 50} of {count} triangles are "
-            "there"
-        )

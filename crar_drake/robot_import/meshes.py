@@ -6,12 +6,9 @@ a DAE file says is up counts if `up_axis` says so.
 
 from __future__ import annotations
 
-import json
 import re
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -19,22 +16,13 @@ from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
 from crar_drake.files import whole_file
+from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
 
 # A recorded page carries every mesh; this keeps a whole robot below 10 MB.
 DEFAULT_FACES = 2500
 
-# Files whose format defines y as up, whatever an import says of DAE files.
-_Y_UP = (".gltf", ".glb")
-_FAN = 6  # the mode of a glTF primitive that is a fan of triangles
-_STL_HEAD, _STL_TRIANGLE = 84, 50  # bytes of a binary STL
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
-# What is up in a file -> rotation to z up, as COLLADA defines it.
-_Z_UP = {
-    "x": np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]]),
-    "y": np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]),
-    "z": np.eye(4),
-}
 _GREY = (0.7, 0.7, 0.7, 1.0)
 
 
@@ -155,7 +143,7 @@ def _shape_parts(shape: Shape, link: str, up_axis: str) -> list[Part]:
 
     if shape.kind == "mesh":
         up = dae_up_axis(shape.mesh.path) if up_axis == "file" else "z"
-        up = "y" if shape.mesh.path.suffix.lower() in _Y_UP else up
+        up = "y" if shape.mesh.path.suffix.lower() in Y_UP else up
         pieces = _load(shape.mesh, link, up)
     elif shape.kind == "triangles":
         pieces = [(trimesh.Trimesh(*shape.triangles), None)]
@@ -190,85 +178,29 @@ def _load(source: Mesh, link: str, up: str = "z") -> list[tuple]:
     """The file's meshes, turned z up, scaled, one for each colour, with that colour."""
     import trimesh
 
-    if source.path.suffix.lower() in _Y_UP and (unread := _unread_of_gltf(source.path)):
-        raise ModelError(
-            f"link {link!r}: mesh {source.path} has {unread}, which are not read; "
-            "save it without them, or as OBJ"
-        )
-    try:
-        # Unprocessed: what trimesh takes for broken, it leaves out without a word.
-        if source.path.suffix.lower() == ".stl":
-            stl = BytesIO(_whole_stl(source.path.read_bytes()))
-            scene = trimesh.load_scene(stl, file_type="stl", process=False)
-        else:
-            scene = trimesh.load_scene(source.path, process=False)
-        bodies = scene.dump()
-    except Exception as error:  # each format's reader has errors of its own
-        raise ModelError(
-            f"link {link!r}: mesh {source.path} cannot be read: {error}"
-        ) from error
+    where = f"link {link!r}: mesh {source.path}"
     by_colour: dict[tuple, list] = {}
-    for body in bodies:
-        if not isinstance(body, trimesh.Trimesh) or not len(body.faces):
-            continue
+    for body in read_meshes(source.path, where):
         if len(bad := np.flatnonzero(~np.isfinite(body.vertices).all(axis=1))):
             p = ", ".join(f"{x:g}" for x in body.vertices[bad[0]])
-            raise ModelError(
-                f"link {link!r}: mesh {source.path}: vertex {bad[0] + 1} is ({p})"
-            )
+            raise ModelError(f"{where}: vertex {bad[0] + 1} is ({p})")
         body.apply_scale(_metres(body.units))
         colour = _colour(body)
         by_colour.setdefault(colour, []).append(body)
     if not by_colour:
-        raise ModelError(f"link {link!r}: mesh {source.path} has no triangles")
+        raise ModelError(f"{where} has no triangles")
     pieces = []
     for colour, members in by_colour.items():
         mesh = trimesh.util.concatenate(
             [trimesh.Trimesh(m.vertices, m.faces, process=False) for m in members]
         )
         if up != "z":
-            mesh.apply_transform(_Z_UP[up])
+            mesh.apply_transform(Z_UP[up])
         # A mirroring scale turns triangles inside out; trimesh turns them back.
         mesh.apply_transform(np.diag([*source.scale, 1.0]))
         mesh.merge_vertices(merge_norm=True, merge_tex=True)
         pieces.append((mesh, colour))
     return pieces
-
-
-def _whole_stl(data: bytes) -> bytes:
-    """A binary STL without what follows its triangles; a text as it is.
-
-    ValueError where it has fewer triangles than it says.
-    """
-    count = int.from_bytes(data[80:_STL_HEAD], "little")
-    length = _STL_HEAD + _STL_TRIANGLE * count
-    if b"facet" in data[:_HEAD] or len(data) < _STL_HEAD:
-        return data
-    if len(data) < length:
-        there = (len(data) - _STL_HEAD) // _STL_TRIANGLE
-        raise ValueError(f"it is cut off: {there} of {count} triangles are there")
-    return data[:length]
-
-
-def _unread_of_gltf(path: Path) -> str:
-    """What a glTF file's shape needs and trimesh drops or misreads without a word."""
-    data = path.read_bytes()
-    try:
-        if data[:4] == b"glTF":
-            (length,) = struct.unpack_from("<I", data, 12)
-            data = data[20 : 20 + length]
-        content = json.loads(data)
-        packed = [e for e in content.get("extensionsRequired", ()) if "mesh" in e]
-        if packed:
-            return f"vertices of {', '.join(packed)}"
-        if any("sparse" in accessor for accessor in content.get("accessors", ())):
-            return "sparse accessors"
-        primitives = [p for m in content.get("meshes", ()) for p in m["primitives"]]
-        if any(primitive.get("mode") == _FAN for primitive in primitives):
-            return "triangle fans"
-    except (ValueError, LookupError, TypeError, AttributeError, struct.error):
-        pass  # trimesh says what is wrong
-    return ""
 
 
 def _metres(units: str | None) -> float:

@@ -137,7 +137,6 @@ def test_a_plan_without_rows_is_the_least_sum_of_squares(m, n):
         damping,
         posture_error,
         qdot,
-        np.zeros((N, n)),
         np.zeros((0, N * n)),
         np.zeros(0),
         PREVIEW,
@@ -153,7 +152,6 @@ def test_what_tasks_leave_free_comes_to_rest_at_the_posture():
     free = null_space(J)
     q, qdot, goal = np.zeros(n), np.zeros(n), free @ [0.3, -0.2]
     none = np.zeros(0)
-    plan = np.zeros((N, n))
     for _ in range(round(7.0 / PERIOD)):
         found = References(
             J, none, none, none, none, none, none, none, -J @ q, -J @ qdot, np.zeros(1)
@@ -164,7 +162,6 @@ def test_what_tasks_leave_free_comes_to_rest_at_the_posture():
             0.05,
             q - goal,
             qdot,
-            plan.reshape(N, n),
             np.zeros((0, N * n)),
             none,
             PREVIEW,
@@ -178,7 +175,7 @@ def speeds_at_a_wall(moved, coasting: float, preview) -> np.ndarray:
     """Of a joint whose target is behind a wall, from 5 cm before it on, by the first
     accelerations of plans with a row at each instant, and so long after it."""
     q, qdot, wall, goal = -0.05, 1.0, 0.0, 0.1
-    plan, none, speeds = np.zeros((N, 1)), np.zeros(0), []
+    none, speeds = np.zeros(0), []
     for _ in range(200):
         found = References(
             np.ones((1, 1)),
@@ -195,7 +192,6 @@ def speeds_at_a_wall(moved, coasting: float, preview) -> np.ndarray:
             0.02,
             np.zeros(1),
             np.array([qdot]),
-            plan,
             np.ascontiguousarray(-moved),
             least,
             preview,
@@ -264,10 +260,10 @@ def test_rows_are_kept_with_the_least_sum_of_squares():
         assert result.is_success()
         given = (found, of_rows, damping, error, qdot)
         plans = [
-            plan_accelerations(*given, start, rows, least, PREVIEW)
-            for start in (np.zeros((N, 4)), 50.0 * rng.normal(size=(N, 4)))
+            plan_accelerations(*given, rows[order], least[order], PREVIEW)
+            for order in (np.arange(5), np.arange(5)[::-1])
         ]
-        # Wherever the search begins.
+        # Whichever row comes first.
         np.testing.assert_allclose(plans[0], plans[1], rtol=1e-6, atol=1e-6)
         assert (rows @ plans[0] - least).min() > -1e-4
         np.testing.assert_allclose(plans[0], result.GetSolution(x), rtol=0.1, atol=1.0)
@@ -431,19 +427,19 @@ def test_a_joint_that_would_be_too_fast_slows_no_other_down():
     qdot, fastest = np.array([1.0, 0.1]), 5.0
     lengths = np.diff(PREVIEW.times, prepend=0.0)
 
-    def planned(plan, rows, least):
+    def planned(rows, least):
         of_rows, posture = np.arange(2), np.zeros(2)
         return plan_accelerations(
-            found, of_rows, 1e-6, posture, qdot, plan, rows, least, PREVIEW
+            found, of_rows, 1e-6, posture, qdot, rows, least, PREVIEW
         ).reshape(N, 2)
 
     def speeds(plan):
         return qdot + np.cumsum(lengths[:, np.newaxis] * plan, axis=0)
 
-    free = plan = planned(np.zeros((N, 2)), zeros, np.zeros(0))
+    free = plan = planned(zeros, np.zeros(0))
     assert np.abs(speeds(free)[:, 0]).max() > 1.5 * fastest
     for _ in range(5):  # the rows are of the last plan
-        plan = planned(plan, *speed_rows(qdot, plan, fastest, PREVIEW))
+        plan = planned(*speed_rows(qdot, plan, fastest, PREVIEW))
     assert np.abs(speeds(plan)[:, 0]).max() == pytest.approx(fastest, rel=0.02)
     np.testing.assert_allclose(plan[:, 1], free[:, 1], atol=1e-6)
     still = speed_rows(np.zeros(2), np.zeros((N, 2)), fastest, PREVIEW)
@@ -464,19 +460,19 @@ def test_a_plan_asks_no_more_of_a_motor_than_it_has():
     )
     motors = np.column_stack([A, bias, limits]).copy()
 
-    def planned(plan, rows, least):
+    def planned(rows, least):
         of_rows, posture = np.arange(2), np.zeros(2)
         return plan_accelerations(
-            found, of_rows, 1e-6, posture, np.zeros(2), plan, rows, least, PREVIEW
+            found, of_rows, 1e-6, posture, np.zeros(2), rows, least, PREVIEW
         ).reshape(N, 2)
 
     def efforts(plan):
         return np.column_stack([plan, np.tile(given, (N, 1))]) @ A.T + bias
 
-    free = plan = planned(np.zeros((N, 2)), np.zeros((0, 2 * N)), np.zeros(0))
+    free = plan = planned(np.zeros((0, 2 * N)), np.zeros(0))
     assert np.abs(efforts(free)[:, 0]).max() > 3.0 * limits[0]
     for _ in range(8):  # the rows are of the last plan
-        plan = planned(plan, *effort_rows(motors, given, plan, PREVIEW))
+        plan = planned(*effort_rows(motors, given, plan, PREVIEW))
     asked = np.abs(efforts(plan)) / limits
     assert 0.95 < asked[:, 0].max() < 1.0 and asked[:, 1].max() < 1.0
     weak = effort_rows(motors, given, np.zeros((N, 2)), PREVIEW)

@@ -157,6 +157,11 @@ def test_a_piece_that_is_not_convex_is_refused_unless_its_hull_is_meant(tmp_path
         ("odd.dae", b"<x/>", r"read from .obj, .stl"),
         ("short.stl", stl(CUBE)[:-60], "cut off: 10 of 12 triangles"),
         ("wrong.glb", b"glTF no", "cannot be read"),
+        (
+            "packed.gltf",
+            b'{"extensionsRequired": ["KHR_draco_mesh_compression"]}',
+            "KHR_draco_mesh_compression, which are not read",
+        ),
     ],
 )
 def test_files_that_are_refused(tmp_path, name, data, message):

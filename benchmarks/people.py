@@ -245,6 +245,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = benchmark.parser
     parser.add_argument("--steps", type=int, default=100_000, help="in all")
     parser.add_argument("--seed", type=int, default=1, help="of all dice")
+    parser.add_argument("--evade", action="store_true", help="the robot evades them")
     options = benchmark.parse(argv, lambda options: "attacks")
     tallies = {robot: Tally() for robot in ROBOTS}
     filters: dict[tuple, SafetyFilter] = {}
@@ -261,7 +262,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if key not in filters:
             model = subject.model(subject.task_set(0))
             ahead = filter_parameters(period)
-            ahead = replace(ahead, contact_speed=contact_speed)
+            ahead = replace(ahead, contact_speed=contact_speed, evade=options.evade)
             filters[key] = SafetyFilter(model, period, ahead)
         filter, judge = filters[key], subject.filter(period)[1]
 

@@ -246,7 +246,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=100_000, help="in all")
     parser.add_argument("--seed", type=int, default=1, help="of all dice")
     parser.add_argument("--evade", action="store_true", help="the robot evades them")
-    options = benchmark.parse(argv, lambda options: "attacks")
+    options = benchmark.parse(
+        argv, lambda options: "evaded" if options.evade else "attacks"
+    )
     tallies = {robot: Tally() for robot in ROBOTS}
     filters: dict[tuple, SafetyFilter] = {}
     episode = 0

@@ -95,7 +95,8 @@ class LookaheadParameters:
             mode reports are those that are left for the robot.
         contact_speed: v_ok, slower than which a link may be touched by an obstacle that
             moves by itself [m/s].
-        evade: whether links get out of the way of obstacles that move by themselves.
+        evade: whether links get out of the way of obstacles that move by themselves,
+            see `equations.moving_obstacles.evading_rows`.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """

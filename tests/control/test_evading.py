@@ -226,20 +226,21 @@ def test_the_rows_are_the_rates_of_distances(evading, witness):
     assert seen > 30
 
 
-def test_between_two_it_stays_in_the_middle(evading, witness, hand):
-    """Nothing is fast that is touched, and nothing is thrown about."""
+def test_from_between_two_it_slips_out(evading, witness, hand):
+    """And comes to rest beside them, as near as it is kept, without shaking."""
     rest = evading.model.rest_positions()
     evading.reset()
-    tally, most = Tally(), 0.0
+    nearest, moves = np.inf, []
     for k in range(200):
         far = max(0.45 - 0.2 * PERIOD * k, 0.02)
-        sides = np.array([[0.0, far, 0.0], [0.0, -far, 0.0]])
-        command = evading(rest, obstacles=Obstacles(hand + sides, 0.05, 0.2))
-        seen = witness.look(command.q, command.v, hand + sides, np.full(2, 0.05))
-        tally.judge(*seen, V_OK)
-        most = max(most, np.abs(command.v).max())
-    assert tally.violations == 0
-    assert most < 2.0 and np.abs(command.v).max() < 0.3
+        sides = hand + np.array([[0.0, far, 0.0], [0.0, -far, 0.0]])
+        command = evading(rest, obstacles=Obstacles(sides, 0.05, 0.2))
+        seen = witness.look(command.q, command.v, sides, np.full(2, 0.05))
+        nearest = min(nearest, seen[0].min())
+        moves.append(np.abs(command.v).max())
+    assert nearest > 4e-3
+    assert max(moves) > 0.3 and max(moves[-50:]) < 0.01
+    assert seen[0].min() == pytest.approx(evading.among.kept_at, abs=2e-3)
 
 
 def test_limits_of_joints_speeds_and_motors_hold_meanwhile(witness, hand):
@@ -335,7 +336,7 @@ def test_the_law_of_tasks_evades_as_well():
             model,
             CrarParameters(period=0.01, lookahead=LookaheadParameters(evade=evade)),
         )
-        witness, q, v = witness_of(law.among.filter), rest, np.zeros(model.n)
+        witness, q, v = witness_of(law.among.filter), rest, np.zeros(14)
         nearest[evade], evaded = np.inf, 0
         for k in range(150):
             centre = desired[:3] + [max(0.5 - 0.003 * k, 0.08), 0.0, 0.0]

@@ -352,7 +352,7 @@ class ObstacleFilter:
         of = seen.spheres
         some = np.flatnonzero((of.speeds > 0.0) & (seen.age <= _SEEN))
         by = seen.age[some, None]
-        begin, end = np.nan_to_num(seen.motion[:, some])
+        begin, end = (np.nan_to_num(motion[some]) for motion in seen.motion)
         centres = of.centres[some] + by * begin
         axes = of.ends[some] + by * end - centres
         speeds = of.speeds[some]

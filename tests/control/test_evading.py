@@ -292,6 +292,17 @@ def test_a_velocity_is_seen_of_measurements_that_come_at_times(evading):
     np.testing.assert_allclose(regions.seen.motion[:, 0, 0], 1.0, rtol=1e-3)
 
 
+def test_any_number_of_them_is_of_the_type_that_was_compiled(evading):
+    """Else the first step among several would compile for minutes."""
+    among, q = evading.among, evading.model.rest_positions()
+    for n in (1, 3, 10):
+        many = Obstacles(np.arange(3.0 * n).reshape(n, 3), 0.1, 1.0)
+        regions = among.regions(None, many, q, 0 * q).later(PERIOD)
+        shapes, begin, end = among._moving(among.regions(regions, many, q, 0 * q).seen)
+        for array in (*shapes, begin, end):
+            assert array.flags.c_contiguous and array.dtype == float
+
+
 def test_measurements_that_are_late_and_lost_evade_as_well(evading, witness, hand):
     rest = evading.model.rest_positions()
 

@@ -136,6 +136,67 @@ def evading(
 
 
 @compiled
+def less_wanted(
+    q: np.ndarray,
+    v: np.ndarray,
+    s_1: np.ndarray,
+    rows: Constraints,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    failed: np.ndarray,
+    level: Level,
+    levels: Levels,
+    spheres: Spheres,
+    law: FilterLaw,
+    world: Held,
+) -> tuple[bool, float, np.ndarray, np.ndarray, float, float]:
+    """Less of a command, but all of the way out, that keeps the levels.
+
+    Less of the joints that move what is too near; of all if that is not enough.
+
+    Args:
+        q, v: (n,), (n,) state.
+        s_1: (n,) of the command.
+        rows: the guard's, those of `evading` among them.
+        lowest, highest: (n,), (n,) bounds.
+        failed: (L, N) bool, what is too near if all of the command is asked for.
+        level, levels: that pairs and spheres are to keep.
+        spheres: which.
+        law, world: of the robot.
+
+    Returns:
+        Whether there is any; the share of the command; (n,) s, of the largest share
+        that was found, or else of none; (n,) the velocity that it leads to; clearances
+        of pairs and of spheres [m].
+    """
+    admission = law.mode.value.admission
+    s, after = s_1, v
+    pair = sphere_left = np.inf
+    for some in (True, False):
+        scaled = moved_by(failed, world) if some else np.ones(len(q))
+        s = guarded((1.0 - scaled) * s_1, rows, lowest, highest)
+        after = velocity_after(s, v, admission)
+        good, pair, sphere_left = keeps_clear(
+            q, after, level, levels, spheres, law, world
+        )
+        if not good:
+            continue
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            share = 0.5 * (low + high)
+            asked = (1.0 - (1.0 - share) * scaled) * s_1
+            other = guarded(asked, rows, lowest, highest)
+            to = velocity_after(other, v, admission)
+            good, of_pair, left = keeps_clear(q, to, level, levels, spheres, law, world)
+            if good:
+                low, s, after, pair, sphere_left = share, other, to, of_pair, left
+            else:
+                high = share
+        return True, low, s, after, pair, sphere_left
+    return False, 0.0, s, after, pair, sphere_left
+
+
+@compiled
 def step_among(
     q: np.ndarray,
     v: np.ndarray,
@@ -208,31 +269,15 @@ def step_among(
     good, of_pair, left = keeps_clear(q, after, level, levels, spheres, of, world)
     proved = True
     if not good and evades:
-        # Less of the command, but all of the way out.
         how = SCALED
-        line = command_line(q, after, world)
-        failed = line_bounds(line, levels, False, spheres, r, world).failed
-        for some in (True, False):
-            scaled = moved_by(failed, world) if some else np.ones(len(q))
-            low, high = 0.0, 1.0
-            for k in range(BISECTIONS + 1):
-                share = 0.5 * (low + high) if k else 0.0
-                asked = (1.0 - (1.0 - share) * scaled) * s_1
-                other = guarded(asked, rows, lowest, highest)
-                to = velocity_after(other, v, admission)
-                clear_of, pair, sphere_left = keeps_clear(
-                    q, to, level, levels, spheres, of, world
-                )
-                if clear_of:
-                    good, low, after, of_pair, left = True, share, to, pair, sphere_left
-                elif k:
-                    high = share
-                else:
-                    s = other
-                    break
-            share = low
-            if good:
-                break
+        found = line_bounds(
+            command_line(q, after, world), levels, False, spheres, r, world
+        )
+        failed = found.failed
+        good, share, s, after, of_pair, left = less_wanted(
+            *(q, v, s_1, rows, lowest, highest, failed),
+            *(level, levels, spheres, of, world),
+        )
     if not good:
         how = SCALED
         # Of the joints that move what is too near; of all if that is not enough.

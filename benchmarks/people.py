@@ -245,7 +245,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = benchmark.parser
     parser.add_argument("--steps", type=int, default=100_000, help="in all")
     parser.add_argument("--seed", type=int, default=1, help="of all dice")
-    options = benchmark.parse(argv, lambda options: "attacks")
+    parser.add_argument("--evade", action="store_true", help="the robot evades them")
+    options = benchmark.parse(
+        argv, lambda options: "evaded" if options.evade else "attacks"
+    )
     tallies = {robot: Tally() for robot in ROBOTS}
     filters: dict[tuple, SafetyFilter] = {}
     episode = 0
@@ -261,7 +264,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if key not in filters:
             model = subject.model(subject.task_set(0))
             ahead = filter_parameters(period)
-            ahead = replace(ahead, contact_speed=contact_speed)
+            ahead = replace(ahead, contact_speed=contact_speed, evade=options.evade)
             filters[key] = SafetyFilter(model, period, ahead)
         filter, judge = filters[key], subject.filter(period)[1]
 

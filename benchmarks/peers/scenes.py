@@ -100,6 +100,13 @@ GUARDS = (
         every(horizon=(0.04, 0.0833, 0.15), approach_rate=(20.0, 50.0)),
         python=True,
     ),
+    Peer(
+        "safety filter, evading",
+        "guard_crar",
+        "",
+        every(horizon=(0.04,), approach_rate=(20.0,), evade=(True,)),
+        python=True,
+    ),
     Peer("OSCBF, spheres' speeds told", "guard_oscbf", "oscbf", _barriers(True), False),
     Peer("OSCBF, as if they stood", "guard_oscbf", "oscbf", _barriers(False), False),
     Peer("mink", "guard_mink", "mink", _bounds(MARGIN, 0.03), True),
@@ -333,7 +340,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=4, help="of each kind of scene")
     parser.add_argument("--tune", action="store_true", help="choose settings anew")
     parser.add_argument("--only", default="", help="filters whose names contain this")
-    arguments = benchmark.parse(argv, lambda _: "scenes")
+    arguments = benchmark.parse(argv, lambda given: given.only or "scenes")
     if arguments.seeds < 1:
         parser.error(f"--seeds {arguments.seeds}: must be at least 1")
     guards = [guard for guard in GUARDS if arguments.only in guard.name]

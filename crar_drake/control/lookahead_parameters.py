@@ -95,6 +95,8 @@ class LookaheadParameters:
             mode reports are those that are left for the robot.
         contact_speed: v_ok, slower than which a link may be touched by an obstacle that
             moves by itself [m/s].
+        evade: whether links get out of the way of obstacles that move by themselves,
+            see `equations.moving_obstacles.evading_rows`.
         lost_target: what a NaN in the targets at run time does: "brake" comes to
             rest and blends in again when they are back, "error" raises.
     """
@@ -113,6 +115,7 @@ class LookaheadParameters:
     influence_distance: float = 0.3  # [m]
     lost_target: str = "brake"
     contact_speed: float = 0.05  # [m/s]
+    evade: bool = False
     nominal_speed_limit: float | None = None  # [rad/s]
     guard_norm: str = "joints"
     guard_damping: float | None = None  # [m]

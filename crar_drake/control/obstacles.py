@@ -19,6 +19,8 @@ from crar_drake.control.tracking_error import joint_errors
 from crar_drake.equations.compilation import Held, hold
 from crar_drake.equations.filter_among import AMONG, step_among
 from crar_drake.equations.moving_obstacles import (
+    Evasion,
+    Moving,
     Spheres,
     WorldLaw,
     are_clear,
@@ -27,6 +29,18 @@ from crar_drake.equations.moving_obstacles import (
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.watched_links import watched_links
+
+# What is evaded is kept so much farther than the floor [m]. Of what was tried on other
+# scenes than those of docs/measurements/scenes.md, this lets arms be touched the least
+# that are free to move; with less they are caught, with more they reach less.
+_KEPT_MORE = 0.04
+# So fast a link may still go where it begins to evade who comes [m/s].
+_FAST = 1.0
+# What a row of (M5) lacks, beside what joints are changed by [1/m^2]: a link that they
+# move by less than 6 cm per rad is left to itself.
+_WEIGHT = 300.0
+# Of whom nothing is heard for longer, nobody knows where to go [s].
+_SEEN = 0.25
 
 # What rounding takes of a sphere that is in another [m]: the floor has it to spare.
 _ROUNDING = 1e-9
@@ -127,6 +141,26 @@ class Obstacles:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What was measured last, and how it moves: a guess, of which nothing is proved.
+
+    Attributes:
+        spheres: as they were measured.
+        motion: (2, N, 3) velocities of the centres and the ends; NaN while not known
+            [m/s].
+        age: (N,) how long ago each was measured [s].
+    """
+
+    spheres: Obstacles
+    motion: np.ndarray
+    age: np.ndarray
+
+    def later(self, period: float) -> Seen:
+        """A period [s] on."""
+        return Seen(self.spheres, self.motion, self.age + period)
+
+
+@dataclass(frozen=True)
 class Regions:
     """Where obstacles are taken to be at a step, R_k of the theorem.
 
@@ -135,17 +169,20 @@ class Regions:
         clear: (N,) bool, whether the state is known to be clear of each.
         too_fast: of the named ones that were measured where they could not be, had
             they kept the bound of their speed.
+        seen: what is evaded; None where nothing is.
     """
 
     spheres: Obstacles
     clear: np.ndarray
     too_fast: tuple[str, ...] = ()
+    seen: Seen | None = None
 
     def later(self, period: float, clear: np.ndarray | None = None) -> Regions:
         """A period [s] on, where nothing is measured, with what is then clear."""
         of = self.spheres
         grown = of.with_radii(of.radii + period * of.speeds)
-        return Regions(grown, self.clear if clear is None else clear)
+        seen = None if self.seen is None else self.seen.later(period)
+        return Regions(grown, self.clear if clear is None else clear, seen=seen)
 
 
 @dataclass(frozen=True)
@@ -169,6 +206,7 @@ class ObstacleFilter:
     Attributes:
         links: names of the links that count: those of watched pairs that move and have
             capsules or spheres.
+        kept_at: d_e, the distance from what is evaded [m].
     """
 
     def __init__(
@@ -203,7 +241,11 @@ class ObstacleFilter:
         self._floor = mode.admission.floor
         numbers = passing(T, period, self._floor, speed)
         self._period, self._law = period, law
-        self._world = hold(WorldLaw(hold(links), numbers))
+        self._evades, self._smoothed = gains.lookahead.evade, 0.5 * T
+        self.kept_at = self._floor + _KEPT_MORE
+        slows = np.log(_FAST / (numbers.kappa * min(speed, _FAST)))  # (M1), to v_ok
+        evasion = Evasion(1.0 / T, numbers.eta + numbers.T_star * slows, _WEIGHT)
+        self._world = hold(WorldLaw(hold(links), numbers, evasion))
 
     def regions(
         self,
@@ -262,7 +304,60 @@ class ObstacleFilter:
                 )
                 known[some[keep]] = True
             too_fast = tuple(given.names[i] for i in some[~meet])
-        return Regions(taken, known, too_fast)
+        seen = None
+        if self._evades:
+            seen = self._see(None if before is None else before.seen, places, given)
+        return Regions(taken, known, too_fast, seen)
+
+    def _see(self, before: Seen | None, places: np.ndarray, given: Obstacles) -> Seen:
+        """What is measured now, with velocities by the difference from before.
+
+        Args:
+            before: what was seen then, if anything.
+            places: (N,) where each was among that, or -1.
+            given: measured now.
+        """
+        n = len(given)
+        now = np.stack((given.centres, given.ends))
+        motion, age = np.full((2, n, 3), np.nan), np.zeros(n)
+        some, was = np.flatnonzero(places >= 0), places[places >= 0]
+        if before is None or not len(some):
+            return Seen(given, motion, age)
+        old = before.spheres
+        then = np.stack((old.centres, old.ends))[:, was]
+        passed = np.maximum(before.age[was], self._period)
+        # In the same place, but larger: nobody looked since.
+        same = (now[:, some] == then).all(axis=(0, 2)) & (
+            given.radii[some] > old.radii[was]
+        )
+        fresh, at = some[~same], was[~same]
+        rate = (now[:, fresh] - then[:, ~same]) / passed[~same, None]
+        length = np.linalg.norm(rate, axis=2, keepdims=True)
+        rate *= np.minimum(1.0, given.speeds[fresh, None] / np.maximum(length, 1e-12))
+        # Measurements are noisy; but the first difference is all that is known.
+        share = (passed / (passed + self._smoothed))[~same, None]
+        was_so = before.motion[:, at]
+        smoothed = was_so + share * (rate - was_so)
+        motion[:, fresh] = np.where(np.isnan(was_so), rate, smoothed)
+        stale, at = some[same], was[same]
+        motion[:, stale], age[stale] = before.motion[:, at], passed[same]
+        radii = given.radii.copy()
+        radii[stale] = old.radii[at]
+        return Seen(given.with_radii(radii), motion, age)
+
+    def _moving(self, seen: Seen | None) -> Moving:
+        """What is evaded: those that may move, where they are by now."""
+        if seen is None:
+            return _NOTHING_MOVES
+        of = seen.spheres
+        some = np.flatnonzero((of.speeds > 0.0) & (seen.age <= _SEEN))
+        by = seen.age[some, None]
+        begin, end = (np.nan_to_num(motion[some]) for motion in seen.motion)
+        centres = of.centres[some] + by * begin
+        axes = of.ends[some] + by * end - centres
+        speeds = of.speeds[some]
+        radii = of.radii[some] + self.kept_at
+        return Moving(Spheres(centres, axes, radii, speeds), begin, end)
 
     def step(
         self,
@@ -271,8 +366,13 @@ class ObstacleFilter:
         v: np.ndarray,
         v_next: np.ndarray,
         held: bool,
+        evade: bool = True,
     ) -> Among:
-        """What is left of a command; arguments as of `filter_among.step_among`."""
+        """What is left of a command; arguments as of `filter_among.step_among`.
+
+        Args:
+            evade: whether what is seen to come is evaded, if it is at all.
+        """
         of = regions.spheres
         answer = step_among(
             q,
@@ -281,6 +381,7 @@ class ObstacleFilter:
             held,
             regions.clear,
             _shapes(of, slice(None)),
+            self._moving(regions.seen if evade else None),
             self._law,
             self._world,
         )
@@ -292,6 +393,11 @@ def _shapes(of: Obstacles, which: np.ndarray | slice) -> Spheres:
     """Some of them, for the equations."""
     centres, ends = of.centres[which], of.ends[which]
     return Spheres(centres, ends - centres, of.radii[which], of.speeds[which])
+
+
+_NOTHING_MOVES = Moving(
+    Spheres(*np.zeros((2, 0, 3)), *np.zeros((2, 0))), *np.zeros((2, 0, 3))
+)
 
 
 def _places(before: Regions | None, given: Obstacles) -> np.ndarray:

@@ -516,7 +516,7 @@ class SafetyFilter:
         if motor is None:
             return left
         v_next = v + self.period * limited[0]
-        again = among.step(regions, q, v, v_next, held)
+        again = among.step(regions, q, v, v_next, held, evade=False)
         found = left.found
         found[AMONG_PAIRS], found[AMONG_SHARE] = limited[1][2], limited[1][1]
         found[AMONG_CLEARANCE] = again.found[AMONG_CLEARANCE]

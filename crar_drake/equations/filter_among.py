@@ -10,7 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.equations.admission import AS_NOMINAL, BISECTIONS, CORRECTED, SCALED
+from crar_drake.equations.admission import (
+    AS_NOMINAL,
+    BISECTIONS,
+    CORRECTED,
+    SCALED,
+    AdmissionGains,
+)
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.joint_filter import (
     FilterLaw,
@@ -23,13 +29,15 @@ from crar_drake.equations.joint_filter import (
     velocity_after,
 )
 from crar_drake.equations.lookahead_guard import LESS, step_bounds
-from crar_drake.equations.lookahead_rows import join_constraints
+from crar_drake.equations.lookahead_rows import Constraints, join_constraints
 from crar_drake.equations.moving_obstacles import (
     Levels,
+    Moving,
     Spheres,
     all_far,
     braking_line,
     command_line,
+    evading_rows,
     line_bounds,
     own_reach,
     present_levels,
@@ -95,6 +103,100 @@ def known_after(
 
 
 @compiled
+def moved_by(failed: np.ndarray, world: Held) -> np.ndarray:
+    """(n,) 1 for the joints that move a link that is too near a sphere; (L, N) bool."""
+    carried = world.value.links.value.carried
+    scaled = np.zeros(carried.shape[1])
+    for i in range(failed.shape[0]):
+        if failed[i].any():
+            scaled = np.maximum(scaled, carried[i])
+    return scaled
+
+
+@compiled
+def evading(
+    v: np.ndarray,
+    g: np.ndarray,
+    least: np.ndarray,
+    admission: AdmissionGains,
+    world: Held,
+) -> Constraints:
+    """The rows of `evading_rows` on s: g s >= g q_dot + (least - g q_dot) T / period.
+
+    Args:
+        v: (n,) velocity.
+        g, least: (C, n), (C,) the rows on q_dot'.
+        admission: of the mode.
+        world: holds `WorldLaw`.
+    """
+    now, zero = times(g, v), np.zeros(len(least))
+    retreat = now + (least - now) * (admission.T / admission.period)
+    weight = np.full(len(least), world.value.evasion.weight)
+    return Constraints(zero, g, zero, weight, retreat)
+
+
+@compiled
+def less_wanted(
+    q: np.ndarray,
+    v: np.ndarray,
+    s_1: np.ndarray,
+    rows: Constraints,
+    lowest: np.ndarray,
+    highest: np.ndarray,
+    failed: np.ndarray,
+    level: Level,
+    levels: Levels,
+    spheres: Spheres,
+    law: FilterLaw,
+    world: Held,
+) -> tuple[bool, float, np.ndarray, np.ndarray, float, float]:
+    """Less of a command, but all of the way out, that keeps the levels.
+
+    Less of the joints that move what is too near; of all if that is not enough.
+
+    Args:
+        q, v: (n,), (n,) state.
+        s_1: (n,) of the command.
+        rows: the guard's, those of `evading` among them.
+        lowest, highest: (n,), (n,) bounds.
+        failed: (L, N) bool, what is too near if all of the command is asked for.
+        level, levels: that pairs and spheres are to keep.
+        spheres: which.
+        law, world: of the robot.
+
+    Returns:
+        Whether there is any; the share of the command; (n,) s, of the largest share
+        that was found, or else of none; (n,) the velocity that it leads to; clearances
+        of pairs and of spheres [m].
+    """
+    admission = law.mode.value.admission
+    s, after = s_1, v
+    pair = sphere_left = np.inf
+    for some in (True, False):
+        scaled = moved_by(failed, world) if some else np.ones(len(q))
+        s = guarded((1.0 - scaled) * s_1, rows, lowest, highest)
+        after = velocity_after(s, v, admission)
+        good, pair, sphere_left = keeps_clear(
+            q, after, level, levels, spheres, law, world
+        )
+        if not good:
+            continue
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            share = 0.5 * (low + high)
+            asked = (1.0 - (1.0 - share) * scaled) * s_1
+            other = guarded(asked, rows, lowest, highest)
+            to = velocity_after(other, v, admission)
+            good, of_pair, left = keeps_clear(q, to, level, levels, spheres, law, world)
+            if good:
+                low, s, after, pair, sphere_left = share, other, to, of_pair, left
+            else:
+                high = share
+        return True, low, s, after, pair, sphere_left
+    return False, 0.0, s, after, pair, sphere_left
+
+
+@compiled
 def step_among(
     q: np.ndarray,
     v: np.ndarray,
@@ -102,6 +204,7 @@ def step_among(
     held: bool,
     clear: np.ndarray,
     spheres: Spheres,
+    moving: Moving,
     law: Held,
     world: Held,
 ) -> np.ndarray:
@@ -113,6 +216,7 @@ def step_among(
         held: whether all pairs are clear of each other on the present braking path.
         clear: (N,) bool, of which spheres the state is known to be clear.
         spheres: (N,) of them.
+        moving: what is evaded, if anything.
         law: holds `FilterLaw`.
         world: holds `WorldLaw`.
 
@@ -127,13 +231,16 @@ def step_among(
     numbers = of.mode.value
     admission, gains = numbers.admission, numbers.gains
     line = command_line(q, v_next, world)
-    far, clearance = all_far(line, spheres, r, world)
-    if far:
-        reported = np.array([AS_NOMINAL, 1.0, np.inf, clearance, -1.0, -1.0])
-        return np.concatenate((reported, v_next, np.ones(len(radius))))
+    g, least, who = evading_rows(q, v, v_next, moving, r, world)
+    evades = len(who) > 0
+    if not evades:
+        far, clearance = all_far(line, spheres, r, world)
+        if far:
+            reported = np.array([AS_NOMINAL, 1.0, np.inf, clearance, -1.0, -1.0])
+            return np.concatenate((reported, v_next, np.ones(len(radius))))
     levels = present_levels(braking_line(q, v, world), clear, spheres, r, world)
     found = line_bounds(line, levels, False, spheres, r, world)
-    if found.clear:
+    if found.clear and not evades:
         reported = np.array([AS_NOMINAL, 1.0, np.inf, found.clearance, -1.0, -1.0])
         known = known_after(clear, True, levels, world)
         return np.concatenate((reported, v_next, known))
@@ -141,22 +248,40 @@ def step_among(
     level = Level(np.zeros(0), True) if held else present_level(q, v, of)
     s_1 = v + (v_next - v) * (admission.T / admission.period)
     lowest, highest = step_bounds(q, v, len(q), numbers.limits.value, admission)
+    if evades:
+        # No more suddenly than what was held back catches up.
+        most = gains.nominal_speed_limit
+        lowest = np.maximum(lowest, np.minimum(s_1, -most))
+        highest = np.minimum(highest, np.maximum(s_1, most))
     of_pairs, _ = guard_rows(q, v, s_1, of)
     of_spheres = sphere_rows(q, v, s_1, spheres, gains, r, world)
     rows = join_constraints(
         join_constraints(of_pairs, of_spheres), box_constraints(lowest, highest)
     )
+    if evades:
+        lacks = least - times(g, v_next)
+        if link < 0:
+            worst = np.argmax(lacks)
+            link, sphere = who[worst, 0], who[worst, 1]
+        rows = join_constraints(rows, evading(v, g, least, admission, world))
     s, how, share = guarded(s_1, rows, lowest, highest), CORRECTED, 1.0
     after = velocity_after(s, v, admission)
     good, of_pair, left = keeps_clear(q, after, level, levels, spheres, of, world)
     proved = True
+    if not good and evades:
+        how = SCALED
+        found = line_bounds(
+            command_line(q, after, world), levels, False, spheres, r, world
+        )
+        failed = found.failed
+        good, share, s, after, of_pair, left = less_wanted(
+            *(q, v, s_1, rows, lowest, highest, failed),
+            *(level, levels, spheres, of, world),
+        )
     if not good:
         how = SCALED
         # Of the joints that move what is too near; of all if that is not enough.
-        scaled = np.zeros(len(q))
-        for i in range(failed.shape[0]):
-            if failed[i].any():
-                scaled = np.maximum(scaled, world.value.links.value.carried[i])
+        scaled = moved_by(failed, world)
         low, high = 0.0, 1.0
         after = velocity_after((1.0 - scaled) * s, v, admission)
         good, of_pair, left = keeps_clear(q, after, level, levels, spheres, of, world)

@@ -83,11 +83,28 @@ class Passing(NamedTuple):
     eta: float  # [s]
 
 
+class Evasion(NamedTuple):
+    """The numbers of (M5)."""
+
+    rate: float  # alpha, how fast what is left of a distance is used up at most [1/s]
+    lead: float  # tau, who comes counts as nearer by what it comes in so long [s]
+    weight: float  # w, of what rows lack, beside the change of joints [1/m^2]
+
+
 class WorldLaw(NamedTuple):
     """All that stays from step to step."""
 
     links: Held  # of `Links`
     numbers: Passing
+    evasion: Evasion
+
+
+class Moving(NamedTuple):
+    """N spheres or capsules that are evaded, as they are and as they move."""
+
+    shapes: Spheres  # with d_e, which they are kept at, in their radii
+    begin: np.ndarray  # (N, 3) the velocity of where the axis begins [m/s]
+    end: np.ndarray  # (N, 3) and of where it ends [m/s]
 
 
 class Line(NamedTuple):
@@ -585,6 +602,49 @@ def present_levels(
     return Levels(moving, still)
 
 
+@compiled(loops=True)
+def link_gradient(
+    i: int, o: int, at: np.ndarray, S: np.ndarray, spheres: Spheres, links: Links
+) -> tuple[float, np.ndarray, np.ndarray, float]:
+    """The distance of a link from a sphere, and how the joints change it.
+
+    Args:
+        i, o: the link and the sphere.
+        at: (P, 3) of `place_links` [m].
+        S: (6, n) of `joint_motion` there.
+        spheres, links: which.
+
+    Returns:
+        The distance of the nearest shape [m]; (n,) its gradient; (3,) the unit normal
+        from the sphere to it; and at which share of the sphere's axis it is.
+    """
+    L, n = len(links.radius), S.shape[1]
+    best, normal, centre = np.inf, np.zeros(3), np.zeros(3)
+    for shape in range(links.shapes[i], links.shapes[i + 1]):
+        p, u = at[3 * n + L + shape], at[3 * n + L + len(links.radii) + shape]
+        n_here, far, at_here = nearest_to(p, u, spheres.centre[o], spheres.axis[o])
+        if far - links.radii[shape] < best:
+            best, normal, centre = far - links.radii[shape], n_here, at_here
+    # The line of the shortest distance passes this point: so does the force.
+    x, y, z = centre[0], centre[1], centre[2]
+    moment = (
+        y * normal[2] - z * normal[1],
+        z * normal[0] - x * normal[2],
+        x * normal[1] - y * normal[0],
+    )
+    g = np.zeros(n)
+    for j in range(n):
+        if links.carried[i, j] != 0.0:
+            for c in range(3):
+                g[j] += moment[c] * S[c, j] + normal[c] * S[3 + c, j]
+    length = along = 0.0
+    for c in range(3):
+        length += spheres.axis[o, c] ** 2
+        along += (centre[c] - spheres.centre[o, c]) * spheres.axis[o, c]
+    share = along / length if length > 0.0 else 0.0
+    return best - spheres.radius[o], g, normal, share
+
+
 @compiled
 def sphere_rows(
     q: np.ndarray,
@@ -611,7 +671,7 @@ def sphere_rows(
     links, numbers, n = law.value.links.value, law.value.numbers, len(q)
     line = braking_line(q, v, law)
     reach = own_reach(line, links)
-    L, S = len(links.radius), len(links.radii)
+    L = len(links.radius)
     here = place_links(q, r, links)
     there = place_links(q + line.x, r, links)
     # A row binds at h = d_min + (drift - g s) / approach_rate.
@@ -634,31 +694,65 @@ def sphere_rows(
         S_world = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
         for k in range(len(near)):
             i, o = near[k, 0], near[k, 1]
-            best, normal, centre = np.inf, np.zeros(3), np.zeros(3)
-            for shape in range(links.shapes[i], links.shapes[i + 1]):
-                p, u = at[3 * n + L + shape], at[3 * n + L + S + shape]
-                n_here, far, at_here = nearest_to(
-                    p, u, spheres.centre[o], spheres.axis[o]
-                )
-                if far - links.radii[shape] < best:
-                    best, normal = far - links.radii[shape], n_here
-                    centre = at_here
-            d[end, k] = best - spheres.radius[o]
-            drift[end * len(near) + k] = -min(spheres.speed[o], numbers.harmless)
-            # The line of the shortest distance passes this point: so does the force.
-            x, y, z = centre[0], centre[1], centre[2]
-            moment = np.array(
-                [
-                    y * normal[2] - z * normal[1],
-                    z * normal[0] - x * normal[2],
-                    x * normal[1] - y * normal[0],
-                ]
+            d[end, k], g[end, k], _, _ = link_gradient(
+                i, o, at, S_world, spheres, links
             )
-            for j in range(n):
-                if links.carried[i, j] != 0.0:
-                    for c in range(3):
-                        g[end, k, j] += moment[c] * S_world[c, j]
-                        g[end, k, j] += normal[c] * S_world[3 + c, j]
+            drift[end * len(near) + k] = -min(spheres.speed[o], numbers.harmless)
     h = pair_margins(d, g, v, gains.T)
     drift = drift + margin_curvature(g, v)
     return pair_constraints(h, h, g.reshape(len(h), n), drift, np.zeros(n), gains)
+
+
+@compiled
+def evading_rows(
+    q: np.ndarray,
+    v: np.ndarray,
+    v_next: np.ndarray,
+    moving: Moving,
+    r: Robot,
+    law: Held,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(M5): how fast links are to get out of the way of what moves.
+
+        g q_dot' >= n v_o + min(-alpha h, V),      h = d - d_e - tau max(n v_o, 0)
+
+    with d the distance of a link, d_e that which it is kept at, n its direction, from
+    the sphere to the link, and v_o the velocity of the sphere there.
+
+    Args:
+        q, v: (n,), (n,) state.
+        v_next: (n,) the velocity of the command.
+        moving: what is evaded.
+        r: of the robot.
+        law: holds `WorldLaw`.
+
+    Returns:
+        (C, n), (C,) g and the right sides; (C, 2) links and spheres. None at all if the
+        command keeps to them.
+    """
+    links, n = law.value.links.value, len(q)
+    evasion, spheres = law.value.evasion, moving.shapes
+    if not len(spheres.radius):
+        return np.zeros((0, n)), np.zeros(0), np.zeros((0, 2), dtype=np.int64)
+    L = len(links.radius)
+    reach = own_reach(braking_line(q, v, law), links) + links.turned
+    at = place_links(q, r, links)
+    # A row binds at h = (n v_o - g q_dot') / alpha, or what others ask for makes it so.
+    ahead = times(reach, np.abs(v_next)) / evasion.rate
+    seconds = np.full(L, 3.0 / evasion.rate + evasion.lead)
+    balls = at[3 * n : 3 * n + L]
+    near, _ = links_near(balls, balls, ahead, seconds, 0.0, spheres, links)
+    g, least = np.zeros((len(near), n)), np.zeros(len(near))
+    S = joint_motion(at[: 3 * n].reshape(1, -1, 3))[0]
+    for k in range(len(near)):
+        i, o = near[k, 0], near[k, 1]
+        h, g[k], normal, share = link_gradient(i, o, at, S, spheres, links)
+        comes = 0.0
+        for c in range(3):
+            velocity = (1.0 - share) * moving.begin[o, c] + share * moving.end[o, c]
+            comes += normal[c] * velocity
+        h -= evasion.lead * max(comes, 0.0)
+        least[k] = comes + min(-evasion.rate * h, spheres.speed[o])
+    if not (times(g, v_next) < least).any():
+        return g[:0], least[:0], near[:0]
+    return g, least, near

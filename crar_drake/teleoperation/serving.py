@@ -102,6 +102,7 @@ def _make_filtered(
         filter_parameters(1.0 / rate),
         tracking_error=stated.tracking_error,
         tracking_errors=stated.tracking_errors,
+        evade=stated.evade,
     )
     try:
         made = SafetyFilter(description, 1.0 / rate)

@@ -23,9 +23,10 @@ def test_every_parameter_is_varied_and_valid():
             if getattr(parameters.lookahead, field.name) != default:
                 varied.add(field.name)
     # What a lost target does is no trade-off, nor is how far a robot may be off.
-    # Nor what a person may be touched by; and a preset is others of these by a name.
+    # Nor what a person may be touched by, or whether one is evaded; and a preset is
+    # others of these by a name.
     others = {"lost_target", "tracking_error", "tracking_errors", "contact_speed"}
-    others.add("preset")
+    others |= {"evade", "preset"}
     assert varied == {f.name for f in fields(LookaheadParameters)} - others
 
 

@@ -6,6 +6,7 @@ import socket
 import numpy as np
 import pytest
 
+from crar_drake.control.obstacles import Obstacles
 from crar_drake.errors import ScenarioError
 from crar_drake.judging.referee import Referee
 from crar_drake.teleoperation import server as module
@@ -188,3 +189,23 @@ def test_what_cannot_be_begun(made):
         made.begin({"left_elbow": 3.0})
     with pytest.raises(ScenarioError, match="joints are all targets"):
         make_server(joints=True, experiment="wrists")
+
+
+def test_a_scenario_says_whether_obstacles_are_evaded(tmp_path):
+    """Somebody who comes moves a robot that nobody has told to move."""
+    path = tmp_path / "scenario.yaml"
+    moved = {}
+    for evade in ("false", "true"):
+        path.write_text(
+            "robot: upper_body\nmotion: dance\nexperiment: wrists\n"
+            f"controller: {{lookahead: {{evade: {evade}}}}}\n"
+        )
+        server = make_server(str(path), joints=True, rate=100.0)
+        motion = server.motion
+        start = motion.q.copy()
+        for k in range(60):
+            at = [[1.0 - 0.01 * k, 0.2, 1.1]]
+            motion.move(motion.where(), Obstacles(at, 0.1, 1.0, ["Ann"]))
+        moved[evade] = np.abs(motion.q - start).max()
+        server.close()
+    assert moved["false"] == 0.0 and moved["true"] > 0.01

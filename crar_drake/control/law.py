@@ -343,12 +343,13 @@ class ControlLaw:
             # As the targets, lest the first step be a jerk.
             here = q[model.controlled_positions[: model.n]]
             posture = here + blend[0] * (posture - here)
+        rows = self._efforts.rows(workspace) if mode.plans else None
         solution = mode.resolve(
             workspace,
             measured,
             Targets(tasks, targets.prescribed, posture, start, blend),
             before if before.continues else None,
-            **({"efforts": self._efforts.rows(workspace)} if mode.plans else {}),
+            **({"efforts": rows} if mode.plans else {}),
         )
         if governed is not None and not np.array_equal(governed, targets.tasks):
             solution.task_error = self._error(measured, targets.tasks)
@@ -363,7 +364,7 @@ class ControlLaw:
                 return self._brake(workspace, before, tick, measured, regions)
             raise _no_orientation("desired_tasks", time)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        regions = self._complete(solution, workspace, measured, status, regions)
+        regions = self._complete(solution, workspace, measured, status, regions, rows)
         return Memory(
             tick,
             solution=solution,
@@ -543,10 +544,11 @@ class ControlLaw:
         measured: Measured,
         status: float,
         regions: Regions | None,
+        rows: np.ndarray | None = None,
     ) -> Regions | None:
         """Adds what follows from the accelerations, which effort limits and obstacles
         may change; gives where these are a period on at most."""
-        self._efforts.limit(workspace, measured, solution)
+        self._efforts.limit(workspace, measured, solution, rows)
         if regions is not None:
             q, v = measured.q[0], measured.v
             changed, regions = self.among.limit(regions, q, v, solution)

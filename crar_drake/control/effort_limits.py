@@ -7,7 +7,7 @@ admits them again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,9 +23,9 @@ from crar_drake.equations.torque_limit import (
     clip_torque,
     held_step,
     nearest_accelerations,
-    next_braking_torque,
     share_of_nominal,
 )
+from crar_drake.equations.within_efforts import NO_EXCESS
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.workspace import Workspace
 
@@ -35,17 +35,6 @@ _CALM = 0.5
 # more of it [1], for other accelerations let it grow otherwise; so often at most, and
 # at most to this share of the limit [1].
 _GROWTH, _TRIES, _MOST_FREE = 1.2, 8, 0.3
-
-# What `nearest_accelerations` and rounding leave beyond a limit is no excess [1].
-NO_EXCESS = 1e-4
-
-# The next braking torque is aimed to need 80 % of a limit at most, and to be possible
-# is judged by the accelerations alone: so much counts as possible [1].
-_SURE = 0.9
-
-# So much left of the nominal accelerations is as good as all: no other horizon is
-# tried [1].
-_ENOUGH = 0.99
 
 _NO_INERTIA = np.zeros((0, 0))
 
@@ -82,20 +71,6 @@ class _Candidate(NamedTuple):
     reported: Mapping[str, np.ndarray] = {}
 
 
-class _Braking(NamedTuple):
-    """How the robot would brake: over which horizon, and who along.
-
-    Attributes:
-        mode: that admits accelerations with this horizon.
-        horizon: T [s].
-        holdings: each holds `Holding`, of who gives way where limits are passed.
-    """
-
-    mode: Mode
-    horizon: float
-    holdings: list[Held]
-
-
 class EffortLimits:
     """What the effort limits of a robot make of nominal accelerations.
 
@@ -113,28 +88,13 @@ class EffortLimits:
         self._giving_way = [model.controlled]
         if model.n_p:
             self._giving_way.append(model.order)
+        self._mode, self._horizon = mode, float(gains.braking_horizon)
         plant_step = float(model.plant.time_step())
-        self._braking = self._over(mode, float(gains.braking_horizon), plant_step)
-        self._slower = [
-            self._over(slower, float(slower.horizon), plant_step)
-            for slower in mode.slower
-        ]
-        # Of what `held_step` returns.
-        nv = model.plant.num_velocities()
-        nu = model.plant.num_actuated_dofs()
-        ends = (0, nv, nv + nu, nv + nu + 2)
-        self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
-        ticks = gains.torque_ticks(plant_step)
-        # After the control tick.
-        self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
-
-    def _over(self, mode: Mode, horizon: float, plant_step: float) -> _Braking:
-        model = self._model
-        holdings = [
+        self._holdings = [
             hold(
                 Holding(
                     joints,
-                    horizon,
+                    self._horizon,
                     self._period,
                     plant_step,
                     model.positions,
@@ -144,18 +104,34 @@ class EffortLimits:
             )
             for joints in self._giving_way
         ]
-        return _Braking(mode, horizon, holdings)
+        # Of what `held_step` returns.
+        nv = model.plant.num_velocities()
+        self._still = np.zeros(nv)
+        nu = model.plant.num_actuated_dofs()
+        ends = (0, nv, nv + nu, nv + nu + 2)
+        self._parts = (*(slice(a, b) for a, b in pairwise(ends)), slice(ends[-1], None))
+        ticks = gains.torque_ticks(plant_step)
+        # After the control tick.
+        self._torque_times = [self._period * k / ticks for k in range(1, ticks)]
 
     def compile(
         self, workspace: Workspace, measured: Measured, vdot: np.ndarray
     ) -> None:
         """Compiles what has yet to be, at the workspace's state."""
-        nominal = self._effort(workspace, vdot)
+        if self._mode.slower:
+            self._mode.limited(measured, vdot, self.rows(workspace))
+            return
+        actuation = self._model.inverse_dynamics(workspace, vdot)
+        nominal = self._effort(workspace, vdot, actuation)
         joints = self._model.controlled
-        self._nearest(self._braking, workspace, measured, nominal, self.limits, joints)
+        self._nearest(workspace, measured, nominal, self.limits, joints)
 
     def limit(
-        self, workspace: Workspace, measured: Measured, solution: Solution
+        self,
+        workspace: Workspace,
+        measured: Measured,
+        solution: Solution,
+        rows: np.ndarray | None = None,
     ) -> None:
         """Changes a solution's accelerations to the nearest that are within the limits
         and the mode's bounds, in this period's torque ticks, too; and adds what follows
@@ -165,13 +141,28 @@ class EffortLimits:
             workspace: at the state of the control step, where it is left.
             measured: of the same state.
             solution: of the mode.
+            rows: `rows` of the state, if they are known.
         """
         vdot = solution.acceleration
-        actuation = self._model.inverse_dynamics(workspace, vdot)
-        if self.finite:
-            found = self._limited(workspace, measured, vdot, actuation)
+        if self.finite and self._mode.slower:
+            if rows is None:
+                rows = self.rows(workspace)
+            found = self._within_ticks(
+                workspace,
+                measured,
+                lambda limits: self._of_mode(measured, vdot, rows, limits),
+            )
         else:
-            found = self._unlimited(measured, vdot, actuation, self._period)
+            actuation = self._model.inverse_dynamics(workspace, vdot)
+            if self.finite:
+                nominal = self._effort(workspace, vdot, actuation)
+                found = self._within_ticks(
+                    workspace,
+                    measured,
+                    lambda limits: self._within(workspace, measured, nominal, limits),
+                )
+            else:
+                found = self._unlimited(measured, vdot, actuation, self._period)
         solution.acceleration, solution.actuation = found.vdot, found.actuation
         solution.torque_limit, solution.position_command = (
             found.torque_limit,
@@ -181,23 +172,24 @@ class EffortLimits:
             solution.of_mode = {**solution.of_mode, **found.reported}
 
     def rows(self, workspace: Workspace) -> np.ndarray:
-        """What accelerations take of the motors that have a limit.
+        """What accelerations take of the motors.
 
         Args:
             workspace: at the state of the control step.
 
         Returns:
-            (k, nv + 2) A, b and limit of each, by which |A q_ddot + b| is to be at most
-            the limit, with accelerations in the robot's order.
+            (nu, nv + 2) A, b and limit of each, by which |A q_ddot + b| is to be at
+            most the limit, with accelerations in the robot's order; (0, nv + 2) if no
+            motor has a limit.
         """
         model = self._model
-        weak = np.flatnonzero(np.isfinite(self.limits))
-        rows = np.zeros((len(weak), len(model.order) + 2))
-        if len(weak):
-            A = model.effort_per_acceleration(workspace)
-            rows[:, :-2] = A[weak][:, model.order]
-            rows[:, -2] = model.inverse_dynamics(workspace, np.zeros(A.shape[1]))[weak]
-            rows[:, -1] = self.limits[weak]
+        if not self.finite:
+            return np.zeros((0, len(model.order) + 2))
+        rows = np.empty((len(self.limits), len(model.order) + 2))
+        A = model.effort_per_acceleration(workspace)
+        np.take(A, model.order, axis=1, out=rows[:, :-2])
+        rows[:, -2] = model.inverse_dynamics(workspace, self._still)
+        rows[:, -1] = self.limits
         return rows
 
     def within(self, workspace: Workspace, vdot: np.ndarray) -> bool:
@@ -232,17 +224,16 @@ class EffortLimits:
             share = solution.torque_limit[0]
             solution.torque_limit = np.array([share, excess])
 
-    def _limited(
+    def _within_ticks(
         self,
         workspace: Workspace,
         measured: Measured,
-        vdot: np.ndarray,
-        actuation: np.ndarray,
+        within: Callable[[np.ndarray], _Candidate],
     ) -> _Candidate:
-        inertia = self._model.effort_per_acceleration(workspace)
-        nominal = _Nominal(vdot, actuation, inertia)
+        """What is within the limits (nu,) at this period's torque ticks, too, by what
+        `within` finds of limits at the control tick."""
         limits = self.limits
-        found = self._within(workspace, measured, nominal, limits)
+        found = within(limits)
         for _ in range(_TRIES):
             excess = self._excess_to_come(workspace, measured, found)
             if excess is None:
@@ -251,23 +242,34 @@ class EffortLimits:
             lowered = np.minimum(limits, np.abs(found.actuation)) - _GROWTH * excess
             lowered = np.maximum(lowered, _MOST_FREE * self.limits)
             limits = np.where(excess > 0.0, lowered, limits)
-            again = self._within(workspace, measured, nominal, limits)
+            again = within(limits)
             if again.torque_limit[1] > NO_EXCESS:
                 break
             found = again
         return found
 
+    def _of_mode(
+        self,
+        measured: Measured,
+        vdot: np.ndarray,
+        rows: np.ndarray,
+        limits: np.ndarray,
+    ) -> _Candidate:
+        """What the mode finds within limits (nu,), over the horizon that it chooses."""
+        if limits is not self.limits:
+            rows = rows.copy()
+            rows[:, -1] = limits
+        found, reported = self._mode.limited(measured, vdot, rows)
+        return _Candidate(*map(found.__getitem__, self._parts), reported)
+
     def clipped(self, actuation: np.ndarray) -> tuple[np.ndarray, float]:
         """`clip_torque`, for accelerations that are decided already."""
         return clip_torque(actuation, self.limits)
 
-    def _effort(self, workspace: Workspace, vdot: np.ndarray) -> _Nominal:
-        model = self._model
-        return _Nominal(
-            vdot,
-            model.inverse_dynamics(workspace, vdot),
-            model.effort_per_acceleration(workspace),
-        )
+    def _effort(
+        self, workspace: Workspace, vdot: np.ndarray, actuation: np.ndarray
+    ) -> _Nominal:
+        return _Nominal(vdot, actuation, self._model.effort_per_acceleration(workspace))
 
     def _within(
         self,
@@ -279,116 +281,27 @@ class EffortLimits:
         """The nominal accelerations, or the nearest within these limits (nu,) that the
         mode admits.
 
-        Where the motors have not the torque to brake within the horizon, they may have
-        it for one of the mode's longer ones. That counts if this braking path is clear,
-        too, as it then is after the step. Of those from which braking is possible for
-        the motors again, what leaves the most of them is taken; the first that leaves
-        nearly all. Horizons over which the motors cannot brake now are tried only if no
-        other will do.
+        The nearest of the controlled joints, or where that is not enough, of all; or a
+        share of the nominal accelerations, if that is more than the mode leaves of the
+        nearest.
         """
-        args = (workspace, measured, nominal, limits)
-        if not self._slower:
-            return self._with(self._braking, *args)
-        every = (self._braking, *self._slower)
-        found, best = None, (False, -np.inf, -np.inf)
-        for possible in (True, False):
-            for braking in every:
-                if self._brakes(braking, measured, nominal) != possible:
-                    continue
-                other = self._with(braking, *args)
-                rank = self._rank(braking, measured, nominal, other)
-                if rank > best and (
-                    braking is self._braking
-                    or braking.mode.may_brake(measured, other.reported)
-                ):
-                    found, best = other, rank
-                    if best >= (True, 0.0, _ENOUGH):
-                        return found
-            if best[0]:
-                return found
-        return found
-
-    def _brakes(self, braking: _Braking, measured: Measured, nominal: _Nominal) -> bool:
-        """Whether the motors have the torque to brake over this horizon now."""
-        joints = self._model.controlled
-        change = -measured.v[joints] / braking.horizon - nominal.vdot[joints]
-        tau = nominal.actuation + nominal.inertia[:, joints] @ change
-        return bool(np.all(np.abs(tau) <= self.limits))
-
-    def _rank(
-        self,
-        braking: _Braking,
-        measured: Measured,
-        nominal: _Nominal,
-        found: _Candidate,
-    ) -> tuple[bool, float, float]:
-        """Whether the next step's braking is within the limits; else how long it takes,
-        the more of it the better; how much is left of the nominal accelerations."""
-        share, excess = found.torque_limit.tolist()
-        if excess > NO_EXCESS:
-            return False, 0.0, -excess
-        if self._may_go_on(braking, measured, nominal, found.vdot, found.actuation):
-            return True, 0.0, share
-        return False, braking.horizon, share
-
-    def _may_go_on(
-        self,
-        braking: _Braking,
-        measured: Measured,
-        nominal: _Nominal,
-        vdot: np.ndarray,
-        actuation: np.ndarray,
-    ) -> bool:
-        """Whether braking is within the limits after a step of accelerations (nv,)."""
-        tau = next_braking_torque(
-            vdot,
-            actuation,
-            nominal.inertia,
-            measured.v,
-            self._model.controlled,
-            braking.horizon,
-            self._period,
-        )
-        return bool(np.all(np.abs(tau) <= _SURE * self.limits))
-
-    def _with(
-        self,
-        braking: _Braking,
-        workspace: Workspace,
-        measured: Measured,
-        nominal: _Nominal,
-        limits: np.ndarray,
-    ) -> _Candidate:
-        """The nearest of the controlled joints, or where that is not enough, of all; or
-        a share of the nominal accelerations, if that is more than the mode leaves of
-        the nearest."""
-        slowed = self._slowed(braking, measured, nominal, limits)
+        slowed = self._slowed(measured, nominal, limits)
         share, excess = slowed.torque_limit.tolist()  # an array is slow to unpack
         if share == 1.0 and excess == 0.0:
-            if braking is self._braking:
-                return slowed  # which the mode has admitted as its own
-            found = self._admitted(
-                braking, workspace, measured, nominal, limits, slowed
-            )
-            if np.array_equal(found.vdot, nominal.vdot):
-                found.torque_limit[0] = 1.0
-            return found
+            return slowed  # which the mode has admitted as its own
         for joints in self._giving_way:
-            near = self._nearest(braking, workspace, measured, nominal, limits, joints)
-            found = self._admitted(braking, workspace, measured, nominal, limits, near)
+            near = self._nearest(workspace, measured, nominal, limits, joints)
+            found = self._admitted(workspace, measured, nominal, limits, near)
             if found.torque_limit[1] <= NO_EXCESS:
                 break
         if excess == 0.0 and share > found.torque_limit[0]:
-            scaled = self._admitted(
-                braking, workspace, measured, nominal, limits, slowed
-            )
+            scaled = self._admitted(workspace, measured, nominal, limits, slowed)
             if scaled.torque_limit[0] > found.torque_limit[0]:
                 return scaled
         return found
 
     def _nearest(
         self,
-        braking: _Braking,
         workspace: Workspace,
         measured: Measured,
         nominal: _Nominal,
@@ -400,7 +313,7 @@ class EffortLimits:
         model, n = self._model, self._model.n
         bounds = np.full((2, len(joints)), np.inf)
         bounds[0] = -np.inf
-        bounds[:, :n] = braking.mode.acceleration_bounds(measured) or bounds[:, :n]
+        bounds[:, :n] = self._mode.acceleration_bounds(measured) or bounds[:, :n]
         near = nearest_accelerations(
             nominal.vdot,
             nominal.actuation,
@@ -410,17 +323,16 @@ class EffortLimits:
             limits,
             bounds[0],
             bounds[1],
-            braking.horizon,
+            self._horizon,
             self._period,
         )
         found = nominal._replace(
             vdot=near, actuation=model.inverse_dynamics(workspace, near)
         )
-        return self._slowed(braking, measured, found, limits)
+        return self._slowed(measured, found, limits)
 
     def _admitted(
         self,
-        braking: _Braking,
         workspace: Workspace,
         measured: Measured,
         nominal: _Nominal,
@@ -430,39 +342,25 @@ class EffortLimits:
         """What the mode admits of accelerations within the limits."""
         model = self._model
         actuation, limit, after = slowed.actuation, slowed.torque_limit, slowed.after
-        vdot, reported = slowed.vdot, None
-        if braking is not self._braking:
-            # Whose rows have yet to be looked at; but what the guard makes of them may
-            # be beyond the limits.
-            vdot, reported = braking.mode.admit_again(measured, vdot, True)
-            if not braking.mode.may_brake(measured, reported):
-                return slowed._replace(reported=reported)
-            tau = model.inverse_dynamics(workspace, vdot)
-            if np.any(np.abs(tau) > (1.0 + NO_EXCESS) * limits) or not self._may_go_on(
-                braking, measured, nominal, vdot, tau
-            ):
-                vdot, reported = slowed.vdot, None
-        if reported is None:
-            vdot, reported = braking.mode.admit_again(measured, vdot)
+        vdot, reported = self._mode.admit_again(measured, slowed.vdot)
         if not np.array_equal(vdot, slowed.vdot):
             actuation = model.inverse_dynamics(workspace, vdot)
             actuation, limit[1] = clip_torque(actuation, limits)
             after = self._unlimited(measured, vdot, actuation, self._period).after
         limit[0] = share_of_nominal(
-            vdot, nominal.vdot, measured.v, model.controlled, self._braking.horizon
+            vdot, nominal.vdot, measured.v, model.controlled, self._horizon
         )
         return _Candidate(vdot, actuation, limit, after, reported)
 
     def _slowed(
         self,
-        braking: _Braking,
         measured: Measured,
         nominal: _Nominal,
         limits: np.ndarray,
     ) -> _Candidate:
         """`limit_torque` at the state. Where the prescribed joints ask for more than
         the motors have, whatever the others do, they brake along."""
-        for holding in braking.holdings:
+        for holding in self._holdings:
             found = self._held(measured, nominal, limits, self._period, holding)
             if found.torque_limit[1] == 0.0:
                 break
@@ -473,9 +371,7 @@ class EffortLimits:
     ) -> _Candidate:
         """The same accelerations and torque, and what they lead to after `time` [s]."""
         nominal = _Nominal(vdot, actuation, _NO_INERTIA)
-        return self._held(
-            measured, nominal, self.limits, time, self._braking.holdings[0]
-        )
+        return self._held(measured, nominal, self.limits, time, self._holdings[0])
 
     def _held(
         self,

@@ -18,6 +18,7 @@ import numpy as np
 
 from crar_drake.control.balance import Balance
 from crar_drake.control.effort_limits import EffortLimits
+from crar_drake.control.lateness import LATEST, Lateness, watch_lateness
 from crar_drake.control.law_among import LawAmong
 from crar_drake.control.modes import MODES, validate
 from crar_drake.control.obstacles import Obstacles, Regions
@@ -117,6 +118,9 @@ class ControlLaw:
             model.row_weights if model.weighs_rows else _NOTHING,
         )
         self.mode = MODES[gains.constraints](model, gains, task_gains)
+        if self.mode.plans:
+            # A plan is stiff: a lag that nobody has told of is looked for.
+            self._num_sent = math.ceil(late) + round(LATEST / self._period) + 2
         self._plausible = PlausibleStates(model, self._period)
         self._efforts = EffortLimits(model, self.mode, gains)
         self.effort_limits = self._efforts.limits
@@ -314,7 +318,13 @@ class ControlLaw:
         if model.num_free:
             self._check_orientation("the measured position of the root", q, time)
         before = memory if tick == memory.tick + 1 else Memory()
-        q, v = self._predict(before.sent, self._period, q, v)
+        lateness = None
+        if mode.plans:
+            told = self._latency / self._period
+            lateness = watch_lateness(
+                before.lateness, v, before.sent, told, self._period
+            )
+        q, v = self._predict(before.sent, lateness, self._period, q, v)
         if not len(targets.posture):
             targets = targets._replace(posture=self.default_posture(q))
         believed = v
@@ -327,10 +337,12 @@ class ControlLaw:
             regions = self.among.regions(before, obstacles, q, believed)
         if believed is not v or not self._came(before, q, v):
             return self._brake(
-                workspace, before, tick, measured, regions, STATUS_IMPLAUSIBLE
+                workspace, before, tick, measured, regions, STATUS_IMPLAUSIBLE, lateness
             )
         if not self._usable(targets, time):
-            return self._brake(workspace, before, tick, measured, regions)
+            return self._brake(
+                workspace, before, tick, measured, regions, lateness=lateness
+            )
         start_time, start = memory.start_time, memory.start
         if start is None:
             start_time, start = time, self._start(measured)
@@ -343,12 +355,13 @@ class ControlLaw:
             # As the targets, lest the first step be a jerk.
             here = q[model.controlled_positions[: model.n]]
             posture = here + blend[0] * (posture - here)
+        rows = self._efforts.rows(workspace) if mode.plans else None
         solution = mode.resolve(
             workspace,
             measured,
             Targets(tasks, targets.prescribed, posture, start, blend),
             before if before.continues else None,
-            **({"efforts": self._efforts.rows(workspace)} if mode.plans else {}),
+            **({"efforts": rows} if mode.plans else {}),
         )
         if governed is not None and not np.array_equal(governed, targets.tasks):
             solution.task_error = self._error(measured, targets.tasks)
@@ -360,10 +373,12 @@ class ControlLaw:
                     "solver; are positions, velocities or targets beyond all sense?"
                 )
             if mode.brakes_without_targets:
-                return self._brake(workspace, before, tick, measured, regions)
+                return self._brake(
+                    workspace, before, tick, measured, regions, lateness=lateness
+                )
             raise _no_orientation("desired_tasks", time)
         status = STATUS_TRACKING if blend[0] == 1.0 else STATUS_BLENDING
-        regions = self._complete(solution, workspace, measured, status, regions)
+        regions = self._complete(solution, workspace, measured, status, regions, rows)
         return Memory(
             tick,
             solution=solution,
@@ -375,6 +390,7 @@ class ControlLaw:
             governed=governed,
             regions=regions,
             sent=self._sent(before, solution),
+            lateness=lateness,
         )
 
     def _usable(self, targets: Targets, time: float) -> bool:
@@ -426,21 +442,22 @@ class ControlLaw:
             torque_tick: for the result.
             q, v: (nq,), (nv,) state of the whole plant.
         """
-        model, held = self.model, memory.solution
-        q, v = self._predict(memory.sent, torque_tick * self._torque_period, q, v)
+        model, solved = self.model, memory.solution
+        held = torque_tick * self._torque_period
+        q, v = self._predict(memory.sent, memory.lateness, held, q, v)
         if self.mode.brakes_without_targets and memory.q is not None:
             v = self._plausible.believed(v, memory.v)
         model.plant.SetPositionsAndVelocities(
             workspace.plant_context, np.concatenate((q, v))
         )
-        actuation = model.inverse_dynamics(workspace, held.acceleration)
-        root_force = model.root_force(workspace, held.acceleration)
-        torque_limit = held.torque_limit
+        actuation = model.inverse_dynamics(workspace, solved.acceleration)
+        root_force = model.root_force(workspace, solved.acceleration)
+        torque_limit = solved.torque_limit
         if self._efforts.finite:
             actuation, excess = self._efforts.clipped(actuation)
             torque_limit = np.array([torque_limit[0], excess])
         solution = replace(
-            held,
+            solved,
             actuation=actuation,
             torque_limit=torque_limit,
             root_force=root_force,
@@ -448,16 +465,24 @@ class ControlLaw:
         return memory.at_torque_tick(torque_tick, solution)
 
     def _predict(
-        self, sent: Sequence[np.ndarray], held: float, q: np.ndarray, v: np.ndarray
+        self,
+        sent: Sequence[np.ndarray],
+        lateness: Lateness | None,
+        held: float,
+        q: np.ndarray,
+        v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The state now, if q, v was that a latency ago and the robot did as told.
 
         Args:
             sent: accelerations (nv,) that were commanded, the newest first.
+            lateness: what was seen of it beyond the latency; None for nothing.
             held: for how long the newest has been so [s].
             q, v: (nq,), (nv,) as measured.
         """
         model, left, since = self.model, self._latency, []
+        if lateness is not None:
+            left += lateness.periods * self._period
         for vdot in sent:
             if left <= _ROUNDING * self._period:
                 break
@@ -515,6 +540,7 @@ class ControlLaw:
         measured: Measured,
         regions: Regions | None,
         status: float = STATUS_BRAKING,
+        lateness: Lateness | None = None,
     ) -> Memory:
         """q_ddot = -q_dot / T, and blend in when the targets are back, or the state."""
         model = self.model
@@ -534,6 +560,7 @@ class ControlLaw:
             v=after,
             regions=regions,
             sent=self._sent(before, solution),
+            lateness=lateness,
         )
 
     def _complete(
@@ -543,10 +570,11 @@ class ControlLaw:
         measured: Measured,
         status: float,
         regions: Regions | None,
+        rows: np.ndarray | None = None,
     ) -> Regions | None:
         """Adds what follows from the accelerations, which effort limits and obstacles
         may change; gives where these are a period on at most."""
-        self._efforts.limit(workspace, measured, solution)
+        self._efforts.limit(workspace, measured, solution, rows)
         if regions is not None:
             q, v = measured.q[0], measured.v
             changed, regions = self.among.limit(regions, q, v, solution)

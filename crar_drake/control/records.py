@@ -114,7 +114,8 @@ class Memory:
             governor, and where the targets were lost.
         regions: the `control.obstacles.Regions` of the next step; None without any.
         sent: accelerations (nv,) that were commanded, the newest first; as many as
-            `CrarParameters.latency` needs.
+            `CrarParameters.latency` and `lateness` need.
+        lateness: `control.lateness.Lateness`; None where nobody looks for it.
     """
 
     tick: int = -1
@@ -128,6 +129,7 @@ class Memory:
     governed: np.ndarray | None = None
     regions: Any = None
     sent: tuple[np.ndarray, ...] = ()
+    lateness: Any = None
 
     def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:
         """The same control step with the torque of a later torque tick."""
@@ -144,6 +146,7 @@ class Memory:
             self.governed,
             self.regions,
             self.sent,
+            self.lateness,
         )
 
     def __deepcopy__(self, memo: dict) -> Memory:

@@ -22,21 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crar_drake.equations.admission import (
-    AS_NOMINAL,
-    SCALED,
-    check_step,
-    examine_present,
-    scale_step,
-)
 from crar_drake.equations.compilation import Held, compiled
 from crar_drake.equations.handover import take_over
 from crar_drake.equations.kinematics import (
     Measured,
-    State,
     find_state,
     join_joints,
-    row_distances,
 )
 from crar_drake.equations.lookahead_guard import (
     admit,
@@ -44,29 +35,24 @@ from crar_drake.equations.lookahead_guard import (
     guard,
     guard_norm,
     nominal_velocity,
-    share_within,
-    step_bounds,
 )
 from crar_drake.equations.lookahead_rows import (
-    Constraints,
-    Limits,
-    LookaheadGains,
-    join_constraints,
-    limit_constraints,
+    find_constraints,
     limit_margins,
-    margin_curvature,
-    pair_constraints,
     pair_margins,
     resting_velocity,
     slip_velocity,
     some_of,
-    that_weigh,
     weighed_margins,
     with_resting,
 )
 from crar_drake.equations.preview import preview_plan, previewed_velocity
 from crar_drake.equations.references import Targets, find_references
-from crar_drake.equations.vectors import identity, smallest, times
+from crar_drake.equations.vectors import smallest
+from crar_drake.equations.within_efforts import (
+    limited_acceleration,
+    scale_acceleration,
+)
 
 
 class LookaheadMemory(NamedTuple):
@@ -178,130 +164,6 @@ def lookahead_step(
     return vdot, error, W, qdot_c, slip, weighed, plan, margins, admission, d
 
 
-@compiled
-def find_constraints(
-    state: State,
-    h: np.ndarray,
-    by_pairs: np.ndarray,
-    to_limits: np.ndarray,
-    by_limits: np.ndarray,
-    s_p: np.ndarray,
-    slip: np.ndarray,
-    limits: Limits,
-    gains: LookaheadGains,
-) -> Constraints:
-    """The rows of pairs and of limits that weigh.
-
-    Args:
-        state: of the robot.
-        h, by_pairs: (2 Nr,) margins of the pairs, and those by which they weigh [m].
-        to_limits, by_limits: (nl,) the same of limits [rad].
-        s_p: (n_p,) velocity of q_s of the prescribed joints.
-        slip: (n,) that is expected to go on [rad/s].
-        limits, gains: of the mode.
-    """
-    n, v = len(slip), state.v
-    by_joint = state.dd_dv.reshape(len(h), len(v))
-    pairs = pair_constraints(
-        h,
-        by_pairs,
-        np.ascontiguousarray(by_joint[:, :n]),
-        times(by_joint[:, n:], s_p) + margin_curvature(state.dd_dv, v),
-        slip,
-        gains,
-    )
-    at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
-    return join_constraints(pairs, that_weigh(at_limits))
-
-
-@compiled
-def acceleration_bounds(
-    measured: Measured, robot: Held, mode: Held
-) -> tuple[np.ndarray, np.ndarray]:
-    """`step_bounds` as accelerations, (n,), (n,) [rad/s^2]; arguments as below."""
-    r, numbers = robot.value, mode.value
-    q, v = measured.q[0][r.positions], measured.v[r.order]
-    lowest, highest = step_bounds(q, v, r.n, numbers.limits.value, numbers.admission)
-    qdot, T = v[: r.n], numbers.admission.T
-    return (lowest - qdot) / T, (highest - qdot) / T
-
-
-@compiled
-def scale_acceleration(
-    measured: Measured, vdot: np.ndarray, robot: Held, mode: Held
-) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations whose step is clear, between the given ones and braking.
-
-    For what the effort limits have changed after `admit`.
-
-    Args:
-        measured: the state, and q_s.
-        vdot: (nv,) accelerations in the plant's order.
-        robot, mode: as in `lookahead_step`.
-
-    Returns:
-        (nv,) accelerations; (4,) of `admit`.
-    """
-    r, numbers = robot.value, mode.value
-    admission, reaches = numbers.admission, numbers.reaches
-    T, v = admission.T, measured.v[r.order]
-    q, s = measured.q[0][r.positions], resting_velocity(v, vdot[r.order], admission.T)
-    limits = numbers.limits.value
-    inside = share_within(s, *step_bounds(q, v, r.n, limits, admission))
-    s = inside * s
-    d = row_distances(measured, r)
-    present = examine_present(q, v, s, d, r, reaches, admission)
-    checked = check_step(q, v, s, present, r, reaches, admission)
-    how, share, clearance = AS_NOMINAL, 1.0, checked.clearance
-    if not checked.clear:
-        share, clearance = scale_step(q, v, s, present, r, reaches, admission)
-        s = share * s
-    share *= inside
-    if share < 1.0:
-        how = SCALED
-        qddot = (s - v) / T
-        vdot = join_joints(qddot[: r.n], qddot[r.n :], r.order)
-    clearance = min(clearance, present.low.min()) if len(present.low) else np.inf
-    return vdot, np.array([how, share, clearance, 1.0 if present.held else 0.0])
-
-
-@compiled
-def guard_acceleration(
-    measured: Measured, vdot: np.ndarray, robot: Held, mode: Held
-) -> tuple[np.ndarray, np.ndarray]:
-    """What guard and `admit` leave of accelerations that were chosen elsewhere.
-
-    For those of another horizon: the guard changes what this one's rows ask for, and
-    no joint besides, where `scale_acceleration` slows all of them down.
-
-    Args, returns: as of `scale_acceleration`.
-    """
-    r, numbers = robot.value, mode.value
-    limits, gains = numbers.limits.value, numbers.gains
-    n, T = r.n, gains.T
-    state = find_state(measured, r)
-    v, qdot = state.v, state.v[:n]
-    s = resting_velocity(v, vdot[r.order], T)
-    present = examine_present(
-        state.q, v, s, state.d, r, numbers.reaches, numbers.admission
-    )
-    if not present.held:
-        return vdot, np.array([SCALED, 0.0, present.low.min(), 0.0])
-    h = pair_margins(state.d, state.dd_dv, v, T)
-    to_limits = limit_margins(state.q[:n] + T * qdot, limits)
-    constraints = find_constraints(
-        state, h, h, to_limits, to_limits, s[n:], np.zeros(n), limits, gains
-    )
-    s_0, norm = s[:n], identity(n)
-    s_1, _ = guard(s_0, constraints, norm)
-    s_c, s_p, admission = admit(
-        s_0, s[n:], s_1, state.q, v, state.d, constraints, norm, r, numbers
-    )
-    if not (s_c == s_0).all() or admission[1] < 1.0:
-        vdot = join_joints((s_c - qdot) / T, (s_p - v[n:]) / T, r.order)
-    return vdot, admission
-
-
 class LookaheadLaw(NamedTuple):
     """All that stays from step to step."""
 
@@ -329,12 +191,11 @@ def lookahead_or_scaled(
     kept: np.ndarray,
     efforts: np.ndarray,
     accelerations: np.ndarray,
-    guarded: bool,
     law: Held,
 ) -> np.ndarray:
     """`lookahead_step`, from arrays to one; or `scale_acceleration` or
-    `guard_acceleration`, which are next to nothing to compile beside it and would else
-    be half as much again.
+    `limited_acceleration`, which are next to nothing to compile beside it and would
+    else be half as much again.
 
     Args:
         q, v, asked: of the state, in the plant's order, see `handover.hand_over`; what
@@ -344,23 +205,25 @@ def lookahead_or_scaled(
         v_before, vdot_before: (nv,), (nv,) velocities one period ago, and what was
             commanded then, in the plant's order.
         kept: (n + 2 Nr + nl + N n,) slip, margins and plan of `LookaheadMemory`.
-        efforts: (k, nv + 2) of `preview.effort_rows`; any where there are
-            accelerations.
-        accelerations: (nv,) that are to be scaled or guarded; (0,) for a step.
-        guarded: which of the two.
+        efforts: (nu, nv + 2) of `preview.effort_rows`, (0, nv + 2) without limits.
+        accelerations: (nv,) that are to be scaled, or where there are efforts limited;
+            (0,) for a step.
         law: holds `LookaheadLaw`.
 
     Returns:
-        What `lookahead_step` returns, one after the other; else (nv,) accelerations and
-        (4,) of `admit`.
+        What the one of the three returns, one after the other.
     """
     robot, mode = law.value.robot, law.value.mode
     r, n = robot.value, robot.value.n
     measured = Measured(with_resting(q, v, r, mode.value.gains.T), v, asked)
-    if len(accelerations) and guarded:
-        return np.concatenate(guard_acceleration(measured, accelerations, robot, mode))
+    if len(accelerations) and len(efforts):
+        found = limited_acceleration(
+            measured, accelerations, efforts, robot, mode.value
+        )
+        return np.concatenate(found)
     if len(accelerations):
-        return np.concatenate(scale_acceleration(measured, accelerations, robot, mode))
+        found = scale_acceleration(measured, accelerations, robot, mode.value)
+        return np.concatenate(found)
     controlled, planned = r.order[:n], n * len(mode.value.preview.value.times)
     return np.concatenate(
         lookahead_step(

@@ -66,6 +66,7 @@ class LookaheadNumbers(NamedTuple):
     reaches: Held  # of `Reaches`
     members: np.ndarray  # (Nc, most) the rows of each watched pair; the first fills up
     preview: Held  # of `Preview`
+    horizons: np.ndarray  # (K,) T, and longer ones where motors are weak [s]
 
 
 @compiled

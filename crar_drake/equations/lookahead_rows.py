@@ -15,7 +15,7 @@ from crar_drake.equations.joint_limits import (
     limit_gradient,
     limit_potential,
 )
-from crar_drake.equations.kinematics import Robot
+from crar_drake.equations.kinematics import Robot, State
 from crar_drake.equations.vectors import times
 
 # A margin of a row smaller than this [m] weighs as this: weights stay finite. At a
@@ -398,3 +398,39 @@ def slip_velocity(
     """
     seen = T * ((qdot - qdot_before) / period - qddot_before)
     return previous + share * (seen - previous)
+
+
+@compiled
+def find_constraints(
+    state: State,
+    h: np.ndarray,
+    by_pairs: np.ndarray,
+    to_limits: np.ndarray,
+    by_limits: np.ndarray,
+    s_p: np.ndarray,
+    slip: np.ndarray,
+    limits: Limits,
+    gains: LookaheadGains,
+) -> Constraints:
+    """The rows of pairs and of limits that weigh.
+
+    Args:
+        state: of the robot.
+        h, by_pairs: (2 Nr,) margins of the pairs, and those by which they weigh [m].
+        to_limits, by_limits: (nl,) the same of limits [rad].
+        s_p: (n_p,) velocity of q_s of the prescribed joints.
+        slip: (n,) that is expected to go on [rad/s].
+        limits, gains: of the mode.
+    """
+    n, v = len(slip), state.v
+    by_joint = state.dd_dv.reshape(len(h), len(v))
+    pairs = pair_constraints(
+        h,
+        by_pairs,
+        np.ascontiguousarray(by_joint[:, :n]),
+        times(by_joint[:, n:], s_p) + margin_curvature(state.dd_dv, v),
+        slip,
+        gains,
+    )
+    at_limits = limit_constraints(to_limits, by_limits, slip, limits, gains)
+    return join_constraints(pairs, that_weigh(at_limits))

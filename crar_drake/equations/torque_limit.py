@@ -156,6 +156,7 @@ def _reserve(tau_brake, limits, c):
     return usual + (1.0 - c) * np.maximum(0.0, np.abs(tau_brake) - usual)
 
 
+@compiled
 def next_braking_torque(
     vdot: np.ndarray,
     tau: np.ndarray,
@@ -175,8 +176,8 @@ def next_braking_torque(
         inertia, v, controlled, T, period: as in `limit_torque`.
     """
     braking = vdot.copy()
-    braking[controlled] = -(v + period * vdot)[controlled] / T
-    return tau + inertia @ (braking - vdot)
+    put_at(braking, controlled, -(v + period * vdot)[controlled] / T)
+    return tau + times(inertia, braking - vdot)
 
 
 def share_of_nominal(

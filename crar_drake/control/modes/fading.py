@@ -91,9 +91,14 @@ class FadingMode(Mode):
         return self._mode.acceleration_bounds(measured)
 
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
+        self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        return self._mode.admit_again(measured, vdot, guarded)
+        return self._mode.admit_again(measured, vdot)
+
+    def limited(
+        self, measured: Measured, vdot: np.ndarray, efforts: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        return self._mode.limited(measured, vdot, efforts)
 
     def resolve(
         self,

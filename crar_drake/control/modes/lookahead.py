@@ -4,7 +4,6 @@
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,11 +25,7 @@ from crar_drake.equations.admission import AdmissionGains
 from crar_drake.equations.compilation import hold
 from crar_drake.equations.handover import hand_over
 from crar_drake.equations.kinematics import Measured
-from crar_drake.equations.lookahead import (
-    LookaheadLaw,
-    acceleration_bounds,
-    lookahead_or_scaled,
-)
+from crar_drake.equations.lookahead import LookaheadLaw, lookahead_or_scaled
 from crar_drake.equations.lookahead_guard import LookaheadNumbers
 from crar_drake.equations.lookahead_rows import (
     LookaheadGains,
@@ -38,6 +33,7 @@ from crar_drake.equations.lookahead_rows import (
 )
 from crar_drake.equations.preview import make_preview
 from crar_drake.equations.references import Targets, TaskGains
+from crar_drake.equations.within_efforts import NOT_ASKED, acceleration_bounds
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
@@ -132,18 +128,7 @@ class LookaheadMode(Mode):
         self.horizon = parameters.braking_horizon
         self.brakes_without_targets = ahead.lost_target == "brake"
         longest = parameters.longest_braking_horizon
-        self.slower = tuple(
-            LookaheadMode(
-                model,
-                replace(
-                    parameters,
-                    lookahead=replace(ahead, horizon=T, longest_horizon=T),
-                ),
-                gains,
-                step,
-            )
-            for T in longer_horizons(self.horizon, longest)
-        )
+        self.slower = tuple(longer_horizons(self.horizon, longest))
         self._model = model
         fastest = parameters.speed_limits(model)[model.controlled]
         errors = joint_errors(ahead, model)
@@ -228,6 +213,7 @@ class LookaheadMode(Mode):
                 self.reaches,
                 model.pairs.shape_pairs,
                 hold(preview),
+                np.array([self.horizon, *self.slower], dtype=float),
             )
         )
         self._law = hold(LookaheadLaw(self.robot, self.numbers))
@@ -288,7 +274,7 @@ class LookaheadMode(Mode):
             solution = before.solution
             last = (before.v, solution.acceleration, solution.kept)
         found = lookahead_or_scaled(
-            *hand_over(measured, targets), *last, efforts, _NOT_GIVEN, False, self._law
+            *hand_over(measured, targets), *last, efforts, _NOT_GIVEN, self._law
         )
         vdot, error, W, qdot_c, kept, margins, admission = map(
             found.__getitem__, self._parts
@@ -309,26 +295,28 @@ class LookaheadMode(Mode):
     def acceleration_bounds(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
         return acceleration_bounds(measured, self.robot, self.numbers)
 
-    def may_brake(self, measured: Measured, reported: Mapping[str, np.ndarray]) -> bool:
-        model = self._model
-        q, v = measured.q[0], measured.v[model.controlled]
-        ends = q[model.controlled_positions] + self.horizon * v
-        inside = (ends >= self.lower) & (ends <= self.upper)
-        return bool(inside.all() and reported["admission"][3] == 1.0)
-
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
+        self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
-        last = (measured.v, self._still, self._kept_first)
-        found = lookahead_or_scaled(
-            *hand_over(measured, _NO_TARGETS),
-            *last,
-            _NO_EFFORTS,
-            vdot,
-            guarded,
-            self._law,
-        )
+        found = self._ask_again(measured, vdot, _NO_EFFORTS)
         return found[: len(vdot)], {"admission": self._reported(found[len(vdot) :])}
+
+    def limited(
+        self, measured: Measured, vdot: np.ndarray, efforts: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        found = self._ask_again(measured, vdot, efforts)
+        found, admission = found[:-4], found[-4:]
+        if admission[0] == NOT_ASKED:
+            return found, {}
+        return found, {"admission": self._reported(admission)}
+
+    def _ask_again(
+        self, measured: Measured, vdot: np.ndarray, efforts: np.ndarray
+    ) -> np.ndarray:
+        last = (measured.v, self._still, self._kept_first)
+        return lookahead_or_scaled(
+            *hand_over(measured, _NO_TARGETS), *last, efforts, vdot, self._law
+        )
 
     def _reported(self, admission: np.ndarray) -> np.ndarray:
         """What is reported of braking paths: nothing, if a watched pair is not

@@ -32,8 +32,8 @@ class Mode(ABC):
         keeps_off_obstacles: whether obstacles that move are kept off.
         plans: whether `resolve` is also to be given `efforts`, (k, nv + 2) of
             `EffortLimits.rows`.
-        slower: the same mode with longer horizons, for states in which motors have not
-            the torque to brake within the short one.
+        slower: longer horizons, for states in which motors have not the torque to brake
+            within the short one [s]; a mode that has any limits its own accelerations.
     """
 
     diagnostics: ClassVar[tuple[Diagnostic, ...]] = ()
@@ -41,7 +41,7 @@ class Mode(ABC):
     plans: bool = False
     brakes_without_targets: bool = False
     keeps_off_obstacles: bool = False
-    slower: tuple[Mode, ...] = ()
+    slower: tuple[float, ...] = ()
 
     @abstractmethod
     def __init__(
@@ -74,30 +74,37 @@ class Mode(ABC):
         return None
 
     def admit_again(
-        self, measured: Measured, vdot: np.ndarray, guarded: bool = False
+        self, measured: Measured, vdot: np.ndarray
     ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
         """Accelerations that the effort limits have changed, if the mode allows them.
 
         Args:
             measured: the state, as in `resolve`.
             vdot: (nv,) accelerations within the effort limits [rad/s^2].
-            guarded: whether the mode may change joints each for itself, which may take
-                more than the limits, rather than slow all of them down.
 
         Returns:
-            (nv,) accelerations between these and braking, or guarded ones; and the
-            diagnostics that change, none if the accelerations stay.
+            (nv,) accelerations between these and braking; and the diagnostics that
+            change, none if the accelerations stay.
         """
         return vdot, {}
 
-    def may_brake(self, measured: Measured, reported: Mapping[str, np.ndarray]) -> bool:
-        """Whether the robot can brake from here, as far as constraints go.
+    def limited(
+        self, measured: Measured, vdot: np.ndarray, efforts: np.ndarray
+    ) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+        """Accelerations within the effort limits and the constraints, over whichever
+        horizon leaves the most of the given ones; of modes with a `slower` one.
 
         Args:
             measured: the state, as in `resolve`.
-            reported: by `admit_again` of this state.
+            vdot: (nv,) accelerations of `resolve` [rad/s^2].
+            efforts: (nu, nv + 2) of `EffortLimits.rows`.
+
+        Returns:
+            As `equations.within_efforts.limited_acceleration`, one after the other but
+            for the last: (nv,) accelerations; (nu,) torque; (2,) share and excess;
+            (nq + nv,) where they lead. And the diagnostics that change.
         """
-        return True
+        raise NotImplementedError
 
     @abstractmethod
     def resolve(

@@ -204,7 +204,7 @@ def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
     contact as small as they can be in the mean [m]; 0 where a foot is not `kept`.
 
     Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
-    lowest of it.
+    lowest of it, and turns about the middle of that.
     """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
@@ -217,7 +217,10 @@ def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
             if flat[t] and flat[t - 1]:
                 way = p_ball[t] - p_ball[t - 1]
             else:
-                point = points[lowest[t - start - 1]]
+                # It does not roll sideways: the edge is as low all along, and so is
+                # its middle, about which a foot turns.
+                x, _, z = points[lowest[t - start - 1]]
+                point = np.array([x, ball[1], z])
                 turned = (matrices[t] - matrices[t - 1]) @ point
                 way = (positions[t] - positions[t - 1] + turned)[:2]
             shifts[t] = shifts[t - 1] - way

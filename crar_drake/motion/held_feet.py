@@ -5,7 +5,9 @@ and the ball, the middle of its front edge. Each is found to be so by its height
 speed, with hysteresis (`planted_feet`). Then, sample by sample:
 
 * While both are on the floor the foot is flat; while one of them is, it does not roll
-  sideways, and pitches about that point as the performer's does.
+  sideways, and pitches about that point as the performer's does, but no farther than
+  until its frame is above it: people's toes bend, and a sole that does not would tip
+  over its edge there.
 * A point on the floor stays where it is, and a moment longer at either end of a
   contact: a foot comes down and leaves upright, or it would slide where it is still
   as low as that. What that shifts the foot by is made up for in the air, between one
@@ -19,6 +21,7 @@ differentiable.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +49,7 @@ _LANDING = 0.05  # [s] in which a foot comes down before a contact, and leaves a
 _CLEARANCE = 0.02  # [m] at least, of a foot in the air: robots' soles do not bend
 _SOFT = 0.005  # [m] width of that bound
 _TURNING = 0.25  # [rad] that a foot turns while it is flat, from which on it pivots
+_UPRIGHT = 0.1  # [rad] width of the bound by which a foot does not tip over its edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +135,8 @@ def hold_foot(
     """
     contacts = find_contacts(positions, turns, np.array([heel, ball]), 0.0, rate)
     on_heel, on_ball = contacts.T
-    turns = _levelled(turns, on_heel, on_ball, max(1, round(_BLEND * rate)))
+    steepest = [np.arctan2(abs(point[0]), -point[2]) for point in (heel, ball)]
+    turns = _levelled(turns, on_heel, on_ball, steepest, max(1, round(_BLEND * rate)))
     matrices = turns.as_matrix()
     # How high the frame is when the foot's lowest point is at the floor.
     least = -np.min(matrices[:, 2] @ points.T, axis=1)
@@ -147,14 +152,22 @@ def hold_foot(
 
 
 def _levelled(
-    turns: Rotation, on_heel: np.ndarray, on_ball: np.ndarray, margin: int
+    turns: Rotation,
+    on_heel: np.ndarray,
+    on_ball: np.ndarray,
+    steepest: Sequence[float],
+    margin: int,
 ) -> Rotation:
-    """Flat where heel and ball are down, without roll where one of them is."""
+    """Flat where heel and ball are down, without roll where one of them is, and no
+    steeper than its frame is above the heel or the ball [rad]."""
     yaw = twist(turns)
     tilt = (about_vertical(-yaw) * turns).as_rotvec()
     flat = smooth_flags(on_heel & on_ball, margin)
     down = smooth_flags(on_heel | on_ball, margin)
     tilt[:, 0] *= 1.0 - down
+    for sense, most in zip((-1.0, 1.0), steepest, strict=True):
+        beyond = soft_positive(sense * tilt[:, 1] - most, _UPRIGHT)
+        tilt[:, 1] -= sense * down * beyond
     tilt[:, 1] *= 1.0 - flat
     tilt[:, 2] *= 1.0 - down
     for start, end in runs(on_heel & on_ball):
@@ -191,7 +204,7 @@ def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
     contact as small as they can be in the mean [m]; 0 where a foot is not `kept`.
 
     Flat, a foot turns about its ball. On its heel or its ball it rolls over whatever is
-    lowest of it.
+    lowest of it, and turns about the middle of that.
     """
     p_ball = (positions + matrices @ ball)[:, :2]
     shifts = np.zeros((len(positions), 2))
@@ -204,7 +217,10 @@ def _shifts(positions, matrices, ball, points, contacts, kept) -> np.ndarray:
             if flat[t] and flat[t - 1]:
                 way = p_ball[t] - p_ball[t - 1]
             else:
-                point = points[lowest[t - start - 1]]
+                # It does not roll sideways: the edge is as low all along, and so is
+                # its middle, about which a foot turns.
+                x, _, z = points[lowest[t - start - 1]]
+                point = np.array([x, ball[1], z])
                 turned = (matrices[t] - matrices[t - 1]) @ point
                 way = (positions[t] - positions[t - 1] + turned)[:2]
             shifts[t] = shifts[t - 1] - way

@@ -34,6 +34,7 @@ from crar_drake.references.ground_support import (
     given_share,
     worst_outside,
 )
+from crar_drake.references.joint_torques import JointTorques
 from crar_drake.references.layouts import LAYOUTS, check_written
 from crar_drake.references.mesh_clearance import MeshClearance
 from crar_drake.references.motion_certificate import (
@@ -82,6 +83,9 @@ class CleanedClip(Change):
             without reading, writing and measuring [s].
         raised: by how much it was set on the ground; 0 if that was not asked for [m].
         slowed: by how much longer it takes; 0 if that was not asked for [s].
+        too_strong_before, too_strong: frames in which a joint that carries no foot
+            needs more than its effort limit (`joint_torques`); -1 if that was not asked
+            for.
         stands: frames that stand, in which balance was looked at; -1 if that was not
             asked for (`ground_support`).
         given_before, given: share of these in which the ground could give what the
@@ -112,6 +116,8 @@ class CleanedClip(Change):
     seconds: float = 0.0
     raised: float = 0.0
     slowed: float = 0.0
+    too_strong_before: int = -1
+    too_strong: int = -1
     stands: int = -1
     given_before: float = np.nan
     given: float = np.nan
@@ -130,6 +136,7 @@ class CleanedClip(Change):
         """Whether anything is left, a way between frames is not shown to be clear, or
         it changed by more than was allowed."""
         left = self.penetrating or self.beyond_limit or self.too_fast
+        left = left or self.too_strong > 0
         meshes = self.meshes_penetrating > 0 or self.meshes_unclear > 0
         return bool(left or meshes or self.exceeded) or not self.between >= 0.0
 
@@ -174,8 +181,8 @@ class FileOptions:
         layout, rate: of files that do not say them (`read_motion`).
         frames: those that are kept.
         ground: whether motions are then set on the ground (`set_on_ground`).
-        retime: whether motions are slowed down first where joints are too fast
-            (`retimed`).
+        retime: "speeds": motions are slowed down first where joints are too fast
+            (`retimed`); "torques": and where they need more than they can give.
         balance: whether root and joints are changed so that the ground could give what
             motions take (`balancing`).
         at_most: how far they may change; one that changed by more is written as well.
@@ -185,7 +192,7 @@ class FileOptions:
     rate: float | None = None
     frames: Frames = (1, None)
     ground: bool = False
-    retime: bool = False
+    retime: str = ""
     balance: bool = False
     at_most: AtMost = ANY_CHANGE
 
@@ -230,6 +237,7 @@ class FileCleaner:
             self._robot,
             parameters or CleaningParameters(),
             balance=self._options.balance,
+            retime=self._options.retime,
         )
 
     def __call__(
@@ -252,7 +260,6 @@ class FileCleaner:
             layout=motions[0].layout,
             options=options.certified(),
             ground=self._outline,
-            retime=options.retime,
             at_most=options.at_most,
             progress=progress,
         )
@@ -279,6 +286,7 @@ class MotionCleaner:
         parameters: CleaningParameters,
         part_meshes: bool = True,
         balance: bool = False,
+        retime: str = "",
     ) -> None:
         """
         Args:
@@ -288,10 +296,14 @@ class MotionCleaner:
                 before.
             balance: whether motions are balanced (`balancing`), after which meshes are
                 parted anyway.
+            retime: what motions are slowed down for, as of `FileOptions`.
 
         Raises:
-            ModelError: as `Cleaner`, and as `Ground` if motions are to be balanced.
+            ModelError: as `Cleaner`, as `Ground` if motions are to be balanced, and as
+                `JointTorques` if they are to be slowed down for torques.
         """
+        self._retime = retime
+        self._torques = JointTorques(robot) if retime == "torques" else None
         self._ground = Ground(robot) if balance else None
         self._robot, self._parameters = robot, parameters
         self.uncovered, self._carrying = Uncovered(robot), CarryingHands(robot)
@@ -316,7 +328,6 @@ class MotionCleaner:
         layout: str,
         options: dict,
         ground: Outline | None = None,
-        retime: bool = False,
         at_most: AtMost = ANY_CHANGE,
         progress: Callable[[int, int], None] | None = None,
     ) -> list[CleanedClip]:
@@ -329,7 +340,6 @@ class MotionCleaner:
             layout: of the file to be written.
             options: what the certificate says of how they were read.
             ground: of the robot, if motions are to be set on the ground.
-            retime: whether they are slowed down where joints are too fast.
             at_most: how far they may change.
             progress: as of `clean_file`.
 
@@ -337,9 +347,9 @@ class MotionCleaner:
             ModelError, MotionError, WriteError: as `clean_file`.
         """
         written, seconds, raised = [], [], []
-        durations = [motion.duration for motion in motions]
-        if retime:
-            motions = [retimed(motion, self._speeds(motion)) for motion in motions]
+        given = motions
+        if self._retime:
+            motions = [retimed(motion, self._slower(motion)) for motion in motions]
         for motion in motions:
             kept, took = self._cleaned(motion, progress)
             rise = 0.0
@@ -356,8 +366,8 @@ class MotionCleaner:
             # What is certified is what stands in the file, rounded as its layout does.
             again = read_motions(folder / out.name, to.name, rate_given, robot=robot)
             clips, rows = [], []
-            for before, after, took, rise, duration in zip(
-                motions, again, seconds, raised, durations, strict=True
+            for first, before, after, took, rise in zip(
+                given, motions, again, seconds, raised, strict=True
             ):
                 cleaner = self._of_rate(after.rate)
                 margins = [_margins(motion, cleaner) for motion in (before, after)]
@@ -366,8 +376,11 @@ class MotionCleaner:
                 up = before.root_positions + [0.0, 0.0, rise]
                 raised_before = replace(before, root_positions=up)
                 row = _row(raised_before, after, margins, meshes, cleaner, robot)
-                slowed = before.duration - duration
+                slowed = before.duration - first.duration
                 row = replace(row, seconds=took, raised=rise, slowed=slowed)
+                if self._torques is not None:
+                    was, now = (self._too_strong(m) for m in (first, after))
+                    row = replace(row, too_strong_before=was, too_strong=now)
                 if self._ground is not None:
                     row = replace(row, **_ground_shares(self._ground, before, after))
                 rows.append(replace(row, exceeded=at_most.exceeded(row)))
@@ -411,16 +424,22 @@ class MotionCleaner:
             cleaned = self._balancers[motion.rate].balance(cleaned, carries, done)
         return cleaned, time.process_time() - began
 
-    def _speeds(self, motion: RobotMotion) -> Callable[[np.ndarray], np.ndarray]:
-        """The largest share of what speeds may be used, as `retimed` asks for it."""
-        cleaner = self._of_rate(motion.rate)
+    def _slower(self, motion: RobotMotion) -> Callable[[RobotMotion], np.ndarray]:
+        """What `retimed` asks for."""
+        cleaner, torques = self._of_rate(motion.rate), self._torques
         columns, fastest = _columns(motion, cleaner), cleaner.fastest
 
-        def speeds(q: np.ndarray) -> np.ndarray:
-            steps = np.abs(np.diff(q[:, columns], axis=0))
-            return (steps / fastest).max(axis=1)
+        def slower(motion: RobotMotion) -> np.ndarray:
+            steps = np.abs(np.diff(motion.joint_positions[:, columns], axis=0))
+            share = (steps / fastest).max(axis=1)
+            return (
+                share if torques is None else np.maximum(share, torques.slower(motion))
+            )
 
-        return speeds
+        return slower
+
+    def _too_strong(self, motion: RobotMotion) -> int:
+        return _count(self._torques.shares(motion) > 1.0)
 
 
 def _columns(motion: RobotMotion, cleaner: Cleaner) -> list[int]:

@@ -21,6 +21,7 @@ from crar_drake.references.ground_demand import (
     ground_wrench,
     outside_support,
 )
+from crar_drake.references.joint_torques import plant_motion
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_root
@@ -118,25 +119,8 @@ class Ground:
     def wrench(self, motion: RobotMotion) -> GroundWrench:
         """What a motion takes, by Drake's inverse dynamics; its first and last frame as
         those beside them."""
-        rate, T = motion.rate, motion.num_frames
-        plant, root = self._robot.plant, self._root
-        q = self._robot.configurations(motion.joint_positions)
-        at = root.position_start()
-        rotations = motion.root_rotations
-        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
-        q[:, at + 4 : at + 7] = motion.root_positions
-        v, vdot = np.zeros((2, T, plant.num_velocities()))
-        if T > 2:
-            steps = self._robot.velocities(np.diff(motion.joint_positions, axis=0))
-            at = root.velocity_start()
-            turned = rotations[1:] * rotations[:-1].inv()
-            steps[:, at : at + 3] = turned.as_rotvec()
-            steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
-            v[1:-1] = 0.5 * rate * (steps[1:] + steps[:-1])
-            vdot[1:-1] = rate**2 * np.diff(steps, axis=0)
-            for x in (v, vdot):
-                x[0], x[-1] = x[1], x[-2]
-        return ground_wrench(plant, q, v, vdot)
+        q, v, vdot = plant_motion(self._robot, self._root, motion)
+        return ground_wrench(self._robot.plant, q, v, vdot)
 
     def outside(self, motion: RobotMotion) -> np.ndarray:
         """(T,) as of `Support.outside`."""

@@ -17,7 +17,7 @@ from crar_drake.references.robot_motion import RobotMotion
 # A last sample is taken if it is beyond the motion's end by rounding alone [frames].
 _ROUNDING = 1e-6
 
-# A motion slows down within this time where a joint would be too fast [s].
+# A motion slows down within this time where it asks too much [s].
 _SLOWING = 0.2
 # Splines swing a little beyond the speeds of the samples: it is slowed to this share of
 # what is allowed, and again, so often.
@@ -59,9 +59,9 @@ def resampled(motion: RobotMotion, rate: float) -> tuple[RobotMotion, tuple[str,
 
 
 def retimed(
-    motion: RobotMotion, speeds: Callable[[np.ndarray], np.ndarray]
+    motion: RobotMotion, slower: Callable[[RobotMotion], np.ndarray]
 ) -> RobotMotion:
-    """The motion, slowed down where a joint would be too fast, and nowhere else faster.
+    """The motion, slowed down where it asks too much, and nowhere else faster.
 
     The tempo changes gradually, over 0.2 s; what is sampled passes through the same
     configurations, along splines as `resampled`. What the file has besides for each
@@ -75,27 +75,27 @@ def retimed(
     Returns:
         The motion at the same rate, with more frames; its last one stands at its end.
     """
-    share = speeds(motion.joint_positions)
+    share = slower(motion)
     if share.max(initial=0.0) <= 1.0:
         return motion
     around, made = 2 * round(_SLOWING * motion.rate) + 1, motion
-    slower = np.maximum(share / _SLOWED_TO, 1.0)
+    factors = np.maximum(share / _SLOWED_TO, 1.0)
     for _ in range(_TRIES):
         # A mean of what is the largest nearby is nowhere less than what is needed.
-        wide = maximum_filter1d(slower, around, mode="nearest")
+        wide = maximum_filter1d(factors, around, mode="nearest")
         tempo = uniform_filter1d(wide, around, mode="nearest")
         frames = np.concatenate([[0.0], np.cumsum(tempo)])  # where the old ones come
         count = int(np.ceil(frames[-1] - _ROUNDING))
         way = PchipInterpolator(frames * (count / frames[-1]), np.arange(len(frames)))
         at = np.clip(way(np.arange(count + 1)), 0.0, len(frames) - 1)
         made = _at(motion, at / motion.rate)
-        share = speeds(made.joint_positions)
+        share = slower(made)
         if share.max() <= 1.0:
             break
-        old = np.minimum(at[:-1].astype(int), len(slower) - 1)
-        was = slower.copy()
-        for step in (old, np.minimum(old + 1, len(slower) - 1)):
-            np.maximum.at(slower, step, was[step] * share / _SLOWED_TO)
+        old = np.minimum(at[:-1].astype(int), len(factors) - 1)
+        was = factors.copy()
+        for step in (old, np.minimum(old + 1, len(factors) - 1)):
+            np.maximum.at(factors, step, was[step] * share / _SLOWED_TO)
     nearest = np.rint(at).astype(int)
     extras = {
         key: value[nearest] if has_rows(value, motion.num_frames) else value

@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from crar_drake.errors import ModelError
 from crar_drake.motion.leg_shape import LegShape
 from crar_drake.motion.performer import SIDES, Performer
+from crar_drake.motion.smooth_steps import smooth_flags
 from crar_drake.robot.description import RobotDescription, find_body, find_frame
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import Task
@@ -50,6 +51,9 @@ _OF_FEET, _OF_LINKS = 512, 64
 _LOW = 0.08
 # Soles that stand are wanted so high, for nothing to be below the floor [m].
 _ABOVE = 4e-4
+# Within this time before and after both stand, legs part by what they are asked to be
+# farther apart [s].
+_PARTING = 0.15
 # Beyond straight, or over-stretched, by so much at most [rad].
 _STRETCHED = 0.02
 
@@ -75,8 +79,9 @@ class RetargetingParameters:
         cutoff: of the low-pass of the performer [Hz].
         floor, floor_between: distances that watched pairs keep at each frame, and on
             the straight way to the next [m].
-        between_legs: by how much farther apart legs are asked to be [m]: where they
-            pass each other fast, nothing that looks ahead has to evade.
+        between_legs: by how much farther apart legs are asked to be while one is in
+            the air [m]: where they pass each other fast, nothing that looks ahead has
+            to evade. Feet that both stand are not moved by it.
     """
 
     limb: float = 1.0
@@ -88,7 +93,7 @@ class RetargetingParameters:
     planted: float = 60.0  # [1/m]
     foot_height: float = 10.0  # [1/m]
     planted_height: float = 100.0  # [1/m]
-    standing: float = 3e2  # [1/m]
+    standing: float = 2e3  # [1/m]
     hand: float = 0.4
     posture: float = 0.03  # [1/rad]
     smoothing: float = 0.02  # [s]
@@ -554,10 +559,16 @@ class NearRowsAndFloor:
         self, robot: Retargeter, targets: PerformerTargets, keeper: Keeper
     ) -> None:
         self._robot, self._targets, self._keeper = robot, targets, keeper
+        stands = [foot.on_heel | foot.on_ball for foot in targets.feet.values()]
+        margin = max(1, round(_PARTING * targets.rate))
+        self._without_room = smooth_flags(np.all(stands, axis=0), margin)  # (T,)
 
     def __call__(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """See `optimiser.Problem`."""
-        return join_rows(self._keeper.near_rows(at, y, look), self._low(at, y, look))
+        rows = self._keeper.near_rows(at, y, look)
+        share = self._without_room[at.frame[rows.sample]]
+        rows = rows._replace(d=rows.d + share * self._keeper.room[rows.row])
+        return join_rows(rows, self._low(at, y, look))
 
     def _low(self, at: Samples, y: np.ndarray, look: float) -> NearRows:
         """Of each link its lowest point, at frames alone."""

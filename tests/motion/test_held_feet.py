@@ -98,6 +98,46 @@ def test_on_its_ball_a_foot_pitches_about_it():
     assert raised.max() > 0.45
 
 
+def on_its_toes(pitch: np.ndarray, yaw: np.ndarray):
+    """Its ball on the floor, all turns about that."""
+    turns = Rotation.from_euler("ZY", np.column_stack([yaw, pitch]))
+    return -turns.apply(BALL), turns
+
+
+def test_on_its_toes_a_foot_does_not_tip_over_them():
+    """A person's toes bend, the heel may be ahead of them; a sole that does not bend
+    would stand on what is above its toes."""
+    t = np.arange(240) / RATE
+    positions, turns = on_its_toes(0.3 + 1.5 * np.sin(np.pi * t / 2) ** 2, 0.0 * t)
+    above = np.array([[0.12, y, -0.01] for y in (-0.03, 0.03)])  # of the toes
+    points = np.concatenate([POINTS, above])
+    low = turns.as_matrix()[:, 2] @ points.T
+    assert low.argmin(axis=1).max() > 3  # as the person has it
+    foot = hold_foot(positions, turns, HEEL, BALL, points, RATE)
+    assert foot.ball.all()
+    R = Rotation.from_quat(foot.turns)
+    low = R.as_matrix()[:, 2] @ points.T
+    assert low.argmin(axis=1).max() <= 3  # its sole
+    ahead = R.apply(BALL)[:, 0]
+    assert -1e-9 < ahead.min() < 0.01  # the foot's frame comes nearly above it
+    # Until there it pitches as the person does, or nearly.
+    gentle = t < 0.3
+    pitch = R.as_rotvec()[:, 1]
+    np.testing.assert_allclose(pitch[gentle], turns.as_rotvec()[gentle, 1], atol=0.01)
+
+
+def test_on_its_toes_a_foot_turns_about_their_middle():
+    """At one pitch, so that no edge of it is the lowest but that of the toes."""
+    t = np.arange(240) / RATE
+    positions, turns = on_its_toes(0.5 + 0.0 * t, 0.6 * np.sin(np.pi * t / 2) ** 2)
+    drift = 0.02 * t[:, None] * [1.0, 0.5, 0.0]
+    foot = hold_foot(positions + drift, turns, HEEL, BALL, POINTS, RATE)
+    assert foot.ball.all() and not foot.heel.any()
+    R = Rotation.from_quat(foot.turns)
+    assert np.ptp(twist(R)) > 0.5
+    assert np.ptp(foot.positions + R.apply(BALL), axis=0).max() < 1e-6
+
+
 def test_from_its_heel_on_its_ball_a_foot_goes_by_the_floor():
     """It rolls from 0.3 rad on the heel to 0.3 rad on the ball in 0.1 s, lifted by 4 cm
     for 40 ms between: neither end of it is low and slow then."""

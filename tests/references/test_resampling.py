@@ -76,8 +76,9 @@ def test_a_motion_slows_down_where_a_joint_is_too_fast_and_nowhere_else():
         extras={"contact": t < 4.0, "object": q[:, None], "names": ["x"]},
     )
 
-    def speeds(joints):
-        return np.abs(np.diff(joints, axis=0)).max(axis=1) * 30.0 / 2.0
+    def speeds(motion):
+        steps = np.diff(motion.joint_positions, axis=0)
+        return np.abs(steps).max(axis=1) * 30.0 / 2.0
 
     made = retimed(given, speeds)
     new = made.joint_positions[:, 0]

@@ -179,7 +179,16 @@ def test_what_was_asked_for_is_known(description, performer, monkeypatch):
 
 
 def test_legs_are_asked_to_keep_apart(tmp_path, performer):
-    """Knees with balls that touch, where they are nearest, if nothing is asked."""
+    """Knees with balls that touch, where they are nearest, if nothing is asked; while a
+    foot is in the air."""
+    raised = dict(performer.positions)
+    hip = raised["left_hip"]
+    across = hip - raised["right_hip"]
+    across = across / np.linalg.norm(across, axis=1)[:, None]
+    ahead = Rotation.from_rotvec(-0.9 * across)
+    for joint in ("left_knee", "left_ankle"):
+        raised[joint] = hip + ahead.apply(raised[joint] - hip)
+    performer = replace(performer, positions=raised)
     radius = 0.06
     thick = walker(tmp_path, knee=radius)
 
@@ -193,6 +202,8 @@ def test_legs_are_asked_to_keep_apart(tmp_path, performer):
             found.q,
             [("left_knee", "right_knee")],
         )
+        left = found.targets.feet["left"]
+        assert not (left.on_heel | left.on_ball).any()
         return float(np.linalg.norm(ways[0], axis=1).min()) - 2.0 * radius
 
     free = nearest(0.0)

@@ -110,6 +110,27 @@ def test_what_stands_is_to_stand(robot, targets):
     assert of_place[air].min() < 0.95 * p.planted
 
 
+def test_legs_are_parted_further_only_while_one_is_in_the_air(robot, targets):
+    """By all that is asked for, and by nothing while both feet stand."""
+    keeper = Keeper(robot.model, RATE, 4e-3, 5e-4)
+    keeper.room[:] = 0.5
+    left, right = (targets.feet[side] for side in ("left", "right"))
+    for foot in (left, right):
+        foot.on_heel[:], foot.on_ball[:] = False, False
+    left.on_heel[:], right.on_ball[30:60] = True, True
+    frames = np.arange(0, 90)
+    at = Samples(frames, np.zeros(90), np.zeros(90))
+    y = np.repeat(unknowns(robot, 1), 90, axis=0)
+    rows = NearRowsAndFloor(robot, targets, keeper)(at, y, 0.2)
+    pair = rows.row[rows.row < keeper.num_rows][0]
+    d = rows.d[rows.row == pair]
+    assert len(d) == 90
+    np.testing.assert_allclose(d[30:60], d[45], atol=1e-12)
+    for far in (d[:25], d[65:]):
+        np.testing.assert_allclose(far, d[45] - 0.5, atol=1e-12)
+    assert (np.diff(d[25:31]) >= 0.0).all() and (np.diff(d[59:65]) <= 0.0).all()
+
+
 def test_rows_of_the_floor_are_the_lowest_points_of_links(robot, targets):
     keeper = Keeper(robot.model, RATE, 4e-3, 5e-4)
     rows = NearRowsAndFloor(robot, targets, keeper)

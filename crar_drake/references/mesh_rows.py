@@ -183,6 +183,8 @@ class NearestPoints:
                 d, moved = self._moved(self._known[place], R[k], p[k])
                 if moved < max(_SAME, _SAME_SHARE * d) or d - moved > enough:
                     continue
+            elif self._meshes.gap(self._i, self._j, R[k], p[k]) > enough:
+                continue
             d, P, Q = self._nearest(R[k], p[k])
             if d > _APART:
                 n = (Q - P) / d

@@ -55,6 +55,7 @@ _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
 _COARSE = (8, 1)  # a motion is found of each so-many-th frame first
+_BEGUN = 2  # and begun with rows
 _TRIES = 8
 _LACKS = 1e-4  # a row that is not of a distance lacks less [m]
 # This try begins anew, with as many samples as were found to be needed: where a motion
@@ -197,26 +198,52 @@ class Keeper:
         """
         y, problem = y.copy(), _within(problem)
         for every in _COARSE:
-            some = np.arange(0, len(y), every)
-            coarse = self._alone(_of_each(problem, every), y[some], effort)
-            change = coarse - y[some]
-            frames = np.arange(len(y))
-            for column, x in zip(y.T, change.T, strict=True):
-                column += np.interp(frames, some, x)
+            self._solve_each(every, problem, y, np.ones(len(y), dtype=bool), effort)
         return y
 
-    def _alone(self, problem: Problem, y: np.ndarray, effort: Effort) -> np.ndarray:
-        """As `found_without_rows`, in parts."""
-        y = y.copy()
-        for first, last, _ in self._parts(np.ones(len(y), dtype=bool)):
-            before = max(0, first - 2)
-            free = np.arange(before, last) >= first
-            nowhere = np.zeros(0)
-            samples = Samples(nowhere.astype(int), nowhere, nowhere)
-            part = Part(problem, before, y[before:last], free, samples, effort)
-            part.solve_without_rows()
-            y[first:last] = part.y[first - before :]
-        return y
+    def _solve_each(
+        self,
+        every: int,
+        problem: Problem,
+        y: np.ndarray,
+        some: np.ndarray,
+        effort: Effort,
+        state: _State | None = None,
+    ) -> None:
+        """Solves each n-th frame alone, and changes those between them likewise.
+
+        Args:
+            every: n.
+            problem, y: as of `keep`; y is changed in place.
+            some: (T,) the frames that are changed.
+            effort: is added to.
+            state: of the motion, under the first penalties; without rows by default.
+        """
+        at = np.arange(0, len(y), every)
+        problem, coarse = _of_each(problem, every), y[at]
+        for first, last, _ in self._parts(some[at]):
+            before, after = (
+                max(0, first - 2),
+                last if state is None else min(last + 2, len(at)),
+            )
+            free = np.zeros(after - before, dtype=bool)
+            free[first - before : last - before] = True
+            samples = Samples(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
+            if state is not None:
+                samples = _samples(
+                    state.at_frames[at], state.between[at], state.parts[at], first, last
+                )
+            part = Part(
+                problem, before, coarse[before:after].copy(), free, samples, effort
+            )
+            if state is None:
+                part.solve_without_rows()
+            else:
+                part.begin()
+            coarse[first:last] = part.y[first - before : last - before]
+        change, frames = coarse - y[at], np.flatnonzero(some)
+        for column, x in zip(y.T, change.T, strict=True):
+            column[frames] += np.interp(frames, at, x)
 
     def keep(
         self,
@@ -290,6 +317,9 @@ class Keeper:
                 y[solved] = problem.about[solved]
             elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
+            if attempt in (0, _ANEW):
+                every = 1 if problem.wishes is not None else _BEGUN
+                self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
                     state.at_frames, state.between, state.parts, first, last
@@ -299,7 +329,7 @@ class Keeper:
                 free[first - before : last - before] = True
                 part = Part(problem, before, y[before:after].copy(), free, samples)
                 part.effort = state.effort
-                part.solve(round(_AROUND_AGAIN * self.rate), attempt > 0 and not anew)
+                part.solve(round(_AROUND_AGAIN * self.rate))
                 y[first:last] = part.y[first - before : last - before]
                 if progress is not None and not attempt:
                     progress(end)
@@ -473,6 +503,9 @@ def _of_each(problem: Problem, every: int) -> Problem:
         smoothness=problem.smoothness / every**2,
         fastest=problem.fastest * every,
         wishes=None,
+        near_rows=lambda at, y, look: problem.near_rows(
+            replace(at, frame=every * at.frame), y, look
+        ),
     )
 
 

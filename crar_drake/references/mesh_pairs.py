@@ -8,6 +8,7 @@ are apart, else of the triangles.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -228,7 +229,7 @@ class MeshPairs:
             The distance less `ROUNDING`, 0 where they touch [m]; and whether their
             hulls are apart, so that neither is inside the other.
         """
-        gap = self.gap(i, j, R, p)
+        gap, _ = self._hull_gap(i, j, R, p)
         parted = bool(gap > ROUNDING)
         if gap < _HULLS_ENOUGH:
             (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
@@ -236,26 +237,38 @@ class MeshPairs:
             gap = max(gap, fcl.distance(triangles_a, triangles_b))
         return max(0.0, float(gap) - ROUNDING), parted
 
-    def gap(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> float:
-        """How far two hulls are apart at least [m]; -inf if they are not, or one is
-        flat. Args: as of `distance`."""
+    def _hull_gap(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+        """How far two hulls are apart at least [m], -inf if nothing says that they are;
+        and their nearest points p_AP and p_AQ [m]."""
         (hull_a, _), (hull_b, _) = self._a[i], self._b[j]
         if hull_a is None or hull_b is None:
-            return -np.inf
+            return -np.inf, ()
         hull_b.setTransform(fcl.Transform(R, p))
         near = fcl.DistanceResult()
         fcl.distance(hull_a, hull_b, self._nearest, near)
         n = near.nearest_points[1] - near.nearest_points[0]
-        length = np.linalg.norm(n)
-        if not length > 0.0:
-            return -np.inf
-        n = n / length
+        square = n @ n
+        if not square > 0.0:
+            return -np.inf, ()
+        n = n / math.sqrt(square)
         ends = (self.meshes[i].extreme @ n).max()
-        return (self.meshes[j].extreme @ (n @ R)).min() + n @ p - ends
+        gap = (self.meshes[j].extreme @ (n @ R)).min() + n @ p - ends
+        return gap, near.nearest_points
 
-    def nearest(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+    def nearest(
+        self, i: int, j: int, R: np.ndarray, p: np.ndarray, enough: float = np.inf
+    ) -> tuple:
         """The distance of two surfaces, 0 where they meet, and their nearest points
-        p_AP and p_AQ [m]. Args: as of `distance`."""
+        p_AP and p_AQ [m]; of their hulls, where these are farther apart than enough.
+
+        Args:
+            i, j, R, p: as of `distance`.
+            enough: [m].
+        """
+        if np.isfinite(enough):
+            gap, points = self._hull_gap(i, j, R, p)
+            if gap > enough:
+                return gap, *points
         (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
         triangles_b.setTransform(fcl.Transform(R, p))
         near = fcl.DistanceResult()

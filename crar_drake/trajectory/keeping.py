@@ -1,7 +1,8 @@
 """A motion that keeps what it is to keep, and is shown to: windows, parts, certificate.
 
 Only *windows* about frames that violate something are solved, with half a second on
-either side, in parts of some ten seconds. Elsewhere the motion stands, bit for bit.
+either side, in parts of some ten seconds. Elsewhere the motion stands, bit for bit. A
+window is begun with each second frame alone.
 
 Nothing trusts the solver. Afterwards the margins of each frame and of each straight way
 to the next are found (`margins`). Where they are too small, more is asked for, and a
@@ -54,8 +55,9 @@ _SHARE_OF_SPEED = 0.998
 _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
-_COARSE = (8, 1)  # a motion is found of each so-many-th frame first
-_BEGUN = 2  # and begun with rows
+# A motion is found without rows of each so-many-th frame, and begun with rows of so
+# many.
+_COARSE, _BEGUN = (8, 1), 2
 _TRIES = 8
 _LACKS = 1e-4  # a row that is not of a distance lacks less [m]
 # This try begins anew, with as many samples as were found to be needed: where a motion
@@ -222,25 +224,15 @@ class Keeper:
         at = np.arange(0, len(y), every)
         problem, coarse = _of_each(problem, every), y[at]
         for first, last, _ in self._parts(some[at]):
-            before, after = (
-                max(0, first - 2),
-                last if state is None else min(last + 2, len(at)),
-            )
-            free = np.zeros(after - before, dtype=bool)
-            free[first - before : last - before] = True
-            samples = Samples(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
-            if state is not None:
-                samples = _samples(
-                    state.at_frames[at], state.between[at], state.parts[at], first, last
-                )
-            part = Part(
-                problem, before, coarse[before:after].copy(), free, samples, effort
-            )
             if state is None:
+                part = _part(problem, coarse, first, last, effort=effort)
                 part.solve_without_rows()
             else:
+                asked = (x[at] for x in (state.at_frames, state.between, state.parts))
+                samples = _samples(*asked, first, last)
+                part = _part(problem, coarse, first, last, samples, effort)
                 part.begin()
-            coarse[first:last] = part.y[first - before : last - before]
+            coarse[first:last] = part.y[part.free]
         change, frames = coarse - y[at], np.flatnonzero(some)
         for column, x in zip(y.T, change.T, strict=True):
             column[frames] += np.interp(frames, at, x)
@@ -306,31 +298,27 @@ class Keeper:
             tries: the numbers of the tries.
             progress: is called in the first try.
         """
-        frames, q = len(y), self._joints(y)
+        q = self._joints(y)
         for attempt in tries:
             if not violating.any():
                 break
-            around = _AROUND if attempt in (0, _ANEW) else _AROUND_AGAIN
+            begins = attempt in (0, _ANEW)
+            around = _AROUND if begins else _AROUND_AGAIN
             solved = spread(violating, round(around * self.rate))
-            anew = attempt == _ANEW
-            if anew:
+            if attempt == _ANEW:
                 y[solved] = problem.about[solved]
             elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
-            if attempt in (0, _ANEW):
+            if begins:
                 every = 1 if problem.wishes is not None else _BEGUN
                 self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
                     state.at_frames, state.between, state.parts, first, last
                 )
-                before, after = max(0, first - 2), min(frames, last + 2)
-                free = np.zeros(after - before, dtype=bool)
-                free[first - before : last - before] = True
-                part = Part(problem, before, y[before:after].copy(), free, samples)
-                part.effort = state.effort
+                part = _part(problem, y, first, last, samples, state.effort)
                 part.solve(round(_AROUND_AGAIN * self.rate))
-                y[first:last] = part.y[first - before : last - before]
+                y[first:last] = part.y[part.free]
                 if progress is not None and not attempt:
                     progress(end)
             q[solved] = np.clip(q[solved], self.model.lower, self.model.upper)
@@ -491,8 +479,34 @@ class _TasksOfEach:
         return self._tasks.at(self._every * frames, y)
 
 
+def _part(
+    problem: Problem,
+    y: np.ndarray,
+    first: int,
+    last: int,
+    samples: Samples | None = None,
+    effort: Effort | None = None,
+) -> Part:
+    """The frames first to last - 1, which may move; without samples what comes after
+    them does not matter.
+
+    Args:
+        problem, y: of all frames.
+        first, last: see above.
+        samples: counted from the part's first frame.
+        effort: is added to.
+    """
+    before, after = max(0, first - 2), last if samples is None else last + 2
+    y = y[before:after].copy()
+    k = np.arange(before, before + len(y))
+    if samples is None:
+        samples = Samples(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
+    free = (k >= first) & (k < last)
+    return Part(problem, before, y, free, samples, effort or Effort())
+
+
 def _of_each(problem: Problem, every: int) -> Problem:
-    """A motion's problem of each n-th frame alone, without rows."""
+    """A motion's problem of each n-th frame alone."""
     if every == 1:
         return problem
     return replace(

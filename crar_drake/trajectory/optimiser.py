@@ -23,10 +23,12 @@ then set lambda_i to max(0, lambda_i - rho c_i). The penalty rho grows in stages
 with the last one the minimum is a worse one. Each minimisation takes damped
 Gauss-Newton steps; in a step all rows are linearised, and which of them count is found
 by iterating. Unknowns of neighbouring frames alone are coupled, so a step's time is
-linear in the frames (`bands`).
+linear in the frames (`bands`). Each frame has its own damping: where some go too far,
+the others are not slowed.
 
-Frames are *live* while rows that concern them, or frames near them, are not settled.
-Others are held.
+Frames are *live* while rows that concern them, or frames near them, are not settled;
+in a minimisation, once most of the others stand still, as long as they move. Others are
+held.
 """
 
 from __future__ import annotations
@@ -77,9 +79,9 @@ _ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axi
 # last step [m/rad].
 _LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
 
-# Levenberg's damping: first, least, most; by how much it rises and falls.
-_FALL = 1.5
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _DAMPING_RATIO = 1e-2, 1e-5, 1e4, 8.0
+# Levenberg's damping, of each frame: first, least, most; by how much it rises where a
+# step was of no use, and falls elsewhere.
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RISE, _FALL = 1e-2, 1e-5, 1e4, 8.0, 1.5
 
 
 class AtFrames(NamedTuple):
@@ -194,6 +196,7 @@ class Effort:
 class _Live:
     """Frames that move, and what concerns them; the others' places are -1."""
 
+    moves: np.ndarray
     frames: np.ndarray
     seen: np.ndarray  # these, and if something stands still their neighbours
     own: np.ndarray  # where the live ones are among the seen
@@ -296,39 +299,39 @@ class Part:
         damping, look = self._damping, _FARTHEST_LOOK
         at = self._linearise(self.y, live, penalty, look)
         for _ in range(_STEPS):
-            step = self._step(at, live, penalty, damping[live.frames])
-            if step is None:
-                damping[live.frames] = _DAMPING_RATIO * np.maximum(
-                    damping[live.frames], _DAMPING
-                )
-                if damping[live.frames].max() > _MOST_DAMPING:
-                    break
-                continue
-            sizes = np.abs(step).max(axis=1)
-            step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(sizes, 1e-300))[:, None]
-            size = float(sizes.max(initial=0.0))
-            y = at.y.copy()
-            y[live.frames] += step
-            look = np.clip(_LOOK * size, _NEAREST_LOOK, _FARTHEST_LOOK)
-            new = self._linearise(y, live, penalty, look)
-            worse = _around(new.merits - at.merits) > 1e-12
-            damping[worse] = np.maximum(_DAMPING_RATIO * damping[worse], _DAMPING)
-            gain = at.merit - new.merit
+            step, worse = (
+                self._step(at, live, penalty, damping[live.frames]),
+                live.moves,
+            )
+            gain = -np.inf
+            if step is not None:
+                sizes = np.abs(step).max(axis=1)
+                step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(sizes, 1e-300))[
+                    :, None
+                ]
+                size = float(sizes.max(initial=0.0))
+                y = at.y.copy()
+                y[live.frames] += step
+                look = np.clip(_LOOK * size, _NEAREST_LOOK, _FARTHEST_LOOK)
+                new = self._linearise(y, live, penalty, look)
+                worse = ~(_around(new.merits - at.merits) <= 1e-12)
+                gain = at.merit - new.merit
+            damping[worse] = np.maximum(_RISE * damping[worse], _DAMPING)
             if not gain >= -1e-12:
-                if not worse.any() or damping[worse].min() > _MOST_DAMPING:
+                if not damping[worse].min(initial=np.inf) <= _MOST_DAMPING:
                     break
                 continue
-            at = new
             damping[~worse] = np.maximum(damping[~worse] / _FALL, _LEAST_DAMPING)
-            little = gain < _GAIN * (_NO_COST + max(cost, at.merit)) or size < _SETTLED
+            at, cost = new, max(cost, new.merit)
+            little = gain < _GAIN * (_NO_COST + cost) or size < _SETTLED
             if little and size < _LONGEST_STEP:
                 break
             moving = np.zeros(len(y), dtype=bool)
             moving[live.frames[sizes > _SETTLED]] = True
-            moving = spread(moving, _BESIDE) & (live.place[:] >= 0)
+            moving = spread(moving, _BESIDE) & live.moves
             if moving.sum() < _FEW * len(live.frames):
                 self.y = at.y
-                self._minimise(self._live(moving), penalty, max(cost, at.merit))
+                self._minimise(self._live(moving), penalty, cost)
                 at = self._linearise(self.y, live, penalty, look)
                 break
         np.minimum(damping, _MOST_DAMPING, out=damping)
@@ -349,6 +352,7 @@ class Part:
         moving = self.problem.tasks.step_weights is not None
         seen = np.flatnonzero(spread(mask, 1)) if moving else frames
         return _Live(
+            mask,
             frames,
             seen,
             np.searchsorted(seen, frames),

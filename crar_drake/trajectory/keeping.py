@@ -2,7 +2,7 @@
 
 Only *windows* about frames that violate something are solved, with half a second on
 either side, in parts of some ten seconds. Elsewhere the motion stands, bit for bit. A
-window is begun with each second frame alone.
+window of changes that are smoothed over some frames is begun with each n-th alone.
 
 Nothing trusts the solver. Afterwards the margins of each frame and of each straight way
 to the next are found (`margins`). Where they are too small, more is asked for, and a
@@ -55,9 +55,7 @@ _SHARE_OF_SPEED = 0.998
 _AROUND, _AROUND_AGAIN = 0.5, 0.3
 # Frames of a part of a long window, and how long it is solved beyond its end [s].
 _PART, _OVERLAP = 300, 0.7
-# A motion is found without rows of each so-many-th frame, and begun with rows of so
-# many.
-_COARSE, _BEGUN = (8, 1), 2
+_COARSE = (8, 1)  # a motion is found of each so-many-th frame first
 _TRIES = 8
 _LACKS = 1e-4  # a row that is not of a distance lacks less [m]
 # This try begins anew, with as many samples as were found to be needed: where a motion
@@ -310,7 +308,7 @@ class Keeper:
             elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
             if begins:
-                every = 1 if problem.wishes is not None else _BEGUN
+                every = _begun_with(problem)
                 self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
@@ -503,6 +501,13 @@ def _part(
         samples = Samples(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
     free = (k >= first) & (k < last)
     return Part(problem, before, y, free, samples, effort or Effort())
+
+
+def _begun_with(problem: Problem) -> int:
+    """Each how many frames say what a change is, as far as it is smoothed."""
+    if problem.wishes is not None:
+        return 1
+    return max(1, int(np.sqrt(problem.smoothness.min())))
 
 
 def _of_each(problem: Problem, every: int) -> Problem:

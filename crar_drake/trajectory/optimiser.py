@@ -81,7 +81,7 @@ _LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
 
 # Levenberg's damping, of each frame: first, least, most; by how much it rises where a
 # step was of no use, and falls elsewhere.
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RISE, _FALL = 1e-2, 1e-5, 1e4, 8.0, 1.5
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RISE, _FALL = 1e-2, 1e-5, 1e4, 8.0, 3.0
 
 
 class AtFrames(NamedTuple):

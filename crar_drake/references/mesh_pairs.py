@@ -8,6 +8,7 @@ are apart, else of the triangles.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -228,30 +229,46 @@ class MeshPairs:
             The distance less `ROUNDING`, 0 where they touch [m]; and whether their
             hulls are apart, so that neither is inside the other.
         """
-        hull_a, triangles_a = self._a[i]
-        hull_b, triangles_b = self._b[j]
-        X = fcl.Transform(R, p)
-        gap = -np.inf
-        if hull_a is not None and hull_b is not None:
-            hull_b.setTransform(X)
-            near = fcl.DistanceResult()
-            fcl.distance(hull_a, hull_b, self._nearest, near)
-            n = near.nearest_points[1] - near.nearest_points[0]
-            length = np.linalg.norm(n)
-            if length > 0.0:
-                n = n / length
-                ends = (self.meshes[i].extreme @ n).max()
-                gap = (self.meshes[j].extreme @ (n @ R)).min() + n @ p - ends
+        gap, _ = self._hull_gap(i, j, R, p)
         parted = bool(gap > ROUNDING)
         if gap < _HULLS_ENOUGH:
-            triangles_b.setTransform(X)
-            of_triangles = fcl.distance(triangles_a, triangles_b)
-            gap = max(gap, of_triangles)
+            (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
+            triangles_b.setTransform(fcl.Transform(R, p))
+            gap = max(gap, fcl.distance(triangles_a, triangles_b))
         return max(0.0, float(gap) - ROUNDING), parted
 
-    def nearest(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+    def _hull_gap(self, i: int, j: int, R: np.ndarray, p: np.ndarray) -> tuple:
+        """How far two hulls are apart at least [m], -inf if nothing says that they are;
+        and their nearest points p_AP and p_AQ [m]."""
+        (hull_a, _), (hull_b, _) = self._a[i], self._b[j]
+        if hull_a is None or hull_b is None:
+            return -np.inf, ()
+        hull_b.setTransform(fcl.Transform(R, p))
+        near = fcl.DistanceResult()
+        fcl.distance(hull_a, hull_b, self._nearest, near)
+        n = near.nearest_points[1] - near.nearest_points[0]
+        square = n @ n
+        if not square > 0.0:
+            return -np.inf, ()
+        n = n / math.sqrt(square)
+        ends = (self.meshes[i].extreme @ n).max()
+        gap = (self.meshes[j].extreme @ (n @ R)).min() + n @ p - ends
+        return gap, near.nearest_points
+
+    def nearest(
+        self, i: int, j: int, R: np.ndarray, p: np.ndarray, enough: float = np.inf
+    ) -> tuple:
         """The distance of two surfaces, 0 where they meet, and their nearest points
-        p_AP and p_AQ [m]. Args: as of `distance`."""
+        p_AP and p_AQ [m]; of their hulls, where these are farther apart than enough.
+
+        Args:
+            i, j, R, p: as of `distance`.
+            enough: [m].
+        """
+        if np.isfinite(enough):
+            gap, points = self._hull_gap(i, j, R, p)
+            if gap > enough:
+                return gap, *points
         (_, triangles_a), (_, triangles_b) = self._a[i], self._b[j]
         triangles_b.setTransform(fcl.Transform(R, p))
         near = fcl.DistanceResult()

@@ -183,7 +183,7 @@ class NearestPoints:
                 d, moved = self._moved(self._known[place], R[k], p[k])
                 if moved < max(_SAME, _SAME_SHARE * d) or d - moved > enough:
                     continue
-            d, P, Q = self._nearest(R[k], p[k])
+            d, P, Q = self._nearest(R[k], p[k], enough)
             if d > _APART:
                 n = (Q - P) / d
                 self._known[place] = _Points(R[k], p[k], P, (Q - p[k]) @ R[k], n)
@@ -210,8 +210,8 @@ class NearestPoints:
         farthest = np.sqrt((moves * moves).sum(axis=1).max())
         return was.n @ (was.R @ was.Q + was.p - was.P), farthest
 
-    def _nearest(self, R: np.ndarray, p: np.ndarray) -> tuple:
-        return self._meshes.nearest(self._i, self._j, R, p)
+    def _nearest(self, R: np.ndarray, p: np.ndarray, enough: float = np.inf) -> tuple:
+        return self._meshes.nearest(self._i, self._j, R, p, enough)
 
     def _way_out(self, R: np.ndarray, p: np.ndarray, m: np.ndarray) -> tuple | None:
         """How far B is moved out of A, along m or on a shorter way from there [m], with

@@ -45,18 +45,14 @@ def divided(triangles: np.ndarray) -> Parts:
     """
     corners = _halved(triangles, _CELL)
     cells = np.floor(corners.mean(axis=1) / _CELL).astype(int)
-    groups, group = np.unique(cells // _CELLS, axis=0, return_inverse=True)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    group, cell = group.reshape(-1), cell.reshape(-1)
-    order = np.lexsort([cell, group])
-    corners, group, cell = corners[order], group[order], cell[order]
-    starts = np.flatnonzero(np.diff(cell, prepend=-1))
-    first = np.searchsorted(group[starts], np.arange(len(groups) + 1))
-    return Parts(
-        _balls(corners, np.searchsorted(group, np.arange(len(groups)))),
-        first,
-        _balls(corners, starts),
+    order = np.lexsort([*cells.T, *(cells // _CELLS).T])
+    corners, cells = corners[order], cells[order]
+    starts, groups = (
+        np.flatnonzero(np.append(True, np.diff(x, axis=0).any(axis=1)))
+        for x in (cells, cells // _CELLS)
     )
+    first = np.append(np.searchsorted(starts, groups), len(starts))
+    return Parts(_balls(corners, groups), first, _balls(corners, starts))
 
 
 def _halved(triangles: np.ndarray, longest: float) -> np.ndarray:

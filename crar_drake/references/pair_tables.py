@@ -39,7 +39,7 @@ from crar_drake.resources import cached
 # the distance can change by more than this [m].
 _FARTHEST, _COARSE = 16.0, 0.1
 # A bound is sought until it is this share of the distance, or so much [m].
-SHARE, ENOUGH = 0.25, 1e-3
+SHARE, ENOUGH = 0.1, 1e-3
 # Nor is a box halved in which it changes by less than this [m], or than this if links
 # meet at its centre.
 _FINEST, _FINEST_WHERE_MET = 1e-4, 1e-3

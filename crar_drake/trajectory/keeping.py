@@ -1,7 +1,8 @@
 """A motion that keeps what it is to keep, and is shown to: windows, parts, certificate.
 
 Only *windows* about frames that violate something are solved, with half a second on
-either side, in parts of some ten seconds. Elsewhere the motion stands, bit for bit.
+either side, in parts of some ten seconds. Elsewhere the motion stands, bit for bit. A
+window of changes that are smoothed over some frames is begun with each n-th alone.
 
 Nothing trusts the solver. Afterwards the margins of each frame and of each straight way
 to the next are found (`margins`). Where they are too small, more is asked for, and a
@@ -197,26 +198,42 @@ class Keeper:
         """
         y, problem = y.copy(), _within(problem)
         for every in _COARSE:
-            some = np.arange(0, len(y), every)
-            coarse = self._alone(_of_each(problem, every), y[some], effort)
-            change = coarse - y[some]
-            frames = np.arange(len(y))
-            for column, x in zip(y.T, change.T, strict=True):
-                column += np.interp(frames, some, x)
+            self._solve_each(every, problem, y, np.ones(len(y), dtype=bool), effort)
         return y
 
-    def _alone(self, problem: Problem, y: np.ndarray, effort: Effort) -> np.ndarray:
-        """As `found_without_rows`, in parts."""
-        y = y.copy()
-        for first, last, _ in self._parts(np.ones(len(y), dtype=bool)):
-            before = max(0, first - 2)
-            free = np.arange(before, last) >= first
-            nowhere = np.zeros(0)
-            samples = Samples(nowhere.astype(int), nowhere, nowhere)
-            part = Part(problem, before, y[before:last], free, samples, effort)
-            part.solve_without_rows()
-            y[first:last] = part.y[first - before :]
-        return y
+    def _solve_each(
+        self,
+        every: int,
+        problem: Problem,
+        y: np.ndarray,
+        some: np.ndarray,
+        effort: Effort,
+        state: _State | None = None,
+    ) -> None:
+        """Solves each n-th frame alone, and changes those between them likewise.
+
+        Args:
+            every: n.
+            problem, y: as of `keep`; y is changed in place.
+            some: (T,) the frames that are changed.
+            effort: is added to.
+            state: of the motion, under the first penalties; without rows by default.
+        """
+        at = np.arange(0, len(y), every)
+        problem, coarse = _of_each(problem, every), y[at]
+        for first, last, _ in self._parts(some[at]):
+            if state is None:
+                part = _part(problem, coarse, first, last, effort=effort)
+                part.solve_without_rows()
+            else:
+                asked = (x[at] for x in (state.at_frames, state.between, state.parts))
+                samples = _samples(*asked, first, last)
+                part = _part(problem, coarse, first, last, samples, effort)
+                part.begin()
+            coarse[first:last] = part.y[part.free]
+        change, frames = coarse - y[at], np.flatnonzero(some)
+        for column, x in zip(y.T, change.T, strict=True):
+            column[frames] += np.interp(frames, at, x)
 
     def keep(
         self,
@@ -279,28 +296,27 @@ class Keeper:
             tries: the numbers of the tries.
             progress: is called in the first try.
         """
-        frames, q = len(y), self._joints(y)
+        q = self._joints(y)
         for attempt in tries:
             if not violating.any():
                 break
-            around = _AROUND if attempt in (0, _ANEW) else _AROUND_AGAIN
+            begins = attempt in (0, _ANEW)
+            around = _AROUND if begins else _AROUND_AGAIN
             solved = spread(violating, round(around * self.rate))
-            anew = attempt == _ANEW
-            if anew:
+            if attempt == _ANEW:
                 y[solved] = problem.about[solved]
             elif attempt > _ANEW:
                 solved |= self._lay_chords(y, violating)
+            if begins:
+                every = _begun_with(problem)
+                self._solve_each(every, problem, y, solved, state.effort, state)
             for first, last, end in self._parts(solved & (attempt < _TRIES - 1)):
                 samples = _samples(
                     state.at_frames, state.between, state.parts, first, last
                 )
-                before, after = max(0, first - 2), min(frames, last + 2)
-                free = np.zeros(after - before, dtype=bool)
-                free[first - before : last - before] = True
-                part = Part(problem, before, y[before:after].copy(), free, samples)
-                part.effort = state.effort
-                part.solve(round(_AROUND_AGAIN * self.rate), attempt > 0 and not anew)
-                y[first:last] = part.y[first - before : last - before]
+                part = _part(problem, y, first, last, samples, state.effort)
+                part.solve(round(_AROUND_AGAIN * self.rate))
+                y[first:last] = part.y[part.free]
                 if progress is not None and not attempt:
                     progress(end)
             q[solved] = np.clip(q[solved], self.model.lower, self.model.upper)
@@ -461,8 +477,41 @@ class _TasksOfEach:
         return self._tasks.at(self._every * frames, y)
 
 
+def _part(
+    problem: Problem,
+    y: np.ndarray,
+    first: int,
+    last: int,
+    samples: Samples | None = None,
+    effort: Effort | None = None,
+) -> Part:
+    """The frames first to last - 1, which may move; without samples what comes after
+    them does not matter.
+
+    Args:
+        problem, y: of all frames.
+        first, last: see above.
+        samples: counted from the part's first frame.
+        effort: is added to.
+    """
+    before, after = max(0, first - 2), last if samples is None else last + 2
+    y = y[before:after].copy()
+    k = np.arange(before, before + len(y))
+    if samples is None:
+        samples = Samples(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
+    free = (k >= first) & (k < last)
+    return Part(problem, before, y, free, samples, effort or Effort())
+
+
+def _begun_with(problem: Problem) -> int:
+    """Each how many frames say what a change is, as far as it is smoothed."""
+    if problem.wishes is not None:
+        return 1
+    return max(1, int(np.sqrt(problem.smoothness.min())))
+
+
 def _of_each(problem: Problem, every: int) -> Problem:
-    """A motion's problem of each n-th frame alone, without rows."""
+    """A motion's problem of each n-th frame alone."""
     if every == 1:
         return problem
     return replace(
@@ -473,6 +522,9 @@ def _of_each(problem: Problem, every: int) -> Problem:
         smoothness=problem.smoothness / every**2,
         fastest=problem.fastest * every,
         wishes=None,
+        near_rows=lambda at, y, look: problem.near_rows(
+            replace(at, frame=every * at.frame), y, look
+        ),
     )
 
 

@@ -23,10 +23,12 @@ then set lambda_i to max(0, lambda_i - rho c_i). The penalty rho grows in stages
 with the last one the minimum is a worse one. Each minimisation takes damped
 Gauss-Newton steps; in a step all rows are linearised, and which of them count is found
 by iterating. Unknowns of neighbouring frames alone are coupled, so a step's time is
-linear in the frames (`bands`).
+linear in the frames (`bands`). Each frame has its own damping: where some go too far,
+the others are not slowed.
 
-Frames are *live* while rows that concern them, or frames near them, are not settled.
-Others are held.
+Frames are *live* while rows that concern them, or frames near them, are not settled;
+in a minimisation, once most of the others stand still, as long as they move. Others are
+held.
 """
 
 from __future__ import annotations
@@ -60,6 +62,8 @@ _HALVINGS = 8
 _ACTIVE_SETS = 6  # in one of them, at most
 # Frames on either side of those whose rows change, for which a step is found anew.
 _BESIDE = 10
+_LOCAL = 5  # frames on either side whose costs say whether a step was of use
+_FEW = 0.5  # where fewer of the frames move, the others are left alone
 _UPDATES = 10  # of the multipliers under the last penalty, at most
 _LONGEST_STEP = 0.5  # of any unknown in a step [rad]
 _SETTLED = 1e-3  # a step that changes no unknown by more ends a minimisation [rad]
@@ -75,8 +79,9 @@ _ARM = 0.2  # what a joint's limit lacks counts as much as this far from its axi
 # last step [m/rad].
 _LOOK, _NEAREST_LOOK, _FARTHEST_LOOK = 0.3, 0.01, 0.03
 
-# Levenberg's damping: first, least, most; by how much it rises and falls.
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _DAMPING_RATIO = 1e-2, 1e-5, 1e4, 4.0
+# Levenberg's damping, of each frame: first, least, most; by how much it rises where a
+# step was of no use, and falls elsewhere.
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RISE, _FALL = 1e-2, 1e-5, 1e4, 8.0, 3.0
 
 
 class AtFrames(NamedTuple):
@@ -191,6 +196,7 @@ class Effort:
 class _Live:
     """Frames that move, and what concerns them; the others' places are -1."""
 
+    moves: np.ndarray
     frames: np.ndarray
     seen: np.ndarray  # these, and if something stands still their neighbours
     own: np.ndarray  # where the live ones are among the seen
@@ -212,7 +218,12 @@ class _Linearised:
     done: AtFrames  # at the frames that are seen
     rows: NearRows  # whose `sample` counts live ones
     wishes: Wishes  # whose `middle` counts the part's frames
-    merit: float = 0.0
+    merits: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (P,)
+
+    @property
+    def merit(self) -> float:
+        """Of all frames."""
+        return float(self.merits.sum())
 
 
 @dataclass
@@ -242,7 +253,7 @@ class Part:
             self.problem.posture[some],
             self.problem.about[some],
         )
-        self._damping = _DAMPING
+        self._damping = np.full(len(self.y), _DAMPING)
         self._of_rows = np.zeros((len(self.samples.frame), self.problem.num_rows))
         self._of_limits = np.zeros((2, *self.y.shape))
         self._of_speeds = np.zeros((2, len(self.y) - 1, self.y.shape[1]))
@@ -250,36 +261,46 @@ class Part:
 
     def solve_without_rows(self) -> None:
         """Minimises without rows of distances."""
-        self.y = self._minimise(self._live(self.free), 0.0).y
+        self._minimise(self._live(self.free), 0.0)
 
-    def solve(self, near: int, again: bool = False) -> None:
-        """Minimises, until what is asked for is kept or nothing more is gained.
+    def begin(self) -> None:
+        """Minimises under the first penalties."""
+        live = self._live(self.free)
+        for penalty in _PENALTIES[:-1]:
+            self._update(live, self._minimise(live, penalty), penalty)
+
+    def solve(self, near: int) -> None:
+        """Minimises under the last penalty, until what is asked for is kept or nothing
+        more is gained.
 
         Args:
             near: frames so near to one that is not settled are live.
-            again: begin with the last penalty, from a motion that is nearly there.
         """
-        stages = _PENALTIES[-1:] if again else _PENALTIES
-        live = self._live(self.free)
+        live, penalty = self._live(self.free), _PENALTIES[-1]
         least, stalls = np.inf, 0
-        for update in range(len(stages) - 1 + _UPDATES):
-            penalty = stages[min(update, len(stages) - 1)]
+        for _ in range(_UPDATES):
             at = self._minimise(live, penalty)
-            self.y = at.y
             self._update(live, at, penalty)
             lacking, lacks = self._lacking(live, at)
-            if update >= len(stages) - 1:
-                stalls = stalls + 1 if lacks > _LESS * least else 0
-                if not lacking.any() or stalls >= _STALLS:
-                    return
-                least = min(least, lacks)
-                live = self._live(self.free & spread(lacking, near))
+            stalls = stalls + 1 if lacks > _LESS * least else 0
+            if not lacking.any() or stalls >= _STALLS:
+                return
+            least = min(least, lacks)
+            live = self._live(self.free & spread(lacking, near))
 
-    def _minimise(self, live: _Live, penalty: float) -> _Linearised:
+    def _minimise(self, live: _Live, penalty: float, cost: float = 0.0) -> _Linearised:
+        """Changes y of live frames; returns where it is then.
+
+        Args:
+            live: the frames.
+            penalty: rho of the distances.
+            cost: what was minimised with them; a gain is little beside that.
+        """
         damping, look = self._damping, _FARTHEST_LOOK
         at = self._linearise(self.y, live, penalty, look)
         for _ in range(_STEPS):
-            step = self._step(at, live, penalty, damping)
+            step = self._step(at, live, penalty, damping[live.frames])
+            worse, gain = live.moves, -np.inf
             if step is not None:
                 sizes = np.abs(step).max(axis=1)
                 step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(sizes, 1e-300))[
@@ -290,17 +311,28 @@ class Part:
                 y[live.frames] += step
                 look = np.clip(_LOOK * size, _NEAREST_LOOK, _FARTHEST_LOOK)
                 new = self._linearise(y, live, penalty, look)
-            if step is None or not new.merit <= at.merit + 1e-12:
-                damping = max(_DAMPING_RATIO * damping, _DAMPING)
-                if damping > _MOST_DAMPING:
+                worse = ~(_around(new.merits - at.merits) <= 1e-12)
+                gain = at.merit - new.merit
+            damping[worse] = np.maximum(_RISE * damping[worse], _DAMPING)
+            if not gain >= -1e-12:
+                if not damping[worse].min(initial=np.inf) <= _MOST_DAMPING:
                     break
                 continue
-            gain, at = at.merit - new.merit, new
-            damping = max(damping / _DAMPING_RATIO, _LEAST_DAMPING)
-            little = gain < _GAIN * (_NO_COST + new.merit) or size < _SETTLED
+            damping[~worse] = np.maximum(damping[~worse] / _FALL, _LEAST_DAMPING)
+            at, cost = new, max(cost, new.merit)
+            little = gain < _GAIN * (_NO_COST + cost) or size < _SETTLED
             if little and size < _LONGEST_STEP:
                 break
-        self._damping = min(damping, _MOST_DAMPING)
+            moving = np.zeros(len(y), dtype=bool)
+            moving[live.frames[sizes > _SETTLED]] = True
+            moving = spread(moving, _BESIDE) & live.moves
+            if moving.sum() < _FEW * len(live.frames):
+                self.y = at.y
+                self._minimise(self._live(moving), penalty, cost)
+                at = self._linearise(self.y, live, penalty, look)
+                break
+        np.minimum(damping, _MOST_DAMPING, out=damping)
+        self.y = at.y
         return at
 
     def _live(self, mask: np.ndarray) -> _Live:
@@ -317,6 +349,7 @@ class Part:
         moving = self.problem.tasks.step_weights is not None
         seen = np.flatnonzero(spread(mask, 1)) if moving else frames
         return _Live(
+            mask,
             frames,
             seen,
             np.searchsorted(seen, frames),
@@ -344,7 +377,7 @@ class Part:
         if penalty:
             rows = problem.near_rows(samples, at, look)
         new = _Linearised(y, done, rows, self._wishes(y, live))
-        new.merit = self._merit(new, live, penalty)
+        new.merits = self._merits(new, live, penalty)
         return new
 
     def _wish_weight(self, penalty: float) -> float:
@@ -370,30 +403,37 @@ class Part:
             np.stack([problem.fastest - step, problem.fastest + step]),
         )
 
-    def _merit(self, at: _Linearised, live: _Live, penalty: float) -> float:
-        problem, y = self.problem, at.y
+    def _merits(self, at: _Linearised, live: _Live, penalty: float) -> np.ndarray:
+        """(P,) each frame's share of what is minimised."""
+        problem, y, found = self.problem, at.y, np.zeros(len(at.y))
         posture = problem.posture_weight * (y - self._posture)[live.frames]
+        found[live.frames] += _squares(at.done.r[live.own]) + _squares(posture)
         bends = self.problem.smoothness * np.diff(y - self._about, 2, axis=0)
-        weights, _, steps = self._standing(live, at.done.f)
-        terms = (at.done.r[live.own], posture, bends, weights * steps)
-        sums = [np.vdot(z, z) for z in terms]
+        found[1:-1] += _squares(bends)
+        weights, before, steps = self._standing(live, at.done.f)
+        found[live.seen[before]] += _squares(weights * steps)
         limits, speeds = self._limits(y, live)
-        for rho, lam, c in (
+        samples = live.samples[at.rows.sample]
+        for rho, lam, c, frames in (
             (
                 penalty,
-                self._of_rows[live.samples[at.rows.sample], at.rows.row],
+                self._of_rows[samples, at.rows.row],
                 at.rows.d,
+                self.samples.frame[samples],
             ),
-            (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits),
-            (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds),
-            (self._wish_weight(penalty), 0.0, at.wishes.d),
+            (_PENALTY_OF_JOINTS, self._of_limits[:, live.frames], limits, live.frames),
+            (_PENALTY_OF_JOINTS, self._of_speeds[:, live.steps], speeds, live.steps),
+            (self._wish_weight(penalty), 0.0, at.wishes.d, at.wishes.middle),
         ):
             lacks = np.maximum(0.0, lam / rho - c)
-            sums.append(rho * np.vdot(lacks, lacks))
-        return 0.5 * float(sum(sums))
+            squares = lacks * lacks
+            if lacks.ndim > 1:
+                squares = squares.sum(axis=(0, 2))
+            found += rho * np.bincount(frames, squares, minlength=len(y))
+        return 0.5 * found
 
     def _step(
-        self, at: _Linearised, live: _Live, penalty: float, damping: float
+        self, at: _Linearised, live: _Live, penalty: float, damping: np.ndarray
     ) -> np.ndarray | None:
         """(L, m) to the minimum of the linearised merit, with its own active set."""
         base = self._normal(at, live, damping)
@@ -493,7 +533,7 @@ class Part:
             lacks = tuple(c - share * x for c, x in zip(lacks, going, strict=True))
         return step
 
-    def _normal(self, at: _Linearised, live: _Live, damping: float) -> Normal:
+    def _normal(self, at: _Linearised, live: _Live, damping: np.ndarray) -> Normal:
         """Of what is minimised, without constraints."""
         problem, some = self.problem, live.frames
         weight, stiff = problem.posture_weight**2, self.problem.smoothness**2
@@ -501,7 +541,7 @@ class Part:
         D, b, j = np.zeros((frames, m, m)), np.zeros((frames, m)), np.arange(m)
         add_squares(D, b, at.done.J[live.own], at.done.r[live.own])
         centre, first, second = self._stiffness
-        D[:, j, j] += weight + damping + centre[some, None] * stiff
+        D[:, j, j] += weight + damping[:, None] + centre[some, None] * stiff
         S, E = np.zeros((max(frames - 1, 0), m, m)), np.zeros((max(frames - 2, 0), m))
         by_one, by_two = np.diff(some) == 1, (some[2:] - some[:-2]) == 2
         S[:, j, j] = np.where(by_one, first[some[:-1]], 0.0)[:, None] * stiff
@@ -602,6 +642,19 @@ def _least_along(straight, lacks, going, weights) -> float:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)
     return high
+
+
+def _squares(rows: np.ndarray) -> np.ndarray:
+    """(K,) sums of squares of rows (K, R)."""
+    return np.einsum("kr,kr->k", rows, rows)
+
+
+def _around(values: np.ndarray) -> np.ndarray:
+    """(P,) sums of each frame's value and those of so many on either side."""
+    sums = np.cumsum(np.concatenate([[0.0], values]))
+    k = np.arange(len(values))
+    last = np.minimum(k + _LOCAL + 1, len(values))
+    return sums[last] - sums[np.maximum(k - _LOCAL, 0)]
 
 
 def spread(mask: np.ndarray, by: int) -> np.ndarray:

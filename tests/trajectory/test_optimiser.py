@@ -131,6 +131,7 @@ def test_a_path_around_a_disc_is_a_minimum(fastest, stands):
     at = samples()
     part = Part(of, 0, of.posture.copy(), np.ones(FRAMES, dtype=bool), at)
     assert disc(of.posture)[0].min() < -0.15
+    part.begin()
     part.solve(FRAMES)
     y = part.y
     assert (disc(places(y, at))[0] - at.asked).min() > -2e-4
@@ -148,6 +149,7 @@ def test_held_frames_stay_and_the_rest_goes_on_from_them():
     free = np.zeros(FRAMES, dtype=bool)
     free[2:8] = True
     part = Part(of, 0, of.posture.copy(), free, at)
+    part.begin()
     part.solve(FRAMES)
     np.testing.assert_array_equal(part.y[~free], of.posture[~free])
     assert np.abs(part.y[free] - of.posture[free]).max() > 0.05
@@ -170,11 +172,13 @@ def test_a_part_is_a_piece_of_its_motion():
     """Counted from its first frame, tasks and posture are those of its own frames."""
     of = problem()
     whole = Part(of, 0, of.posture.copy(), np.arange(FRAMES) >= 5, samples())
+    whole.begin()
     whole.solve(FRAMES)
     at = samples()
     own = at.frame >= 3
     piece = Samples(at.frame[own] - 3, at.share[own], at.asked[own])
     part = Part(of, 3, of.posture[3:].copy(), np.arange(3, FRAMES) >= 5, piece)
+    part.begin()
     part.solve(FRAMES)
     np.testing.assert_allclose(part.y, whole.y[3:], atol=1e-9)
 
@@ -183,6 +187,7 @@ def test_one_that_cannot_be_had_ends_and_is_as_near_as_may_be():
     """A disc that fills what the limits leave."""
     of = problem(lower=np.array([0.5, 0.25]), upper=np.array([0.7, 0.35]))
     part = Part(of, 0, of.posture.copy(), np.ones(FRAMES, dtype=bool), samples())
+    part.begin()
     part.solve(FRAMES)
     assert np.isfinite(part.y).all() and disc(part.y)[0].max() < 0.01
 
@@ -249,6 +254,7 @@ def test_wishes_of_three_frames_are_one_sided_squares(held):
     if held:
         free[[0, 1, 2, 10, 11]] = False
     part = Part(of, 0, of.posture.copy(), free, samples())
+    part.begin()
     part.solve(FRAMES)
 
     def merit(x):

@@ -162,6 +162,12 @@ class _Lines:
 
     def numbers(self, words: list[str]) -> list[float]:
         """Returns the words as finite numbers."""
+        try:
+            values = [float(word) for word in words]
+            if math.isfinite(sum(values)):
+                return values
+        except ValueError:
+            pass
         values = []
         for word in words:
             try:

@@ -1,7 +1,7 @@
 """Does a robot that stands stay on its feet, in Drake's contact simulation?
 
-    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--pelvis]
-                                  [--page PAGE]
+    python -m benchmarks.standing [--runs 20] [--seeds 1 2 ...] [--only pushed ...]
+                                  [--pelvis] [--page PAGE]
 
 Wrists of robots that nothing but a floor carries are asked for swings of up to 3 Hz and
 30 cm, with `balance` and without. The controller believes the model; the robot is as
@@ -124,7 +124,13 @@ def cells(runs: Sequence[dict]) -> list[str]:
     ]
 
 
-def run_all(runs: int, seconds: float, seed: int, pelvis: bool = False) -> Kept:
+def run_all(
+    runs: int,
+    seconds: float,
+    seed: int,
+    pelvis: bool = False,
+    only: Sequence[str] = (),
+) -> Kept:
     """The runs of one seed, from where it was stopped.
 
     Args:
@@ -132,13 +138,14 @@ def run_all(runs: int, seconds: float, seed: int, pelvis: bool = False) -> Kept:
         seconds: of a run.
         seed: of all dice.
         pelvis: whether it sways and squats.
+        only: of these conditions alone, all runs of each; by default of all.
     """
     kept = Kept("standing-pelvis" if pelvis else "standing", seed)
     for k in range(runs):
         dice = int(np.random.default_rng([seed, k]).integers(2**31))
         for robot in ROBOTS:
-            for condition in CONDITIONS:
-                if condition != AS_BELIEVED and k >= runs // 4:
+            for condition in only or CONDITIONS:
+                if condition != AS_BELIEVED and not only and k >= runs // 4:
                     continue
                 for law in ("balance", "without"):
                     key = f"{robot}; {condition}; {law}; {seconds:g} s; {k}"
@@ -168,11 +175,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         help="of each seed, of a robot as believed; a quarter else",
     )  # fmt: skip
     parser.add_argument("--seconds", type=float, default=10.0, help="of a run")
+    parser.add_argument(
+        "--only", nargs="+", choices=CONDITIONS, default=(), metavar="CONDITION",
+        help=f"as many runs of each of these: {', '.join(CONDITIONS)}",
+    )  # fmt: skip
     add_seeds(parser, "standing")
     parser.add_argument("--pelvis", action="store_true", help="sways and squats")
-    options = benchmark.parse(argv, lambda options: "swings")
+    options = benchmark.parse(argv, lambda options: " ".join(options.only) or "swings")
     seeds = [
-        run_all(options.runs, options.seconds, seed, options.pelvis)
+        run_all(options.runs, options.seconds, seed, options.pelvis, options.only)
         for seed in options.seeds
     ]
     found: dict[tuple[str, str, str], list[dict]] = {
@@ -184,7 +195,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     for kept in seeds:
         for key, figure in kept.results.items():
             *kind, length, _ = key.split("; ")
-            if length == f"{options.seconds:g} s":
+            asked = not options.only or kind[1] in options.only
+            if asked and length == f"{options.seconds:g} s":
                 found[tuple(kind)].append(figure)
     rows = [[*kind, *cells(runs)] for kind, runs in found.items() if runs]
     if not rows:

@@ -100,14 +100,18 @@ def add(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument(
         "--retime",
-        nargs="?",
+        action="store_const",
         const="speeds",
         default="",
-        choices=["speeds", "torques"],
-        metavar="FOR",
         help="slow a motion down where a joint is faster than its limit (default: it "
-        "stays in time, and the joint lags); --retime torques: and where one that "
-        "carries no foot needs more than its effort limit",
+        "stays in time, and the joint lags)",
+    )
+    parser.add_argument(
+        "--retime-torques",
+        action="store_const",
+        const="torques",
+        dest="retime",
+        help="and where one that carries no foot needs more than its effort limit",
     )
     add_balance(parser)
     parser.add_argument(

@@ -101,7 +101,7 @@ class JointTorques:
         if not columns:
             raise ModelError(
                 f"robot {description.name}: no joint that carries no foot has an "
-                "effort limit, so that no torque can be too large; use --retime speeds"
+                "effort limit, so that no torque can be too large; use --retime"
             )
         self._columns = np.array(columns)
         self.limits = limits[self._columns]

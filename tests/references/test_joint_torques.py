@@ -143,7 +143,7 @@ def test_the_command(folder, tmp_path, capsys):
     write_motion(source, swings(2.0), "wxyz-csv")
     given = ["clean", str(source), "--robot", str(folder), "--out", str(out)]
     given += ["--layout", "wxyz-csv", "--frame-rate", str(RATE), "--no-page"]
-    assert main([*given, "--retime", "torques"]) == 0
+    assert main([*given, "--retime-torques"]) == 0
     told = capsys.readouterr().out
     assert "or needs too much torque" in told
     assert "beyond an effort limit in " in told and " before, 0 after" in told

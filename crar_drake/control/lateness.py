@@ -10,7 +10,7 @@ that long ago,
 and what is missing of that, squared and averaged, is the least for the true n. Pushes,
 wrong masses and noise are missing with any n alike, so only a lag that explains clearly
 more than the present one takes its place. It must explain most of what changed, too:
-of a robot that is stuck while commands grow, older ones are less wrong, but none of them
+of a robot that is stuck while commands grow, older ones are less wrong, but none
 explains anything.
 """
 

@@ -9,7 +9,9 @@ that long ago,
 
 and what is missing of that, squared and averaged, is the least for the true n. Pushes,
 wrong masses and noise are missing with any n alike, so only a lag that explains clearly
-more than the present one takes its place.
+more than the present one takes its place. It must explain most of what changed, too:
+of a robot that is stuck while commands grow, older ones are less wrong, but none
+explains anything.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ class Lateness(NamedTuple):
 
     Attributes:
         v: (nv,) as measured there [rad/s].
-        missed: (K,) mean square of what was missing, for each lag [(rad/s)^2].
+        missed: (K + 1,) mean square of what was missing, for each lag; last of all that
+            changed, as if nothing had been commanded [(rad/s)^2].
         steps: how many were averaged.
         periods: n, the lag that is believed, beyond what the law is told.
     """
@@ -64,19 +67,21 @@ def watch_lateness(
     """
     lags = round(LATEST / period) + 1
     if before is None:
-        return Lateness(v, np.zeros(lags))
+        return Lateness(v, np.zeros(lags + 1))
     first = int(told)
     if len(sent) < first + lags + 1:
         return before._replace(v=v)
     commanded = np.array(sent[first : first + lags + 1])
     part = told - first
     expected = period * ((1.0 - part) * commanded[:-1] + part * commanded[1:])
+    expected = np.vstack((expected, np.zeros(len(v))))
     missing = np.sum((v - before.v - expected) ** 2, axis=1)
     steps = before.steps + 1
     share = max(period / _WINDOW, 1.0 / steps)
     missed = before.missed + share * (missing - before.missed)
     now, best = before.periods, int(np.argmin(missed))
     noticed = missed[now] > _NOTICED**2
-    if steps >= _FIRST and noticed and missed[best] < _CLEARLY * missed[now]:
+    rival = min(missed[now], missed[-1])
+    if steps >= _FIRST and noticed and missed[best] < _CLEARLY * rival:
         now = best
     return Lateness(v, missed, steps, now)

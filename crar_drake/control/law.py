@@ -321,8 +321,10 @@ class ControlLaw:
         lateness = None
         if mode.plans:
             told = self._latency / self._period
+            # One glitch would outweigh all else for seconds.
+            seen = self._plausible.believed(v, before.v)
             lateness = watch_lateness(
-                before.lateness, v, before.sent, told, self._period
+                before.lateness, seen, before.sent, told, self._period
             )
         q, v = self._predict(before.sent, lateness, self._period, q, v)
         if not len(targets.posture):

@@ -117,3 +117,37 @@ def test_without_a_preview_nobody_looks_for_it(model):
     q = model.rest_positions()
     law.step(q, 0.0 * q, model.tasks_at(q), model.prescribed_at(q))
     assert law._memory.lateness is None and law._memory.sent == ()
+
+
+@pytest.mark.parametrize("power", [1, 2, 3])
+def test_a_robot_that_is_stuck_is_not_late(power):
+    """Older commands are smaller, and so less wrong; but they explain nothing."""
+    seen, still = None, np.zeros(JOINTS)
+    for k in range(60):
+        sent = tuple(
+            np.full(JOINTS, min(0.5 * j**power, 200.0))
+            for j in range(k - 1, max(k - 9, -1), -1)
+        )
+        seen = watch_lateness(seen, still, sent, 0.0, PERIOD)
+        assert seen.periods == 0
+    assert seen.missed[0] > 0.01  # it was noticed that nothing comes of them
+
+
+@pytest.mark.parametrize("glitch", [1e3, 1e160])
+def test_after_a_glitch_of_the_sensor_a_lag_is_still_seen(model, glitch):
+    """Else what was missing in that step would outweigh all else, 1e160 for ever."""
+    law = ControlLaw(
+        model,
+        CrarParameters(
+            period=PERIOD,
+            blend_time=0.0,
+            lookahead=LookaheadParameters(preset="balanced"),
+        ),
+    )
+    q, still = model.rest_positions(), model.prescribed_at(model.rest_positions())
+    target = model.tasks_at(q)
+    for k in range(12):
+        v = np.zeros(model.plant.num_velocities())
+        v[model.controlled[0]] = glitch if k == 10 else 0.0
+        law.step(q, v, target, still)
+    assert law._memory.lateness.missed.max() < 1e-4

@@ -226,3 +226,17 @@ def test_the_papers_constraints_take_no_notice(model):
     among = drive(ControlLaw(model, gains), runner, 30)
     for one, other in zip(without, among, strict=True):
         np.testing.assert_array_equal(one.acceleration, other.acceleration)
+
+
+def test_a_preset_goes_with_obstacles_as_its_numbers_do(model):
+    """What the filter has no use for, a plan, is not the filter's."""
+    ahead = LookaheadParameters(horizon=0.05, longest_horizon=0.05)
+    named = replace(ahead, preset="calm")
+    numbers = {"preview": named.planned_time, "smoothness": named.planned_smoothness}
+    found = [
+        drive(ControlLaw(model, replace(PARAMETERS, lookahead=chosen)), runner, 60)
+        for chosen in (named, replace(ahead, **numbers))
+    ]
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.acceleration, other.acceleration)
+    assert any(solution.obstacle is not None for solution in found[0])

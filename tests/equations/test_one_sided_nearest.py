@@ -66,3 +66,15 @@ def test_it_comes_to_an_end_whatever_the_numbers(bad):
     rows = np.array([[1.0, 0.0], [bad, 1.0]])
     x = one_sided_nearest(np.zeros(2), rows, np.array([1.0, 1.0]))
     assert x.shape == (2,)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_many_rows_hold_it_is_the_minimum_too(seed):
+    """As among sixty obstacles around a robot: hundreds of rows, of which most hold."""
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((400, 6))
+    x_0, desired = rng.standard_normal(6), rng.normal(0.5, 2.0, 400)
+    x = one_sided_nearest(x_0, rows, desired)
+    lacks = np.maximum(desired - rows @ x, 0.0)
+    assert (lacks > 0.0).sum() > 100
+    np.testing.assert_allclose(x - x_0, rows.T @ lacks, rtol=0.0, atol=1e-9)

@@ -111,7 +111,8 @@ def add(subparsers: argparse._SubParsersAction) -> None:
         action="store_const",
         const="torques",
         dest="retime",
-        help="and where one that carries no foot needs more than its effort limit",
+        help="as --retime, and where a joint that carries no foot needs more than its "
+        "effort limit",
     )
     add_balance(parser)
     parser.add_argument(

@@ -20,6 +20,8 @@ from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
 from scipy.spatial import ConvexHull, QhullError
 
 from crar_drake.errors import ModelError
+from crar_drake.references.robot_motion import RobotMotion
+from crar_drake.references.whole_body import WholeBody
 
 ON_THE_FLOOR = (
     0.01  # [m] above the floor that points of a planted foot support, at most
@@ -58,6 +60,38 @@ class GroundWrench:
             self.force[:, 2] > _LEAST_FORCE * self.weight, self.force[:, 2], np.nan
         )
         return np.linalg.norm(self.force[:, :2], axis=1) / up
+
+
+def plant_motion(
+    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q (T, nq), v and vdot (T, nv) of a motion; its first and last frame move as those
+    beside them.
+
+    Args:
+        robot: that moves.
+        root: by which it floats; None if its base is fixed.
+        motion: with its joints in the robot's order.
+    """
+    rate, T = motion.rate, motion.num_frames
+    q, rotations = robot.configurations(motion.joint_positions), motion.root_rotations
+    if root is not None:
+        at = root.position_start()
+        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
+        q[:, at + 4 : at + 7] = motion.root_positions
+    v, vdot = np.zeros((2, T, robot.plant.num_velocities()))
+    if T > 2:
+        steps = robot.velocities(np.diff(motion.joint_positions, axis=0))
+        if root is not None:
+            at = root.velocity_start()
+            turned = rotations[1:] * rotations[:-1].inv()
+            steps[:, at : at + 3] = turned.as_rotvec()
+            steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
+        v[1:-1] = 0.5 * rate * (steps[1:] + steps[:-1])
+        vdot[1:-1] = rate**2 * np.diff(steps, axis=0)
+        for x in (v, vdot):
+            x[0], x[-1] = x[1], x[-2]
+    return q, v, vdot
 
 
 def ground_wrench(

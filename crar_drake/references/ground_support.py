@@ -20,8 +20,8 @@ from crar_drake.references.ground_demand import (
     GroundWrench,
     ground_wrench,
     outside_support,
+    plant_motion,
 )
-from crar_drake.references.joint_torques import plant_motion
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_root

@@ -17,10 +17,11 @@ Velocities and accelerations are differences of neighbouring frames.
 from __future__ import annotations
 
 import numpy as np
-from pydrake.multibody.tree import MultibodyForces, QuaternionFloatingJoint
+from pydrake.multibody.tree import MultibodyForces
 
 from crar_drake.errors import ModelError
 from crar_drake.references.ground_contact import FEET
+from crar_drake.references.ground_demand import plant_motion
 from crar_drake.references.robot_motion import RobotMotion
 from crar_drake.references.whole_body import WholeBody
 from crar_drake.robot.description import find_frame, find_root
@@ -28,38 +29,6 @@ from crar_drake.robot_import.link_outlines import links_outward
 
 # Beyond this share of its limit by gravity alone, a joint is not helped by any tempo.
 _BY_GRAVITY = 0.95
-
-
-def plant_motion(
-    robot: WholeBody, root: QuaternionFloatingJoint | None, motion: RobotMotion
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q (T, nq), v and vdot (T, nv) of a motion; its first and last frame move as those
-    beside them.
-
-    Args:
-        robot: that moves.
-        root: by which it floats; None if its base is fixed.
-        motion: with its joints in the robot's order.
-    """
-    rate, T = motion.rate, motion.num_frames
-    q, rotations = robot.configurations(motion.joint_positions), motion.root_rotations
-    if root is not None:
-        at = root.position_start()
-        q[:, at : at + 4] = rotations.as_quat()[:, [3, 0, 1, 2]]
-        q[:, at + 4 : at + 7] = motion.root_positions
-    v, vdot = np.zeros((2, T, robot.plant.num_velocities()))
-    if T > 2:
-        steps = robot.velocities(np.diff(motion.joint_positions, axis=0))
-        if root is not None:
-            at = root.velocity_start()
-            turned = rotations[1:] * rotations[:-1].inv()
-            steps[:, at : at + 3] = turned.as_rotvec()
-            steps[:, at + 3 : at + 6] = np.diff(motion.root_positions, axis=0)
-        v[1:-1] = 0.5 * rate * (steps[1:] + steps[:-1])
-        vdot[1:-1] = rate**2 * np.diff(steps, axis=0)
-        for x in (v, vdot):
-            x[0], x[-1] = x[1], x[-2]
-    return q, v, vdot
 
 
 class JointTorques:

@@ -114,7 +114,7 @@ def moved_by(failed: np.ndarray, world: Held) -> np.ndarray:
 
 
 @compiled
-def evading(
+def evading_constraints(
     v: np.ndarray,
     g: np.ndarray,
     least: np.ndarray,
@@ -157,7 +157,7 @@ def less_wanted(
     Args:
         q, v: (n,), (n,) state.
         s_1: (n,) of the command.
-        rows: the guard's, those of `evading` among them.
+        rows: the guard's, those of `evading_constraints` among them.
         lowest, highest: (n,), (n,) bounds.
         failed: (L, N) bool, what is too near if all of the command is asked for.
         level, levels: that pairs and spheres are to keep.
@@ -263,7 +263,9 @@ def step_among(
         if link < 0:
             worst = np.argmax(lacks)
             link, sphere = who[worst, 0], who[worst, 1]
-        rows = join_constraints(rows, evading(v, g, least, admission, world))
+        rows = join_constraints(
+            rows, evading_constraints(v, g, least, admission, world)
+        )
     s, how, share = guarded(s_1, rows, lowest, highest), CORRECTED, 1.0
     after = velocity_after(s, v, admission)
     good, of_pair, left = keeps_clear(q, after, level, levels, spheres, of, world)

@@ -737,7 +737,8 @@ def evading_rows(
     L = len(links.radius)
     reach = own_reach(braking_line(q, v, law), links) + links.turned
     at = place_links(q, r, links)
-    # A row binds at h = (n v_o - g q_dot') / alpha, or what others ask for makes it so.
+    # A row binds at h = (n v_o - g q_dot') / alpha: V / alpha, and what the command
+    # does; other rows ask for up to 2 V, and may move this link by as much.
     ahead = times(reach, np.abs(v_next)) / evasion.rate
     seconds = np.full(L, 3.0 / evasion.rate + evasion.lead)
     balls = at[3 * n : 3 * n + L]

@@ -42,11 +42,12 @@ from crar_drake.equations.lookahead_rows import (
 )
 from crar_drake.equations.prediction import state_ahead
 from crar_drake.equations.torque_limit import (
+    clip_torque,
     limit_torque,
     nearest_accelerations,
     next_braking_torque,
 )
-from crar_drake.equations.vectors import identity, put, times
+from crar_drake.equations.vectors import identity, largest, put, times
 
 # What `nearest_accelerations` and rounding leave beyond a limit is no excess [1].
 NO_EXCESS = 1e-4
@@ -178,10 +179,7 @@ def share_left(
 @compiled
 def effort_excess(tau: np.ndarray, limits: np.ndarray) -> float:
     """By which share of its limit the worst of the torques (nu,) is beyond it [1]."""
-    excess = 0.0
-    for i in range(len(tau)):
-        excess = max(excess, abs(tau[i]) / limits[i] - 1.0)
-    return excess
+    return max(0.0, largest(tau / limits) - 1.0)
 
 
 @compiled
@@ -398,7 +396,7 @@ def limited_acceleration(
     for k in range(len(horizons)):
         T = horizons[k]
         lowest, highest = step_bounds(
-            q, v, n, numbers.limits.value, AdmissionGains(T, *numbers.admission[1:])
+            q, v, n, numbers.limits.value, with_horizon(numbers, T).admission
         )
         found, excess = within_limits(
             nominal,
@@ -467,8 +465,8 @@ def limited_acceleration(
             break
     there = chosen[r.order]
     tau = times(np.ascontiguousarray(efforts[:, :nv]), there) + efforts[:, nv]
+    tau, excess = clip_torque(tau, limits)
     share = share_left(there, nominal, v[:n], horizons[0])
-    excess = effort_excess(tau, limits)
     after = state_ahead(
         measured.q[0],
         measured.v,
@@ -481,8 +479,8 @@ def limited_acceleration(
     )
     return (
         chosen,
-        np.minimum(np.maximum(tau, -limits), limits),
-        np.array([share, excess if excess > 1e-12 else 0.0]),
+        tau,
+        np.array([share, excess]),
         after,
         admission,
     )

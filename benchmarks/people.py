@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from benchmarks.adversary.judge import Judge
 from benchmarks.adversary.policies import POLICIES, Policy, Room
 from benchmarks.adversary.robots import load_subject
 from benchmarks.page import Benchmark, Table, run
@@ -39,6 +40,8 @@ PERIODS = (0.002, 0.005, 0.01, 0.02)
 FASTEST = 2.0  # of people [m/s]
 EPISODE = 300  # periods
 INSTANTS = 4  # that are judged in each period
+# Of the start (n,) and the dice.
+MakePolicy = Callable[[np.ndarray, np.random.Generator], Policy]
 MEASURED = ("exactly", "exactly", "at times", "with noise")
 HEADER = (
     *("robot", "steps", "left as wanted", "changed by obstacles"),
@@ -151,9 +154,19 @@ class Tally:
         ]
 
 
+def hostile(policy: str, filter: SafetyFilter, judge: Judge) -> MakePolicy:
+    """A policy of the adversary, for `run_at`.
+
+    Args:
+        policy: its name.
+        filter, judge: of the robot, as of its `Room`.
+    """
+    return lambda start, rng: POLICIES[policy](Room(filter, judge, start, rng))
+
+
 def run_at(
     filter: SafetyFilter,
-    make_policy: Callable[[np.ndarray, np.random.Generator], Policy],
+    make_policy: MakePolicy,
     num_steps: int,
     seed: int,
     tally: Tally | None = None,
@@ -267,13 +280,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             ahead = replace(ahead, contact_speed=contact_speed, evade=options.evade)
             filters[key] = SafetyFilter(model, period, ahead)
         filter, judge = filters[key], subject.filter(period)[1]
-
-        def make_policy(start, dice, filter=filter, judge=judge, policy=policy):
-            return POLICIES[policy](Room(filter, judge, start, dice))
-
         before = tallies[robot].violations
         dice = int(rng.integers(2**31))
-        run_at(filter, make_policy, EPISODE, dice, tallies[robot])
+        run_at(filter, hostile(policy, filter, judge), EPISODE, dice, tallies[robot])
         if tallies[robot].violations > before:
             print(f"violated: episode {episode}, {key}, {policy}", file=sys.stderr)
         episode += 1

@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.adversary.policies import POLICIES, Room
 from benchmarks.adversary.robots import load_subject
-from benchmarks.people import Tally, run_at, witness_of
+from benchmarks.people import Tally, hostile, run_at, witness_of
 from crar_drake import (
     ControlLaw,
     ControlModel,
@@ -321,15 +320,8 @@ def test_whoever_runs_at_what_evades_touches_nothing_that_is_fast(robot, period)
     ahead = replace(filter_parameters(period), evade=True)
     filter, tally = SafetyFilter(model, period, ahead), Tally()
     for seed, policy in enumerate(("jumps", "sines", "lost")):
-        run_at(
-            filter,
-            lambda start, rng, policy=policy: POLICIES[policy](
-                Room(filter, judge, start, rng)
-            ),
-            round(2.0 / period),
-            seed,
-            tally,
-        )
+        wanted = hostile(policy, filter, judge)
+        run_at(filter, wanted, round(2.0 / period), seed, tally)
     assert tally.changed > 50
     assert tally.violations == 0
 

@@ -12,7 +12,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from benchmarks.people import Person, Tally, run_at, witness_of
+from benchmarks.adversary.robots import load_subject
+from benchmarks.people import Person, Tally, hostile, run_at, witness_of
 from crar_drake import (
     InputError,
     LookaheadParameters,
@@ -279,22 +280,12 @@ def test_without_its_obstacles_the_same_person_is_hit():
 @pytest.mark.parametrize("robot, period", [("obstacle_arm", 0.02), ("jaw", 0.005)])
 def test_whoever_runs_at_it_touches_nothing_that_is_fast(robot, period):
     """Policies that jump, swing and are lost; measurements exact, late and noisy."""
-    from benchmarks.adversary.policies import POLICIES, Room
-    from benchmarks.adversary.robots import load_subject
-
     subject = load_subject(robot)
     model, judge = subject.model(subject.task_set(0)), subject.filter(period)[1]
     filter, tally = SafetyFilter(model, period), Tally()
     for seed, policy in enumerate(("jumps", "sines", "on_and_on", "lost", "between")):
-        run_at(
-            filter,
-            lambda start, rng, policy=policy: POLICIES[policy](
-                Room(filter, judge, start, rng)
-            ),
-            round(2.0 / period),
-            seed,
-            tally,
-        )
+        wanted = hostile(policy, filter, judge)
+        run_at(filter, wanted, round(2.0 / period), seed, tally)
     assert tally.changed > 50 and tally.contacts > 0
     assert tally.violations == 0
 

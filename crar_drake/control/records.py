@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from crar_drake.control.lateness import Lateness
 from crar_drake.equations.references import BlendStart
 from crar_drake.errors import CrarError
 
@@ -115,7 +116,7 @@ class Memory:
         regions: the `control.obstacles.Regions` of the next step; None without any.
         sent: accelerations (nv,) that were commanded, the newest first; as many as
             `CrarParameters.latency` and `lateness` need.
-        lateness: `control.lateness.Lateness`; None where nobody looks for it.
+        lateness: how late states are; None where nobody looks for it.
     """
 
     tick: int = -1
@@ -129,7 +130,7 @@ class Memory:
     governed: np.ndarray | None = None
     regions: Any = None
     sent: tuple[np.ndarray, ...] = ()
-    lateness: Any = None
+    lateness: Lateness | None = None
 
     def at_torque_tick(self, torque_tick: int, solution: Solution) -> Memory:
         """The same control step with the torque of a later torque tick."""

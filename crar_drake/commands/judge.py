@@ -133,7 +133,7 @@ def run_log(arguments: argparse.Namespace) -> int:
             verdict = judge_certificate(
                 log,
                 referee,
-                scenario.controller,
+                scenario.law_parameters,
                 scenario.plant_config.time_step,
                 arguments.paths_every,
             )

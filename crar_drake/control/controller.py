@@ -173,7 +173,10 @@ class CrarController(LeafSystem):
         """
         super().__init__()
         self.set_name("crar_controller")
-        self.law = ControlLaw(model, parameters)
+        gains = parameters or CrarParameters()
+        self.law = ControlLaw(
+            model, gains.among_obstacles() if obstacle_speeds else gains
+        )
         self._plant_is_discrete = plant_is_discrete
         plant_step = model.plant.time_step() if plant_is_discrete else 0.0
         self._torque_ticks = self.law.parameters.torque_ticks(plant_step)

@@ -11,10 +11,12 @@ from crar_drake.errors import ScenarioError
 LOST_TARGET = ("brake", "error")
 GUARD_NORMS = ("joints", "tasks")
 
-# What presets plan ahead by [s], and how smoothly [m s^2].
-_PRESET_PREVIEW = 0.1
+# How far ahead is planned unless it is given [s], and how smoothly [m s^2].
+PREVIEW = 0.1
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
+# With longer control periods a plan shakes: by default there is none [s].
+LONGEST_PLANNED_PERIOD = 0.01
 
 # A pair's weight is then up to 1e12, and a double has 16 digits.
 LARGEST_RHO = 1.0
@@ -42,12 +44,13 @@ class LookaheadParameters:
 
     Attributes:
         horizon: T, over which the robot could brake [s]; a law with a longer one that
-            takes over in mid-motion has yet to find its path clear; by default 2.5 /
-            Gv, and with a preview 12 ms or 1.6 control periods, whichever is longer.
+            takes over in mid-motion has yet to find its path clear; by default 12 ms or
+            1.6 control periods, whichever is longer, and without a preview 2.5 / Gv.
         longest_horizon: over which it may brake where motors have not the torque to
             brake within `horizon`, as long as that path is clear, too [s], and over
-            some in between, see `longer_horizons`; by default the horizon, and with a
-            preview 2.5 / Gv if that is longer.
+            some in between, see `longer_horizons`; by default 2.5 / Gv if that is
+            longer, and without a preview the horizon. Obstacles that move ask for one
+            horizon, see `CrarParameters.among_obstacles`.
         rho: amplitude of the collision weight; its decay and exponent are the
             controller's alpha and beta.
         rho_limits: rho_JL, amplitude of the joint-limit weight.
@@ -63,7 +66,7 @@ class LookaheadParameters:
             which the constraints then expect to go on [s].
         influence_distance: pairs farther apart than this do not count [m].
         nominal_speed_limit: how fast q_s is asked to move at most, in any joint
-            [rad/s]; by default 16, and 9 with a preview.
+            [rad/s]; by default 9, and 16 without a preview.
         guard_norm: in which the guard changes the nominal step the least: "joints",
             where all joints weigh the same, or "tasks", where tasks do by their
             weights, and
@@ -71,20 +74,22 @@ class LookaheadParameters:
             controller's damping.
         approach_rate: kappa, the share of what is left of a margin that the robot may
             come nearer by in a second [1/s]. Pairs and limits are then bounds of the
-            guard, and have no weight in stage 1; by default it is the other way round:
-            they weigh by their margins (rho, rho_limits), in both. With a preview they
-            are bounds always, by default with 200/s, or 1 / period if that is less.
-        limit_approach_rate: the same of joint limits alone [1/s]; by default the
-            approach rate, and with a preview 10/s.
-        preset: "closest", "balanced" or "calm": a preview of 0.1 s and its
-            smoothness, where they are not given; by default neither.
-        preview: how far ahead accelerations are planned [s], see `equations.preview`;
-            by default not at all. K, Kp and Kv are then the gains of prescribed joints
-            alone, and GvN damps what tasks leave free, with
+            guard, and have no weight in stage 1; by default 200/s, or 1 / period if
+            that is less. Without a preview it is by default the other way round: they
+            weigh by their margins (rho, rho_limits), in both.
+        limit_approach_rate: the same of joint limits alone [1/s]; by default 10/s, and
+            without a preview the approach rate.
+        preset: "closest", "balanced" or "calm": by name how smoothly is planned; by
+            default "balanced".
+        preview: how far ahead accelerations are planned [s], see `equations.preview`; 0
+            for not at all: the law is then a feedback of the present error. By default
+            0.1, unless there is no preset, and the control period is longer than 10 ms
+            or there is `CrarParameters.balance`. With a preview K, Kp and Kv are the
+            gains of prescribed joints alone, and GvN damps what tasks leave free, with
         null_space_damping: lambda of the projection on that [m].
         smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
             beside a task error of 1 m [m s^2]: the less, the more closely targets are
-            followed; by default that of the preset, and without one of "balanced".
+            followed; by default that of the preset.
         farthest_pull: of the preview, the error from which on a task pulls no more than
             from there [m or rad].
         tracking_error: E, how far each joint of a robot that follows commanded
@@ -123,7 +128,7 @@ class LookaheadParameters:
     limit_approach_rate: float | None = None  # [1/s]
     preset: str | None = None
     preview: float | None = None  # [s]
-    null_space_damping: float = 0.02  # [m]
+    null_space_damping: float = 0.04  # [m]
     smoothness: float | None = None  # [m s^2]
     farthest_pull: float = 0.01  # [m or rad]
     tracking_error: float | None = None  # [rad or m]
@@ -135,7 +140,9 @@ class LookaheadParameters:
         check_choice("controller.lookahead", self, "guard_norm", GUARD_NORMS)
         if self.preset is not None:
             check_choice("controller.lookahead", self, "preset", PRESETS)
-        check_numbers("controller.lookahead", self, may_be_zero={"tracking_error"})
+        check_numbers(
+            "controller.lookahead", self, may_be_zero={"tracking_error", "preview"}
+        )
         for joint, error in self.tracking_errors.items():
             if not 0.0 <= error < math.inf:
                 raise ScenarioError(
@@ -159,36 +166,31 @@ class LookaheadParameters:
             )
 
     @property
-    def planned_time(self) -> float | None:
-        """How far ahead accelerations are planned [s]; None for not at all."""
-        if self.preview is None and self.preset is not None:
-            return _PRESET_PREVIEW
-        return self.preview
-
-    @property
     def planned_smoothness(self) -> float:
         """rho of the plan [m s^2]."""
         if self.smoothness is not None:
             return self.smoothness
         return _SMOOTHNESS[self.preset or "balanced"]
 
-    @property
-    def nominal_speed(self) -> float:
-        """How fast q_s is asked to move at most [rad/s]."""
+    def nominal_speed(self, plans: bool) -> float:
+        """How fast q_s is asked to move at most [rad/s].
+
+        Args:
+            plans: whether there is a preview.
+        """
         if self.nominal_speed_limit is not None:
             return self.nominal_speed_limit
-        if self.planned_time is not None:
-            return _PREVIEW_NOMINAL_SPEED_LIMIT
-        return NOMINAL_SPEED_LIMIT
+        return _PREVIEW_NOMINAL_SPEED_LIMIT if plans else NOMINAL_SPEED_LIMIT
 
-    def approach_rates(self, period: float) -> tuple[float, float]:
+    def approach_rates(self, period: float, plans: bool) -> tuple[float, float]:
         """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.
 
         Args:
             period: of the controller [s].
+            plans: whether there is a preview.
         """
         of_pairs, of_limits = self.approach_rate, self.limit_approach_rate
-        if self.planned_time is not None:
+        if plans:
             fastest = 1.0 / period
             of_pairs = of_pairs or min(_PREVIEW_APPROACH, fastest)
             of_limits = of_limits or min(_PREVIEW_LIMIT_APPROACH, fastest)

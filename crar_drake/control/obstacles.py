@@ -233,7 +233,8 @@ class ObstacleFilter:
         if mode.slower:
             raise ScenarioError(
                 "controller.lookahead.longest_horizon: with moving obstacles one "
-                "horizon counts; make it the same as lookahead.horizon"
+                "horizon counts; make it the same as lookahead.horizon, or take "
+                "CrarParameters.among_obstacles()"
             )
         speed = float(gains.lookahead.contact_speed)  # v_ok
         errors = joint_errors(gains.lookahead, model)

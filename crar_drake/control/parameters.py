@@ -2,13 +2,15 @@
 
 # YAML loading reads the types of the fields, so no postponed annotations here.
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crar_drake.control.checks import check_choice, check_numbers
 from crar_drake.control.lookahead_parameters import (
+    LONGEST_PLANNED_PERIOD,
+    PREVIEW,
     LookaheadParameters,
     preview_horizon,
 )
@@ -27,8 +29,11 @@ METRICS = ("identity", "inertia")
 _TORQUE_PERIOD = 1e-3
 
 
-# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first.
+# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first; and with
+# a preview, whose tasks do anyway, with the damping [1/s] that then decays quickest but
+# for an overshoot: more of it holds arms back that go around each other.
 _POSTURE_GAIN = 30.0
+_PREVIEW_POSTURE_GAIN, _PREVIEW_NULL_SPACE_GAIN = 40.0, 20.0
 
 # The braking horizon, in time constants of the velocity loop, unless it is given. A
 # short one asks of motors what they do not have; a long one stops far from obstacles.
@@ -114,7 +119,7 @@ class CrarParameters:
         Kp: acceleration-level position gain, Eq. (14) [1/s^2].
         Kv: acceleration-level velocity gain [1/s]; by default 2 sqrt(Kp).
         Gv: joint velocity gain, Eq. (30) [1/s].
-        GvN: null-space gain, Eq. (33) [1/s]; by default Gv.
+        GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
             the constraints and this near them, joint by joint, see
             `equations.adaptive_gain` [1/s]; GvN goes along unless it is given.
@@ -132,8 +137,8 @@ class CrarParameters:
             joints leave a choice, elbows stay bent and joints off their limits. The
             posture is the input port "nominal_posture", or where nothing is connected
             the robot's rest posture; 0 leaves the port out. By default 30 with
-            constraints "lookahead", and 0 with the others, which are the paper to the
-            letter.
+            constraints "lookahead", 40 with a preview, and 0 with the others, which
+            are the paper to the letter.
         respect_effort_limits: whether the commanded torque stays within the effort
             limits of the controlled joints, see `equations.torque_limit`; by default
             with constraints "lookahead" alone, for the others are the paper to the
@@ -298,13 +303,17 @@ class CrarParameters:
     @property
     def null_space_gain(self) -> float:
         """GvN of Eq. (33) [1/s]."""
-        return self.Gv if self.GvN is None else self.GvN
+        if self.GvN is not None:
+            return self.GvN
+        return _PREVIEW_NULL_SPACE_GAIN if self.planned_time else self.Gv
 
     @property
     def posture_gain(self) -> float:
         """Stiffness towards the nominal posture [1/s^2]; 0 for none."""
         if self.nominal_posture_gain is not None:
             return self.nominal_posture_gain
+        if self.planned_time:
+            return _PREVIEW_POSTURE_GAIN
         return _POSTURE_GAIN if self.constraints == "lookahead" else 0.0
 
     @property
@@ -365,11 +374,23 @@ class CrarParameters:
         return limits
 
     @property
+    def planned_time(self) -> float:
+        """How far ahead accelerations are planned [s]; 0 for not at all."""
+        if self.constraints != "lookahead":
+            return 0.0
+        if self.lookahead.preview is not None:
+            return self.lookahead.preview
+        shakes = self.period > LONGEST_PLANNED_PERIOD * (1.0 + 1e-9)
+        if self.lookahead.preset is None and (shakes or self.balance is not None):
+            return 0.0
+        return PREVIEW
+
+    @property
     def braking_horizon(self) -> float:
         """T of the lookahead [s]."""
         if self.lookahead.horizon is not None:
             return self.lookahead.horizon
-        if self._previews:
+        if self.planned_time:
             return preview_horizon(self.period)
         return _BRAKING_TIMES / self.Gv
 
@@ -378,11 +399,18 @@ class CrarParameters:
         """Over which the lookahead may brake where motors are weak [s]."""
         if self.lookahead.longest_horizon is not None:
             return self.lookahead.longest_horizon
-        longest = _BRAKING_TIMES / self.Gv if self._previews else 0.0
+        longest = _BRAKING_TIMES / self.Gv if self.planned_time else 0.0
         return max(self.braking_horizon, longest)
 
-    @property
-    def _previews(self) -> bool:
-        return (
-            self.constraints == "lookahead" and self.lookahead.planned_time is not None
-        )
+    def among_obstacles(self) -> "CrarParameters":
+        """These, with one braking horizon, as obstacles that move ask for.
+
+        It is 2.5 / Gv, over which motors can brake most of the time, unless one of the
+        two horizons is given.
+        """
+        ahead = self.lookahead
+        if ahead.longest_horizon is not None:
+            return self
+        one = ahead.horizon or self.longest_braking_horizon
+        ahead = replace(ahead, horizon=one, longest_horizon=one)
+        return replace(self, lookahead=ahead)

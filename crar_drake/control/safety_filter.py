@@ -86,7 +86,7 @@ _APPROACH = 100.0
 # Pairs farther apart hold nothing back, unless it is given [m].
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
-_HORIZON = CrarParameters().braking_horizon
+_HORIZON = CrarParameters(lookahead=LookaheadParameters(preview=0.0)).braking_horizon
 # Gains of the control law that a filter has no use for.
 _NO_FEEDBACK = {"K": 1.0, "Kp": 1.0, "Gv": 1.0}
 
@@ -97,6 +97,7 @@ def filter_parameters(period: float) -> LookaheadParameters:
     """What a filter of a period [s] is made with unless something else is given."""
     return LookaheadParameters(
         horizon=_HORIZON,
+        preview=0.0,
         influence_distance=_INFLUENCE,
         approach_rate=_approach_rate(period),
     )
@@ -263,6 +264,12 @@ class SafetyFilter:
                 plans for tasks.
         """
         ahead = lookahead or filter_parameters(period)
+        if ahead.preset is not None or ahead.preview:
+            raise ScenarioError(
+                "filter.lookahead.preview: a filter of joints has no tasks to plan "
+                "for; leave it and the preset out"
+            )
+        ahead = replace(ahead, preview=0.0)
         if ahead.horizon is None:
             ahead = replace(ahead, horizon=_HORIZON)
         if ahead.approach_rate is None:
@@ -278,11 +285,6 @@ class SafetyFilter:
         with self._refusing():
             gains.validate()
             LookaheadMode.check(gains)
-        if ahead.planned_time is not None:
-            raise ScenarioError(
-                "filter.lookahead.preview: a filter of joints has no tasks to plan "
-                "for; leave it out"
-            )
         self.parameters = gains
         self.model = model = _joint_model(robot)
         self.period = float(period)

@@ -106,13 +106,10 @@ class LiveSimulation:
         setup = PrepareScenario(scenario)
         self.model, self.duration = setup.model, setup.motion.duration
         self._scheduled = list(scenario.disturbances.pushes)
+        ahead = replace(scenario.controller, constraints="lookahead")
+        # The proof is of a braking time that stays, whatever becomes of gains.
         parameters = replace(
-            scenario.controller,
-            lookahead=replace(
-                scenario.controller.lookahead,
-                # The proof is of a braking time that stays, whatever becomes of gains.
-                horizon=scenario.controller.braking_horizon,
-            ),
+            scenario.controller, lookahead=ahead.among_obstacles().lookahead
         )
         if scenario.standing is not None:  # as its controller has them
             parameters = replace(parameters, torque_period=parameters.period)

@@ -28,6 +28,10 @@ from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
 
 
+# Of the nominal step: where limits leave less, they hold the robot back [1].
+_HELD_BACK = 0.9
+
+
 @dataclass(frozen=True)
 class TaskErrors:
     """The errors of one task.
@@ -115,8 +119,9 @@ class Summary:
         changed_for_balance: those among them that had to be corrected or scaled.
         smallest_balance: what the ground had left on any next braking path, at least
             [m of the weight's arm]; None without such steps.
-        torque_limited_samples: samples where the effort limits allowed less than what
-            was nominal; 0 unless they are respected.
+        torque_limited_samples: samples where the effort limits took more than a tenth
+            of what was nominal; 0 unless they are respected. A plan asks for all that
+            motors give, and loses a percent of it now and then.
         torque_clipped_samples: those among them where not even braking was within
             the limits, so that torques were clipped, by more than rounding.
         braking_samples: samples without targets, which count in no error.
@@ -343,7 +348,7 @@ def summarize(
         resting_margin=_smallest(log.resting_margins[:, 1]),
         **_admission(log, scenario.controller.period),
         **_balance(log, scenario.controller.period),
-        torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < 1.0)),
+        torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < _HELD_BACK)),
         torque_clipped_samples=int(np.count_nonzero(clipped_samples(log))),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),

@@ -182,6 +182,13 @@ class Scenario:
     simulator_config: SimulatorConfig = field(default_factory=_simulator_config)
     visualization: VisualizationConfig = field(default_factory=_visualization_config)
 
+    @property
+    def law_parameters(self) -> CrarParameters:
+        """The controller's parameters, as its obstacles ask for."""
+        if self.obstacles:
+            return self.controller.among_obstacles()
+        return self.controller
+
     def validate(self) -> None:
         """Checks what can be checked without the robot and the motion.
 

@@ -95,7 +95,8 @@ class SafeMotion:
                 f"{parameters.lookahead.lost_target!r}: targets that come over a "
                 "network get lost, and then the robot is to brake"
             )
-        self.model, self.law = model, ControlLaw(model, parameters)
+        # Anybody may send obstacles, at any time.
+        self.model, self.law = model, ControlLaw(model, parameters.among_obstacles())
         self.layout, self.period = model.layout, parameters.period
         self.no_obstacles = ""
         try:

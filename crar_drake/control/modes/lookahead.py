@@ -140,7 +140,7 @@ class LookaheadMode(Mode):
         self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
         preview = make_preview(
-            ahead.planned_time or 0.0,
+            parameters.planned_time,
             ahead.planned_smoothness,
             parameters.null_space_gain,
             parameters.posture_gain,
@@ -159,7 +159,7 @@ class LookaheadMode(Mode):
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
         self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
-        of_pairs, of_limits = ahead.approach_rates(parameters.period)
+        of_pairs, of_limits = ahead.approach_rates(parameters.period, self.plans)
         numbers = LookaheadGains(
             T=float(self.horizon),
             Gv=float(parameters.Gv),
@@ -176,7 +176,7 @@ class LookaheadMode(Mode):
             influence_distance=float(ahead.influence_distance),
             period=float(parameters.period),
             slip_share=float(share),
-            nominal_speed_limit=float(ahead.nominal_speed),
+            nominal_speed_limit=float(ahead.nominal_speed(self.plans)),
             task_norm=ahead.guard_norm == "tasks",
             guard_damping=float(ahead.guard_damping or parameters.damping),
             approach_rate=of_pairs,
@@ -247,7 +247,7 @@ class LookaheadMode(Mode):
                     f"{parameters.period:g} s {rate:g}/s would lead beyond the margin "
                     f"within a period; choose at most {1.0 / parameters.period:g}/s"
                 )
-        bounds = ahead.approach_rate is not None or ahead.planned_time is not None
+        bounds = ahead.approach_rate is not None or parameters.planned_time > 0.0
         if ahead.limit_approach_rate is not None and not bounds:
             raise ScenarioError(
                 "controller.lookahead.limit_approach_rate: without approach_rate or "

@@ -29,9 +29,9 @@ METRICS = ("identity", "inertia")
 _TORQUE_PERIOD = 1e-3
 
 
-# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first; and with
-# a preview, whose tasks do anyway, with the damping [1/s] that then decays quickest but
-# for an overshoot: more of it holds arms back that go around each other.
+# With constraints "lookahead" [1/s^2]: a tenth of Kp, so that tasks come first. With a
+# preview they do anyway; more damping [1/s] holds arms back that go around each other
+# (docs/measurements/presets.md).
 _POSTURE_GAIN = 30.0
 _PREVIEW_POSTURE_GAIN, _PREVIEW_NULL_SPACE_GAIN = 40.0, 20.0
 

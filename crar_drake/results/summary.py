@@ -27,7 +27,6 @@ from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
 
-
 # Of the nominal step: where limits leave less, they hold the robot back [1].
 _HELD_BACK = 0.9
 
@@ -348,7 +347,9 @@ def summarize(
         resting_margin=_smallest(log.resting_margins[:, 1]),
         **_admission(log, scenario.controller.period),
         **_balance(log, scenario.controller.period),
-        torque_limited_samples=int(np.count_nonzero(log.torque_limit[:, 0] < _HELD_BACK)),
+        torque_limited_samples=int(
+            np.count_nonzero(log.torque_limit[:, 0] < _HELD_BACK)
+        ),
         torque_clipped_samples=int(np.count_nonzero(clipped_samples(log))),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),

@@ -71,7 +71,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark = Benchmark("benchmarks.peers.crossings", __doc__, "crossings")
     add_only(benchmark)
     arguments, out, cases, judge = asked(
-        benchmark, argv, lambda given: given.robot + (", some" if given.only else "")
+        benchmark,
+        argv,
+        lambda given: (
+            given.robot
+            + (f", from {given.first}" if given.first else "")
+            + (", some" if given.only else "")
+        ),
     )
     folder = out / "problem"
     figures = {}

@@ -1,4 +1,4 @@
-"""The lookahead's presets beside its defaults: recordings, and hands that cross.
+"""The lookahead's presets beside no preview: recordings, and hands that cross.
 
     python -m benchmarks.presets cmu:05_07 cmu:131_08 [--seeds 8] [--first 200]
         [--page docs/measurements/presets.md]
@@ -43,7 +43,7 @@ WRISTS = ("left_wrist", "right_wrist")
 HEADER = (
     "preset",
     "median rms error",
-    "over the defaults', median",
+    "over that of none, median",
     "largest",
     "median error",
     "rms acceleration",
@@ -128,9 +128,8 @@ def crossings(seeds: range) -> list[tuple]:
 def figures(model, tasks, prescribed, start, effort, preset) -> list[float]:
     """rms and median error [m] and rms acceleration after the first second, smallest
     distance [m], median and 99 % of the steps' processor times [s]."""
-    parameters = CrarParameters(
-        period=PERIOD, lookahead=LookaheadParameters(preset=preset)
-    )
+    ahead = LookaheadParameters(preset=preset, preview=None if preset else 0.0)
+    parameters = CrarParameters(period=PERIOD, lookahead=ahead)
     law = ControlLaw(model, parameters)
     np.minimum(law.effort_limits, effort, out=law.effort_limits)
     nq = model.plant.num_positions()
@@ -155,9 +154,9 @@ def figures(model, tasks, prescribed, start, effort, preset) -> list[float]:
     ]
 
 
-def row(name: str, each: np.ndarray, defaults: np.ndarray) -> list[str]:
+def row(name: str, each: np.ndarray, none: np.ndarray) -> list[str]:
     """Medians over the motions."""
-    ratios = each[:, 0] / defaults[:, 0]
+    ratios = each[:, 0] / none[:, 0]
     return [
         name,
         f"{1e3 * np.median(each[:, 0]):.1f} mm",

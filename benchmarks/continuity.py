@@ -63,7 +63,7 @@ def run_case(
 ) -> Continuity:
     """Follows the motion with the defaults, and nudges every `every`-th step.
 
-    With a preview of so many seconds, if one is given.
+    With another preview [s], if one is given.
     """
     scenario = Scenario(
         motion=motion,

@@ -265,7 +265,7 @@ def base_scenario(
 ) -> Scenario:
     """A motion under the lookahead's defaults, every step of the plant logged.
 
-    With a preview of so many seconds, if one is given.
+    With another preview [s], if one is given.
     """
     scenario = Scenario(
         motion=motion,
@@ -358,7 +358,7 @@ def run_all(
         experiments: task sets.
         period: of the controller, where a fault has none of its own [s].
         progress: told of each run.
-        preview: of the lookahead [s]; None for none.
+        preview: of the lookahead [s]; None for its own, 0 for none.
     """
     outcomes: list[Outcome] = []
 

@@ -13,22 +13,24 @@ def add_preview_option(parser: argparse.ArgumentParser) -> None:
     """--preview S: None where it is not given."""
     parser.add_argument(
         "--preview",
-        type=positive,
+        type=lambda text: 0.0 if text == "0" else positive(text),
         metavar="S",
-        help="the lookahead with a preview of so many seconds (default: without)",
+        help="how far the lookahead plans ahead [s] (default: its own; 0: not at all)",
     )
 
 
 def defaults_or_preview(arguments: argparse.Namespace) -> str:
     """The part of a page that the options measure."""
-    return "preview" if arguments.preview else "defaults"
+    if arguments.preview is None:
+        return "defaults"
+    return "preview" if arguments.preview else "no preview"
 
 
 def lookahead_defaults(preview: float | None, **settings) -> CrarParameters:
-    """The lookahead with or without a preview [s], all else by default but `settings`.
+    """The lookahead with another preview or none, all else by default but `settings`.
 
     Args:
-        preview: what --preview says.
+        preview: what --preview says [s].
         settings: other fields of `CrarParameters`.
     """
     return CrarParameters(

@@ -195,8 +195,7 @@ def default_scenario(
     """The upper body under the library's default constraints.
 
     Two seconds of blending, since a target far away is to be reached gently: what is
-    judged is how the violation is left. With a preview of so many seconds, if one is
-    given.
+    judged is how the violation is left. With another preview [s], if one is given.
     """
     controller = lookahead_defaults(preview, blend_time=_DURATION)
     return Scenario(motion="dance", experiment=experiment, controller=controller)

@@ -27,7 +27,7 @@ from rich.console import Console
 
 from benchmarks.machine import describe_machine
 from benchmarks.plain import as_it_is, plain
-from benchmarks.preview_option import add_preview_option
+from benchmarks.preview_option import add_preview_option, defaults_or_preview
 from benchmarks.step_compiling import measure_compiling
 from benchmarks.step_robots import PERIOD, make_robot, make_samples
 from benchmarks.step_subjects import (
@@ -106,7 +106,7 @@ class BenchSettings:
         scaling_steps: control steps per robot that is made up.
         measurements: which of MEASUREMENTS.
         cases: of CASES; whole simulations are those of the task sets among them.
-        preview: of the lookahead [s]; None for none.
+        preview: of the lookahead [s]; None for its own, 0 for none.
     """
 
     motion: str = "dance"
@@ -563,7 +563,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
 
     arguments = _parse(argv)
-    part = "step preview" if arguments.preview else "step"
+    measured = defaults_or_preview(arguments)
+    part = "step" if measured == "defaults" else f"step {measured}"
     try:
         if arguments.page is not None:
             check_part(arguments.page, part)  # before minutes of measuring

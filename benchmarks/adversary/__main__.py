@@ -153,7 +153,7 @@ def _part(options: argparse.Namespace, results: Sequence[Result]) -> Part:
         ("attacks", None),
         ("plants", ["exact"]),
         ("periods", list(PERIODS)),
-        ("preview", False),
+        ("no_preview", False),
         ("steps", None),
         ("seed", 0),
     ):
@@ -161,7 +161,7 @@ def _part(options: argparse.Namespace, results: Sequence[Result]) -> Part:
         if value != default:
             listed = value if isinstance(value, list) else [value]
             said = "" if value is True else " " + ",".join(map(str, listed))
-            words.append(f"--{name}{said}")
+            words.append(f"--{name.replace('_', '-')}{said}")
     found = f"{verdict_line(results).capitalize()}."
     if lines := not_run(results):
         found += f" Not run: {'; '.join(lines.replace('* ', '').splitlines())}."
@@ -265,7 +265,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--constraints", choices=list(MODES), default="lookahead")
     parser.add_argument(
-        "--preview", action="store_true", help="attack the law with a preview"
+        "--no-preview", action="store_true", help="attack the law without a preview"
     )
     parser.add_argument(
         "--steps",
@@ -303,7 +303,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.replay is not None:
             return int(replay(options.replay, console))
         check_folder(options.out)
-        part = "+".join(options.plants) + " preview" * options.preview
+        part = "+".join(options.plants) + " no preview" * options.no_preview
         if options.page is not None:
             check_part(options.page, part)
         for robot in options.robots:  # better to know now that one is not imported
@@ -318,7 +318,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 options.periods,
                 [plant],
                 constraints=options.constraints,
-                preview=options.preview,
+                preview=not options.no_preview,
                 steps=steps,
                 seed=options.seed,
             )

@@ -374,7 +374,7 @@ def switched(stage: Stage) -> Episode:
         margin = 10.0 ** rng.uniform(-2.7, -1.5)
         ahead = LookaheadParameters(
             horizon=T,
-            preview=float(rng.uniform(0.05, 0.3)) if rng.random() < 0.5 else None,
+            preview=float(rng.uniform(0.05, 0.3)) if rng.random() < 0.5 else 0.0,
             rho=10.0 ** rng.uniform(-5.0, -2.0),
             distance_margin=margin,
             admission_slack=margin * float(rng.uniform(0.1, 0.9)),
@@ -415,9 +415,24 @@ def slow(stage: Stage) -> Episode:
 
 
 def gains(stage: Stage) -> Episode:
-    """Gains times 0.25 to 10, together or each for itself; jumps or sines."""
-    rng = stage.rng
-    stage.parameters = _other_gains(rng, stage.parameters)
+    """Gains times 0.25 to 10, together or each for itself; jumps or sines.
+
+    Half of the laws that would plan do not, for a plan has no use for most gains; the
+    others plan in other ways.
+    """
+    rng, p = stage.rng, stage.parameters
+    if p.planned_time and rng.random() < 0.5:
+        p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
+    elif p.planned_time:
+        ahead = replace(
+            p.lookahead,
+            preview=float(rng.uniform(0.03, 0.3)),
+            smoothness=10.0 ** rng.uniform(-6.0, -3.0),
+            null_space_damping=10.0 ** rng.uniform(-2.5, 0.0),
+            farthest_pull=10.0 ** rng.uniform(-3.0, 0.0),
+        )
+        p = replace(p, lookahead=ahead, GvN=10.0 ** rng.uniform(0.0, 2.0))
+    stage.parameters = _other_gains(rng, p)
     points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
     return stage.episode(points, turn)
 

@@ -32,7 +32,7 @@ class Case:
         constraints: of the law.
         steps: control steps, at least.
         seed: of all dice.
-        preview: whether the law plans 0.1 s ahead.
+        preview: whether the law plans ahead where it does so by default.
     """
 
     robot: str
@@ -42,7 +42,7 @@ class Case:
     constraints: str = "lookahead"
     steps: int = 5000
     seed: int = 0
-    preview: bool = False
+    preview: bool = True
 
 
 @dataclass

@@ -22,7 +22,6 @@ FEWEST_STEPS = 60  # at least
 SEARCHES = 4  # times as many steps for the search, whose episodes build on each other
 FRESH = 0.3  # share of the search's episodes that are drawn anew
 KEPT = 4  # lineages that the search goes on with
-PREVIEW = 0.1  # [s], of the law with a preview
 
 
 def run_case(case: Case) -> Result:
@@ -110,8 +109,8 @@ def play(
         ScenarioError: the law refuses its parameters.
     """
     parameters = CrarParameters(constraints=case.constraints, period=case.period)
-    if case.preview:
-        ahead = LookaheadParameters(preview=PREVIEW)
+    if not case.preview:
+        ahead = LookaheadParameters(preview=0.0)
         parameters = replace(parameters, lookahead=ahead)
     model = subject.model(task_set)
     episode = make_episode(

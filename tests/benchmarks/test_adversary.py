@@ -433,7 +433,7 @@ def test_laws_are_switched_in_mid_motion_and_their_horizons_do_not_grow():
             law.validate()
             assert 0 < step < 200 and law.period == base.period
             assert laws[step] is law and laws[step - 1] is not law
-            previews.add(law.lookahead.preview is None)
+            previews.add(law.planned_time == 0.0)
         counted += len(made.switches)
     assert previews == {True, False} and counted > 40
     used = []
@@ -631,16 +631,29 @@ def run(tmp_path, *more):
     )
 
 
-def test_the_law_with_a_preview_is_attacked_too(tmp_path):
+def test_the_law_without_a_preview_is_attacked_too(tmp_path):
     found = [
-        run_case(Case("jaw", "teleport", 0.02, steps=120, preview=preview))
+        run_case(Case("jaw", "teleport", 0.01, steps=120, preview=preview))
         for preview in (False, True)
     ]
     assert not any(result.error or result.violated for result in found)
     assert found[0].clearance != found[1].clearance
-    assert run(tmp_path, "--preview") == 0
+    assert run(tmp_path, "--no-preview") == 0
     whole = json.loads((tmp_path / "adversary.json").read_text())
-    assert all(result["case"]["preview"] for result in whole["results"])
+    assert not any(result["case"]["preview"] for result in whole["results"])
+
+
+def test_gains_are_of_laws_with_and_without_a_plan():
+    subject = load_subject("jaw")
+    model = subject.model("position")
+    planned = {
+        make_episode(
+            "gains", model, subject.judge, CrarParameters(period=period), 5, [seed]
+        ).parameters.planned_time
+        for seed in range(6)
+        for period in (0.005, 0.02)
+    }
+    assert 0.0 in planned and len(planned) > 2
 
 
 def test_command_writes_resumes_and_replays(tmp_path, monkeypatch, capsys):

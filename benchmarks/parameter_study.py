@@ -1,6 +1,6 @@
 """How the lookahead's parameters trade tracking, margin and smoothness.
 
-    python -m benchmarks.parameter_study MOTION…
+    python -m benchmarks.parameter_study MOTION… [--preview S]
         [--page docs/measurements/parameters.md]
 
 Each line changes one thing of the defaults, or of the law without a preview. At a
@@ -14,13 +14,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from benchmarks.page import Benchmark, Table, run
+from benchmarks.preview_option import (
+    add_preview_option,
+    defaults_or_preview,
+    lookahead_defaults,
+)
 from benchmarks.sweep.cases import (
     Case,
     Result,
     find_motions,
     run_case,
 )
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import Scenario
@@ -28,40 +33,47 @@ from crar_drake.simulation.scenario import Scenario
 PERIOD = 5e-3  # [s]
 
 
-def variations() -> dict[str, CrarParameters]:
-    """What is tried, by what is said of it; of the law with its preview, then without.
+def variations(preview: float | None = None) -> dict[str, CrarParameters]:
+    """What is tried, by what is said of it.
 
-    What has no effect with a preview is changed without.
+    Args:
+        preview: of all [s]; None for the default, 0 for none, where other parameters
+            matter.
     """
-    default = CrarParameters(constraints="lookahead")
+    default = lookahead_defaults(preview)
 
     def ahead(**changes) -> CrarParameters:
-        return replace(default, lookahead=replace(LookaheadParameters(), **changes))
+        return replace(default, lookahead=replace(default.lookahead, **changes))
 
-    def now(**changes) -> CrarParameters:
-        return ahead(preview=0.0, **changes)
-
+    if default.planned_time:
+        return {
+            "defaults": default,
+            "preview 0.05 s": ahead(preview=0.05),
+            "preview 0.2 s": ahead(preview=0.2),
+            "smoothness 3e-5 m s²": ahead(smoothness=3e-5),
+            "smoothness 2.3e-4 m s²": ahead(smoothness=2.3e-4),
+            "pulls as from 2 mm at most": ahead(farthest_pull=0.002),
+            "GvN = 60/s": replace(default, GvN=60.0),
+            "nominal posture 80/s²": replace(default, nominal_posture_gain=80.0),
+            "λ = 0.1 in what is free": ahead(null_space_damping=0.1),
+            "T = 0.03 s": ahead(horizon=0.03),
+            "no longer way to brake": ahead(longest_horizon=0.012),
+            "κ = 50/s": ahead(approach_rate=50.0),
+            "κ = 30/s of limits": ahead(limit_approach_rate=30.0),
+            "nominal speed limit 16 rad/s": ahead(nominal_speed_limit=16.0),
+            "d_min = 10 mm": ahead(distance_margin=1e-2),
+            "admission slack 3 mm": ahead(admission_slack=3e-3),
+            "limit margin 1e-3 rad": ahead(limit_margin=1e-3),
+            "influence 0.15 m": ahead(influence_distance=0.15),
+            "guard in the norm of the tasks": ahead(guard_norm="tasks"),
+        }
     return {
-        "defaults": default,
-        "preview 0.05 s": ahead(preview=0.05),
-        "preview 0.2 s": ahead(preview=0.2),
-        "smoothness 3e-5 m s²": ahead(smoothness=3e-5),
-        "smoothness 5.7e-5 m s² (preset closest)": ahead(smoothness=5.7e-5),
-        "smoothness 2.3e-4 m s² (preset calm)": ahead(smoothness=2.3e-4),
-        "pulls as from 2 mm at most": ahead(farthest_pull=0.002),
-        "pulls as from 50 mm at most": ahead(farthest_pull=0.05),
-        "GvN = 10/s": replace(default, GvN=10.0),
-        "GvN = 60/s": replace(default, GvN=60.0),
-        "nominal posture 20/s²": replace(default, nominal_posture_gain=20.0),
-        "nominal posture 80/s²": replace(default, nominal_posture_gain=80.0),
-        "λ = 0.01 in what is free": ahead(null_space_damping=0.01),
-        "λ = 0.1 in what is free": ahead(null_space_damping=0.1),
-        "T = 0.03 s": ahead(horizon=0.03),
-        "T = 1/12 s": ahead(horizon=1.0 / 12.0),
-        "no longer way to brake": ahead(longest_horizon=0.012),
-        "κ = 50/s": ahead(approach_rate=50.0),
-        "κ = 30/s of limits": ahead(limit_approach_rate=30.0),
-        "nominal speed limit 16 rad/s": ahead(nominal_speed_limit=16.0),
+        "no preview": default,
+        "ρ = 1e-5": ahead(rho=1e-5),
+        "ρ = 1e-3": ahead(rho=1e-3),
+        "ρ_JL = 1e-3": ahead(rho_limits=1e-3),
+        "ρ_JL = 0.1": ahead(rho_limits=0.1),
+        "ρ_JL = 1": ahead(rho_limits=1.0),
         "d_min = 2 mm": ahead(distance_margin=2e-3),
         "d_min = 10 mm": ahead(distance_margin=1e-2),
         "admission slack 0.1 mm": ahead(admission_slack=1e-4),
@@ -71,21 +83,30 @@ def variations() -> dict[str, CrarParameters]:
         "retreat at most 0.1 m/s, 0.4 rad/s": ahead(
             retreat_speed=0.1, joint_retreat_speed=0.4
         ),
+        "retreat at most 2 m/s, 8 rad/s": ahead(
+            retreat_speed=2.0, joint_retreat_speed=8.0
+        ),
+        "slip low-pass 2 ms": ahead(slip_time_constant=2e-3),
         "slip not seen (10^6 s)": ahead(slip_time_constant=1e6),
+        "T = 1/60 s": ahead(horizon=1.0 / 60.0),
+        "T = 1/15 s": ahead(horizon=1.0 / 15.0),
         "influence 0.15 m": ahead(influence_distance=0.15),
+        "influence 0.6 m": ahead(influence_distance=0.6),
+        "nominal speed limit 8 rad/s": ahead(nominal_speed_limit=8.0),
+        "nominal speed limit 30 rad/s": ahead(nominal_speed_limit=30.0),
         "guard in the norm of the tasks": ahead(guard_norm="tasks"),
         "the same, ν = 0.3 m": ahead(guard_norm="tasks", guard_damping=0.3),
-        "no preview": now(),
-        "no preview, ρ = 1e-5": now(rho=1e-5),
-        "no preview, ρ = 1e-3": now(rho=1e-3),
-        "no preview, ρ_JL = 1e-3": now(rho_limits=1e-3),
-        "no preview, ρ_JL = 0.1": now(rho_limits=0.1),
-        "no preview, T = 1/60 s": now(horizon=1.0 / 60.0),
-        "no preview, nominal speed limit 8 rad/s": now(nominal_speed_limit=8.0),
-        "no preview, bounds, κ = 50/s": now(approach_rate=50.0),
-        "no preview, λ = 0.2": replace(now(), damping=0.2),
-        "no preview, doubled gains (Gv, K = 60, Kp = 900, T = 1/24 s)": replace(
-            now(), Gv=60.0, K=60.0, Kp=900.0
+        "bounds, κ = 50/s": ahead(approach_rate=50.0),
+        "bounds, κ = 50/s, in the norm of the tasks": ahead(
+            approach_rate=50.0, guard_norm="tasks"
+        ),
+        "the same, of limits 10/s": ahead(
+            approach_rate=50.0, guard_norm="tasks", limit_approach_rate=10.0
+        ),
+        "λ = 0.05": replace(default, damping=0.05),
+        "λ = 0.2": replace(default, damping=0.2),
+        "doubled gains (Gv, K = 60, Kp = 900, T = 1/24 s)": replace(
+            default, Gv=60.0, K=60.0, Kp=900.0
         ),
     }
 
@@ -122,14 +143,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = benchmark.parser
     parser.add_argument("motions", nargs="+", help="as of benchmarks.sweep")
     parser.add_argument("--duration", type=float, help="of each clip at most [s]")
+    add_preview_option(parser)
     parser.add_argument("--jobs", type=int, help="processes; one per core")
-    arguments = benchmark.parse(argv, lambda _: "study")
+    arguments = benchmark.parse(argv, defaults_or_preview)
+    tried = variations(arguments.preview)
     motions = find_motions(arguments.motions)
     tables = []
     with FreshProcesses(arguments.jobs) as pool:
         futures = {}
         for experiment in EXPERIMENTS:
-            for name, controller in variations().items():
+            for name, controller in tried.items():
                 scenario = Scenario(
                     motion="dance",
                     experiment=experiment,
@@ -143,7 +166,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for experiment in EXPERIMENTS:
             rows = [
                 line(name, [future.result() for future in futures[experiment, name]])
-                for name in variations()
+                for name in tried
             ]
             tables.append(Table(HEADER, rows, experiment))
     benchmark.report(tables)

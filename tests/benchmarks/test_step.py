@@ -540,4 +540,6 @@ def test_the_lookahead_is_timed_with_another_preview_or_none_if_asked_for():
     by_default = command._scenario(SHORT, "wrists", "lookahead").controller
     assert by_default.planned_time == CrarParameters().planned_time > 0.0
     without = replace(SHORT, preview=0.0)
-    assert command._scenario(without, "wrists", "lookahead").controller.planned_time == 0
+    assert (
+        command._scenario(without, "wrists", "lookahead").controller.planned_time == 0
+    )

@@ -1,10 +1,10 @@
 """How the lookahead's parameters trade tracking, margin and smoothness.
 
-    python -m benchmarks.parameter_study MOTION…
+    python -m benchmarks.parameter_study MOTION… [--preview S]
         [--page docs/measurements/parameters.md]
 
-Each line changes one thing of the defaults. At a control period of 5 ms, where the
-differences show sooner than at 1 ms.
+Each line changes one thing of the defaults, or of the law without a preview. At a
+control period of 5 ms, where the differences show sooner than at 1 ms.
 """
 
 from __future__ import annotations
@@ -14,13 +14,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from benchmarks.page import Benchmark, Table, run
+from benchmarks.preview_option import (
+    add_preview_option,
+    defaults_or_preview,
+    lookahead_defaults,
+)
 from benchmarks.sweep.cases import (
     Case,
     Result,
     find_motions,
     run_case,
 )
-from crar_drake.control.parameters import CrarParameters, LookaheadParameters
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.fresh_processes import FreshProcesses
 from crar_drake.robot.task import EXPERIMENTS
 from crar_drake.simulation.scenario import Scenario
@@ -28,18 +33,42 @@ from crar_drake.simulation.scenario import Scenario
 PERIOD = 5e-3  # [s]
 
 
-def variations() -> dict[str, CrarParameters]:
-    """What is tried, by what is said of it."""
-    default = CrarParameters(constraints="lookahead")
+def variations(preview: float | None = None) -> dict[str, CrarParameters]:
+    """What is tried, by what is said of it.
+
+    Args:
+        preview: of all [s]; None for the default, 0 for none, where other parameters
+            matter.
+    """
+    default = lookahead_defaults(preview)
 
     def ahead(**changes) -> CrarParameters:
-        return replace(default, lookahead=replace(LookaheadParameters(), **changes))
+        return replace(default, lookahead=replace(default.lookahead, **changes))
 
-    def seen(**changes) -> CrarParameters:
-        return ahead(preview=0.1, **changes)
-
+    if default.planned_time:
+        return {
+            "defaults": default,
+            "preview 0.05 s": ahead(preview=0.05),
+            "preview 0.2 s": ahead(preview=0.2),
+            "smoothness 3e-5 m s²": ahead(smoothness=3e-5),
+            "smoothness 2.3e-4 m s²": ahead(smoothness=2.3e-4),
+            "pulls as from 2 mm at most": ahead(farthest_pull=0.002),
+            "GvN = 60/s": replace(default, GvN=60.0),
+            "nominal posture 80/s²": replace(default, nominal_posture_gain=80.0),
+            "λ = 0.1 in what is free": ahead(null_space_damping=0.1),
+            "T = 0.03 s": ahead(horizon=0.03),
+            "no longer way to brake": ahead(longest_horizon=0.012),
+            "κ = 50/s": ahead(approach_rate=50.0),
+            "κ = 30/s of limits": ahead(limit_approach_rate=30.0),
+            "nominal speed limit 16 rad/s": ahead(nominal_speed_limit=16.0),
+            "d_min = 10 mm": ahead(distance_margin=1e-2),
+            "admission slack 3 mm": ahead(admission_slack=3e-3),
+            "limit margin 1e-3 rad": ahead(limit_margin=1e-3),
+            "influence 0.15 m": ahead(influence_distance=0.15),
+            "guard in the norm of the tasks": ahead(guard_norm="tasks"),
+        }
     return {
-        "defaults": default,
+        "no preview": default,
         "ρ = 1e-5": ahead(rho=1e-5),
         "ρ = 1e-3": ahead(rho=1e-3),
         "ρ_JL = 1e-3": ahead(rho_limits=1e-3),
@@ -74,19 +103,9 @@ def variations() -> dict[str, CrarParameters]:
         "the same, of limits 10/s": ahead(
             approach_rate=50.0, guard_norm="tasks", limit_approach_rate=10.0
         ),
-        "preview of 0.1 s": seen(),
-        "the same, ρ = 3e-5 m s²": seen(smoothness=3e-5),
-        "the same, pulls as from 2 mm at most": seen(farthest_pull=0.002),
-        "the same, T = 0.03 s": seen(horizon=0.03),
-        "the same, T = 1/12 s": seen(horizon=1.0 / 12.0),
-        "the same, no longer way to brake": seen(longest_horizon=0.012),
-        "the same, λ = 0.1 in what is free": seen(null_space_damping=0.1),
-        "the same, GvN = 60/s": replace(seen(), GvN=60.0),
-        "the same, of limits 15/s": seen(limit_approach_rate=15.0),
-        "the same, nominal speed limit 16 rad/s": seen(nominal_speed_limit=16.0),
         "λ = 0.05": replace(default, damping=0.05),
         "λ = 0.2": replace(default, damping=0.2),
-        "doubled gains (Gv, K = 60, Kp = 900, T = 1/60 s)": replace(
+        "doubled gains (Gv, K = 60, Kp = 900, T = 1/24 s)": replace(
             default, Gv=60.0, K=60.0, Kp=900.0
         ),
     }
@@ -124,14 +143,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = benchmark.parser
     parser.add_argument("motions", nargs="+", help="as of benchmarks.sweep")
     parser.add_argument("--duration", type=float, help="of each clip at most [s]")
+    add_preview_option(parser)
     parser.add_argument("--jobs", type=int, help="processes; one per core")
-    arguments = benchmark.parse(argv, lambda _: "study")
+    arguments = benchmark.parse(argv, defaults_or_preview)
+    tried = variations(arguments.preview)
     motions = find_motions(arguments.motions)
     tables = []
     with FreshProcesses(arguments.jobs) as pool:
         futures = {}
         for experiment in EXPERIMENTS:
-            for name, controller in variations().items():
+            for name, controller in tried.items():
                 scenario = Scenario(
                     motion="dance",
                     experiment=experiment,
@@ -145,7 +166,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         for experiment in EXPERIMENTS:
             rows = [
                 line(name, [future.result() for future in futures[experiment, name]])
-                for name in variations()
+                for name in tried
             ]
             tables.append(Table(HEADER, rows, experiment))
     benchmark.report(tables)

@@ -1,6 +1,7 @@
 """The lookahead's presets beside no preview: recordings, and hands that cross.
 
-    python -m benchmarks.presets cmu:05_07 cmu:131_08 [--seeds 8] [--first 200]
+    python -m benchmarks.presets [--seeds 8] [--first 200] [--page ...]
+    python -m benchmarks.presets cmu:05_07 cmu:131_08 [--experiment upper-body]
         [--page docs/measurements/presets.md]
 
 The shipped upper body does exactly as it is commanded, every 5 ms, with its effort
@@ -60,6 +61,8 @@ HEADER = (
     "a step, median",
     "99 %",
 )
+# The part of the page with recordings that so many points follow.
+_PARTS = {"wrists": "recordings", "upper-body": "seven points"}
 ERRORS = ("rms", "mean", "rms from 2 s")
 
 
@@ -69,11 +72,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("motions", nargs="*", help="recordings")
     parser.add_argument("--seeds", type=int, default=8, help="how many crossings")
     parser.add_argument("--first", type=int, default=200, help="the first one's seed")
+    parser.add_argument(
+        "--experiment",
+        choices=tuple(_PARTS),
+        default="wrists",
+        help="which points follow recordings: two wrists, or seven points",
+    )
     arguments = benchmark.parse(
-        argv, lambda given: "recordings" if given.motions else "crossings"
+        argv,
+        lambda given: _PARTS[given.experiment] if given.motions else "crossings",
     )
     if arguments.motions:
-        cases = {motion: recording(motion) for motion in arguments.motions}
+        cases = {
+            motion: recording(motion, arguments.experiment)
+            for motion in arguments.motions
+        }
     else:
         cases = crossings(range(arguments.first, arguments.first + arguments.seeds))
     found = {
@@ -86,12 +99,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     benchmark.report(tables + ([worse] if worse.rows else []))
 
 
-def recording(motion: str) -> tuple:
-    """Model, targets (T, size), prescribed (T, 3 n_p) and start of two wrists."""
+def recording(motion: str, experiment: str) -> tuple:
+    """Model, targets (T, size), prescribed (T, 3 n_p) and start."""
     scenario = Scenario(
         robot=ROBOT,
         motion=motion,
-        experiment="wrists",
+        experiment=experiment,
         controller=CrarParameters(period=PERIOD),
     )
     setup = PrepareScenario(scenario)
@@ -107,7 +120,7 @@ def recording(motion: str) -> tuple:
 
 
 def crossings(seeds: range) -> dict[str, tuple]:
-    """The same of hands that cross, with two wrists as tasks, by name."""
+    """The same of hands that cross, with two wrists as tasks, and by name."""
     cases = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -44,7 +44,7 @@ def test_a_run_comes_through_to_its_page(tmp_path, capsys):
         ["--motion", "dance", "--duration", "0.05", "--jobs", "1", "--page", str(page)]
     )
     after = read_parts(page)
-    assert after["preview"] == before["preview"]
+    assert after["no preview"] == before["no preview"]
     assert [row[0] for row in after["defaults"].tables[0].rows][-1] == "all"
     assert str(tmp_path) not in page.read_text(encoding="utf-8")
     assert render(page) == page.read_text(encoding="utf-8")

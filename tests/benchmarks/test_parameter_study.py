@@ -16,7 +16,7 @@ def result(**changes) -> Result:
 
 def test_every_parameter_is_varied_and_valid():
     varied = set()
-    for parameters in variations().values():
+    for parameters in (*variations().values(), *variations(0.0).values()):
         parameters.validate()
         for field in fields(LookaheadParameters):
             default = getattr(LookaheadParameters(), field.name)
@@ -47,9 +47,11 @@ def test_a_line_reduces_all_clips():
 
 def test_a_study_of_one_variation(monkeypatch, tmp_path, capsys):
     default = variations()["defaults"]
-    monkeypatch.setattr(parameter_study, "variations", lambda: {"defaults": default})
+    monkeypatch.setattr(
+        parameter_study, "variations", lambda preview: {"defaults": default}
+    )
     page = tmp_path / "study.md"
-    page.write_text("<!-- study -->\n<!-- end -->\n")
+    page.write_text("<!-- defaults -->\n<!-- end -->\n")
     parameter_study.main(["reaching", "--duration", "0.02", "--page", str(page)])
     text = page.read_text()
     assert text.count("| defaults |") == 2 and "### upper-body" in text

@@ -530,13 +530,16 @@ def test_a_mistyped_measurement_or_motion(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_lookahead_is_timed_with_a_preview_if_asked_for():
+def test_the_lookahead_is_timed_with_another_preview_or_none_if_asked_for():
     """And no other mode, which has none."""
-    settings = replace(SHORT, preview=0.1)
+    settings = replace(SHORT, preview=0.2)
     ahead = command._scenario(settings, "wrists", "lookahead").controller
-    assert ahead.lookahead.preview == 0.1
-    assert ahead.braking_horizon == 0.012
+    assert ahead.planned_time == 0.2
     paper = command._scenario(settings, "wrists", "paper").controller
     assert paper.posture_gain == 0.0
-    without = command._scenario(SHORT, "wrists", "lookahead").controller
-    assert without.lookahead.preview is None
+    by_default = command._scenario(SHORT, "wrists", "lookahead").controller
+    assert by_default.planned_time == CrarParameters().planned_time > 0.0
+    without = replace(SHORT, preview=0.0)
+    assert (
+        command._scenario(without, "wrists", "lookahead").controller.planned_time == 0
+    )

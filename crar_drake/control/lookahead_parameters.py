@@ -15,9 +15,9 @@ GUARD_NORMS = ("joints", "tasks")
 PREVIEW = 0.1
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
-# The error from which on a task pulls no more [m or rad], and lambda of what tasks leave
-# free [m]. Where there are as many task rows as joints, targets cannot all be had, and
-# errors of centimetres are usual.
+# The error from which on a task pulls no more [m or rad], and lambda of what tasks
+# leave free [m]. Where there are as many task rows as joints, targets cannot all be
+# had, and errors of centimetres are usual.
 _FARTHEST_PULL, _CROWDED_PULL = 0.01, 0.05
 _NULL_SPACE_DAMPING, _CROWDED_DAMPING = 0.04, 0.1
 # With longer control periods a plan shakes: by default there is none [s].

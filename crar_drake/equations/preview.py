@@ -243,7 +243,8 @@ def rows_ahead(
     """(L11): what a plan has to keep of pairs and limits.
 
     Where x leads with instant i, a pair has the distance d and the gradient g; another
-    plan, to x_i', changes it by g (x_i' - x_i).
+    plan, to x_i', changes it by g (x_i' - x_i). What is in violation now is to leave at
+    its retreat speed, however deep it is, and not at once.
 
     Args:
         state: of the robot.
@@ -263,11 +264,12 @@ def rows_ahead(
     nearby = np.flatnonzero(np.minimum(now[0], now[1]) < gains.influence_distance)
     shapes, moves = pairs.shapes[nearby], pairs.moves[of.rows[nearby]]
     points = np.zeros((len(r.first), 3))
+    at_limits_now = limit_margins(state.q[:n], limits)
     rows = np.zeros((N * (len(nearby) + count), N * n))
     least, found = np.empty(len(rows)), 0
     for i in range(N):
-        # Without any acceleration.
-        unmoved = (preview.times[i] + preview.coasting) * state.v[:n]
+        until = preview.times[i] + preview.coasting
+        unmoved = until * state.v[:n]  # without any acceleration
         if len(nearby):
             there = displaced(state.q, x[i], r.turn)
             d, g = distances_at(points, there, shapes, moves, r)
@@ -276,7 +278,8 @@ def rows_ahead(
                 for j in range(i + 1):
                     put(rows[found], j * n, preview.coasted[i, j] * gradient)
                 change = (gradient * (x[i, :n] - unmoved)).sum()
-                least[found] = gains.distance_margin - d[k] + change
+                left = now[0, nearby[k]] + gains.retreat_speed * until
+                least[found] = min(gains.distance_margin, left) - d[k] + change
                 found += 1
         at_limits = limit_margins(state.q[:n] + x[i, :n], limits)
         at_unmoved = limit_margins(state.q[:n] + unmoved, limits)
@@ -285,7 +288,8 @@ def rows_ahead(
                 rows[found, j * n + limits.joints[k]] = (
                     limits.inward[k] * preview.coasted[i, j]
                 )
-            least[found] = gains.limit_margin - at_unmoved[k]
+            left = at_limits_now[k] + gains.joint_retreat_speed * until
+            least[found] = min(gains.limit_margin, left) - at_unmoved[k]
             found += 1
     return rows[:found], least[:found]
 

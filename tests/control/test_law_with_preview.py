@@ -277,6 +277,31 @@ def test_among_obstacles_one_horizon_counts(ahead, horizons):
     assert found == pytest.approx(horizons)
 
 
+def test_a_violation_is_left_at_the_retreat_speed(model):
+    """Links in one another that are to stay: not at once, with all that motors have."""
+    rng, workspace = np.random.default_rng(5), model.MakeWorkspace()
+    still, started = np.zeros(model.plant.num_velocities()), 0
+    while started < 5:
+        q, v = model.rest_positions(), still
+        q[model.controlled_positions] = rng.uniform(
+            np.maximum(model.lower, -1.5), np.minimum(model.upper, 1.5)
+        )
+        smallest = [model.evaluate_distances(workspace, q).d.min()]
+        if not -0.02 < smallest[0] < -0.01:
+            continue
+        started += 1
+        law = ControlLaw(model, PREVIEW)
+        tasks = model.tasks_at(model.rest_positions())
+        for _ in range(40):
+            solution = law.step(
+                q, v, tasks, model.prescribed_at(model.rest_positions())
+            )
+            q, v = np.split(solution.position_command, [len(q)])
+            smallest.append(model.evaluate_distances(workspace, q).d.min())
+        assert smallest[1] - smallest[0] < 1.1 * 0.5 * PERIOD
+        assert smallest[-1] > 4e-3
+
+
 def test_what_is_free_has_a_damping_of_its_own(model):
     """The controller's lambda is stage 1's, of which a preview has none."""
     targets = swung(model, 0.5)

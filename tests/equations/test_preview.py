@@ -329,18 +329,27 @@ def test_rows_are_how_distances_and_limits_change(model):
     there, change = distances(last), distances(last + step * way)
     change = (change - distances(last - step * way)) / (2.0 * step)
     expected = {}
-    for d, rate in zip(there.ravel(), change.ravel(), strict=True):
+    # What is in violation leaves at its retreat speed.
+    until = PREVIEW.times + PERIOD
+    here = model.evaluate_distances(workspace, q).d
+    asked = np.minimum(MARGIN, here + np.outer(until, np.full(len(here), 0.5)))
+    for d, wanted, rate in zip(
+        there.ravel(), asked.ravel(), change.ravel(), strict=True
+    ):
         if d < 0.1:
-            expected[round(float(MARGIN - d), 9)] = rate
+            expected[round(float(wanted - d), 9)] = rate
+    now = q[model.controlled_positions]
     at = places(last)[:, model.controlled_positions]
     moves = (places(last + way) - places(last))[:, model.controlled_positions]
     for i in range(N):
         for c in range(n):
             low, high = at[i, c] - model.lower[c], model.upper[c] - at[i, c]
             if low < 0.3:
-                expected[round(float(LIMIT_MARGIN - low), 9)] = moves[i, c]
+                wanted = min(LIMIT_MARGIN, now[c] - model.lower[c] + 2.0 * until[i])
+                expected[round(float(wanted - low), 9)] = moves[i, c]
             if high < 0.3:
-                expected[round(float(LIMIT_MARGIN - high), 9)] = -moves[i, c]
+                wanted = min(LIMIT_MARGIN, model.upper[c] - now[c] + 2.0 * until[i])
+                expected[round(float(wanted - high), 9)] = -moves[i, c]
     assert len(rows) == len(expected) > 10
     missing = least - rows @ last.ravel()
     for row, lack in zip(rows, missing, strict=True):

@@ -1,6 +1,7 @@
 """The lookahead's presets beside no preview: recordings, and hands that cross.
 
-    python -m benchmarks.presets cmu:05_07 cmu:131_08 [--seeds 8] [--first 200]
+    python -m benchmarks.presets [--seeds 8] [--first 200] [--page ...]
+    python -m benchmarks.presets cmu:05_07 cmu:131_08 [--experiment upper-body]
         [--page docs/measurements/presets.md]
 
 The shipped upper body does exactly as it is commanded, every 5 ms, with its effort
@@ -33,17 +34,26 @@ from crar_drake import (
     load_robot_description,
     position_tasks,
 )
-from crar_drake.control.lookahead_parameters import PRESETS
 from crar_drake.simulation.diagram import PrepareScenario
 
 PERIOD = 5e-3  # [s]
+FIRST = 1.0  # what is before does not count [s]
+LATER = 2.0  # from which on there are errors of their own [s]
 LONGEST = 12.0  # of a recording [s]
+FARTHER = 1.1  # ratio of rms errors from which on a motion is named
 EFFORT = 150.0  # of crossings [Nm]
 WRISTS = ("left_wrist", "right_wrist")
+NO_PREVIEW = "no preview"
+PRESETS = {
+    NO_PREVIEW: {"preview": 0.0},
+    "default (balanced)": {},
+    "closest": {"preset": "closest"},
+    "calm": {"preset": "calm"},
+}  # to fields of `LookaheadParameters`
 HEADER = (
     "preset",
     "median rms error",
-    "over that of none, median",
+    "over no preview's, median",
     "largest",
     "median error",
     "rms acceleration",
@@ -51,6 +61,9 @@ HEADER = (
     "a step, median",
     "99 %",
 )
+# The part of the page with recordings that so many points follow.
+_PARTS = {"wrists": "recordings", "upper-body": "seven points"}
+ERRORS = ("rms", "mean", "rms from 2 s")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -59,32 +72,39 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("motions", nargs="*", help="recordings")
     parser.add_argument("--seeds", type=int, default=8, help="how many crossings")
     parser.add_argument("--first", type=int, default=200, help="the first one's seed")
+    parser.add_argument(
+        "--experiment",
+        choices=tuple(_PARTS),
+        default="wrists",
+        help="which points follow recordings: two wrists, or seven points",
+    )
     arguments = benchmark.parse(
-        argv, lambda given: "recordings" if given.motions else "crossings"
+        argv,
+        lambda given: _PARTS[given.experiment] if given.motions else "crossings",
     )
     if arguments.motions:
-        cases = [recording(motion) for motion in arguments.motions]
+        cases = {
+            motion: recording(motion, arguments.experiment)
+            for motion in arguments.motions
+        }
     else:
         cases = crossings(range(arguments.first, arguments.first + arguments.seeds))
     found = {
-        name: np.array([figures(*case, preset) for case in cases])
-        for name, preset in [("none", None), *((name, name) for name in PRESETS)]
+        name: np.array([figures(*case, settings) for case in cases.values()])
+        for name, settings in PRESETS.items()
     }
-    benchmark.report(
-        [
-            Table(
-                HEADER, [row(name, each, found["none"]) for name, each in found.items()]
-            )
-        ]
-    )
+    base = found[NO_PREVIEW]
+    tables = [Table(HEADER, [row(name, each, base) for name, each in found.items()])]
+    worse = farther([*cases], found)
+    benchmark.report(tables + ([worse] if worse.rows else []))
 
 
-def recording(motion: str) -> tuple:
-    """Model, targets (T, size), prescribed (T, 3 n_p) and start of two wrists."""
+def recording(motion: str, experiment: str) -> tuple:
+    """Model, targets (T, size), prescribed (T, 3 n_p) and start."""
     scenario = Scenario(
         robot=ROBOT,
         motion=motion,
-        experiment="wrists",
+        experiment=experiment,
         controller=CrarParameters(period=PERIOD),
     )
     setup = PrepareScenario(scenario)
@@ -99,9 +119,9 @@ def recording(motion: str) -> tuple:
     return model, tasks, prescribed, setup.start_positions, np.inf
 
 
-def crossings(seeds: range) -> list[tuple]:
-    """The same of hands that cross, with two wrists as tasks."""
-    cases = []
+def crossings(seeds: range) -> dict[str, tuple]:
+    """The same of hands that cross, with two wrists as tasks, and by name."""
+    cases = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_problem(folder)
@@ -121,15 +141,17 @@ def crossings(seeds: range) -> list[tuple]:
                     ]
                 )
                 nothing = np.zeros((len(tasks), 0))
-                cases.append((model, tasks, nothing, data["q_start"], EFFORT))
+                cases[case] = (model, tasks, nothing, data["q_start"], EFFORT)
     return cases
 
 
-def figures(model, tasks, prescribed, start, effort, preset) -> list[float]:
-    """rms and median error [m] and rms acceleration after the first second, smallest
-    distance [m], median and 99 % of the steps' processor times [s]."""
-    ahead = LookaheadParameters(preset=preset, preview=None if preset else 0.0)
-    parameters = CrarParameters(period=PERIOD, lookahead=ahead)
+def figures(model, tasks, prescribed, start, effort, settings) -> list[float]:
+    """rms and mean error, and rms error from LATER on [m], median error [m] and rms
+    acceleration, all after FIRST, smallest distance [m], median and 99 % of the steps'
+    processor times [s]."""
+    parameters = CrarParameters(
+        period=PERIOD, lookahead=LookaheadParameters(**settings)
+    )
     law = ControlLaw(model, parameters)
     np.minimum(law.effort_limits, effort, out=law.effort_limits)
     nq = model.plant.num_positions()
@@ -143,9 +165,11 @@ def figures(model, tasks, prescribed, start, effort, preset) -> list[float]:
         errors.append(np.sum(solution.task_error.reshape(-1, 3) ** 2, axis=1))
         accelerations.append(solution.acceleration[model.controlled] ** 2)
         distances.append(solution.signed_distances.min())
-    first = round(1.0 / PERIOD)
+    first, later = round(FIRST / PERIOD), round(LATER / PERIOD)
     return [
         np.sqrt(np.mean(errors[first:])),
+        np.mean(np.sqrt(errors[first:])),
+        np.sqrt(np.mean(errors[later:])) if len(errors) > later else np.nan,
         np.median(np.sqrt(errors[first:])),
         np.sqrt(np.mean(accelerations[first:])),
         min(distances),
@@ -154,19 +178,39 @@ def figures(model, tasks, prescribed, start, effort, preset) -> list[float]:
     ]
 
 
-def row(name: str, each: np.ndarray, none: np.ndarray) -> list[str]:
-    """Medians over the motions."""
-    ratios = each[:, 0] / none[:, 0]
+def farther(names: Sequence[str], found: dict[str, np.ndarray]) -> Table:
+    """The motions in which the default's or closest's rms error is more than FARTHER
+    times that of no preview, and the ratios of `ERRORS` there."""
+    shown = ("default (balanced)", "closest")
+    ratios = np.array([found[name] / found[NO_PREVIEW] for name in shown])
+    rows = [
+        [
+            name.removeprefix("cmu:"),
+            *(
+                "ends before" if np.isnan(one[0]) else f"{one[0]:.2f}, {one[1]:.2f}"
+                for one in of[:, : len(ERRORS)].T
+            ),
+        ]
+        for name, of in zip(names, ratios.swapaxes(0, 1), strict=True)
+        if of[:, 0].max() > FARTHER
+    ]
+    title = f"Motions with more than {FARTHER} times no preview's error"
+    return Table(("motion", *(f"{e}: default, closest" for e in ERRORS)), rows, title)
+
+
+def row(name: str, each: np.ndarray, base: np.ndarray) -> list[str]:
+    """Medians over the motions; `base` has those of no preview."""
+    ratios = each[:, 0] / base[:, 0]
     return [
         name,
         f"{1e3 * np.median(each[:, 0]):.1f} mm",
         f"{np.median(ratios):.2f}",
         f"{ratios.max():.2f}",
-        f"{1e3 * np.median(each[:, 1]):.2g} mm",
-        f"{np.median(each[:, 2]):.1f} rad/s²",
-        f"{1e3 * each[:, 3].min():.1f} mm",
-        f"{1e3 * np.median(each[:, 4]):.2f} ms",
-        f"{1e3 * np.median(each[:, 5]):.1f} ms",
+        f"{1e3 * np.median(each[:, 3]):.2g} mm",
+        f"{np.median(each[:, 4]):.1f} rad/s²",
+        f"{1e3 * each[:, 5].min():.1f} mm",
+        f"{1e3 * np.median(each[:, 6]):.2f} ms",
+        f"{1e3 * np.median(each[:, 7]):.1f} ms",
     ]
 
 

@@ -21,6 +21,7 @@ from crar_drake.simulation.scenario import Scenario, parse_scenario
 
 PERIOD, STEP = 5e-3, 1e-3
 HORIZON = CrarParameters().braking_horizon
+SLOW = 2.5 / 30.0  # T without a preview [s]
 FLOOR = 4e-3  # the default distance margin, less the slack
 
 _SCENARIO = """
@@ -44,9 +45,9 @@ def by_drake(moves: Moves, model: ControlModel, q, v, vdot):
     return q, v
 
 
-def nearest_in_braking(judge: Referee, moves: Moves, q, v) -> float:
+def nearest_in_braking(judge: Referee, moves: Moves, q, v, horizon=HORIZON) -> float:
     """The smallest distance on the braking path of a state [m]."""
-    path = moves.along(q, np.outer(np.linspace(0.0, HORIZON, PATH_POINTS), v))
+    path = moves.along(q, np.outer(np.linspace(0.0, horizon, PATH_POINTS), v))
     return judge.violations(path).smallest_distance
 
 

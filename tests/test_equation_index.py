@@ -199,12 +199,11 @@ MODES = [
         "respect_effort_limits": True,
     },
     {
-        "constraints": "lookahead",
+        "lookahead": LookaheadParameters(preview=0.0),
         "nominal_posture_gain": 20.0,
-        "respect_effort_limits": True,
         "governor": TargetGovernor(speed=1.0, angular_speed=1.0),
     },
-    {"constraints": "lookahead", "lookahead": LookaheadParameters(preview=0.1)},
+    {},
 ]
 TASKS = [
     Task(frame="left_wrist", kind="pose", orientation_weight=0.2),

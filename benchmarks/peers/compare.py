@@ -27,7 +27,14 @@ from rich.progress import track
 
 from benchmarks.page import check_part, command_line, write_part
 from benchmarks.peers.judge import Figures, Judge
-from benchmarks.peers.peers import ENVIRONMENTS, OURS, PEERS, PYTHONS, Peer
+from benchmarks.peers.peers import (
+    ENVIRONMENTS,
+    NO_PREVIEW,
+    OURS,
+    PEERS,
+    PYTHONS,
+    Peer,
+)
 from benchmarks.peers.problem import CASES, write_problem
 from benchmarks.peers.report import Row, page_part, tables
 from benchmarks.peers.tuning import choose, holds, load_settings, save_settings
@@ -37,6 +44,7 @@ from crar_drake.files import whole_file
 ROOT = Path(__file__).resolve().parents[2]  # of the checkout
 PERIOD = 0.005  # [s] of all controllers
 COMPILED = {"compiled": True}  # needs crar-drake[compiled]; else plain NumPy
+WAYS = {"": {}, ", compiled": COMPILED, ", as torque": {"torque": True}}
 WARM_UP = 20  # first steps of a run, not timed
 
 
@@ -158,16 +166,16 @@ def entries(chosen: list[Peer]) -> list[Entry]:
             chosen_settings = {case: one["settings"] for case, one in tuned.items()}
             made.append(Entry(peer.name, peer, chosen_settings))
             continue
-        ours = tuned["crossing"]["settings"]
         for name, one in (
-            ("lookahead, tuned", ours),
-            ("lookahead, tuned, compiled", ours | COMPILED),
-            ("lookahead, tuned, as torque", ours | {"torque": True}),
-            ("lookahead, defaults", {}),
-            ("lookahead, defaults, compiled", COMPILED),
-            ("lookahead, defaults, as torque", {"torque": True}),
+            ("default", {}),
+            ("no preview", NO_PREVIEW),
+            ("no preview, tuned", tuned["crossing"]["settings"]),
         ):
-            made.append(Entry(name, peer, dict.fromkeys(CASES, one)))
+            for way, more in WAYS.items():
+                entry = Entry(
+                    f"lookahead, {name}{way}", peer, dict.fromkeys(CASES, one | more)
+                )
+                made.append(entry)
     return made
 
 

@@ -37,7 +37,7 @@ from benchmarks.peers.problem import SAMPLE
 from crar_drake.robot.description import find_frame
 
 WEIGHTS = (0.02, 0.1, 0.4, 1.6)
-STARTS = ("lookahead, defaults", "Pink")
+STARTS = ("lookahead, no preview", "Pink")
 _KNOT, _EVERY = 0.02, 0.01  # spacing of knots, and of where all is asked for [s]
 _DEGREE = 3
 _STEPS = 20  # quadratic programs for a weight

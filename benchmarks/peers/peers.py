@@ -256,12 +256,16 @@ def lookahead(**choices: tuple) -> tuple[dict, ...]:
     return tuple(made)
 
 
+# Of its settings: the law as a feedback of the present error, as it was tuned.
+NO_PREVIEW = {"lookahead": {"preview": 0.0}}
+
 LOOKAHEAD = (
     "horizon",
     "approach_rate",
     "guard_norm",
     "guard_damping",
     "distance_margin",
+    "preview",
 )
 
 OURS = Peer(
@@ -278,6 +282,7 @@ OURS = Peer(
         guard_norm=("tasks",),
         guard_damping=(0.05, 0.1, 0.2),
         distance_margin=(MARGIN,),
+        preview=(0.0,),
     ),
     python=True,
 )

@@ -67,9 +67,13 @@ NOTES = {
     "OSCBF, accelerations": "the same with barriers of second order, as for torques",
     "embodik": "prioritised velocities in C++, called from Python once a step; all "
     "points in the first priority",
-    "lookahead, defaults": "what `CrarParameters()` has",
-    "lookahead, tuned, compiled": "the same law where Numba is installed",
-    "lookahead, defaults, compiled": "likewise",
+    "lookahead, default": "what `CrarParameters()` has: accelerations are planned "
+    "0.1 s ahead",
+    "lookahead, default, compiled": "the same law where Numba is installed",
+    "lookahead, default, as torque": "the robot's dynamics are simulated",
+    "lookahead, no preview": "a feedback of the present error, its gains the paper's",
+    "lookahead, no preview, tuned": "the same with higher gains, and with pairs as "
+    "bounds instead of weights",
     "Drake, differential IK": "`DifferentialInverseKinematicsSystem` with "
     "`CollisionConstraint` and `JointVelocityLimitConstraint`, its port evaluated from "
     "Python once a step",

@@ -87,6 +87,7 @@ class LawAmong:
                 influence_distance=usual.influence_distance,
                 approach_rate=usual.approach_rate,
                 limit_approach_rate=None,
+                preset=None,
                 preview=0.0,
             ),
             effort_limits=gains.limits_efforts,

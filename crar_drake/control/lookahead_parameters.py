@@ -15,6 +15,11 @@ GUARD_NORMS = ("joints", "tasks")
 PREVIEW = 0.1
 _SMOOTHNESS = {"closest": 5.7e-5, "balanced": 8e-5, "calm": 2.3e-4}
 PRESETS = tuple(_SMOOTHNESS)
+# The error from which on a task pulls no more [m or rad], and lambda of what tasks leave
+# free [m]. Where there are as many task rows as joints, targets cannot all be had, and
+# errors of centimetres are usual.
+_FARTHEST_PULL, _CROWDED_PULL = 0.01, 0.05
+_NULL_SPACE_DAMPING, _CROWDED_DAMPING = 0.04, 0.1
 # With longer control periods a plan shakes: by default there is none [s].
 LONGEST_PLANNED_PERIOD = 0.01
 
@@ -86,12 +91,13 @@ class LookaheadParameters:
             0.1, unless there is no preset, and the control period is longer than 10 ms
             or there is `CrarParameters.balance`. With a preview K, Kp and Kv are the
             gains of prescribed joints alone, and GvN damps what tasks leave free, with
-        null_space_damping: lambda of the projection on that [m].
+        null_space_damping: lambda of the projection on that [m]; by default 0.04, and
+            0.1 where there are as many task rows as joints or more.
         smoothness: of the preview, what an acceleration of 1 rad/s^2 of a joint counts
             beside a task error of 1 m [m s^2]: the less, the more closely targets are
             followed; by default that of the preset.
         farthest_pull: of the preview, the error from which on a task pulls no more than
-            from there [m or rad].
+            from there [m or rad]; by default 0.01, and 0.05 with as many rows.
         tracking_error: E, how far each joint of a robot that follows commanded
             positions may be from its command [rad or m]: pairs and limits are kept so
             much farther that the robot keeps them, see `control.tracking_error`; by
@@ -128,9 +134,9 @@ class LookaheadParameters:
     limit_approach_rate: float | None = None  # [1/s]
     preset: str | None = None
     preview: float | None = None  # [s]
-    null_space_damping: float = 0.04  # [m]
+    null_space_damping: float | None = None  # [m]
     smoothness: float | None = None  # [m s^2]
-    farthest_pull: float = 0.01  # [m or rad]
+    farthest_pull: float | None = None  # [m or rad]
     tracking_error: float | None = None  # [rad or m]
     tracking_errors: dict[str, float] = field(default_factory=dict)  # [rad or m]
 
@@ -171,6 +177,16 @@ class LookaheadParameters:
         if self.smoothness is not None:
             return self.smoothness
         return _SMOOTHNESS[self.preset or "balanced"]
+
+    def pulls(self, crowded: bool) -> tuple[float, float]:
+        """The farthest pull [m or rad] and the damping of the null space [m].
+
+        Args:
+            crowded: whether there are as many task rows as joints.
+        """
+        pull = _CROWDED_PULL if crowded else _FARTHEST_PULL
+        damping = _CROWDED_DAMPING if crowded else _NULL_SPACE_DAMPING
+        return self.farthest_pull or pull, self.null_space_damping or damping
 
     def nominal_speed(self, plans: bool) -> float:
         """How fast q_s is asked to move at most [rad/s].

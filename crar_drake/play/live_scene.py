@@ -19,7 +19,7 @@ from crar_drake.control.records import (
     STATUS_IMPLAUSIBLE,
 )
 from crar_drake.equations.admission import CORRECTED, SCALED
-from crar_drake.play.live_simulation import GAINS, LiveSimulation
+from crar_drake.play.live_simulation import LiveSimulation
 from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
 from crar_drake.results.recorded_run import DrawnRobot, poses_of
@@ -94,7 +94,7 @@ class LiveScene:
             "late": _short(0.0 if pacer.paused else pacer.late(now, live.time), 4),
             "behind": _short(pacer.behind, 2),
             "mode": live.mode,
-            "gains": {name: getattr(live.parameters, name) for name in GAINS},
+            "gains": live.gains,
             "motion": live.motion.on,
             "phase": _short(live.phase, 2),
             "offsets": _rows(live.offsets),

@@ -42,8 +42,10 @@ _MOST_SAMPLES = 2000  # of the motion, to see how fast it is
 
 _MOST_EVENTS, _MOST_REPORTED = 10_000, 1000
 
-# The gains that can be changed; their names in `CrarParameters`.
-GAINS = ("K", "Kp", "Gv")
+# What can be changed: gains, by their names in `CrarParameters`, and what stands for
+# them with a preview, by its name in `LookaheadParameters`.
+_FEEDBACK, _SMOOTHNESS = ("K", "Kp", "Gv"), "smoothness"
+GAINS = (*_FEEDBACK, _SMOOTHNESS)
 
 # The ball that is dragged: its radius [m], the bound of its speed [m/s], and how far in
 # front of the robot and its targets it is at first [m].
@@ -232,13 +234,27 @@ class LiveSimulation:
         self._modes.add(constraints)
         self._note(f"constraints {constraints}")
 
+    @property
+    def gains(self) -> dict[str, float]:
+        """Those of `GAINS` that do something in the present mode."""
+        if self.parameters.planned_time:
+            return {_SMOOTHNESS: self.parameters.lookahead.planned_smoothness}
+        return {name: getattr(self.parameters, name) for name in _FEEDBACK}
+
     def set_gains(self, gains: dict[str, float]) -> None:
         """Changes gains, likewise; the braking time of the lookahead stays.
+
+        Args:
+            gains: any of `GAINS`.
 
         Raises:
             ScenarioError: with them the feedback would diverge.
         """
-        self._take_over(replace(self.parameters, **gains))
+        ahead = self.parameters.lookahead
+        if _SMOOTHNESS in gains:
+            ahead = replace(ahead, smoothness=gains[_SMOOTHNESS])
+        feedback = {name: gains[name] for name in _FEEDBACK if name in gains}
+        self._take_over(replace(self.parameters, lookahead=ahead, **feedback))
         reported = ", ".join(f"{name} {value:g}" for name, value in gains.items())
         self._note(reported)
 

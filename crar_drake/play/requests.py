@@ -3,7 +3,7 @@
     {"do": "pause"}  {"do": "resume"}  {"do": "step"}  {"do": "stop"}
     {"do": "speed", "value": 0.5}
     {"do": "mode", "value": "lookahead"}
-    {"do": "gains", "value": {"K": 30, "Kp": 300, "Gv": 30}}    any of them
+    {"do": "gains", "value": {"K": 30, "Kp": 300}}              any of `GAINS`
     {"do": "offset", "task": 0, "value": [0.1, 0, 0]}           of a target [m]
     {"do": "home"}                                              no offsets
     {"do": "ball", "value": [1, 0, 1]}                          to a place [m]
@@ -30,7 +30,7 @@ LONGEST = 2048  # [bytes]
 FARTHEST = 2.0  # of an offset, in each direction [m]
 FARTHEST_BALL = 10.0  # likewise, from the origin of the world [m]
 STRONGEST = 500.0  # of a push, in each direction [N]
-LARGEST_GAIN = 1e4
+SMALLEST_GAIN, LARGEST_GAIN = 1e-6, 1e4
 # Far more frames than a robot has.
 _MOST_TASKS = 1000
 
@@ -134,7 +134,7 @@ def _vector(most: float) -> Callable[[object], tuple[float, ...]]:
 def _gains(value: object) -> dict[str, float]:
     if not isinstance(value, dict) or not value or set(value) - set(GAINS):
         raise RequestError(f"gains are {', '.join(GAINS)}")
-    return {name: _number(x, 1e-3, LARGEST_GAIN) for name, x in value.items()}
+    return {name: _number(x, SMALLEST_GAIN, LARGEST_GAIN) for name, x in value.items()}
 
 
 # How the value is read, None if there is none, and what else a request has.

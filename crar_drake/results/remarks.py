@@ -22,9 +22,7 @@ MOST_TORQUE = 1000.0
 # rounding.
 MOST_EFFORT = 1.01
 
-# A robot the motors of which hold it back for a tenth of the time does not follow: its
-# errors are several times those of the same robot with a longer horizon
-# (docs/guides/your-robot.md, "Effort and speed limits").
+# A robot the motors of which hold it back for a tenth of the time does not follow.
 MOST_LIMITED = 0.1
 
 # A joint so near its limit is at it: the lookahead keeps joints no farther away. For a
@@ -66,8 +64,8 @@ def remarks(
         *_held_back(
             torque_limited,
             "torque limits hold",
-            "it is too weak for this motion at this speed, or lookahead.horizon too "
-            "short",
+            "it is too weak for this motion at this speed, or "
+            "lookahead.longest_horizon too short",
         ),
         *_held_back(
             for_balance,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from crar_drake.control.parameters import CrarParameters
 from crar_drake.motion.report import MotionReport
 from crar_drake.robot.description import (
     FLOOR_TOLERANCE,
@@ -21,6 +22,9 @@ from crar_drake.simulation.visuals import models_without_visuals
 
 _MOST = 2  # findings and joints that a line names
 _LOOKS = 201  # at the targets, in equal steps
+# What acts on tasks only where nothing is planned.
+_OF_FEEDBACK = ("K", "Kp", "Kv", "damping")
+_OF_WEIGHTS = ("rho", "rho_limits")
 
 
 def run_warnings(
@@ -39,6 +43,7 @@ def run_warnings(
         recorded: whether there is a recording.
     """
     lines = [*_of_the_motion(scenario, report), *_of_the_duration(scenario, setup)]
+    lines += _of_gains_without_effect(scenario.controller)
     lines += _of_what_is_not_examined(scenario, setup.model)
     lines += _of_the_rest_posture(scenario, setup)
     lines += _of_targets_below_the_floor(scenario, setup)
@@ -80,6 +85,26 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
         yield (
             f"duration: the {what} at {end:.2f} s; from there to "
             f"{scenario.duration:g} s the targets stand still where they were"
+        )
+
+
+def _of_gains_without_effect(gains: CrarParameters) -> Iterator[str]:
+    if not gains.planned_time:
+        return
+    default = CrarParameters()
+    given = [
+        f"controller.{name}"
+        for name in _OF_FEEDBACK
+        if getattr(gains, name) != getattr(default, name)
+    ] + [
+        f"controller.lookahead.{name}"
+        for name in _OF_WEIGHTS
+        if getattr(gains.lookahead, name) != getattr(default.lookahead, name)
+    ]
+    if given:
+        yield (
+            f"{', '.join(given)}: no task depends on it where the law plans; choose "
+            "lookahead.preset or lookahead.smoothness, or lookahead.preview: 0"
         )
 
 

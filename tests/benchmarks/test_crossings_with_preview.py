@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.peers.compare import PERIOD
-from benchmarks.peers.crossings import PREVIEWED
+from benchmarks.peers.crossings import FARTHER
 from benchmarks.peers.driver import Problem, run
 from benchmarks.peers.judge import Judge
+from benchmarks.peers.peers import NO_PREVIEW
 from benchmarks.peers.problem import write_crossings, write_problem
 from benchmarks.peers.run_crar import Crar
 
@@ -29,7 +30,7 @@ def figures(tmp_path_factory):
             )
             for case in cases
         ]
-        for settings in (PREVIEWED, {})
+        for settings in (FARTHER, NO_PREVIEW)
     ]
 
 

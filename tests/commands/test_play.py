@@ -126,10 +126,11 @@ def test_a_session_in_a_browser(tmp_path):
                 assert browser.evaluate(INTO_THE_BODY)
             # The gains are other ones, and the mode is changed, where it is near.
             browser.evaluate(
-                "(input => { input.value = Math.log(20); input.dispatchEvent("
-                "new Event('input')); })(document.getElementById('live-gain-K'))"
+                "(input => { input.value = Math.log(2e-4); input.dispatchEvent("
+                "new Event('input')); })(document.getElementById("
+                "'live-gain-smoothness'))"
             )
-            browser.wait_for(f"Math.abs({FRAME}.gains.K - 20) < 1")
+            browser.wait_for(f"Math.abs({FRAME}.gains.smoothness - 2e-4) < 2e-5")
             near = frame(browser)["time"]
             browser.wait_for(f"{FRAME}.time > {near + 0.2}")
             done = frame(browser)["changes"]

@@ -16,6 +16,7 @@ from crar_drake.errors import ScenarioError
 
 PERIOD, HORIZON, KAPPA, NU, DAMPING = 1e-3, 0.04, 50.0, 0.2, 0.02
 GUARD = LookaheadParameters(
+    preview=0.0,
     horizon=HORIZON,
     approach_rate=KAPPA,
     guard_norm="tasks",
@@ -128,7 +129,8 @@ def wish(model: ControlModel, q, v, p_d, parameters: CrarParameters) -> np.ndarr
     J_star = np.linalg.solve(J.T @ J + DAMPING**2 * np.eye(model.n), J.T)
     z = Gv * (J_star @ (parameters.K * e) - of_v)
     s_0 = of_v + HORIZON * (J_star @ a_r + z)
-    return s_0 / max(1.0, np.abs(s_0).max() / parameters.lookahead.nominal_speed)
+    fastest = parameters.lookahead.nominal_speed(plans=False)
+    return s_0 / max(1.0, np.abs(s_0).max() / fastest)
 
 
 def test_a_step_is_the_nearest_that_keeps_all_bounds(model):

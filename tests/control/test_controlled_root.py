@@ -194,7 +194,7 @@ def test_weak_motors_are_not_asked_for_more(flying) -> None:
     ]
     assert torque[0] > 45.0 and torque[1] <= 15.0
     limits = np.array([s.torque_limit for *_, s in limited])
-    assert (limits[:, 0] < 1.0).sum() > 50 and not limits[:, 1].any()
+    assert (limits[:, 0] < 1.0).sum() > 50 and limits[:, 1].max() < 1e-9
     referee = Referee(weak.plant, weak.scene_graph, weak.description.pairs)
     workspace, moves = weak.MakeWorkspace(), Moves(weak.plant)
     for (q, v, solution), (q_next, v_next, _) in zip(

@@ -337,7 +337,9 @@ def test_the_law_of_tasks_evades_as_well():
     for evade in (False, True):
         law = ControlLaw(
             model,
-            CrarParameters(period=0.01, lookahead=LookaheadParameters(evade=evade)),
+            CrarParameters(
+                period=0.01, lookahead=LookaheadParameters(evade=evade)
+            ).among_obstacles(),
         )
         witness, q, v = witness_of(law.among.filter), rest, np.zeros(14)
         nearest[evade], evaded = np.inf, 0

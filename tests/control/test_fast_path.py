@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from small_robots import chain_urdf, make_model, state_about_the_limits
 
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.robot.description import load_robot_description
 from crar_drake.robot.model import ControlModel
@@ -33,15 +34,17 @@ TASKS = {
         [Task(frame="tool", kind="pose", orientation_weight=0.3)],
     ),
 }
+# The plain law has no preview.
+FEEDBACK = LookaheadParameters(preview=0.0)
 MODES = {
     "none, velocity": {"constraints": "none", "level": "velocity"},
     "none, acceleration": {"constraints": "none"},
     "paper, velocity": {"constraints": "paper", "level": "velocity"},
     "paper, acceleration": {"constraints": "paper"},
-    "lookahead": {},
+    "lookahead": {"lookahead": FEEDBACK},
     # Longer than the slip's time constant.
     "lookahead, 20 ms": {"period": 0.02},
-    "lookahead, posture": {"nominal_posture_gain": 20.0},
+    "lookahead, posture": {"lookahead": FEEDBACK, "nominal_posture_gain": 20.0},
 }
 STATES = 35
 DENSELY = 2  # of these are sampled, for the admission: a calm one and a fast one

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from floating_robots import make_floater, root_entries, stay_apart, wxyz
-from floating_runs import FLOOR, HORIZON, PERIOD, nearest_in_braking
+from floating_runs import FLOOR, HORIZON, PERIOD, SLOW, nearest_in_braking
 from scipy.spatial.transform import Rotation
 from tumbling import Tumbling
 
@@ -188,8 +188,11 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
         swing = 0.5 - 0.5 * np.cos(9.0 * time)
         return hands + swing * np.array([[-0.1, -0.6, 0.1], [0.1, 0.6, -0.2]])
 
-    # Within the default bound of the wish nothing has to be corrected.
-    found = tumble(floating, tumbling(floating), through, 200, nominal_speed_limit=30.0)
+    # What a plan sees coming needs no correction, nor does a slow wish.
+    found = tumble(
+        *(floating, tumbling(floating), through, 200),
+        **{"preview": 0.0, "nominal_speed_limit": 30.0},
+    )
     referee = Referee(floating.plant, floating.scene_graph, floating.description.pairs)
     moves, nearest = Moves(floating.plant), np.inf
     own = Referee(floating.plant, floating.scene_graph, floating.description.pairs[:-1])
@@ -199,11 +202,11 @@ def test_what_is_claimed_while_the_root_tumbles_is_true(floating) -> None:
         (*_, solution), (q, v, _) = found[k], found[k + 1]
         assert solution.admission[3] == 1.0
         for judge, floor in ((own, solution.admission[2]), (referee, 0.0)):
-            smallest = nearest_in_braking(judge, moves, q, v)
+            smallest = nearest_in_braking(judge, moves, q, v, SLOW)
             assert smallest >= max(floor, FLOOR) - 1e-6
         nearest = min(nearest, smallest)
         rest = (q[floating.controlled_positions], v[floating.controlled])
-        ends = rest[0] + HORIZON * rest[1]
+        ends = rest[0] + SLOW * rest[1]
         assert (ends <= floating.upper + 1e-9).all()
         assert (ends >= floating.lower - 1e-9).all()
     assert nearest < 0.03, "nothing came near"

@@ -75,8 +75,10 @@ def shifted(model: ControlModel, by: float, q=START) -> np.ndarray:
                 "constraints": "lookahead",
                 "respect_effort_limits": False,
                 "velocity_scale": np.inf,
-                # Else the wish's own bound makes half a move of it.
-                "lookahead": LookaheadParameters(nominal_speed_limit=150.0),
+                # Else a plan, or the wish's own bound, makes half a move of it.
+                "lookahead": LookaheadParameters(
+                    preview=0.0, nominal_speed_limit=150.0
+                ),
             },
             0.3,
         ),

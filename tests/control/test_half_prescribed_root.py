@@ -20,6 +20,7 @@ from floating_runs import (
     FLOOR,
     HORIZON,
     PERIOD,
+    SLOW,
     STEP,
     by_drake,
     check_log,
@@ -148,7 +149,10 @@ def test_one_half_goes_as_it_is_told_and_the_other_where_tasks_are(
     the root; what is not is where its task is, if the others are not out of reach."""
     kind = "orientation" if root == POSITION else "position"
     model = make_floater(root, tasks=[*TASKS, Task(frame="body", kind=kind)], pairs=OWN)
-    law = ControlLaw(model, CrarParameters(period=PERIOD, blend_time=0.0))
+    feedback = LookaheadParameters(preview=0.0)  # a far hand draws at the root
+    law = ControlLaw(
+        model, CrarParameters(period=PERIOD, blend_time=0.0, lookahead=feedback)
+    )
     moves, at = Moves(model.plant), root_entries(model)[0]
     q, v = stay_apart(model), np.zeros(len(model.order))
     start = model.layout.unpack(model.tasks_at(q))
@@ -218,7 +222,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
     # A body that is told to go into the post cannot be evaded with.
     pairs = [*description().pairs, ["body", "post"]]
     model = make_floater(root, pairs=pairs)
-    lookahead = LookaheadParameters(nominal_speed_limit=60.0)
+    lookahead = LookaheadParameters(preview=0.0, nominal_speed_limit=60.0)
     law = ControlLaw(
         model, CrarParameters(period=PERIOD, blend_time=0.0, lookahead=lookahead)
     )
@@ -239,11 +243,11 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
         )
         e = np.append(turn.as_rotvec(), x[4:] - q[at[4:]])
         asked = x2 + gains.velocity_gain * (x1 - v[by]) + gains.Kp * e
-        s = share * (v[by] + HORIZON * asked)
+        s = share * (v[by] + SLOW * asked)
         half = GIVEN[root][1]
         np.testing.assert_allclose(
             solution.acceleration[by][half],
-            ((s - v[by]) / HORIZON)[half],
+            ((s - v[by]) / SLOW)[half],
             rtol=1e-9,
             atol=1e-8,
         )
@@ -253,7 +257,7 @@ def test_what_is_claimed_is_true_and_what_is_given_brakes_along(root: str) -> No
             continue
         # Against the world to the third order in a period, see docs/theory/theorem.md.
         for judge, slack in ((own, 1e-6), (every, 1e-4)):
-            smallest = nearest_in_braking(judge, moves, q, v)
+            smallest = nearest_in_braking(judge, moves, q, v, SLOW)
             assert smallest >= FLOOR - slack
         nearest = min(nearest, smallest)
     assert scaled > 3, "nothing was scaled"
@@ -280,7 +284,7 @@ def test_admission_alone_keeps_states_clear(root: str, period: float) -> None:
     model = make_floater(root, pairs=pairs, prescribed_joints={"right_j2": "hold"})
     law = ControlLaw(model, CrarParameters(period=period, blend_time=0.0))
     robot, numbers = law.mode.robot.value, law.mode.numbers.value
-    n, T, order = model.n, HORIZON, model.order
+    n, T, order = model.n, law.mode.horizon, model.order
     nothing = np.zeros(0)
     none = Constraints(nothing, np.zeros((0, n)), nothing, nothing, nothing)
     moves = Moves(model.plant)

@@ -17,6 +17,7 @@ from small_robots import add_plant, chain_urdf, make_model
 from crar_drake.control import effort_limits
 from crar_drake.control.controller import CrarController
 from crar_drake.control.law import ControlLaw
+from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.control.records import InputError
 from crar_drake.equations.admission import SCALED
@@ -338,7 +339,11 @@ def test_what_torques_grow_by_within_a_period_is_left_free(monkeypatch):
     before the next one, and the robot does otherwise than told."""
 
     def run() -> tuple[np.ndarray, np.ndarray]:
-        loop = Loop(effort=60.0, respect_effort_limits=True, period=5 * STEP)
+        loop = Loop(
+            effort=60.0,
+            period=5 * STEP,
+            lookahead=LookaheadParameters(preview=0.0),  # a plan asks for less
+        )
         simulator = loop.start(speeds=np.array([1.5, -2.0, 2.0, 1.0]))
         simulator.AdvanceTo(0.4)
         data = loop.logged(simulator)
@@ -418,7 +423,7 @@ def test_a_torque_is_clipped_only_where_no_acceleration_is_within_the_limits(tar
         if within.status == 0 and not scaled:
             assert solution.torque_limit[1] < 1e-4
             far += np.abs(braking).max() > 1.05 * effort
-    assert far > 20
+    assert far > 10
 
 
 def test_no_less_of_the_wish_is_left_than_the_way_to_braking_has():
@@ -430,7 +435,7 @@ def test_no_less_of_the_wish_is_left_than_the_way_to_braking_has():
             effort=effort,
             respect_effort_limits=respected,
             period=STEP,
-            constraints="lookahead",
+            lookahead=LookaheadParameters(preview=0.0),  # one way to brake
         ).controller.law
         for respected in (True, False)
     )

@@ -113,7 +113,8 @@ def test_a_preview_bears_a_late_state(model, late, monkeypatch):
 
 
 def test_without_a_preview_nobody_looks_for_it(model):
-    law = ControlLaw(model, CrarParameters(period=PERIOD))
+    feedback = LookaheadParameters(preview=0.0)
+    law = ControlLaw(model, CrarParameters(period=PERIOD, lookahead=feedback))
     q = model.rest_positions()
     law.step(q, 0.0 * q, model.tasks_at(q), model.prescribed_at(q))
     assert law._memory.lateness is None and law._memory.sent == ()

@@ -489,7 +489,7 @@ def test_the_default_posture_is_the_rest_posture(on_rail):
 
     rest = on_rail.rest_positions()[on_rail.controlled]
     default = acceleration()
-    np.testing.assert_array_equal(default, acceleration(nominal_posture_gain=30.0))
+    np.testing.assert_array_equal(default, acceleration(nominal_posture_gain=40.0))
     np.testing.assert_array_equal(default, acceleration(posture=rest))
     # In the null space of the point's position, three of four rows.
     free = acceleration(nominal_posture_gain=0.0)
@@ -877,7 +877,7 @@ def test_wide_effort_limits_change_nothing():
         )
         for respect in (False, True)
     )
-    np.testing.assert_array_equal(a.actuation, b.actuation)
+    np.testing.assert_allclose(a.actuation, b.actuation, rtol=1e-13)
     np.testing.assert_array_equal(a.acceleration, b.acceleration)
 
 
@@ -915,7 +915,7 @@ def test_what_the_motion_asks_of_a_prescribed_joint_is_no_limit():
         for value in (True, False)
     )
     assert np.abs(free.actuation[model.prescribed]) > 50.0
-    np.testing.assert_array_equal(limited.actuation, free.actuation)
+    np.testing.assert_allclose(limited.actuation, free.actuation, rtol=1e-13)
     np.testing.assert_array_equal(limited.torque_limit, [1.0, 0.0])
 
 
@@ -1033,7 +1033,7 @@ def test_prescribed_joints_brake_along_where_the_motors_cannot_carry_them():
     np.testing.assert_array_equal(free.acceleration[model.prescribed], 300.0)
     assert 0.0 < limited.acceleration[model.prescribed][0] < 290.0
     assert np.abs(limited.actuation[model.controlled]).max() <= 25.0
-    assert limited.torque_limit[1] == 0.0  # and nothing was clipped
+    assert limited.torque_limit[1] < 1e-9  # and nothing was clipped
 
 
 def test_no_torque_is_clipped_where_prescribed_joints_that_give_way_help():

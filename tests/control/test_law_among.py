@@ -31,7 +31,7 @@ from crar_drake.equations.admission import AS_NOMINAL
 from crar_drake.judging.obstacle_judge import ObstacleJudge
 
 PERIOD = 0.01
-PARAMETERS = CrarParameters(period=PERIOD)
+PARAMETERS = CrarParameters(period=PERIOD).among_obstacles()
 TASKS = [Task("left_wrist", "position"), Task("right_wrist", "position")]
 
 
@@ -232,7 +232,7 @@ def test_a_preset_goes_with_obstacles_as_its_numbers_do(model):
     """What the filter has no use for, a plan, is not the filter's."""
     ahead = LookaheadParameters(horizon=0.05, longest_horizon=0.05)
     named = replace(ahead, preset="calm")
-    numbers = {"preview": named.planned_time, "smoothness": named.planned_smoothness}
+    numbers = {"preview": 0.1, "smoothness": named.planned_smoothness}
     found = [
         drive(ControlLaw(model, replace(PARAMETERS, lookahead=chosen)), runner, 60)
         for chosen in (named, replace(ahead, **numbers))

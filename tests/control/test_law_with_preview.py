@@ -10,7 +10,7 @@ from crar_drake import ControlModel, load_robot_description, position_tasks
 from crar_drake.control.law import ControlLaw
 from crar_drake.control.lookahead_parameters import LookaheadParameters
 from crar_drake.control.modes import validate
-from crar_drake.control.parameters import CrarParameters
+from crar_drake.control.parameters import BalanceParameters, CrarParameters
 from crar_drake.errors import ScenarioError
 from crar_drake.robot.task import Task, pose_tasks
 from crar_drake.run import run_scenario
@@ -19,7 +19,7 @@ from crar_drake.simulation.scenario import Scenario
 PERIOD = 5e-3
 AHEAD = LookaheadParameters(preview=0.1)
 PREVIEW = CrarParameters(period=PERIOD, blend_time=0.0, lookahead=AHEAD)
-WITHOUT = CrarParameters(period=PERIOD, blend_time=0.0)
+WITHOUT = replace(PREVIEW, lookahead=LookaheadParameters(preview=0.0))
 HANDS = ["left_wrist", "right_wrist"]
 
 
@@ -190,7 +190,10 @@ def test_the_whole_diagram_keeps_its_constraints():
         ({"preset": "close"}, "preset.*closest.*balanced.*calm"),
         ({"preview": 0.1, "farthest_pull": 0.0}, "farthest_pull"),
         ({"preview": 0.1, "limit_approach_rate": 300.0}, "limit_approach_rate.*200/s"),
-        ({"limit_approach_rate": 10.0}, "limit_approach_rate.*without approach_rate"),
+        (
+            {"preview": 0.0, "limit_approach_rate": 10.0},
+            "limit_approach_rate.*without approach_rate",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused(ahead, said):
@@ -203,13 +206,16 @@ def test_a_preview_brings_its_own_defaults():
     """A short horizon and slower plans; what is given stays."""
     assert PREVIEW.braking_horizon == 0.012
     assert replace(PREVIEW, period=0.02).braking_horizon == pytest.approx(0.032)
-    assert (PREVIEW.posture_gain, AHEAD.nominal_speed) == (30.0, 9.0)
+    assert (PREVIEW.posture_gain, PREVIEW.null_space_gain) == (40.0, 20.0)
+    assert AHEAD.nominal_speed(plans=True) == 9.0
     assert WITHOUT.braking_horizon == pytest.approx(2.5 / 30.0)
-    assert (WITHOUT.posture_gain, WITHOUT.lookahead.nominal_speed) == (30.0, 16.0)
+    assert (WITHOUT.posture_gain, WITHOUT.null_space_gain) == (30.0, 30.0)
+    assert AHEAD.nominal_speed(plans=False) == 16.0
     given = replace(AHEAD, horizon=0.05, nominal_speed_limit=7.0)
     given = replace(PREVIEW, lookahead=given, nominal_posture_gain=11.0)
     assert given.braking_horizon == 0.05
-    assert (given.posture_gain, given.lookahead.nominal_speed) == (11.0, 7.0)
+    assert given.posture_gain == 11.0
+    assert [given.lookahead.nominal_speed(plans) for plans in (True, False)] == [7, 7]
     # It belongs to the lookahead: nothing of it concerns the paper's constraints.
     paper = replace(PREVIEW, constraints="paper")
     assert paper.posture_gain == 0.0
@@ -231,9 +237,44 @@ def test_a_preset_is_a_preview_and_its_smoothness(model):
     assert np.abs(reached[0] - reached[1]).max() > 1e-5
     assert np.abs(reached[1] - reached[2]).max() > 1e-5
     np.testing.assert_array_equal(reached[1], follow(model, PREVIEW, targets)[0])
+    default = replace(PREVIEW, lookahead=LookaheadParameters())
+    np.testing.assert_array_equal(reached[1], follow(model, default, targets)[0])
     other = LookaheadParameters(preset="calm", preview=0.2, smoothness=1e-4)
-    assert (other.planned_time, other.planned_smoothness) == (0.2, 1e-4)
-    assert LookaheadParameters().planned_time is None
+    assert other.planned_smoothness == 1e-4
+    assert replace(PREVIEW, lookahead=other).planned_time == 0.2
+
+
+@pytest.mark.parametrize(
+    ("changes", "ahead", "planned"),
+    [
+        ({}, {}, 0.1),
+        ({"period": 0.01}, {}, 0.1),
+        ({"period": 0.02}, {}, 0.0),
+        ({"period": 0.02}, {"preset": "calm"}, 0.1),
+        ({"period": 0.02}, {"preview": 0.2}, 0.2),
+        ({"balance": BalanceParameters()}, {}, 0.0),
+        ({"constraints": "paper"}, {"preview": 0.2}, 0.0),
+        ({}, {"preset": "calm", "preview": 0.0}, 0.0),
+    ],
+)
+def test_the_law_plans_by_default_where_it_can(changes, ahead, planned):
+    gains = CrarParameters(**changes, lookahead=LookaheadParameters(**ahead))
+    assert gains.planned_time == planned
+
+
+@pytest.mark.parametrize(
+    ("ahead", "horizons"),
+    [
+        ({}, (2.5 / 30.0, 2.5 / 30.0)),
+        ({"preview": 0.0}, (2.5 / 30.0, 2.5 / 30.0)),
+        ({"horizon": 0.05}, (0.05, 0.05)),
+        ({"longest_horizon": 0.05}, (0.012, 0.05)),  # what is asked for is refused
+    ],
+)
+def test_among_obstacles_one_horizon_counts(ahead, horizons):
+    gains = CrarParameters(lookahead=LookaheadParameters(**ahead)).among_obstacles()
+    found = gains.braking_horizon, gains.longest_braking_horizon
+    assert found == pytest.approx(horizons)
 
 
 def test_what_is_free_has_a_damping_of_its_own(model):
@@ -248,10 +289,10 @@ def test_what_is_free_has_a_damping_of_its_own(model):
 
 
 def test_bounds_of_a_preview_fit_the_period():
-    assert AHEAD.approach_rates(5e-3) == (200.0, 10.0)
-    assert AHEAD.approach_rates(0.02) == (50.0, 10.0)
-    assert AHEAD.approach_rates(0.2) == (5.0, 5.0)
+    assert AHEAD.approach_rates(5e-3, plans=True) == (200.0, 10.0)
+    assert AHEAD.approach_rates(0.02, plans=True) == (50.0, 10.0)
+    assert AHEAD.approach_rates(0.2, plans=True) == (5.0, 5.0)
     given = replace(AHEAD, approach_rate=30.0)
-    assert given.approach_rates(1e-3) == (30.0, 10.0)
-    assert LookaheadParameters().approach_rates(1e-3) == (0.0, 0.0)
-    assert LookaheadParameters(approach_rate=7.0).approach_rates(1e-3) == (7.0, 7.0)
+    assert given.approach_rates(1e-3, plans=True) == (30.0, 10.0)
+    assert AHEAD.approach_rates(1e-3, plans=False) == (0.0, 0.0)
+    assert given.approach_rates(1e-3, plans=False) == (30.0, 30.0)

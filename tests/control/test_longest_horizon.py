@@ -125,9 +125,9 @@ def test_some_way_to_brake_is_always_clear_and_within_the_limits(
 
 
 def test_without_a_longer_horizon_nothing_is_changed(model):
-    """The default without a preview: the horizon itself is the longest."""
-    default = CrarParameters(period=PERIOD)
-    assert ControlLaw(model, default).mode.slower == ()
+    """Without a preview the horizon itself is the longest."""
+    feedback = replace(PARAMETERS, lookahead=LookaheadParameters(preview=0.0))
+    assert ControlLaw(model, feedback).mode.slower == ()
     assert ControlLaw(model, SHORT).mode.slower == ()
     assert ControlLaw(model, PARAMETERS).mode.slower == pytest.approx(LONGER)
 

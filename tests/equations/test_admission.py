@@ -69,7 +69,9 @@ from crar_drake.robot.model import ControlModel
 from crar_drake.robot.reach import find_reaches
 from crar_drake.robot.task import EXPERIMENTS, Task, position_tasks
 
-T = CrarParameters().braking_horizon
+# As long a braking path as there is by default, so that much of it is to be examined.
+FEEDBACK = LookaheadParameters(preview=0.0)
+T = CrarParameters(lookahead=FEEDBACK).braking_horizon
 
 
 def shipped(robot: str, tasks: list[Task], time_step: float = 1e-3) -> ControlModel:
@@ -745,7 +747,10 @@ class Run:
     ) -> None:
         self.model, self.period = model, period
         self.parameters = CrarParameters(
-            period=period, blend_time=0.0, respect_effort_limits=within_efforts
+            period=period,
+            blend_time=0.0,
+            respect_effort_limits=within_efforts,
+            lookahead=FEEDBACK,
         )
         assert self.parameters.braking_horizon == T
         ahead = self.parameters.lookahead
@@ -937,7 +942,7 @@ def test_a_way_out_is_not_scaled_with_the_wish(monkeypatch) -> None:
     replace_function(monkeypatch, "check_step", slow_ones_only)
     replace_function(monkeypatch, "scale_step", lambda *arguments: (0.0, 0.0))
     parameters = CrarParameters(
-        constraints="lookahead",
+        lookahead=FEEDBACK,
         period=0.005,
         blend_time=0.0,
         respect_effort_limits=False,
@@ -961,7 +966,7 @@ def test_a_start_in_violation_does_not_get_worse(case: str) -> None:
     what it has on the present one, and no limit is passed farther."""
     make, period = CASES[case]
     model = make()
-    parameters = CrarParameters(period=period, blend_time=0.0)
+    parameters = CrarParameters(period=period, blend_time=0.0, lookahead=FEEDBACK)
     ahead = parameters.lookahead
     floor = ahead.distance_margin - ahead.admission_slack
     shapes = MovingShapes.of(model)
@@ -995,7 +1000,7 @@ def test_a_penetration_is_left(case: str) -> None:
     make, period = CASES[case]
     model = make()
     shapes, order = MovingShapes.of(model), model.order
-    parameters = CrarParameters(period=period, blend_time=0.0)
+    parameters = CrarParameters(period=period, blend_time=0.0, lookahead=FEEDBACK)
     for start in range(3):
         rng = np.random.default_rng([8, start])
         d = np.ones(1)
@@ -1013,7 +1018,7 @@ def test_a_penetration_is_left(case: str) -> None:
 
 def test_the_floor_is_the_margin_less_the_slack() -> None:
     """With another margin another floor is kept; that of the defaults would not be."""
-    ahead = replace(LookaheadParameters(), distance_margin=0.03, admission_slack=5e-3)
+    ahead = replace(FEEDBACK, distance_margin=0.03, admission_slack=5e-3)
     model = on_a_rail()
     parameters = CrarParameters(period=0.01, blend_time=0.0, lookahead=ahead)
     judge = Judge(model, 0.025)

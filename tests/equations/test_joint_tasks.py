@@ -98,7 +98,11 @@ def test_consistent_targets_are_followed_without_bias(model, constraints):
     if constraints == "lookahead":
         # Weights that do not count away from the constraints.
         far = LookaheadParameters(
-            rho=1e-14, rho_limits=1e-14, limit_margin=1e-9, guard_norm="tasks"
+            preview=0.0,
+            rho=1e-14,
+            rho_limits=1e-14,
+            limit_margin=1e-9,
+            guard_norm="tasks",
         )
         parameters = CrarParameters(damping=0.5, blend_time=0.0, lookahead=far)
     else:

@@ -145,8 +145,7 @@ class LookaheadMode(Mode):
             parameters.null_space_gain,
             parameters.posture_gain,
             parameters.period,
-            ahead.farthest_pull,
-            ahead.null_space_damping,
+            *ahead.pulls(crowded=model.m >= n),
         )
         planned = n * len(preview.times)
         self.plans = planned > 0

@@ -1,7 +1,10 @@
 // The controls beside the scene, and the words about it.
 
 const FARTHEST = 0.5; // that a slider moves a target [m]; a handle moves it farther
-const GAIN_RANGES = { K: [3, 120, "1/s"], Kp: [10, 3000, "1/s²"], Gv: [3, 120, "1/s"] };
+const GAIN_RANGES = {
+  K: [3, 120, "1/s"], Kp: [10, 3000, "1/s²"], Gv: [3, 120, "1/s"],
+  smoothness: [2e-5, 1e-3, "m s²"],
+};
 const PROMISES = {
   none: "no constraints: nothing is guaranteed",
   paper: "the paper's constraints: nothing is guaranteed",
@@ -25,7 +28,10 @@ function makeSlider(place, { id, name, range, unit, digits = 2, step, onMove }) 
   text.textContent = name;
   label.append(text, input, told);
   place.append(label);
-  const tell = value => { told.textContent = `${value.toFixed(digits)} ${unit}`; };
+  const tell = value => {
+    const tiny = value > 0 && value < 0.5 * 10 ** -digits;
+    told.textContent = `${tiny ? value.toExponential(1) : value.toFixed(digits)} ${unit}`;
+  };
   let touched = -Infinity;
   input.addEventListener("input", () => {
     touched = performance.now();
@@ -42,6 +48,7 @@ function makeSlider(place, { id, name, range, unit, digits = 2, step, onMove }) 
       tell(value);
     },
     get value() { return back(Number(input.value)); },
+    set hidden(is) { label.hidden = is; },
   };
 }
 
@@ -165,7 +172,10 @@ function makePanel(data, state, ask) {
     for (const [mode, button] of modes)
       button.setAttribute("aria-pressed", String(mode === frame.mode));
     speed.show(frame.speed);
-    for (const [name, slider] of gains) slider.show(frame.gains[name]);
+    for (const [name, slider] of gains) {
+      slider.hidden = !(name in frame.gains);
+      if (name in frame.gains) slider.show(frame.gains[name]);
+    }
     if (data.tasks.length) {
       const offset = frame.offsets[Number(element("task").value)];
       axes.forEach((slider, i) => slider.show(offset[i]));

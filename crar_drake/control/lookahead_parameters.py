@@ -29,7 +29,7 @@ LARGEST_RHO = 1.0
 # With a preview, unless it is given. How fast margins may be used up [1/s]: of pairs,
 # which it sees coming, and of limits, which motions of others run into again and again.
 _PREVIEW_APPROACH = 200.0
-_PREVIEW_LIMIT_APPROACH = 10.0
+_PREVIEW_LIMIT_APPROACH, _CROWDED_LIMIT_APPROACH = 10.0, 50.0
 # T [s], but so many periods at least, for the theorem asks for one. It is short since a
 # plan sees obstacles coming, so that a robot may be near them at speed.
 _PREVIEW_HORIZON = 0.012
@@ -82,8 +82,9 @@ class LookaheadParameters:
             guard, and have no weight in stage 1; by default 200/s, or 1 / period if
             that is less. Without a preview it is by default the other way round: they
             weigh by their margins (rho, rho_limits), in both.
-        limit_approach_rate: the same of joint limits alone [1/s]; by default 10/s, and
-            without a preview the approach rate.
+        limit_approach_rate: the same of joint limits alone [1/s]; by default 10/s, 50/s
+            where there are as many task rows as joints or more, and without a preview
+            the approach rate.
         preset: "closest", "balanced" or "calm": by name how smoothly is planned; by
             default "balanced".
         preview: how far ahead accelerations are planned [s], see `equations.preview`; 0
@@ -198,16 +199,20 @@ class LookaheadParameters:
             return self.nominal_speed_limit
         return _PREVIEW_NOMINAL_SPEED_LIMIT if plans else NOMINAL_SPEED_LIMIT
 
-    def approach_rates(self, period: float, plans: bool) -> tuple[float, float]:
+    def approach_rates(
+        self, period: float, plans: bool, crowded: bool = False
+    ) -> tuple[float, float]:
         """kappa of pairs and of limits [1/s]; 0 where they weigh by their margins.
 
         Args:
             period: of the controller [s].
             plans: whether there is a preview.
+            crowded: whether there are as many task rows as joints.
         """
         of_pairs, of_limits = self.approach_rate, self.limit_approach_rate
         if plans:
             fastest = 1.0 / period
             of_pairs = of_pairs or min(_PREVIEW_APPROACH, fastest)
-            of_limits = of_limits or min(_PREVIEW_LIMIT_APPROACH, fastest)
+            usual = _CROWDED_LIMIT_APPROACH if crowded else _PREVIEW_LIMIT_APPROACH
+            of_limits = of_limits or min(usual, fastest)
         return float(of_pairs or 0.0), float(of_limits or of_pairs or 0.0)

@@ -139,13 +139,14 @@ class LookaheadMode(Mode):
         self._still = np.zeros(model.n + model.n_p)
         self._examines_all = not model.pairs.not_examined
         n, nv = model.n, model.n + model.n_p
+        crowded = model.m >= n
         preview = make_preview(
             parameters.planned_time,
             ahead.planned_smoothness,
             parameters.null_space_gain,
             parameters.posture_gain,
             parameters.period,
-            *ahead.pulls(crowded=model.m >= n),
+            *ahead.pulls(crowded),
         )
         planned = n * len(preview.times)
         self.plans = planned > 0
@@ -158,7 +159,9 @@ class LookaheadMode(Mode):
         self._parts = [slice(start, end) for start, end in pairwise(ends)]
         self._distances = slice(ends[-1], None)
         share = min(1.0, parameters.period / ahead.slip_time_constant)
-        of_pairs, of_limits = ahead.approach_rates(parameters.period, self.plans)
+        of_pairs, of_limits = ahead.approach_rates(
+            parameters.period, self.plans, crowded
+        )
         numbers = LookaheadGains(
             T=float(self.horizon),
             Gv=float(parameters.Gv),

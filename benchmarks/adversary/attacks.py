@@ -395,8 +395,11 @@ def switched(stage: Stage) -> Episode:
 
 
 def slow(stage: Stage) -> Episode:
-    """Control periods from the case's up to T, and gains that bear them."""
+    """Control periods from the case's up to T, and gains that bear them; half of the
+    laws that would plan do not, and have a longer T."""
     rng, p = stage.rng, stage.parameters
+    if p.planned_time and rng.random() < 0.5:
+        p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
     T = p.braking_horizon
     share = 1.0 if rng.random() < 0.3 else rng.random()
     period = round(p.period * (T / p.period) ** share, 3)

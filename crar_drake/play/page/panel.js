@@ -3,7 +3,7 @@
 const FARTHEST = 0.5; // that a slider moves a target [m]; a handle moves it farther
 const GAIN_RANGES = {
   K: [3, 120, "1/s"], Kp: [10, 3000, "1/s²"], Gv: [3, 120, "1/s"],
-  smoothness: [2e-5, 1e-3, "m s²"],
+  smoothness: [2e-5, 1e-3, "", "calm"], // [m s²]
 };
 const PROMISES = {
   none: "no constraints: nothing is guaranteed",
@@ -93,9 +93,9 @@ function makePanel(data, state, ask) {
     digits: 0, onMove: () => {},
   });
   force.show(80);
-  const gains = Object.entries(GAIN_RANGES).map(([name, [least, most, unit]]) => [
+  const gains = Object.entries(GAIN_RANGES).map(([name, [least, most, unit, label]]) => [
     name, makeSlider(element("gains"), {
-      id: `live-gain-${name}`, name, range: [least, most], unit, digits: 1,
+      id: `live-gain-${name}`, name: label || name, range: [least, most], unit, digits: 1,
       onMove: value => ask({ do: "gains", value: { [name]: value } }),
     }),
   ]);

@@ -64,7 +64,8 @@ def motion_of(law: ControlLaw, seed: int, steps: int):
 
 
 def outside(whole, model, Q, V, A) -> np.ndarray:
-    """How far centres of pressure are outside the soles less 2 cm, by Drake [m]."""
+    """How far centres of pressure are outside the soles less 2 cm, by Drake [m]; all the
+    way where the ground would have to pull."""
     floating = model_of(whole)
     q = np.tile(floating.rest_positions(), (len(Q), 1))
     rates = np.zeros((2, len(Q), floating.plant.num_velocities()))
@@ -82,7 +83,8 @@ def outside(whole, model, Q, V, A) -> np.ndarray:
     soles = sole_corners(model, model.description.soles)
     faces = ConvexHull(shrunk(np.concatenate(soles), 0.02)[:, :2]).equations
     centres = ground_wrench(floating.plant, q, *rates).centres(soles[0][0, 2])
-    return (centres @ faces[:, :2].T + faces[:, 2]).max(axis=1)
+    far = (centres @ faces[:, :2].T + faces[:, 2]).max(axis=1)
+    return np.nan_to_num(far, nan=np.inf)
 
 
 def test_whatever_is_asked_the_ground_can_give_it(whole):

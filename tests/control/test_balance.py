@@ -64,8 +64,8 @@ def motion_of(law: ControlLaw, seed: int, steps: int):
 
 
 def outside(whole, model, Q, V, A) -> np.ndarray:
-    """How far centres of pressure are outside the soles less 2 cm, by Drake [m]; all the
-    way where the ground would have to pull."""
+    """How far centres of pressure are outside the soles less 2 cm, by Drake [m];
+    infinitely far where the ground would have to pull."""
     floating = model_of(whole)
     q = np.tile(floating.rest_positions(), (len(Q), 1))
     rates = np.zeros((2, len(Q), floating.plant.num_velocities()))

@@ -17,6 +17,14 @@ _MOST = 2
 
 # A torque of this share of its limit is at it [1].
 _AT_LIMIT = 0.999
+# Where limits leave less of the nominal step, they hold the robot back [1].
+_HELD_BACK = 0.9
+
+
+def limited_samples(log: SimulationLog) -> np.ndarray:
+    """(T,) bool, whether effort limits took more than a tenth of the nominal step. A
+    plan asks for all that motors give, and loses a percent of it now and then."""
+    return log.torque_limit[:, 0] < _HELD_BACK
 
 
 def clipped_samples(log: SimulationLog) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from crar_drake.control.records import STATUS_BLENDING, STATUS_BRAKING
+from crar_drake.results.clipped_torque import clipped_samples, limited_samples
 from crar_drake.results.log import SimulationLog
 
 TARGET = "#8c45ff"  # violet, as in Meshcat: a target, and the error to it
@@ -75,8 +76,7 @@ def marked_spans(log: SimulationLog) -> dict[str, list[tuple[float, float]]]:
     marked = {
         "blending": status == STATUS_BLENDING,
         "braking": status >= STATUS_BRAKING,
-        "torque limited": (log.torque_limit[:, 0] < 1.0)
-        | (log.torque_limit[:, 1] > 0.0),
+        "torque limited": limited_samples(log) | clipped_samples(log),
     }
     return {name: _spans(log.time, marked[name]) for name in SPANS}
 

@@ -15,7 +15,11 @@ from crar_drake.equations.admission import AS_NOMINAL, CORRECTED, SCALED
 from crar_drake.equations.compilation import arithmetic
 from crar_drake.equations.tasks import TaskLayout
 from crar_drake.motion.report import MotionReport
-from crar_drake.results.clipped_torque import clipped_line, clipped_samples
+from crar_drake.results.clipped_torque import (
+    clipped_line,
+    clipped_samples,
+    limited_samples,
+)
 from crar_drake.results.controlled_joints import controlled_joints
 from crar_drake.results.limb_directions import LimbDirection
 from crar_drake.results.log import SimulationLog
@@ -26,9 +30,6 @@ from crar_drake.results.standing_run import Stance
 from crar_drake.robot.description import LIMIT_TOLERANCE, SPEED_TOLERANCE
 from crar_drake.simulation.scenario import Scenario
 from crar_drake.version import __version__
-
-# Of the nominal step: where limits leave less, they hold the robot back [1].
-_HELD_BACK = 0.9
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,7 @@ class Summary:
         smallest_balance: what the ground had left on any next braking path, at least
             [m of the weight's arm]; None without such steps.
         torque_limited_samples: samples where the effort limits took more than a tenth
-            of what was nominal; 0 unless they are respected. A plan asks for all that
-            motors give, and loses a percent of it now and then.
+            of what was nominal, see `limited_samples`; 0 unless they are respected.
         torque_clipped_samples: those among them where not even braking was within
             the limits, so that torques were clipped, by more than rounding.
         braking_samples: samples without targets, which count in no error.
@@ -347,9 +347,7 @@ def summarize(
         resting_margin=_smallest(log.resting_margins[:, 1]),
         **_admission(log, scenario.controller.period),
         **_balance(log, scenario.controller.period),
-        torque_limited_samples=int(
-            np.count_nonzero(log.torque_limit[:, 0] < _HELD_BACK)
-        ),
+        torque_limited_samples=int(np.count_nonzero(limited_samples(log))),
         torque_clipped_samples=int(np.count_nonzero(clipped_samples(log))),
         braking_samples=int(np.count_nonzero(log.status == STATUS_BRAKING)),
         implausible_samples=int(np.count_nonzero(log.status == STATUS_IMPLAUSIBLE)),
@@ -371,7 +369,7 @@ def summarize(
     )
     # Where balance had its say afterwards, motors alone are not the reason.
     for_balance = _for_balance(log)
-    limited = (log.torque_limit[:, 0] < 1.0) & ~for_balance
+    limited = limited_samples(log) & ~for_balance
     implausible = log.time[log.status[:, 0] == STATUS_IMPLAUSIBLE]
     found = remarks(
         joints,

@@ -397,9 +397,7 @@ def switched(stage: Stage) -> Episode:
 def slow(stage: Stage) -> Episode:
     """Control periods from the case's up to T, and gains that bear them; half of the
     laws that would plan do not, and have a longer T."""
-    rng, p = stage.rng, stage.parameters
-    if p.planned_time and rng.random() < 0.5:
-        p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
+    rng, p = stage.rng, _half_without_plan(stage.rng, stage.parameters)
     T = p.braking_horizon
     share = 1.0 if rng.random() < 0.3 else rng.random()
     period = round(p.period * (T / p.period) ** share, 3)
@@ -423,10 +421,8 @@ def gains(stage: Stage) -> Episode:
     Half of the laws that would plan do not, for a plan has no use for most gains; the
     others plan in other ways.
     """
-    rng, p = stage.rng, stage.parameters
-    if p.planned_time and rng.random() < 0.5:
-        p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
-    elif p.planned_time:
+    rng, p = stage.rng, _half_without_plan(stage.rng, stage.parameters)
+    if p.planned_time:
         ahead = replace(
             p.lookahead,
             preview=float(rng.uniform(0.03, 0.3)),
@@ -438,6 +434,13 @@ def gains(stage: Stage) -> Episode:
     stage.parameters = _other_gains(rng, p)
     points, turn = stage.jumps() if rng.random() < 0.5 else stage.sines()
     return stage.episode(points, turn)
+
+
+def _half_without_plan(rng: np.random.Generator, p: CrarParameters) -> CrarParameters:
+    """Half of the laws that would plan do not."""
+    if p.planned_time and rng.random() < 0.5:
+        p = replace(p, lookahead=replace(p.lookahead, preview=0.0))
+    return p
 
 
 def _other_gains(rng: np.random.Generator, p: CrarParameters) -> CrarParameters:

@@ -88,7 +88,7 @@ class LawAmong:
                 approach_rate=usual.approach_rate,
                 limit_approach_rate=None,
                 preset=None,
-                preview=0.0,
+                preview=None,
             ),
             effort_limits=gains.limits_efforts,
             velocity_limits=dict(zip(names, limits.tolist(), strict=True)),

@@ -406,11 +406,13 @@ class CrarParameters:
         """These, with one braking horizon, as obstacles that move ask for.
 
         It is 2.5 / Gv, over which motors can brake most of the time, unless one of the
-        two horizons is given.
+        two horizons is given. Both then stay, whatever becomes of gains.
         """
         ahead = self.lookahead
-        if ahead.longest_horizon is not None:
-            return self
-        one = ahead.horizon or self.longest_braking_horizon
-        ahead = replace(ahead, horizon=one, longest_horizon=one)
+        horizon, longest = ahead.horizon, ahead.longest_horizon
+        if longest is None:
+            horizon = longest = horizon or self.longest_braking_horizon
+        ahead = replace(
+            ahead, horizon=horizon or self.braking_horizon, longest_horizon=longest
+        )
         return replace(self, lookahead=ahead)

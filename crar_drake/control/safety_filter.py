@@ -86,7 +86,7 @@ _APPROACH = 100.0
 # Pairs farther apart hold nothing back, unless it is given [m].
 _INFLUENCE = 0.1
 # T of the control law, unless it is given [s].
-_HORIZON = CrarParameters(lookahead=LookaheadParameters(preview=0.0)).braking_horizon
+_HORIZON = CrarParameters().longest_braking_horizon
 # Gains of the control law that a filter has no use for.
 _NO_FEEDBACK = {"K": 1.0, "Kp": 1.0, "Gv": 1.0}
 
@@ -97,7 +97,6 @@ def filter_parameters(period: float) -> LookaheadParameters:
     """What a filter of a period [s] is made with unless something else is given."""
     return LookaheadParameters(
         horizon=_HORIZON,
-        preview=0.0,
         influence_distance=_INFLUENCE,
         approach_rate=_approach_rate(period),
     )

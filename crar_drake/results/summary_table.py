@@ -128,7 +128,7 @@ def summary_table(summary: Summary, verbose: bool = False) -> Table:
         table.add_row(
             "torque limit active",
             f"{100 * share:.1f} %",
-            f"of {summary.samples} samples lose over a tenth; clipped in "
+            f"of {summary.samples} samples lose over a tenth of the step; clipped in "
             f"{summary.torque_clipped_samples}",
         )
     if verbose:

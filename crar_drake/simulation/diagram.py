@@ -343,7 +343,7 @@ def MakeCrarDiagram(
         _touch_nothing(builder, plant, scene_graph)
     plant.SetDefaultPositions(setup.start_positions)
 
-    parameters, time_step = scenario.law_parameters, plant.time_step()
+    parameters, time_step = scenario.controller, plant.time_step()
     ticks = parameters.torque_ticks(time_step)
     period = parameters.torque_period_for(time_step)
     if law is not None:

@@ -89,21 +89,23 @@ def _of_the_duration(scenario: Scenario, setup: Setup) -> Iterator[str]:
 
 
 def _of_gains_without_effect(gains: CrarParameters) -> Iterator[str]:
+    ahead = gains.lookahead
     if not gains.planned_time:
         return
-    default = CrarParameters()
+    guards = ahead.guard_norm == "tasks" and ahead.guard_damping is None
     given = [
-        f"controller.{name}"
-        for name in _OF_FEEDBACK
-        if getattr(gains, name) != getattr(default, name)
-    ] + [
-        f"controller.lookahead.{name}"
-        for name in _OF_WEIGHTS
-        if getattr(gains.lookahead, name) != getattr(default.lookahead, name)
+        f"{where}.{name}"
+        for where, of, names in (
+            ("controller", gains, _OF_FEEDBACK),
+            ("controller.lookahead", ahead, _OF_WEIGHTS),
+        )
+        for name in names
+        if getattr(of, name) != getattr(type(of)(), name)
+        and not (name == "damping" and guards)
     ]
     if given:
         yield (
-            f"{', '.join(given)}: no task depends on it where the law plans; choose "
+            f"{', '.join(given)}: no effect on tasks, for the law plans ahead; choose "
             "lookahead.preset or lookahead.smoothness, or lookahead.preview: 0"
         )
 

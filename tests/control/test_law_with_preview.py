@@ -269,13 +269,16 @@ def test_the_law_plans_by_default_where_it_can(changes, ahead, planned):
         ({}, (2.5 / 30.0, 2.5 / 30.0)),
         ({"preview": 0.0}, (2.5 / 30.0, 2.5 / 30.0)),
         ({"horizon": 0.05}, (0.05, 0.05)),
+        ({"preview": 0.0, "longest_horizon": 0.2}, (2.5 / 30.0, 0.2)),
         ({"longest_horizon": 0.05}, (0.012, 0.05)),  # what is asked for is refused
     ],
 )
 def test_among_obstacles_one_horizon_counts(ahead, horizons):
     gains = CrarParameters(lookahead=LookaheadParameters(**ahead)).among_obstacles()
-    found = gains.braking_horizon, gains.longest_braking_horizon
-    assert found == pytest.approx(horizons)
+    for Gv in (gains.Gv, 7.0):  # they stay
+        gains = replace(gains, Gv=Gv)
+        found = gains.braking_horizon, gains.longest_braking_horizon
+        assert found == pytest.approx(horizons)
 
 
 def test_a_violation_is_left_at_the_retreat_speed(model):

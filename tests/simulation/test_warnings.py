@@ -158,6 +158,16 @@ def test_gains_that_do_nothing_to_tasks_are_named(dance, gains, ahead, name):
         assert np.abs(fed_back - told({}, preview=0.0)[1]).max() > 1e-9
 
 
+def test_a_damping_that_the_guard_uses_is_not_named(dance):
+    scenario, setup = dance
+    ahead = LookaheadParameters(guard_norm="tasks")
+    for guarded, named in ((ahead, False), (replace(ahead, guard_damping=0.1), True)):
+        gains = CrarParameters(damping=0.4, lookahead=guarded)
+        changed = replace(scenario, controller=gains)
+        lines = run_warnings(changed, setup, None, recorded=False)
+        assert any("controller.damping" in line for line in lines) == named
+
+
 def test_beyond_the_end_the_targets_do_stand_still(folder):
     """What the warning says, seen in the log."""
     scenario = replace(load_scenario("dance_wrists"), duration=0.4, frame_rate=4000.0)

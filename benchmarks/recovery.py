@@ -18,8 +18,7 @@ from benchmarks.preview_option import (
     defaults_or_preview,
     lookahead_defaults,
 )
-from crar_drake.errors import CrarError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
 from crar_drake.results.log import SimulationLog
 from crar_drake.results.summary import controlled_joints
 from crar_drake.robot.description import LIMIT_TOLERANCE

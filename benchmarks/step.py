@@ -55,9 +55,8 @@ from crar_drake import __version__
 from crar_drake.commands.options import positive
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.equations.compilation import IS_COMPILED, arithmetic
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_file, check_folder
-from crar_drake.nearest import nearest
 from crar_drake.results import RECORDING
 from crar_drake.results.playback import record_log
 from crar_drake.robot.model import ControlModel

@@ -5,7 +5,9 @@ The command line prints them without a traceback and exits with code 2.
 
 from __future__ import annotations
 
+import difflib
 import os
+from collections.abc import Iterable
 
 
 class CrarError(ValueError):
@@ -53,3 +55,17 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text
     )
+
+
+# More names than these are more than anybody reads.
+_MOST_NAMES = 40
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of an error message: "; did you mean x?" or the names there are."""
+    known = sorted(set(known))
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
+    return f"; known are {', '.join(known[:_MOST_NAMES])}{more}" if known else ""

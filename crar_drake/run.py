@@ -30,7 +30,7 @@ from crar_drake.results.obstacles import judge_obstacles
 from crar_drake.results.standing_run import as_measured, judged_speed_limits, stance
 from crar_drake.results.summary import Summary, summarize
 from crar_drake.robot.description import lasting_name
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.simulation.diagram import MakeCrarDiagram, PrepareScenario, Setup
 from crar_drake.simulation.disturbances import ScaleMasses

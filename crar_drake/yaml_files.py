@@ -19,8 +19,7 @@ import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_dump, yaml_load_data, yaml_load_typed
 
-from crar_drake.errors import CrarError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, nearest
 
 T = TypeVar("T")
 

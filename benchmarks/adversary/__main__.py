@@ -47,9 +47,8 @@ from benchmarks.adversary.robots import ASKED_FOR, ROBOTS, load_subject
 from benchmarks.adversary.run import play_and_judge, run_case
 from benchmarks.page import Part, check_part, machine_line, version_line, write_part
 from crar_drake.control.modes import MODES
-from crar_drake.errors import CrarError
+from crar_drake.errors import CrarError, nearest
 from crar_drake.files import check_folder, sole_writer, whole_file
-from crar_drake.nearest import nearest
 
 LINES = "cases.jsonl"
 WHOLE = "adversary.json"

@@ -23,7 +23,7 @@ from crar_drake.results import LOG
 from crar_drake.results.footing import footing
 from crar_drake.results.log import SimulationLog
 from crar_drake.robot.description import RobotDescription, load_robot_description
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
 from crar_drake.robot.task import EXPERIMENTS, WHOLE_BODY, Task, position_tasks
 from crar_drake.robot_import import import_robot

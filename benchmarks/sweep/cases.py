@@ -16,10 +16,9 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crar_drake.errors import CrarError, WriteError
+from crar_drake.errors import CrarError, WriteError, nearest
 from crar_drake.files import sole_writer, whole_file
 from crar_drake.fresh_processes import given_or_fresh
-from crar_drake.nearest import nearest
 from crar_drake.simulation.scenario import Scenario, parse_scenario
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from rich.table import Column
 from benchmarks.sweep.cases import Result
 from benchmarks.sweep.report import headline
 from crar_drake.commands.options import Parser, positive
-from crar_drake.nearest import nearest
+from crar_drake.errors import nearest
 
 
 def add_duration(parser: Parser) -> None:

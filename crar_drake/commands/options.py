@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
 
-from crar_drake.errors import CrarError, ScenarioError
-from crar_drake.nearest import nearest
+from crar_drake.errors import CrarError, ScenarioError, nearest
 
 if TYPE_CHECKING:
     from crar_drake.simulation.scenario import Scenario

@@ -110,8 +110,9 @@ class CrarParameters:
         Gv: joint velocity gain, Eq. (30) [1/s].
         GvN: null-space gain, Eq. (33) [1/s]; by default Gv, and with a preview 20.
         Gv_near: adaptive gains, for constraints "paper": Gv then holds away from
-            the constraints and this near them, joint by joint, see
-            `equations.adaptive_gain` [1/s]; GvN goes along unless it is given.
+            the constraints and this near them, joint by joint [1/s], see
+            `equations.resolved_acceleration.adaptive_gain`; GvN goes along unless it is
+            given.
         metric: of the joint velocities that W weighs, for constraints "paper" and
             "none": "identity", or "inertia" for the dynamically consistent inverse,
             see `equations.composite_weight.inertia_weight`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crar_drake.robot.joint_units import joint_units
+from crar_drake.robot.joints import joint_units
 from crar_drake.robot.model import ControlModel
 
 # A joint that turns sixteen times a second, or slides at 30 m/s, is none of a robot's;

@@ -36,7 +36,7 @@ from crar_drake.robot.description import (
     find_root,
     zero_positions,
 )
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.robot.standing import leg_joints
 
 GRAVITY = 9.81  # [m/s^2]

@@ -24,7 +24,7 @@ from crar_drake.play.pacing import Pacer
 from crar_drake.results.marks import NEARNESS_STEPS
 from crar_drake.results.recorded_run import DrawnRobot, poses_of
 from crar_drake.robot.description import GROUND
-from crar_drake.simulation.visualization import set_surroundings
+from crar_drake.simulation.visuals import set_surroundings
 
 PREFIX = "/crar/robot0"
 NEAR_PAIRS = 8  # of which at most the page shows how near they are

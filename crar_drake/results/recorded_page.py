@@ -23,7 +23,7 @@ from crar_drake.files import whole_file
 from crar_drake.results import marks
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
-from crar_drake.simulation.visualization import (
+from crar_drake.simulation.visuals import (
     GRID,
     VIEW_PITCH,
     VIEW_YAW,

@@ -22,8 +22,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
 from crar_drake.resources import data_folder, imported_robots_folder, install_command
 from crar_drake.robot.environment import Fixture, add_environment
 from crar_drake.robot.moving_pelvis import SLIDES, MovingPelvis

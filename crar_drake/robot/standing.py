@@ -18,7 +18,7 @@ from crar_drake.robot.description import (
     add_robot,
     find_body,
 )
-from crar_drake.robot.joint_names import names_by_joint
+from crar_drake.robot.joints import names_by_joint
 from crar_drake.robot.moving_pelvis import SLIDES
 from crar_drake.robot.pelvis_box import moving_pelvis
 

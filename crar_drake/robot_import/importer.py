@@ -10,9 +10,8 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from crar_drake.errors import ModelError
+from crar_drake.errors import ModelError, nearest
 from crar_drake.files import whole_file, whole_set
-from crar_drake.nearest import nearest
 from crar_drake.robot.description import (
     IMPORT_FILE,
     RobotDescription,

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
-from crar_drake.robot_import.robot_files import read_xml
+from crar_drake.errors import ModelError, nearest
+from crar_drake.robot_import.robot_files import one_number, read_xml
 from crar_drake.robot_import.source_robot import SourceRobot
-from crar_drake.robot_import.xml_numbers import one_number
 
 # What postures that a robot rests in are called, the first first.
 _RESTS = ("half_sitting", "standing", "home", "ready", "neutral", "default")

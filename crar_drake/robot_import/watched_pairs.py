@@ -6,8 +6,7 @@ import itertools
 import math
 from pathlib import Path
 
-from crar_drake.errors import ModelError
-from crar_drake.nearest import nearest
+from crar_drake.errors import ModelError, nearest
 from crar_drake.robot.description import GROUND
 from crar_drake.robot_import.anatomy import (
     elbow_index,

@@ -45,8 +45,7 @@ from crar_drake.simulation.scenario import (
     check_experiment,
     check_periods,
 )
-from crar_drake.simulation.visualization import set_surroundings
-from crar_drake.simulation.visuals import draw_collision_shapes
+from crar_drake.simulation.visuals import draw_collision_shapes, set_surroundings
 from crar_drake.targets.desired_motion import DesiredMotion
 from crar_drake.targets.start_pose import solve_start_pose
 from crar_drake.targets.whole_body import follows_legs, with_joints

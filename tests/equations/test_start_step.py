@@ -9,8 +9,7 @@ import pytest
 from reference_forms import damped_weighted_pseudo_inverse
 
 from crar_drake.equations.joint_limits import limit_potential
-from crar_drake.equations.paper import PaperGains
-from crar_drake.equations.start_step import start_step
+from crar_drake.equations.paper import PaperGains, start_step
 
 NAN = math.nan
 GAINS = PaperGains(

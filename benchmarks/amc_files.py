@@ -1,7 +1,5 @@
 """Acclaim skeletons (ASF) and motions (AMC), written: what `asf_amc` reads."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

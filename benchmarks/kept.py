@@ -5,8 +5,6 @@ version, is known by its keys, so that seeds that were run one after the other, 
 other days, add up to one table.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence

@@ -14,8 +14,6 @@ measured there and renders the page. Without running anything,
 renders pages (by default all of docs/measurements) from the results that are there.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

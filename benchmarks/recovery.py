@@ -3,8 +3,6 @@
 python -m benchmarks.recovery [--preview S] [--page docs/measurements/recovery.md]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -8,8 +8,6 @@ again. It calls nothing but what every version of the package has: run in a chec
 an earlier version, it makes the logs that `--before` names.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import tempfile

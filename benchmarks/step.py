@@ -7,8 +7,6 @@ is timed in one process and one thread, by turns, so that figures of one run can
 compared.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """Markdown tables, as the documentation shows them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 

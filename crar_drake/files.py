@@ -1,7 +1,5 @@
 """Files appear whole or not at all, and who may write them is known beforehand."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """Runs a scenario: simulates, keeps the log, and writes what is to be seen of it."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

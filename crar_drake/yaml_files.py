@@ -4,8 +4,6 @@ Drake's `yaml_load_typed` makes the objects. What it says of a mistake names nei
 the line nor the way to the key, so a file is compared with its schema first.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import types

@@ -9,8 +9,6 @@ again when the source of the controller or of the attacks has changed. The exit 
 is 1 if anything is violated with the exact model, 2 if a case could not be run.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

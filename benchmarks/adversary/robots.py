@@ -1,7 +1,5 @@
 """The robots that are attacked, each with the tasks that it is attacked through."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path

@@ -9,8 +9,6 @@ the problem, runs every controller on every case in several rounds, one after th
 other in one process each and with one thread, and judges what they recorded.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

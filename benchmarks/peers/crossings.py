@@ -13,8 +13,6 @@ three robots (seeds 0 to 35 of the arm, 0 to 11 and 36 to 59 of the upper body, 
 of the G1), and on recordings of people; the latest as `benchmarks.presets` says.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable, Sequence

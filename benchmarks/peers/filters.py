@@ -13,8 +13,6 @@ is shown which leaves the fewest frames with capsules in penetration, and of sev
 one that changes the joints the least. All are judged as `crar-drake judge` does.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterable, Sequence

@@ -12,8 +12,6 @@ The folder holds the robot (`robot.urdf` for Drake, `robot_pinocchio.urdf`,
 The drivers of the peers read these and need nothing else of this project.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterable, Sequence

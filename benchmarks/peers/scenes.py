@@ -17,8 +17,6 @@ each filter that one is taken by which links are touched, in each other or beyon
 limit in the fewest samples; of several the one that reaches the most.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Mapping, Sequence

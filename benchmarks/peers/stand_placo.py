@@ -1,7 +1,5 @@
 """PlaCo's dynamics solver with planar contacts at both feet (C++, one call a step)."""
 
-from __future__ import annotations
-
 import numpy as np
 import placo
 

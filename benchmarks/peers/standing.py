@@ -13,8 +13,6 @@ limits. `--tune` tries each one's grid on swings of other seeds first, and keeps
 chose in `standing-settings.json`.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Sequence

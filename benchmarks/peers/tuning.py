@@ -1,7 +1,5 @@
 """Which of a controller's settings is taken, and the file that keeps the choice."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

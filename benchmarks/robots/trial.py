@@ -1,7 +1,5 @@
 """One robot: imported, set a task, run and judged, with nothing corrected by hand."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time

@@ -1,7 +1,5 @@
 """The numbers behind the report, as CSV files."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -3,8 +3,6 @@
 Figures are in the page itself; playback pages and CSV files are linked beside it.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A finished simulation is `results/<name>.json`; an interrupted reproduction goes
 with what is missing. Logs and playback pages are written before that file.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import logging

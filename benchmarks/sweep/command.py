@@ -1,7 +1,5 @@
 """What commands that simulate many motions have in common: options, and a bar."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

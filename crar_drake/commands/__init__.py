@@ -5,8 +5,6 @@ What takes long to import is imported by the command that needs it, so that help
 mistyped options answer at once.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

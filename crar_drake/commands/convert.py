@@ -1,7 +1,5 @@
 """`crar-drake convert`: a robot's motion from one layout to another."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

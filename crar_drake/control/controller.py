@@ -1,7 +1,5 @@
 """The controller as a Drake system."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

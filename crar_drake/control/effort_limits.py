@@ -5,8 +5,6 @@ accelerations that do not are found, `equations.torque_limit`; then the constrai
 admits them again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import NamedTuple

@@ -5,8 +5,6 @@ What the law commands goes through `SafetyFilter.left_among`, which has the theo
 pairs and limits itself, and goes on from where that leads.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Measured states that no robot has: a sensor's glitch, another unit, an index that is
 off by one. A law that believes them asks for torques that no motor has, either."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.robot.joints import joint_units

@@ -15,8 +15,6 @@ inverse dynamics with contacts, as of A. Herzog et al., "Momentum control with
 hierarchical inverse dynamics on a torque-controlled humanoid", Autonomous Robots 2016.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ What cannot be written, on a full disk or one that is read only, is said once. A
 that is full of what others compiled may well be read only.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import os

@@ -12,8 +12,6 @@ the rates wrench^T S, of the joints that carry L. A force f at point p is the wr
 [p x f; f].
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ moves at the rate x, which changes at the rate y,
     theta_dot = D theta x,      theta_ddot = D^2 theta [x, x] + D theta y.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

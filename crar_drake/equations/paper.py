@@ -1,7 +1,5 @@
 """The paper's law in its order: weights (17)-(28), inverse (34), levels (10), (35)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ values when the system is away from the constraints and large values near the
 constraints".
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.equations.compilation import compiled

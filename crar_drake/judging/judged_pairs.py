@@ -1,7 +1,5 @@
 """Which links of a plant a judge asks for: those that more than one joint parts."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

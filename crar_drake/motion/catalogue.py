@@ -12,8 +12,6 @@ Everywhere a motion is one of:
 - the name of a motion that this project ships: `dance`.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """The YAML file by which a user says which joint of a motion file is which."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, make_dataclass
 

@@ -16,8 +16,6 @@ the waist (LASI, LPSI against LFWT, LBWT). Where each centre comes from:
 - pelvis, neck, wrists, head: the mean of the markers about them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ array behind the opcodes that describe it, perhaps compresses all of it; that is
 too.
 """
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io

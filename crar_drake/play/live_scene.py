@@ -5,8 +5,6 @@ with frames, which `LiveScene.frame` makes, so that all of a picture is of one i
 and no browser is behind by what waits in a socket.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A scenario's simulation that goes on step by step, and changes in between."""
 
-from __future__ import annotations
-
 from collections import deque
 from copy import deepcopy
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Targets of a motion that can be stopped, moved by what a person adds to them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The log of a simulation whose end nobody knows: its last minutes."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import replace

@@ -14,8 +14,6 @@
 Nothing in a request is run, and names are looked up among those of the robot.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

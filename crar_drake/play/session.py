@@ -1,7 +1,5 @@
 """The loop of `crar-drake play`: real time, requests, pictures, and the end."""
 
-from __future__ import annotations
-
 import gc
 import queue
 import time

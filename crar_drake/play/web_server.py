@@ -12,8 +12,6 @@ It runs in threads of its own, that only hand things over: they never touch the
 simulation or Meshcat.
 """
 
-from __future__ import annotations
-
 import json
 import queue
 import re

@@ -7,8 +7,6 @@ referee, which shares nothing with the controller. Samples can refute a bound, n
 prove it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

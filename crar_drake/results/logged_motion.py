@@ -1,7 +1,5 @@
 """The motion of a run as a reference motion: from a log to a file of any layout."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Scenario and robot of a saved log; the robot may have moved or changed since."""
 
-from __future__ import annotations
-
 from pydrake.multibody.plant import MultibodyPlant
 
 from crar_drake.errors import CrarError, ModelError

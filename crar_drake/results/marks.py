@@ -3,8 +3,6 @@
 One colour has one meaning wherever a run is drawn.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.control.records import STATUS_BLENDING, STATUS_BRAKING

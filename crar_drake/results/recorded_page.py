@@ -6,8 +6,6 @@ the time line. Runs come from logs (`playback`), reference motions from their fi
 (`crar_drake.results.motion_page`).
 """
 
-from __future__ import annotations
-
 import html
 import json
 import os

@@ -4,8 +4,6 @@
 the targets and the points that should be there, and where watched pairs are nearest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

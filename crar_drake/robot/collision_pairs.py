@@ -1,7 +1,5 @@
 """Signed distances of the watched segment pairs, from SceneGraph's shapes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

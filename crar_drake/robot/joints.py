@@ -1,7 +1,5 @@
 """The joints of a plant: names, units, speed limits, and those of a description."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drake's plant as the tree of frames that `equations.kinematics` computes with."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

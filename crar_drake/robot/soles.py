@@ -1,7 +1,5 @@
 """What a robot stands with: its masses, and the wrenches that the ground can give."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A robot that stands still on its soles, as the law sees it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 

@@ -1,7 +1,5 @@
 """What tasks mean in a plant: frames, points and joints."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

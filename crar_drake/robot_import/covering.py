@@ -6,8 +6,6 @@ pieces are small, each piece is given to the capsule that needs to grow the leas
 hold its three corners, and a capsule, which is convex, holds the piece with them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

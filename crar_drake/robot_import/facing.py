@@ -1,8 +1,6 @@
 """Which way is up on a robot, and which way it looks: from the symmetry of its limbs,
 their names, and its feet."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Fits that an earlier import made are used again: fitting takes most of the time."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

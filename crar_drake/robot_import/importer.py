@@ -1,7 +1,5 @@
 """The whole way from a robot's file to a folder that the controller can use."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Of a compiled MJCF: bodies' geoms as shapes, motors' limits, a rest posture."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

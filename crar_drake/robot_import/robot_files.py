@@ -1,7 +1,5 @@
 """Where a robot's file is, what the robot is called after it; numbers in its XML."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import re

@@ -1,7 +1,5 @@
 """The files of an imported robot's folder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -6,8 +6,6 @@ line for line, in which collisions are visuals of another name. Addresses in the
 absolute, looked for as those of a URDF are.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence

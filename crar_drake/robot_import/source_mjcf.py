@@ -8,8 +8,6 @@ A body becomes a link with the body's frame. A joint that is not the only one of
 body, or is beside the body's origin, gets a link without geometry of its own.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace

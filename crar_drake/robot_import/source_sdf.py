@@ -7,8 +7,6 @@ A joint whose frame is beside its child's origin gets a link without geometry, a
 the file's frames.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import Counter
 from collections.abc import Sequence

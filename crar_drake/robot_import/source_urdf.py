@@ -1,7 +1,5 @@
 """A robot's own URDF: where it is, what is in it, and what of it is not supported."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

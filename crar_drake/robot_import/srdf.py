@@ -4,8 +4,6 @@ MoveIt's setup assistant writes such files, and many robots ship one. Of it two 
 are read: `group_state`, for the rest posture, and `disable_collisions`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

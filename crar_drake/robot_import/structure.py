@@ -1,7 +1,5 @@
 """Which way a robot stands, what of it is locked, where its points are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How far the surfaces of two links are apart, by their triangles."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from pydrake.math import RigidTransform

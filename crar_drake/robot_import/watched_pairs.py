@@ -1,7 +1,5 @@
 """Which links are watched against each other and against the ground."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

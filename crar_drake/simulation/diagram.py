@@ -1,7 +1,5 @@
 """Builders: the controller in anybody's diagram, and one whole diagram."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What is drawn of a robot whose model has nothing to be drawn, and what around it."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.geometry import (
     HalfSpace,

@@ -1,7 +1,5 @@
 """What the controller is asked to track: systems that emit `desired_tasks`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Protocol
 

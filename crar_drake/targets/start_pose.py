@@ -1,7 +1,5 @@
 """A constraint-valid pose to start from."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

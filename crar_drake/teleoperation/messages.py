@@ -26,8 +26,6 @@ Numbers are all that is taken from a message: nothing in it is run, and no name 
 looked up but among those of the tasks, joints and obstacles that were told before.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Collection, Mapping

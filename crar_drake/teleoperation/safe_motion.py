@@ -1,7 +1,5 @@
 """The robot that a filter for teleoperation moves: what the control law says, done."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ socket is emptied all the same, so that nothing grows old in it, and of what is 
 the newest of each sender are judged before the step.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import math

@@ -1,7 +1,5 @@
 """The step of a start pose, against the printed inverse and differences."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ y up. Angles are never clamped to the skeleton's limits: real files exceed them,
 and exceed a full turn as well.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -5,8 +5,6 @@ of each frame in the unit that POINT:UNITS says; a hidden point has a negative r
 or stands at 0 0 0, or is NaN.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

@@ -1,7 +1,5 @@
 """The performer of an ASF skeleton with the CMU database's bone names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The performer of a BVH file, whatever its names, unit and axes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

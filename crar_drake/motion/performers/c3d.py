@@ -1,7 +1,5 @@
 """The performer of a C3D or TRC file with a known set of markers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.errors import MotionError

@@ -1,7 +1,5 @@
 """The performer of an MVNX file of Xsens."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

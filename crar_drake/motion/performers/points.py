@@ -1,7 +1,5 @@
 """The performer of an array of joint positions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.errors import MotionError

@@ -1,7 +1,5 @@
 """The performer of a motion of the body models SMPL, SMPL-H and SMPL-X."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crar_drake.motion.formats.smpl import SmplMotion, read_smpl_offsets

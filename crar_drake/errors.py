@@ -32,11 +32,6 @@ class WriteError(CrarError):
     """
 
     def __init__(self, path: str | os.PathLike[str], why: str | OSError) -> None:
-        """
-        Args:
-            path: which.
-            why: the reason, or the system's error.
-        """
         if isinstance(why, OSError):
             why = f"could not be written: {why.strerror or why}"
         super().__init__(f"{path}: {why}")

@@ -30,10 +30,6 @@ _BYTE_ORDER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
 def read_text(path: str | os.PathLike[str], error: type[CrarError]) -> str:
     """Reads a whole text file in UTF-8, with or without a byte order mark.
 
-    Args:
-        path: of the file.
-        error: what to raise.
-
     Raises:
         error: the file cannot be read, or is not UTF-8; the message names the file,
             line and byte.

@@ -69,14 +69,7 @@ def add_command(
     run: Callable[[argparse.Namespace], None],
     text: str,
 ) -> Parser:
-    """Adds a command that says what it does, and returns the parser of its options.
-
-    Args:
-        subparsers: the commands.
-        name: of the command.
-        run: is called with what was parsed.
-        text: what the command does.
-    """
+    """Adds a command that says what it does, and returns the parser of its options."""
     parser = subparsers.add_parser(name, help=text, description=text)
     add_what_runs(parser, run)
     return parser

@@ -141,9 +141,6 @@ class ControlLaw:
     def take_over_obstacles(self, before: ControlLaw) -> None:
         """Goes on with what keeps the robot off obstacles in a law before, where that
         goes with this one: it takes a twentieth of a second to make.
-
-        Args:
-            before: of the same model.
         """
         made = vars(before).get("among")
         unused = not self.mode.keeps_off_obstacles

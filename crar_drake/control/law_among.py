@@ -44,10 +44,6 @@ class LawAmong:
 
     def __init__(self, model: ControlModel, gains: CrarParameters) -> None:
         """
-        Args:
-            model: of the law.
-            gains: of the law, with constraints "lookahead".
-
         Raises:
             ScenarioError: the root floats, the plant does not move in steps of the
                 control period, or a parameter does not go with obstacles.

@@ -316,9 +316,6 @@ class CrarParameters:
     def effort_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest effort of each actuator of a robot's plant that is commanded.
 
-        Args:
-            model: of the robot.
-
         Returns:
             (nu,) [Nm or N], infinite where there is none or it is not respected, and
             for the prescribed joints, whose acceleration is the motion's.
@@ -335,9 +332,6 @@ class CrarParameters:
 
     def speed_limits(self, model: "ControlModel") -> np.ndarray:
         """The largest speed of each joint of a robot's plant.
-
-        Args:
-            model: of the robot.
 
         Returns:
             (nv,) [rad/s or m/s], infinite where there is none and for the prescribed

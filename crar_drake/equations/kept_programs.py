@@ -112,12 +112,7 @@ def _say(text: str) -> None:
 
 
 def say_once(place: str, error: OSError) -> None:
-    """Says on stderr, once in a process, that what is compiled cannot be kept.
-
-    Args:
-        place: folder of a function.
-        error: why it cannot be written there.
-    """
+    """Says on stderr, once in a process, that what is compiled cannot be kept."""
     _say(
         f"what is compiled cannot be kept in {Path(place).parent} "
         f"({error.strerror or error}): every process compiles it again; "

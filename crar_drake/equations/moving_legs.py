@@ -78,9 +78,6 @@ def leg_motion(
 def leg_slopes(p: np.ndarray, x: np.ndarray, legs: Legs) -> np.ndarray:
     """D theta, D^2 theta x and D^3 theta [x, x], (3, L, 3): the slopes by p of what
     `leg_motion` gives.
-
-    Args:
-        p, x, legs: as there.
     """
     M, L = legs.coefficients.shape
     most = legs.degrees.max()

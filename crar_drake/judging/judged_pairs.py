@@ -15,10 +15,6 @@ def pairs_beyond_one_joint(
     Links that are welded to each other are one: their shapes overlap as they are
     built. Two links that one joint connects meet at that joint.
 
-    Args:
-        plant: finalized.
-        bodies: links of it.
-
     Returns:
         Pairs of indices i < j of `bodies`. Links without any chain of joints between
         them are pairs, too.

@@ -119,9 +119,6 @@ class MeshJudge:
 
     def __init__(self, description: RobotDescription) -> None:
         """
-        Args:
-            description: of a robot, imported or not.
-
         Raises:
             ModelError: its model or one of its meshes cannot be read, or there is no
                 joint that the rest posture names.

@@ -74,12 +74,7 @@ class LiveSource(LeafSystem):
 
 
 def make_live(motion: DesiredMotion, model: ControlModel) -> DesiredMotion:
-    """The same motion, whose sources are `LiveSource`.
-
-    Args:
-        motion: of the model.
-        model: of the robot.
-    """
+    """The same motion, whose sources are `LiveSource`."""
 
     def task_source() -> LiveSource:
         return LiveSource(

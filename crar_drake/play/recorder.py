@@ -56,11 +56,7 @@ class Recorder:
             self._pieces.popleft()
 
     def log(self, scenario: Scenario) -> SimulationLog:
-        """All pieces in one.
-
-        Args:
-            scenario: to be written into it.
-        """
+        """All pieces in one."""
         last = self._piece(scenario)
         pieces = [*self._pieces, last]
         return replace(

@@ -57,9 +57,6 @@ class Request:
 def parse(body: bytes) -> Request:
     """Reads a request.
 
-    Args:
-        body: as it came, without trust.
-
     Raises:
         RequestError: it is no request.
     """

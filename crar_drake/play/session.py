@@ -115,11 +115,7 @@ class PlaySession:
             gc.unfreeze()
 
     def end(self, reported: str = "") -> None:
-        """Ends the page.
-
-        Args:
-            reported: what it says from then on.
-        """
+        """Ends the page."""
         if reported:
             self._server.show({"ended": reported})
         self._server.close()

@@ -213,10 +213,6 @@ class Moves:
     """
 
     def __init__(self, plant: MultibodyPlant) -> None:
-        """
-        Args:
-            plant: finalized.
-        """
         self._plant, self._context = plant, plant.CreateDefaultContext()
         self._free: list[tuple[int, int]] = []
         rates = []  # of all but quaternions: which velocity is whose rate

@@ -21,10 +21,6 @@ _UNEVEN = 1e-3
 def motion_of_log(log: SimulationLog, robot: WholeBody) -> RobotMotion:
     """The root's poses and all joints of the simulated robot, sample by sample.
 
-    Args:
-        log: with two samples at least.
-        robot: that was simulated.
-
     Raises:
         MotionError: there are fewer samples, or they are not evenly spaced.
         CrarError: the log is of another robot.

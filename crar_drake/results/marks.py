@@ -64,9 +64,6 @@ def marked_spans(log: SimulationLog) -> dict[str, list[tuple[float, float]]]:
 
     A sample stands for the time until the next one.
 
-    Args:
-        log: of the run.
-
     Returns:
         For each key of `SPANS` the spans (start, end) [s], in order.
     """

@@ -324,9 +324,6 @@ class WatchedPairs:
     def ask(self, queries: Sequence[QueryObject]) -> np.ndarray:
         """SceneGraph's answers for the shapes without a closed form.
 
-        Args:
-            queries: one of each of K configurations.
-
         Returns:
             (K Nq, 7) distance [m], normal from b to a, point on a, in W.
         """

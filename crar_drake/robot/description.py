@@ -485,10 +485,6 @@ def find_root(
 ) -> QuaternionFloatingJoint | None:
     """The joint by which a robot's base floats; None if nothing does.
 
-    Args:
-        plant: finalized.
-        description: of the robot in it.
-
     Raises:
         ModelError: something floats (or turns as a ball) of which the description does
             not say what moves it, or what it says to float does not.

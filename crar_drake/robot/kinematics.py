@@ -39,9 +39,6 @@ class JointTree:
 
     def __init__(self, plant: MultibodyPlant) -> None:
         """
-        Args:
-            plant: finalized.
-
         Raises:
             ModelError: a joint is not free, and its velocities are not the rates of its
                 positions.

@@ -118,10 +118,6 @@ def standing_description(
 def leg_joints(plant: MultibodyPlant, description: RobotDescription) -> list[Joint]:
     """The joints between a robot's base and its soles, each once, from the soles up.
 
-    Args:
-        plant: finalized, with the robot.
-        description: of the robot, with soles.
-
     Raises:
         ModelError: there is no such base or sole, or no joint between them.
     """

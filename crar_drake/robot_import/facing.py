@@ -60,9 +60,6 @@ def guess_up(robot: SourceRobot) -> str:
 
     It is z, as is usual, unless arms with two legs below them are found for another one
     only; or arms above the root link for another one, and for z none at all.
-
-    Args:
-        robot: as the URDF has it.
     """
     with_arms = []
     for up in _AXES:

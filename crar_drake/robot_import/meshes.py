@@ -106,9 +106,6 @@ def guess_up_axis(robot: SourceRobot) -> tuple[str, str] | None:
     A link's mesh reaches from its own joint to those that it carries: of both readings
     that one is taken whose meshes are nearer to the joints.
 
-    Args:
-        robot: with its joints.
-
     Returns:
         "file" or "z" (`link_parts`), and how that was found; None where no mesh says
         anything but z.

@@ -104,9 +104,6 @@ def effort_limits(model) -> dict[int, float]:
     A joint's actuators add up; what the joint itself admits (actuatorfrcrange) is
     beyond them. Of two different bounds the nearer one counts, since an effort limit
     has but one.
-
-    Args:
-        model: compiled by MuJoCo.
     """
     import mujoco
 

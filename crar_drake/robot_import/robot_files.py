@@ -115,10 +115,6 @@ def robot_name(name: str, path: Path) -> str:
 def read_xml(path: Path, what: str) -> ElementTree.Element:
     """The root element; Drake's prefix, which files use undeclared, is _drake_ in it.
 
-    Args:
-        path: of the file.
-        what: it should be, e.g. "a URDF".
-
     Raises:
         ModelError: it cannot be read, or is no XML.
     """

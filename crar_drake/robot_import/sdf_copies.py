@@ -41,12 +41,7 @@ class SdfCopies:
     """
 
     def __init__(self, folder: Path, package_paths: Sequence[Path]) -> None:
-        """Makes no copy yet.
-
-        Args:
-            folder: to write to, empty.
-            package_paths: folders that contain packages or models.
-        """
+        """Makes no copy yet."""
         self._folder, self._package_paths = folder, package_paths
         self._copies: dict[Path, Path] = {}
         self._open: set[Path] = set()  # whose copies are being made

@@ -46,9 +46,6 @@ def read_mjcf(path: Path) -> SourceRobot:
     Of a scene only the robot is taken: the free body with the most joints, or all
     that is mounted in the world and has joints.
 
-    Args:
-        path: of the file.
-
     Raises:
         ModelError: MuJoCo is not installed or cannot read the file, or the file has no
             joints that turn or slide.

@@ -66,10 +66,6 @@ def read_srdf(path: Path, robot: SourceRobot) -> Semantics:
     Joints that the robot has not, as the virtual one of its root, are left out, and so
     are those of more numbers than one; positions beyond a limit are taken to it.
 
-    Args:
-        path: of the file.
-        robot: that it is of.
-
     Raises:
         ModelError: the file cannot be read, is no SRDF, or names no joint and no link
             of the robot.

@@ -19,12 +19,7 @@ class Surfaces:
         self._trees: dict = {}
 
     def gap(self, X: Mapping[str, RigidTransform], a: str, b: str) -> float:
-        """Distance of the nearest triangles of two links; 0 where some intersect [m].
-
-        Args:
-            X: link to its pose.
-            a, b: the links.
-        """
+        """Distance of two links' nearest triangles; 0 where some intersect [m]."""
         import fcl
 
         placed = [

@@ -143,11 +143,6 @@ class PushSource(LeafSystem):
         self, plant: MultibodyPlant, task_frames: dict[str, str], pushes: list[Push]
     ) -> None:
         """
-        Args:
-            plant: finalized.
-            task_frames: of the robot description.
-            pushes: whose frames are in the plant.
-
         Raises:
             ModelError: there is no such frame.
         """

@@ -135,10 +135,6 @@ class ObstacleSource(LeafSystem):
     """
 
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
-        """
-        Args:
-            obstacles: validated.
-        """
         super().__init__()
         self.set_name("obstacles")
         self._obstacles = tuple(obstacles)

@@ -412,10 +412,6 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     A setting of another Drake's that says what this one does anyway is left out: a
     log may come from there.
 
-    Args:
-        text: YAML.
-        source: what to call it in messages.
-
     Raises:
         ScenarioError: as `load_scenario`.
     """

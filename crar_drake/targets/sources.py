@@ -67,10 +67,6 @@ class PoseTrajectorySource(TimeFunctionSource):
         self, layout: TaskLayout, trajectories: Mapping[str, PoseTrajectory]
     ) -> None:
         """
-        Args:
-            layout: the controller's tasks.
-            trajectories: task name to its way.
-
         Raises:
             ScenarioError: a task has no keyframes, or keyframes no task.
         """

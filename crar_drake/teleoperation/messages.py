@@ -129,11 +129,6 @@ def parse(
 ) -> TargetMessage | Measured | ObstacleMessage | Describe | Drive:
     """Reads one line.
 
-    Args:
-        line: as it came, without trust.
-        layout: of the tasks.
-        joints: that can be measured.
-
     Raises:
         MessageError: it is too long, no JSON object, has a key that is not known, a
             task or joint that is not there, a wrong number of numbers, or one that is

@@ -194,9 +194,6 @@ def read_asf(path: str | os.PathLike[str]) -> Skeleton:
     Lengths become metres by the file's own `length` value (CMU: 0.45), angles
     become radians. Bone directions are normalised, since files print six digits.
 
-    Args:
-        path: the ASF file.
-
     Raises:
         MotionError: the file is missing, is not an ASF, or its bones do not hang
             together; the message names file and line.

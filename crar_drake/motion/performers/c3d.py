@@ -15,11 +15,6 @@ from crar_drake.motion.performers.assemble import Recording, assemble
 def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Performer:
     """Returns the performer of a C3D file.
 
-    Args:
-        markers: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
-
     Raises:
         MotionError: the markers are of no known set, one that is needed is never
             seen, or the file says no rate.

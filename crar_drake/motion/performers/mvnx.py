@@ -54,11 +54,6 @@ _PARENT = {b: a for chain in _CHAINS for a, b in zip(chain, chain[1:], strict=Fa
 def mvnx_performer(mvnx: Mvnx, name: str, options: MotionOptions) -> Performer:
     """Returns the performer of an MVNX file.
 
-    Args:
-        mvnx: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
-
     Raises:
         MotionError: a segment is missing, the file says no rate, or an option is given
             that it does not need.

@@ -33,11 +33,6 @@ def points_performer(
 ) -> Performer:
     """Returns the performer of an array of joint positions.
 
-    Args:
-        arrays: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
-
     Raises:
         MotionError: the points are of no known layout and have no names that say what
             they are, joints are missing, or there is no frame rate.

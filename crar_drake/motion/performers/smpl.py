@@ -32,11 +32,6 @@ def smpl_performer(motion: SmplMotion, name: str, options: MotionOptions) -> Per
     whatever the person's. Turns are the person's; the floor is then where that body
     comes lowest.
 
-    Args:
-        motion: the file's contents.
-        name: what the user calls the motion.
-        options: what the user says of it.
-
     Raises:
         MotionError: the file says no rate, or an option is given that it does not need.
     """

@@ -4,8 +4,9 @@ The command line prints them without a traceback and exits with code 2.
 """
 
 import difflib
+import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class CrarError(ValueError):
@@ -41,6 +42,14 @@ class WriteError(CrarError):
     def __reduce__(self) -> tuple:
         # Processes of a pool send their errors.
         return WriteError, (self.path, self._why)
+
+
+def check_vector(
+    where: str, value: Sequence[float], error: type[CrarError] = ScenarioError
+) -> None:
+    """Raises the error, which begins with `where`, unless there are three numbers."""
+    if len(value) != 3 or not all(map(math.isfinite, value)):
+        raise error(f"{where}: {value} must be three finite numbers")
 
 
 def printable(text: str) -> str:

@@ -93,7 +93,6 @@ class ControlLaw:
         gains = self.parameters
         # Always of one type, lest functions be compiled for another.
         self._blend_time = float(gains.blend_time)
-        self._braking_horizon = float(gains.braking_horizon)
         self._period = float(gains.period)
         self._latency = float(gains.latency)
         self._plant_step = float(model.plant.time_step())

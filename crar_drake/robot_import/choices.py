@@ -122,7 +122,7 @@ class ImportChoices:
     excess: float = 0.02
     most_capsules: int = 16
     cover: bool = False
-    faces: int = 2500
+    faces: int = 2500  # a whole robot's recorded page is below 10 MB then
 
     def validate(self, where: str) -> None:
         """Checks what can be checked without the URDF.

@@ -19,9 +19,6 @@ from crar_drake.files import whole_file
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
 
-# A recorded page carries every mesh; this keeps a whole robot below 10 MB.
-DEFAULT_FACES = 2500
-
 _HEAD = 20_000  # bytes of a DAE file, which its asset element is within
 _GREY = (0.7, 0.7, 0.7, 1.0)
 

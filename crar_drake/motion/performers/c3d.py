@@ -50,7 +50,6 @@ def c3d_performer(markers: Markers, name: str, options: MotionOptions) -> Perfor
     body = marker_body(
         used,
         marker_set,
-        subject,
         {measure: metres * value for measure, value in markers.measures.items()},
         rate,
     )

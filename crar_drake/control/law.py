@@ -470,13 +470,8 @@ class ControlLaw:
         q: np.ndarray,
         v: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The state now, if q, v was that a latency ago and the robot did as told.
-
-        Args:
-            sent: accelerations (nv,) that were commanded, the newest first.
-            lateness: what was seen of it beyond the latency; None for nothing.
-            held: for how long the newest has been so [s].
-            q, v: (nq,), (nv,) as measured.
+        """The state now, if q, v was that a latency ago and the robot did as told: by
+        the accelerations `sent`, the newest of them first, and `held` for so long [s].
         """
         model, left, since = self.model, self._latency, []
         if lateness is not None:

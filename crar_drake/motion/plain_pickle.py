@@ -257,11 +257,7 @@ class PlainUnpickler(pickle._Unpickler):
 
 
 def _lengths(shape: object) -> tuple[int, ...]:
-    """A shape as it stands in a file.
-
-    Raises:
-        RefusedPickle: it is none.
-    """
+    """A shape as it stands in a file."""
     if not isinstance(shape, tuple) or not all(
         isinstance(length, int) and 0 <= length < 2**48 for length in shape
     ):

@@ -146,11 +146,7 @@ class PlaySession:
         self._server.show(self._scene.frame(self.pacer, now, self._notice))
 
     def _answer(self, wait: float) -> None:
-        """Does all that is asked for; waits for the first of it.
-
-        Args:
-            wait: at most so long [s].
-        """
+        """Does all that is asked for; waits so long at most [s] for the first of it."""
         try:
             request = self._server.requests.get(timeout=wait) if wait > 0.0 else None
             while True:

@@ -179,11 +179,7 @@ def _screw_axis(joint: ScrewJoint, plant: MultibodyPlant) -> np.ndarray:
 def _motions(
     joint: Joint, plant: MultibodyPlant
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The turn and the slide of each of a joint's velocities, one after the other.
-
-    Raises:
-        ModelError: a joint whose velocities are not the rates of its positions.
-    """
+    """The turn and the slide of each of a joint's velocities, one after the other."""
     if isinstance(joint, RevoluteJoint):
         return [(joint.revolute_axis(), _NONE)]
     if isinstance(joint, PrismaticJoint):

@@ -314,11 +314,7 @@ def _check_given(
     srdf: str,
     posture: str,
 ) -> None:
-    """What an import file says is changed there, by no option.
-
-    Raises:
-        ModelError: an option says something else; the message names what to write.
-    """
+    """What an import file says is changed there, by no option."""
 
     def refuse(entry: str, outdated: str = "") -> None:
         take_out = f", take out {outdated}," if outdated else ""

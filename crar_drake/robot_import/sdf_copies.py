@@ -131,13 +131,8 @@ def _blank(match: re.Match) -> str:
 def _with_addresses(
     text: str, blocks: re.Pattern, found: Callable[[str, str], Path]
 ) -> str:
-    """The text with the addresses in all such blocks replaced by files.
-
-    Args:
-        text: of the file.
-        blocks: what they stand in.
-        found: the file of an address and the line that it stands in, "line 7".
-    """
+    """The text with addresses in such blocks replaced by the files that are `found` of
+    an address and its line, "line 7"."""
 
     def replaced(block: re.Match) -> str:
         def file(uri: re.Match) -> str:

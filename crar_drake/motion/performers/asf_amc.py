@@ -256,14 +256,7 @@ def _doubt_angles(clip: Clip) -> Iterator[str]:
 def _doubt_unit(
     what: str, unit: str, angles: np.ndarray, words: dict[str, str]
 ) -> Iterator[str]:
-    """Doubts that a file's angles (k,) [rad] are in the unit that it says.
-
-    Args:
-        what: the kind of file.
-        unit: "degrees", "radians", or "" without a file.
-        angles: absolute values [rad], as they were read.
-        words: unit to how such a file says it.
-    """
+    """Doubts that a file's absolute angles (k,) [rad] are in the unit that it says."""
     numbers = np.degrees(angles) if unit == "degrees" else angles  # of the file
     numbers = numbers[np.isfinite(numbers) & (numbers > 0.0)]
     largest = numbers.max(initial=0.0)

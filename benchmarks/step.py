@@ -170,10 +170,9 @@ def run_bench(
 
 def write_json(result: dict, path: str | os.PathLike[str]) -> None:
     """Writes the result of `run_bench`, whole or not at all."""
-    from crar_drake.files import whole_file
+    from crar_drake.files import write_whole
 
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=2) + "\n")
+    write_whole(path, json.dumps(result, indent=2) + "\n")
 
 
 # --- one control step -------------------------------------------------------------

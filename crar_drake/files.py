@@ -49,6 +49,16 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
             raise
 
 
+def write_whole(path: str | os.PathLike[str], text: str) -> None:
+    """Writes a file of text in UTF-8, as of `whole_file`.
+
+    Raises:
+        WriteError: the system refuses to write it.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def whole_set(folder: str | os.PathLike[str], last: str = "") -> Iterator[Path]:
     """Yields a temporary folder whose files go into `folder` on success.

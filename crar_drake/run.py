@@ -17,7 +17,7 @@ from pydrake.systems.primitives import VectorLogSink
 
 from crar_drake.equations.compilation import when_compiling
 from crar_drake.errors import CrarError, ScenarioError, WriteError
-from crar_drake.files import check_file, turn_to_write, whole_file
+from crar_drake.files import check_file, turn_to_write, whole_file, write_whole
 from crar_drake.motion.report import inspect
 from crar_drake.resources import install_command
 from crar_drake.results import LOG, PLOT, RECORDING, SUMMARY
@@ -489,8 +489,7 @@ def write_run(
     log, summary = result.log, result.summary
 
     def write_summary(path: Path) -> None:
-        with whole_file(path) as temporary:
-            temporary.write_text(summary.to_json())
+        write_whole(path, summary.to_json())
 
     def write_recording(path: Path) -> None:
         from crar_drake.results.playback import record_log

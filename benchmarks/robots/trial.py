@@ -13,7 +13,7 @@ from benchmarks.robots.catalogue import Subject
 from benchmarks.whole_body import late_errors
 from crar_drake.control.parameters import CrarParameters
 from crar_drake.errors import CrarError, ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.judging.mesh_judge import MeshJudge
 from crar_drake.judging.referee import Referee
 from crar_drake.references.whole_body import WholeBody
@@ -139,8 +139,7 @@ def try_robot(
         _try(outcome, subject, path, folder, motion, duration)
     except CrarError as error:
         outcome.why = str(error).replace(f"{path}: ", "").replace(f"{folder}/", "")
-    with whole_file(folder / RESULT) as temporary:
-        temporary.write_text(json.dumps(asdict(outcome), indent=2) + "\n")
+    write_whole(folder / RESULT, json.dumps(asdict(outcome), indent=2) + "\n")
     return outcome
 
 

@@ -17,7 +17,7 @@ from importlib import resources
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.results import marks
 from crar_drake.results.packed_page import packed_array, packed_page
 from crar_drake.results.recorded_run import DrawnRobot, RecordedRun
@@ -133,8 +133,7 @@ def write_page(
         "outline": _rounded(outline.ravel(), 4),
     }
     page = packed_page(_page(meshcat.StaticHtml(), data), arrays)
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def page_look() -> dict:

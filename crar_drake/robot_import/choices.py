@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from crar_drake.errors import ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot.description import check_soles
 from crar_drake.yaml_files import load_yaml, read_text
 
@@ -217,8 +217,7 @@ def save_choices(path: Path, choices: ImportChoices, guessed: dict[str, str]) ->
         return
     for key, how in guessed.items():
         text += "\n" + _block(key, getattr(choices, key), how)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(path, text)
 
 
 def _block(key: str, value, how: str) -> str:

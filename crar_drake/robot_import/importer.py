@@ -9,7 +9,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from crar_drake.errors import ModelError, nearest
-from crar_drake.files import whole_file, whole_set
+from crar_drake.files import whole_set, write_whole
 from crar_drake.robot.description import (
     IMPORT_FILE,
     RobotDescription,
@@ -183,8 +183,7 @@ def import_robot(
             made, robot, locked, parts, segments, fits, choices, report, progress, file
         )
         save_choices(file, choices, report.guessed)
-        with whole_file(made / REPORT) as temporary:
-            temporary.write_text("\n".join(report.lines()) + "\n", encoding="utf-8")
+        write_whole(made / REPORT, "\n".join(report.lines()) + "\n")
         remove_old_triangles(made, out)
     cache.save()
     return report

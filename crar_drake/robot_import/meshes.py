@@ -15,7 +15,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from crar_drake.errors import ModelError
-from crar_drake.files import whole_file
+from crar_drake.files import write_whole
 from crar_drake.robot.mesh_files import Y_UP, Z_UP, read_meshes
 from crar_drake.robot_import.source_robot import Link, Mesh, Shape, SourceRobot
 
@@ -247,5 +247,4 @@ def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
     """Writes an OBJ without normals, so that edges stay sharp when drawn."""
     lines = [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
-    with whole_file(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n")
+    write_whole(path, "\n".join(lines) + "\n")

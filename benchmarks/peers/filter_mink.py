@@ -1,5 +1,7 @@
 """mink as a filter: reference joints and feet in, configurations out."""
 
+from __future__ import annotations
+
 import mink
 import numpy as np
 

@@ -1,5 +1,7 @@
 """Pink as a filter: reference joints and feet in, configurations out."""
 
+from __future__ import annotations
+
 import numpy as np
 from pink.limits import ConfigurationLimit, VelocityLimit
 from pink.tasks import FrameTask, PostureTask

@@ -1,5 +1,7 @@
 """PlaCo's kinematics solver as a filter: reference joints in, configurations out."""
 
+from __future__ import annotations
+
 import numpy as np
 import placo
 

@@ -1,5 +1,7 @@
 """crar_drake's safety filter among spheres that move."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """mink among spheres that move: bodies of MuJoCo's that are placed by hand."""
 
+from __future__ import annotations
+
 import xml.etree.ElementTree as ET
 
 import mink

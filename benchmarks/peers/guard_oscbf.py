@@ -1,5 +1,7 @@
 """OSCBF's law among spheres that move: barriers of velocities, by cbfpy."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable
 from functools import cache

@@ -7,6 +7,8 @@ Gauss-Newton steps: what most retargeting does. Imports NumPy and mink only.
         '[{"case": "x.npz", "settings": {"collisions": true, ...}, "out": "y.npz"}]'
 """
 
+from __future__ import annotations
+
 import json
 import sys
 import time

@@ -1,5 +1,7 @@
 """crar_drake's lookahead: driven like the peers, and as torque on a simulated robot."""
 
+from __future__ import annotations
+
 import sys
 import time
 from pathlib import Path

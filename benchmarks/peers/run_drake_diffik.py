@@ -1,5 +1,7 @@
 """Drake's DifferentialInverseKinematicsSystem with its collision constraint."""
 
+from __future__ import annotations
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.inverse_kinematics import (

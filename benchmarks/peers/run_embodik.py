@@ -1,6 +1,8 @@
 """embodik: prioritised velocities over Pinocchio, all in C++, with its constraint of
 collisions; called from Python once a step."""
 
+from __future__ import annotations
+
 import embodik
 import numpy as np
 

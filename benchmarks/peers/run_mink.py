@@ -1,5 +1,7 @@
 """mink: velocities from a QP over MuJoCo's kinematics, with its collision limit."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import mink

@@ -6,6 +6,8 @@ frax knows spheres alone and cbfpy no shapes; distances of capsules are written 
 as functions that JAX differentiates.
 """
 
+from __future__ import annotations
+
 import copy
 import json
 import os

@@ -1,5 +1,7 @@
 """Pink: velocities from a QP over Pinocchio, with its self-collision barrier."""
 
+from __future__ import annotations
+
 import numpy as np
 import pink
 import pinocchio

@@ -4,6 +4,8 @@ Both are C++ with a Python interface that is called once a step. `solver` in the
 settings says which.
 """
 
+from __future__ import annotations
+
 import numpy as np
 import placo
 

@@ -1,5 +1,7 @@
 """crar_drake's law of a robot that stands, with balance and without."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from benchmarks.peers.driver import Targets, main

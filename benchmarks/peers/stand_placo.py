@@ -1,5 +1,7 @@
 """PlaCo's dynamics solver with planar contacts at both feet (C++, one call a step)."""
 
+from __future__ import annotations
+
 import numpy as np
 import placo
 

@@ -1,5 +1,7 @@
 """TSID: inverse dynamics with 6d contacts at both feet (C++, four calls a step)."""
 
+from __future__ import annotations
+
 import numpy as np
 import pinocchio
 from tsid import tsid_pywrap as tsid

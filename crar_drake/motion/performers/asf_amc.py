@@ -90,6 +90,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
     }
     hands, hands_obstacle = _hands(clip, rest, poses)
     parents = {bone.name: bone.parent for bone in skeleton.bones.values()}
+    unit = f"{1e3 * skeleton.metres_per_unit:.4g} mm"
     return Performer(
         name=clip.name,
         format="ASF/AMC",
@@ -113,7 +114,7 @@ def asf_amc_performer(clip: Clip) -> Performer:
             for joint, bone in bones.items()
         },
         facts=(
-            Fact("unit", _unit_text(skeleton), "file", "length of :units"),
+            Fact("unit", unit, "file", "length of :units"),
             Fact("up", "+y", "assumed", "as in the CMU database"),
             Fact("facing", "+z", "assumed", "as in the CMU database"),
         ),
@@ -132,10 +133,6 @@ def asf_amc_performer(clip: Clip) -> Performer:
 def as_performer(motion: Performer | Clip) -> Performer:
     """Returns the performer of a clip; a performer is itself."""
     return asf_amc_performer(motion) if isinstance(motion, Clip) else motion
-
-
-def _unit_text(skeleton: Skeleton) -> str:
-    return f"{1e3 * skeleton.metres_per_unit:.4g} mm"
 
 
 def _obstacle(clip: Clip, lowest: float) -> str:
